@@ -7,6 +7,7 @@
 mod asked;
 mod contact;
 
+pub use crate::verdict::{Check, Limit, SetBy, Severity};
 pub use asked::{Answer, Asked, Front, Wanted, Who};
 pub use contact::{Abraded, Bounds, Contact, ContactPath, EarlierPass, How, Reached, Touched, abraded};
 
@@ -54,69 +55,11 @@ impl Kind {
     }
 }
 
-/// What is allowed of a number.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Limit {
-    /// No limit: the number is for information.
-    Unlimited,
-    /// The limit itself is allowed.
-    AtMost(f64),
-    /// The limit itself is allowed.
-    AtLeast(f64),
-    /// The limit itself is not allowed.
-    Below(f64),
-}
-
-impl Limit {
-    /// Whether a value keeps it.
-    pub fn allows(self, value: f64) -> bool {
-        match self {
-            Limit::Unlimited => true,
-            Limit::AtMost(limit) => value <= limit,
-            Limit::AtLeast(limit) => value >= limit,
-            Limit::Below(limit) => value < limit,
-        }
-    }
-
-    /// The limit's number.
-    pub fn bound(self) -> Option<f64> {
-        match self {
-            Limit::Unlimited => None,
-            Limit::AtMost(limit) | Limit::AtLeast(limit) | Limit::Below(limit) => Some(limit),
-        }
-    }
-}
-
-/// A number with its unit and the limit it was held against.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Number {
-    /// What it is, in words.
-    pub name: String,
-    /// The value; `None` where it was not measured.
-    pub value: Option<f64>,
-    /// Its unit, "mm"; empty for shares and counts.
-    pub unit: String,
-    /// What is allowed.
-    pub limit: Limit,
-}
-
-impl Number {
-    /// A number without a limit; `None` says that it was not measured.
-    pub fn new(name: impl Into<String>, unit: impl Into<String>, value: impl Into<Option<f64>>) -> Self {
-        Number { name: name.into(), value: value.into(), unit: unit.into(), limit: Limit::Unlimited }
-    }
-
-    /// The same number, held against a limit.
-    pub fn within(self, limit: Limit) -> Self {
-        Number { limit, ..self }
-    }
-}
-
 /// Names of numbers that are read again by their name.
 pub mod name {
-    /// How long a film was watched, s.
-    pub const WATCHED: &str = "watched";
+    use crate::inspect::name as film;
+    pub use crate::inspect::name::WATCHED;
+
     /// The water, as the recipe states it.
     pub const WATER: &str = "water, as the recipe states it";
     /// The lamp, as the recipe states it.
@@ -131,6 +74,24 @@ pub mod name {
     pub const EXECUTED: &str = "waypoints executed";
     /// Corners that were seen so far.
     pub const CORNERS: &str = "corners seen";
+    /// What is worn of the disc in use after the largest grid.
+    pub const WORN_BY_A_GRID: &str = "worn of the disc after the largest grid";
+    /// Grids that were begun and not covered as planned.
+    pub const BEGUN: &str = "grids that were not covered as planned";
+    /// How the names of those numbers begin that programs did not tell before a finding's numbers were its gate's checks.
+    pub const SINCE_CHECKS: [&str; 11] = [
+        crate::locate::refine::FARTHEST,
+        film::DRY_PICTURE,
+        film::FILM_CHANGE,
+        film::FIRST_SHARPNESS,
+        film::WET_GRIDS,
+        film::UNSEEN_GRIDS,
+        film::MASKED_GRIDS,
+        crate::path::TOOL_ERROR,
+        crate::path::OF_GRID,
+        WORN_BY_A_GRID,
+        BEGUN,
+    ];
     /// Moves of the corner loop.
     pub const MOVES: &str = "moves after the first picture";
 }
@@ -155,8 +116,9 @@ pub struct Finding {
     pub pass: u8,
     /// The gate's word.
     pub judgement: Judgement,
-    /// Every number and limit that led to it.
-    pub numbers: Vec<Number>,
+    /// Every number that led to it, with its limit.
+    #[serde(rename = "numbers")]
+    pub checks: Vec<Check>,
     /// What is no single number, such as `base_from_panel`, by its name in the commands' JSON.
     pub details: BTreeMap<String, serde_json::Value>,
     /// What was seen, drawn for people.
@@ -166,15 +128,15 @@ pub struct Finding {
 }
 
 impl Finding {
-    /// A finding without numbers and pictures.
+    /// A finding without checks and pictures.
     pub fn new(kind: Kind, pass: u8, judgement: Judgement) -> Self {
-        let (numbers, details) = (Vec::new(), BTreeMap::new());
-        Finding { kind, pass, judgement, numbers, details, pictures: Vec::new(), shots: Vec::new() }
+        let (checks, details) = (Vec::new(), BTreeMap::new());
+        Finding { kind, pass, judgement, checks, details, pictures: Vec::new(), shots: Vec::new() }
     }
 
-    /// With these numbers beside those that are there.
-    pub fn with(mut self, numbers: impl IntoIterator<Item = Number>) -> Self {
-        self.numbers.extend(numbers);
+    /// With these checks beside those that are there.
+    pub fn with(mut self, checks: impl IntoIterator<Item = Check>) -> Self {
+        self.checks.extend(checks);
         self
     }
 
@@ -192,7 +154,7 @@ impl Finding {
 
     /// The value of the number with this name.
     pub fn number(&self, name: &str) -> Option<f64> {
-        self.numbers.iter().find(|number| number.name == name)?.value
+        self.checks.iter().find(|check| check.name == name)?.value
     }
 }
 
@@ -361,14 +323,5 @@ mod tests {
         assert_eq!(renewed, Budget { locate_mm: part(0.0), ..budget });
         budget.fit_mm = None;
         assert_eq!(budget.total_mm(), None);
-    }
-
-    #[test]
-    fn a_limit_says_what_it_allows() {
-        assert!(
-            Limit::AtMost(1.0).allows(1.0) && !Limit::Below(1.0).allows(1.0) && Limit::AtLeast(1.0).allows(1.0)
-        );
-        let not_a_number = [Limit::AtMost(1.0), Limit::AtLeast(1.0), Limit::Below(1.0)];
-        assert!(not_a_number.iter().all(|limit| !limit.allows(f64::NAN)));
     }
 }

@@ -95,7 +95,7 @@ fn park(cell: &Cell) -> Vec<Unmet> {
     missing.into_iter().collect()
 }
 
-/// Whether the arm can stand where a cycle has it stand, and swing from one to the other.
+/// Whether the arm can stand where a cycle has it stand, and turn its axes from one to the other.
 fn poses(cell: &Cell) -> Vec<Unmet> {
     let (park, ready) = (cell.park(), cell.pose("ready"));
     let named: Vec<(&str, Joints)> =

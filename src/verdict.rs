@@ -1,4 +1,8 @@
-//! Verdicts and their reasons: what a gate says, in words a person can act on.
+//! Verdicts, their reasons and the checks that they come from: what a gate says, in words a person can act on.
+
+mod check;
+
+pub use check::{Check, Limit, SINCE_CHECKS, SetBy, Severity};
 
 use serde::{Deserialize, Serialize, Serializer};
 use std::borrow::Cow;

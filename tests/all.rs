@@ -15,6 +15,7 @@ mod health;
 mod hostile;
 mod inputs;
 mod kuka_files;
+mod label_page;
 mod layers;
 mod licences;
 mod link;

@@ -4,7 +4,7 @@
 use panelprep::calib::hand_eye::hand_eye;
 use panelprep::calib::intrinsics::{self, View};
 use panelprep::calib::three_points::{Touched, three_points};
-use panelprep::calib::{Arrangement, Board, HandEye, Seen, Station, detect};
+use panelprep::calib::{Arrangement, Board, BoardObservation, HandEye, Station, detect};
 use panelprep::cell::{FlangeCameraMount, LensCovariance, ScannerMount};
 use panelprep::geometry::{Base, KukaPose, PinholeCamera, Point, Rigid, Vector};
 use panelprep::sim::{BoardCell, BoardPrint, BoardShot, RobotNoise};
@@ -96,7 +96,7 @@ pub fn stations<A: Side>(shots: &[BoardShot<A::From>], corners: &[detect::Corner
     let station = |(shot, corners): (&BoardShot<A::From>, &detect::Corners)| Station {
         name: format!("{:02}.png", shot.index),
         base_from_flange: shot.base_from_flange,
-        seen: Seen::Pixels(corners.clone()),
+        seen: BoardObservation::Pixels(corners.clone()),
     };
     shots.iter().zip(corners).map(station).collect()
 }
@@ -182,7 +182,7 @@ pub fn faulty<A: Side>(seed: u64, fault: usize) -> (Vec<String>, Vec<String>) {
     let mut wrong = vec![stations[at].name.clone()];
     match fault {
         0 => {
-            let Seen::Pixels(corners) = &mut stations[at].seen else { unreachable!("pictures") };
+            let BoardObservation::Pixels(corners) = &mut stations[at].seen else { unreachable!("pictures") };
             let pixels: Vec<_> = corners.iter().rev().map(|(_, pixel)| *pixel).collect();
             corners.iter_mut().zip(pixels).for_each(|(corner, pixel)| corner.1 = pixel);
         }
@@ -237,7 +237,7 @@ pub fn three_point_errors(seed: u64, noise_mm: f64, is_rendered: bool) -> [f64; 
     } else {
         cell.corners(&camera, &shot, CORNER_PX)
     };
-    let found = three_points::<ScannerMount>(&camera, &board(), &Seen::Pixels(seen), &touched, None);
+    let found = three_points::<ScannerMount>(&camera, &board(), &BoardObservation::Pixels(seen), &touched, None);
     let found = found.expect("calibrated");
     let truth = cell.base_from_camera();
     let off = |point: Point<_>| found.to_from_camera.distance_at_mm(truth, point);

@@ -7,7 +7,7 @@ use panelprep::locate::{self, Fit, LocateError, Prepared, View, corner, gate};
 use panelprep::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use panelprep::recipe::Recipe;
 use panelprep::report;
-use panelprep::sim::{Cell, Place, PlacementError, SEARCH_BOX_MM, Scene, TRIAL_BOX_MM, Trial, Wrong};
+use panelprep::sim::{Cell, PanelPosition, PlacementError, SEARCH_BOX_MM, Scene, TRIAL_BOX_MM, Trial, Wrong};
 use panelprep::verdict::{Judgement, Verdict};
 
 fn recipe(cell: &Cell, which: &str) -> Recipe {
@@ -64,19 +64,19 @@ impl Bench {
         let (mut taught, mut seen) = (Vec::new(), Vec::new());
         for view in self.cell.corner_views() {
             let recipe = recipe(&self.cell, view.name);
-            let find = |base_from_flange: &Rigid<Base, Flange>, place: Place| {
+            let find = |base_from_flange: &Rigid<Base, Flange>, place: PanelPosition| {
                 let picture = self.cell.flange_picture(base_from_flange, place).to_gray();
                 let px_per_mm = self.cell.flange_camera().px_per_mm_at(235.0).0;
                 let found = corner::find(&picture, recipe.corner(), recipe.corner().which().of(0), px_per_mm);
                 let base_from_camera = *base_from_flange * self.cell.calibrated_flange_from_camera();
                 (base_from_camera, found.unwrap_or_else(|error| panic!("{}: {error}", view.name)).corner_px)
             };
-            let (base_from_camera, reference_px) = find(&view.base_from_flange, Place::Nominal);
+            let (base_from_camera, reference_px) = find(&view.base_from_flange, PanelPosition::Nominal);
             let panel_from_camera = panel_from_base_at_teaching() * base_from_camera;
             let teaching = CornerTeaching { reference_px, panel_from_camera };
             let corner = self.taught.corner(teaching, self.cell.flange_camera());
             taught.push(corner.unwrap_or_else(|error| panic!("{error}")));
-            seen.push(find(&self.cell.displaced_corner_pose(&view), Place::Displaced));
+            seen.push(find(&self.cell.displaced_corner_pose(&view), PanelPosition::Displaced));
         }
         Corners { taught, seen }
     }

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 /// The program, and the address of its page as it tells it.
-fn opened(folder: &Path, command: &str) -> (Child, BufReader<std::process::ChildStderr>, String) {
+pub fn opened(folder: &Path, command: &str) -> (Child, BufReader<std::process::ChildStderr>, String) {
     let mut child = started(folder, command);
     let mut told = BufReader::new(child.stderr.take().expect("its words"));
     let mut line = String::new();
@@ -36,7 +36,7 @@ pub fn ask(url: &str, method: &str, page: &str, body: &str) -> String {
 }
 
 /// What Chromium makes of a page; `None` where there is no Chromium on this computer.
-fn browsed(url: &str, folder: &Path) -> Option<String> {
+pub fn browsed(url: &str, folder: &Path) -> Option<String> {
     let shown = Command::new("chromium")
         .args([
             "--headless",

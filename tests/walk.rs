@@ -4,6 +4,7 @@
 //! The commands are taken from the texts themselves, so that a changed text is tested and one that shows no example is
 //! found. Only rendering is made smaller. What they print must be fit for people.
 
+use super::teach_page::ask;
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -12,7 +13,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 /// What comes before what: what a command needs, an earlier one leaves. Others, of which nothing is known, come at `*`.
-const ORDER: [&str; 23] = [
+const ORDER: [&str; 24] = [
     "render",
     "check",
     "teach",
@@ -25,6 +26,7 @@ const ORDER: [&str; 23] = [
     "refine",
     "inspect",
     "tune",
+    "label",
     "plan",
     "robot",
     "doctor",
@@ -141,11 +143,12 @@ struct Served(Child);
 
 impl Served {
     /// Waits for a line that says this.
-    fn says(&mut self, words: &str) {
+    fn says(&mut self, words: &str) -> String {
         let mut lines = BufReader::new(self.0.stderr.take().expect("piped")).lines().map_while(Result::ok);
         let found = lines.by_ref().find(|line| line.contains(words));
-        assert!(found.is_some(), "{words}");
+        let line = found.unwrap_or_else(|| panic!("nothing says {words}"));
         std::thread::spawn(move || lines.for_each(drop));
+        line
     }
 
     fn end(mut self) -> Option<i32> {
@@ -231,6 +234,7 @@ fn every_command_of_readme_and_help_does_what_it_says() {
                     walk.run(&format!("{line}{clips}"));
                 }
                 "run" => served_and_asked(&walk, &line, &all["ctl"].1),
+                "label" => page_ended(&walk, &line),
                 "mock-robot" => {
                     let mut mock = walk.serves(&line);
                     mock.says("mock controller");
@@ -251,6 +255,16 @@ fn every_command_of_readme_and_help_does_what_it_says() {
     readme(&walk);
     pages(walk.folder.path());
     eprintln!("{:6.1} s  in all", begun.elapsed().as_secs_f64());
+}
+
+/// A page in the browser: it is opened, and closed by its button.
+fn page_ended(walk: &Walk, line: &str) {
+    let mut served = walk.serves(line);
+    let told = served.says("http://");
+    let url = told.split_whitespace().find(|word| word.starts_with("http://")).expect("an address");
+    assert!(ask(url, "GET", "", "").contains("<!doctype html>"), "{line}");
+    assert!(ask(url, "POST", "done", "").starts_with("HTTP/1.1 200"), "{line}");
+    assert_eq!(served.0.wait().expect("it ends").code(), Some(0), "{line}");
 }
 
 /// The service and the questions to it, one after the other.

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 
 /// Texts that are read by machines, or by programmers: part of the file's name, part of the text.
-const FOR_MACHINES: [(&str, &str); 25] = [
+const FOR_MACHINES: [(&str, &str); 22] = [
     // TOML and digests: every digit, and quotes around a text.
     ("cell/calibration.rs", ""),
     ("cli/render.rs", "verify_limit_mm = {:?}"),
@@ -30,11 +30,8 @@ const FOR_MACHINES: [(&str, &str); 25] = [
     ("cell/robot_correction.rs", "left_out_before_mm = {"),
     ("cell/robot_correction.rs", "left_out_after_mm = {"),
     // What `Debug` itself prints.
-    ("daemon/desk.rs", "{request:?}"),
     ("devices/zivid/wire.rs", "{found:02x?}"),
     ("devices/zivid/scanner.rs", "?found"),
-    ("daemon/socket.rs", "?asked"),
-    ("daemon/socket.rs", "?who"),
 ];
 
 /// The texts of a file that people read, as they stand in its code.

@@ -8,7 +8,10 @@
 //! row are twice that distance apart, as OpenCV counts them.
 
 use super::error::CalibError;
-use crate::geometry::{Board as BoardFrame, Point};
+use crate::geometry::{Board as BoardFrame, Pixel, Point};
+
+/// Corners of the board with their pixels.
+pub type Corners = Vec<(Point<BoardFrame>, Pixel)>;
 
 /// How the markers of a ChArUco board lie, and which they are.
 #[derive(Debug, Clone, PartialEq)]

@@ -7,17 +7,17 @@ use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, SVector, Vector3};
 
 /// What a camera sees of the board.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Seen<C: Frame> {
+pub enum BoardObservation<C: Frame> {
     /// Corners in a picture.
     Pixels(Vec<(Point<Board>, Pixel)>),
     /// Corners that a 3D camera measured.
     Points(Vec<(Point<Board>, Point<C>)>),
 }
 
-impl<C: Frame> Seen<C> {
+impl<C: Frame> BoardObservation<C> {
     /// Mean side of the board's squares as a 3D camera measured them, mm; `None` for a picture, or without neighbours.
     pub fn square_mm(&self, board: &super::board::Board) -> Option<f64> {
-        let Seen::Points(points) = self else { return None };
+        let BoardObservation::Points(points) = self else { return None };
         let is_neighbour = |a: &Point<Board>, b: &Point<Board>| {
             let step = (b.mm - a.mm) / board.square_mm();
             (step.norm() - 1.0).abs() < 0.1 && (step.x > 0.5 || step.y > 0.5)
@@ -37,7 +37,7 @@ pub struct Station<C: Frame> {
     /// Where the robot says that the flange was.
     pub base_from_flange: Rigid<Base, Flange>,
     /// What the picture shows.
-    pub seen: Seen<C>,
+    pub seen: BoardObservation<C>,
 }
 
 /// Of mount and board, in this order, each (ω, v).
@@ -146,17 +146,17 @@ impl Chain {
     }
 
     /// `None` where a corner would stand behind the camera.
-    pub fn gram<C: Frame>(&self, camera: &PinholeCamera, seen: &Seen<C>) -> Option<Gram> {
+    pub fn gram<C: Frame>(&self, camera: &PinholeCamera, seen: &BoardObservation<C>) -> Option<Gram> {
         let (mut gram, camera_from_holder) = (Gram::empty(), self.camera_from_holder());
         match seen {
-            Seen::Pixels(corners) => {
+            BoardObservation::Pixels(corners) => {
                 for (q, found) in corners {
                     let (p, corner) = self.corner(&camera_from_holder, q);
                     let (pixel, slope) = camera.project_with_slope(Point::<C>::new(p.into()))?;
                     gram.add(&slope, &corner, &nalgebra::Vector2::new(found.u - pixel.u, found.v - pixel.v));
                 }
             }
-            Seen::Points(corners) => {
+            BoardObservation::Points(corners) => {
                 for (q, found) in corners {
                     let (p, corner) = self.corner(&camera_from_holder, q);
                     gram.add(&Matrix3::identity(), &corner, &(found.mm.coords - p));
@@ -168,9 +168,13 @@ impl Chain {
 
     /// The lens's part of the normal equations beside that of mount, board and flange: how much a lens that is a little
     /// off pulls at them. Points of a 3D camera have none.
-    pub fn lens_cross<C: Frame>(&self, camera: &PinholeCamera, seen: &Seen<C>) -> Option<SMatrix<f64, 18, 9>> {
+    pub fn lens_cross<C: Frame>(
+        &self,
+        camera: &PinholeCamera,
+        seen: &BoardObservation<C>,
+    ) -> Option<SMatrix<f64, 18, 9>> {
         let (mut cross, camera_from_holder) = (SMatrix::zeros(), self.camera_from_holder());
-        let Seen::Pixels(corners) = seen else { return Some(cross) };
+        let BoardObservation::Pixels(corners) = seen else { return Some(cross) };
         for (q, _) in corners {
             let (p, corner) = self.corner(&camera_from_holder, q);
             let point = Point::<C>::new(p.into());

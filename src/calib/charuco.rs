@@ -5,14 +5,14 @@
 //! of a chessboard (`charuco_lattice`) does, which needs no marker that can be read.
 //! The layout is our own, so that boards printed by OpenCV before 4.6 (`legacy`) and since are both read by any version.
 
-use super::board::{Board, Charuco};
+use super::board::{Board, Charuco, Corners};
 use super::charuco_grow::{Grown, Search};
 use super::charuco_lattice::{Cells, identified};
 use super::chessboard;
 use super::crossings::{Smooth, noise};
 use super::error::CalibError;
 use super::foreign;
-use super::placing::{Corners, Detected, modelled, refined, shortest_px};
+use super::placing::{Detected, modelled, refined, shortest_px};
 use super::print::Print;
 use super::surface::pixel_of;
 use crate::geometry::{GrayPicture, Pixel};

@@ -2,11 +2,10 @@
 //!
 //! What is found foretells the next ones. A board is believed where the picture shows its markers between the corners.
 
-use super::board::Board;
+use super::board::{Board, Corners};
 use super::charuco_lattice::{ALIKE, Cells, correlation};
 use super::crossings::Smooth;
 use super::foreign;
-use super::placing::Corners;
 use super::print::{Print, View};
 use super::surface::{BLUR_CORNERS, PRINT_PX, PRINT_SQUARES, pixel_of};
 use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};

@@ -22,13 +22,13 @@ const SEEDS: usize = 25;
 const SEEN_SHARE: f64 = 0.5;
 
 /// Circles by their place in the board's list.
-pub(super) type Placed = BTreeMap<usize, Blob>;
+pub(super) type LatticePositions = BTreeMap<usize, Blob>;
 
 /// The board among the blobs, of which the likeliest come first; `None` where it is not there.
-pub(super) fn grid(blobs: &[Blob], board: &Board) -> Option<Placed> {
+pub(super) fn grid(blobs: &[Blob], board: &Board) -> Option<LatticePositions> {
     let needed = (SEEN_SHARE * board.count() as f64).ceil() as usize;
     let mut used: BTreeSet<usize> = BTreeSet::new();
-    let mut best: Option<Placed> = None;
+    let mut best: Option<LatticePositions> = None;
     for seed in 0..blobs.len().min(SEEDS) {
         if used.contains(&seed) {
             continue;
@@ -117,7 +117,7 @@ fn grow(blobs: &[Blob], seed: usize, (right, down): (Vector2<f64>, Vector2<f64>)
 }
 
 /// The lattice in the board's own places, first the upper one where there are several ways.
-fn on_board(blobs: &[Blob], lattice: &BTreeMap<(i32, i32), usize>, board: &Board) -> Option<Placed> {
+fn on_board(blobs: &[Blob], lattice: &BTreeMap<(i32, i32), usize>, board: &Board) -> Option<LatticePositions> {
     let is_asymmetric = board.circles()?;
     let places: BTreeMap<(i32, i32), usize> = (0..board.count())
         .map(|index| {
@@ -128,13 +128,13 @@ fn on_board(blobs: &[Blob], lattice: &BTreeMap<(i32, i32), usize>, board: &Board
     let far = |of: fn(&(i32, i32)) -> i32| places.keys().map(of).max().unwrap_or(0);
     let (wide, high) = (far(|at| at.0), far(|at| at.1));
     let needed = (SEEN_SHARE * board.count() as f64).ceil() as usize;
-    let mut ways: Vec<Placed> = Vec::new();
+    let mut ways: Vec<LatticePositions> = Vec::new();
     for [a, b, c, d] in turns(is_asymmetric) {
         let moved: Vec<((i32, i32), usize)> =
             lattice.iter().map(|((x, y), index)| ((a * x + b * y, c * x + d * y), *index)).collect();
         // An outer line that is hardly there belongs to something beside the board.
         let Some(low) = corner_of(&moved, (wide, high)) else { continue };
-        let placed: Placed = moved
+        let placed: LatticePositions = moved
             .iter()
             .filter_map(|((x, y), index)| Some((*places.get(&(x - low.0, y - low.1))?, blobs[*index])))
             .collect();
@@ -144,7 +144,7 @@ fn on_board(blobs: &[Blob], lattice: &BTreeMap<(i32, i32), usize>, board: &Board
         }
     }
     let most = ways.iter().map(BTreeMap::len).max()?;
-    let upper = |placed: &Placed| {
+    let upper = |placed: &LatticePositions| {
         let (first, last) = (placed.values().next(), placed.values().next_back());
         first.zip(last).map_or(0.0, |(first, last)| first.middle.v - last.middle.v)
     };

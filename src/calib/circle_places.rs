@@ -1,11 +1,12 @@
 //! The circles of a board placed by their print (`print`) and the smooth surface through all (`surface`).
 
-use super::board::Board;
+use super::board::{Board, Corners};
 use super::crossings::noise;
 use super::foreign;
-use super::placing::Corners;
 use super::print::{Print, View, likest};
-use super::surface::{BLUR_CORNERS, KNOWN_TOGETHER_PX, PRINT_PX, Placed, START_PX, Surface, doubted, surface_of};
+use super::surface::{
+    BLUR_CORNERS, CornerEstimate, KNOWN_TOGETHER_PX, PRINT_PX, START_PX, Surface, doubted, surface_of,
+};
 use crate::geometry::{GrayPicture, Pixel};
 use nalgebra::Matrix3;
 
@@ -42,14 +43,14 @@ impl ByPrint<'_> {
         let print = Print::of_circles(board, likest(tried)? * radius_mm);
         let blur_px = print.blur_px(small, &views, noise);
         let all: Corners = board.corners().into_iter().map(|q| (q, Pixel::at(0.0, 0.0))).collect();
-        let mut placed: Vec<Option<Placed>> = vec![None; all.len()];
+        let mut placed: Vec<Option<CornerEstimate>> = vec![None; all.len()];
         for _ in 0..3 {
             for ((q, _), placed) in all.iter().zip(&mut placed).filter(|(_, placed)| placed.is_none()) {
                 let found = print.matched(small, &view(&surface, *q, blur_px), noise);
                 let Some(found) = found.filter(|found| self.sign * found.contrast > 0.0) else { continue };
-                let own = Placed::of(&found, noise);
+                let own = CornerEstimate::of(&found, noise);
                 let deviation_px = own.deviation_px * self.times as f64;
-                let own = Placed { at: self.whole(own.at, small), deviation_px, ..own };
+                let own = CornerEstimate { at: self.whole(own.at, small), deviation_px, ..own };
                 // A first surface is no better than the circles' middles, of which a glare moves some.
                 let start_px = START_PX * self.times as f64;
                 let is_near = own.at.distance_px(surface.at(*q)) <= surface.limit_px(*q, &own).max(start_px);

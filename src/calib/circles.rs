@@ -7,13 +7,13 @@
 //! first: it tells how a board is turned that looks alike from several sides.
 
 use super::blobs::{Blob, Sums, blobs};
-use super::board::Board;
+use super::board::{Board, Corners};
 use super::circle_lattice;
 use super::circle_places::ByPrint;
 use super::crossings::Smooth;
 use super::error::CalibError;
 use super::foreign;
-use super::placing::{Corners, Detected};
+use super::placing::Detected;
 use super::surface::{pixel_of, without_strays};
 use crate::geometry::{GrayPicture, Pixel, median};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};

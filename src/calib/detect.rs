@@ -3,13 +3,14 @@
 //! `chessboard` and `charuco` find them to about a pixel, `placing` makes that a hundredth; `circles` does both.
 
 use super::board::Board;
-use super::chain::Seen;
+pub use super::board::Corners;
+use super::chain::BoardObservation;
 use super::charuco;
 use super::chessboard::{self, Search};
 use super::circles;
 use super::error::CalibError;
 use super::placing;
-pub use super::placing::{Corners, Detected};
+pub use super::placing::Detected;
 use super::print::Print;
 use crate::geometry::{Frame, GrayPicture, OrganizedCloud, Pixel, Point, Vector, local_plane};
 
@@ -60,12 +61,12 @@ pub fn measured<C: Frame>(
     cloud: &OrganizedCloud<C>,
     camera: &crate::geometry::PinholeCamera,
     corners: &Corners,
-) -> Seen<C> {
+) -> BoardObservation<C> {
     let origin = Point::at(0.0, 0.0, 0.0);
     let point = |pixel: Pixel| {
         let at = pixel.whole(cloud.width(), cloud.height())?;
         let ray: Vector<C> = camera.unproject(pixel)?;
         local_plane(cloud, at, PLANE_PX, origin)?.meet(origin, ray)
     };
-    Seen::Points(corners.iter().filter_map(|(q, pixel)| Some((*q, point(*pixel)?))).collect())
+    BoardObservation::Points(corners.iter().filter_map(|(q, pixel)| Some((*q, point(*pixel)?))).collect())
 }

@@ -4,7 +4,7 @@ use super::arrangement::Arrangement;
 use super::hand_eye::HandEye;
 use super::intrinsics::Calibrated;
 use super::lens_support::SUPPORT_PX;
-use super::robot::RobotFound;
+use super::robot_found::RobotFound;
 use super::three_points::ThreePoints;
 use super::tool::{ToolAxis, ToolPoint};
 use crate::geometry::{Point, Rigid};

@@ -68,7 +68,7 @@ const MAX_SQUARE_SHARE: f64 = 0.02;
 
 /// Where one look at a board puts it.
 #[derive(Debug, Clone, Copy)]
-pub struct Look {
+pub struct BoardMeasurement {
     /// The board in the base.
     pub base_from_board: Rigid<Base, BoardFrame>,
     /// Distance of the corners from where that pose shows them, px rms.
@@ -78,7 +78,7 @@ pub struct Look {
 }
 
 /// Why corners seen so cannot be this board's; `None` where they can.
-pub fn no_such_board(look: &Look, board: &Board) -> Option<Reason> {
+pub fn no_such_board(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     let rms_px = look.pnp_rms_px;
     if rms_px.is_nan() || rms_px > MAX_PNP_RMS_PX {
         let [rms, allowed] = apart(rms_px, MAX_PNP_RMS_PX, 2);
@@ -117,7 +117,7 @@ pub fn outside_of_lens(extent: &LensExtent, pixels: impl IntoIterator<Item = Pix
 ///
 /// A camera that was bumped shows the board displaced by less than half of the board's own diagonal, and turned by less
 /// than 20°.
-pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &Look, board: &Board) -> Option<Reason> {
+pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     if let Some(reason) = no_such_board(look, board) {
         return Some(reason);
     }
@@ -205,6 +205,41 @@ pub fn health(
     Judgement::of(reject, vec![])
 }
 
+impl Verification {
+    /// Whether it speaks of the calibration files with this hash: a person did not strike it out, and it used these files.
+    pub fn counts_for(&self, calibration_hash: &str) -> bool {
+        self.struck.is_none() && self.calibration_hash == calibration_hash
+    }
+}
+
+/// A camera that a cycle measures with.
+#[derive(Debug, Clone, Copy)]
+pub struct CameraHealth<'a> {
+    /// What is verified, `scanner`.
+    pub subject: &'a str,
+    /// The newest verification of it.
+    pub last: Option<&'a Verification>,
+    /// The hash of its calibration files in use now.
+    pub calibration_hash: &'a str,
+}
+
+/// May a cycle start on these calibrations?
+///
+/// Rejects where a camera's [`health`] rejects, and where the newest touch with today's tool was beyond the limit. A tool
+/// need not be touched: without a touch the robot's part of the error is not measured, and the budget says so.
+pub fn may_start(
+    cameras: &[CameraHealth<'_>],
+    touch: Option<&Verification>,
+    now_unix_s: i64,
+    demands: Demands,
+) -> Judgement {
+    let of_camera = |camera: &CameraHealth<'_>| {
+        health(camera.subject, camera.last, camera.calibration_hash, now_unix_s, demands).reasons
+    };
+    let of_touch = touch.and_then(|touch| beyond(touch, demands));
+    Judgement::of(cameras.iter().flat_map(of_camera).chain(of_touch).collect(), vec![])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -212,6 +247,28 @@ mod tests {
     use nalgebra::{Isometry3, Vector3};
 
     const DEMANDS: Demands = Demands { limit_mm: 0.5, max_age_h: 24.0 };
+
+    /// Both cameras must have been verified; a tool that was never touched is no reason, one that was beyond the limit is.
+    #[test]
+    fn a_cycle_starts_on_verified_cameras_and_no_bad_touch() {
+        let last = |subject: &str, error_mm: f64| Verification {
+            subject: subject.to_owned(),
+            error_mm,
+            limit_mm: 0.5,
+            calibration_hash: "h".to_owned(),
+            at_unix_s: 0,
+            struck: None,
+        };
+        let (scanner, touch) = (last("scanner", 0.1), last("tool", 0.6));
+        let camera = |last| CameraHealth { subject: "scanner", last, calibration_hash: "h" };
+        let codes = |cameras: &[CameraHealth<'_>], touch| -> Vec<String> {
+            let judgement = may_start(cameras, touch, 3_600, DEMANDS);
+            judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect()
+        };
+        assert_eq!(codes(&[camera(Some(&scanner))], None), Vec::<String>::new());
+        assert_eq!(codes(&[camera(Some(&scanner)), camera(None)], None), ["not_verified"]);
+        assert_eq!(codes(&[camera(Some(&scanner))], Some(&touch)), ["verification_limit"]);
+    }
 
     fn verified(error_mm: f64, at_unix_s: i64) -> Verification {
         let subject = "scanner".to_owned();
@@ -260,7 +317,7 @@ mod tests {
             let middle = Isometry3::translation(80.0, 60.0, 0.0);
             let turned = middle * Isometry3::rotation(Vector3::z() * turn_deg.to_radians()) * middle.inverse();
             let base_from_board = Rigid::claim(Isometry3::translation(500.0 + x_mm, 0.0, 0.0) * turned);
-            no_look_at(&known, &Look { base_from_board, pnp_rms_px, measured_square_mm }, &board)
+            no_look_at(&known, &BoardMeasurement { base_from_board, pnp_rms_px, measured_square_mm }, &board)
         };
         for (kept, refused, words) in [
             (look(99.0, 0.0, 0.1, None), look(101.0, 0.0, 0.1, None), "101 mm from its place"),

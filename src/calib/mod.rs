@@ -11,7 +11,7 @@
 //! - `pose`: where one picture puts the board
 //! - `three_points`: the thesis's own hand-eye calibration (3.7)
 //! - `hand_eye`, `consensus`, `chain`, `adjust`, `influence`, `suspects`, `suggest`: the same from many poses
-//! - `robot`, `robot_settle`, `arm_errors`, `robot_correction`, `robot_axes`: the arm's own errors; how far off it may be: `robot_spread`;
+//! - `robot`, `robot_data`, `robot_settle`, `robot_found`, `arm_errors`, `robot_correction`, `robot_axes`: the arm's own errors; how far off it may be: `robot_spread`;
 //!   what to do next: `robot_next` · `tool`: tool point and axis · `health`: is a calibration still true · `budget`: the error at the tool
 //! - `turned`: which way round a board was taken that looks alike from several sides
 //! - `gate`: turns evidence into a verdict
@@ -55,6 +55,8 @@ mod quantile;
 pub mod robot;
 mod robot_axes;
 mod robot_correction;
+mod robot_data;
+mod robot_found;
 pub mod robot_next;
 mod robot_settle;
 mod robot_spread;
@@ -72,7 +74,7 @@ mod tests;
 pub use adjust::{Adjusted, Noise};
 pub use arrangement::Arrangement;
 pub use board::{Board, Charuco};
-pub use chain::{Seen, Station};
+pub use chain::{BoardObservation, Station};
 pub use charuco::marker_cells;
 pub use error::CalibError;
 pub use hand_eye::{HandEye, Residual};

@@ -5,19 +5,18 @@
 //! shortest distance between neighbours, 3 to 11. Where N is given, the corners are those of `cornerSubPix`, as OpenCV's
 //! users know them.
 
-use super::board::Board;
+use super::board::{Board, Corners};
 use super::crossings::noise;
 use super::foreign;
 use super::print::Print;
 use super::saddle;
-use super::surface::{KNOWN_TOGETHER_PX, PRINT_SQUARES, Placed, TERMS, WELL_PX, doubted, surface_of};
+use super::surface::{
+    CornerEstimate, KNOWN_PX, KNOWN_TOGETHER_PX, PRINT_SQUARES, TERMS, WELL_PX, doubted, surface_of,
+};
 use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
 use crate::imaging::ImagingError;
 use nalgebra::{Vector2, Vector3};
 use std::collections::BTreeMap;
-
-/// Corners of the board with their pixels.
-pub type Corners = Vec<(Point<BoardFrame>, Pixel)>;
 
 /// Corners and the window that refined them.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,11 +62,11 @@ pub(super) fn modelled(
 ) -> Detected {
     let window_px = found.half_window_px;
     let model = Model::of(picture, &found.corners, board.square_mm());
-    let mut placed: Vec<Option<Placed>> =
+    let mut placed: Vec<Option<CornerEstimate>> =
         found.corners.iter().map(|(q, pixel)| model.place(*q, *pixel, window_px)).collect();
     let enough = 2 * placed.iter().flatten().count() >= found.corners.len();
     // Where the model places too few, those that were seen are known well enough to begin with.
-    let begun: Vec<Option<Placed>> = match enough {
+    let begun: Vec<Option<CornerEstimate>> = match enough {
         true => placed.clone(),
         false => found
             .corners
@@ -75,7 +74,11 @@ pub(super) fn modelled(
             .zip(&placed)
             .zip(is_seen)
             .map(|(((_, pixel), placed), is_seen)| {
-                placed.or(is_seen.then_some(Placed { at: *pixel, deviation_px: KNOWN_TOGETHER_PX, contrast: 0.0 }))
+                placed.or(is_seen.then_some(CornerEstimate {
+                    at: *pixel,
+                    deviation_px: KNOWN_TOGETHER_PX,
+                    contrast: 0.0,
+                }))
             })
             .collect(),
     };
@@ -88,16 +91,18 @@ pub(super) fn modelled(
     for _ in 0..2 {
         for ((q, _), placed) in found.corners.iter().zip(&mut placed) {
             let there = surface.at(*q);
-            let is_near = |found: &Placed| found.at.distance_px(there) <= surface.limit_px(*q, found);
+            let is_near = |found: &CornerEstimate| found.at.distance_px(there) <= surface.limit_px(*q, found);
             *placed = placed.filter(is_near).or_else(|| model.place(*q, there, window_px).filter(is_near));
             if placed.is_none_or(|placed| placed.deviation_px > WELL_PX) {
                 let blur_px = *blur_px.get_or_insert_with(|| {
                     surface.blur_px(picture, print, (&found.corners, reach_mm), model.noise)
                 });
                 let by_print = print.matched(picture, &surface.view(*q, reach_mm, blur_px), model.noise);
-                let by_print =
-                    by_print.filter(|found| found.contrast > 0.0).map(|found| Placed::of(&found, model.noise));
-                let better = |own: &Placed| placed.is_none_or(|placed| own.deviation_px < placed.deviation_px);
+                let by_print = by_print
+                    .filter(|found| found.contrast > 0.0)
+                    .map(|found| CornerEstimate::of(&found, model.noise));
+                let better =
+                    |own: &CornerEstimate| placed.is_none_or(|placed| own.deviation_px < placed.deviation_px);
                 *placed = by_print.filter(is_near).filter(better).or(*placed);
             }
         }
@@ -116,9 +121,10 @@ pub(super) fn modelled(
 }
 
 /// Corners of which too few are placed to compare them: those that the model places well, or that were seen.
-fn one_by_one(found: Detected, placed: Vec<Option<Placed>>, is_seen: &[bool]) -> Detected {
-    let well =
-        |placed: Option<Placed>| placed.filter(|placed| placed.deviation_px < KNOWN_PX).map(|placed| placed.at);
+fn one_by_one(found: Detected, placed: Vec<Option<CornerEstimate>>, is_seen: &[bool]) -> Detected {
+    let well = |placed: Option<CornerEstimate>| {
+        placed.filter(|placed| placed.deviation_px < KNOWN_PX).map(|placed| placed.at)
+    };
     let placed: Vec<Option<Pixel>> = placed.into_iter().map(well).collect();
     let modelled = placed.iter().flatten().count();
     let is_large = found.corners.len() >= 2 * TERMS;
@@ -129,9 +135,6 @@ fn one_by_one(found: Detected, placed: Vec<Option<Placed>>, is_seen: &[bool]) ->
     });
     Detected { corners: kept.collect(), modelled, ..found }
 }
-
-/// The noise lets a corner be known to so much, each way, px, where it is alone.
-pub(super) const KNOWN_PX: f64 = 0.2;
 
 /// The model of the grey levels around corners whose neighbours tell the directions of their edges.
 struct Model<'a> {
@@ -146,10 +149,10 @@ impl<'a> Model<'a> {
     }
 
     /// Where it places a corner, from a start; `None` where it does not fit.
-    fn place(&self, q: Point<BoardFrame>, start: Pixel, half_window_px: usize) -> Option<Placed> {
+    fn place(&self, q: Point<BoardFrame>, start: Pixel, half_window_px: usize) -> Option<CornerEstimate> {
         let edges = [self.edge(q, start, Vector3::x())?, self.edge(q, start, Vector3::y())?];
         let found = saddle::refine(self.picture, start, edges, half_window_px, self.noise)?;
-        Some(Placed::of_saddle(&found)).filter(|placed| placed.deviation_px < KNOWN_TOGETHER_PX)
+        Some(CornerEstimate::of_saddle(&found)).filter(|placed| placed.deviation_px < KNOWN_TOGETHER_PX)
     }
 
     fn edge(&self, q: Point<BoardFrame>, pixel: Pixel, step: Vector3<f64>) -> Option<Vector2<f64>> {

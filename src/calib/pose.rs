@@ -1,6 +1,6 @@
 //! Where one picture, or one 3D shot, puts the board: perspective-n-point (thesis 3.7) and Kabsch.
 
-use super::chain::Seen;
+use super::chain::BoardObservation;
 use super::error::CalibError;
 use super::foreign;
 use crate::geometry::{Board, Frame, PinholeCamera, Pixel, Point, Rigid};
@@ -19,9 +19,12 @@ pub struct BoardPose<C: Frame> {
 ///
 /// # Errors
 /// Where fewer than four corners were seen, or OpenCV finds no pose.
-pub fn board_pose<C: Frame>(camera: &PinholeCamera, seen: &Seen<C>) -> Result<BoardPose<C>, CalibError> {
+pub fn board_pose<C: Frame>(
+    camera: &PinholeCamera,
+    seen: &BoardObservation<C>,
+) -> Result<BoardPose<C>, CalibError> {
     match seen {
-        Seen::Pixels(corners) => {
+        BoardObservation::Pixels(corners) => {
             let camera_from_board: Rigid<C, Board> = Rigid::claim(foreign::solve_pnp(camera, corners)?);
             let error = |&(q, found): &(Point<Board>, Pixel)| {
                 camera.project(camera_from_board * q).map_or(f64::INFINITY, |pixel| pixel.distance_px(found))
@@ -30,7 +33,7 @@ pub fn board_pose<C: Frame>(camera: &PinholeCamera, seen: &Seen<C>) -> Result<Bo
                 (corners.iter().map(|corner| error(corner).powi(2)).sum::<f64>() / corners.len() as f64).sqrt();
             Ok(BoardPose { camera_from_board, rms })
         }
-        Seen::Points(corners) => kabsch(corners),
+        BoardObservation::Points(corners) => kabsch(corners),
     }
 }
 

@@ -205,7 +205,7 @@ impl Print {
                     continue;
                 }
                 let index = (dv + half + margin) as usize * side + (du + half + margin) as usize;
-                pixels.push(Seen {
+                pixels.push(PrintSample {
                     offset: Vector2::new(u as f64 - view.start.u, v as f64 - view.start.v),
                     gray: f64::from(picture.gray[v as usize * picture.width + u as usize]),
                     ink: f64::from(ink[index]),
@@ -228,7 +228,7 @@ pub(super) fn likest<const N: usize>(tried: [(f64, (usize, f64)); N]) -> Option<
 }
 
 /// A pixel and what the print has there.
-struct Seen {
+struct PrintSample {
     offset: Vector2<f64>,
     gray: f64,
     ink: f64,
@@ -236,14 +236,14 @@ struct Seen {
 }
 
 struct Drawn {
-    pixels: Vec<Seen>,
+    pixels: Vec<PrintSample>,
     start: Pixel,
     reach_px: f64,
 }
 
 /// The least squares of (1), without pixels that show something else.
 fn fitted(drawn: &Drawn, noise: f64) -> Option<Matched> {
-    let by = |seen: &Seen| -> SVector<f64, UNKNOWNS> {
+    let by = |seen: &PrintSample| -> SVector<f64, UNKNOWNS> {
         let offset = seen.offset / drawn.reach_px;
         let (x, y) = (offset.x, offset.y);
         SVector::from([1.0, x, y, seen.ink, -seen.slope.x, -seen.slope.y, x * x, x * y, y * y])

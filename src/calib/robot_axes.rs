@@ -1,7 +1,7 @@
 //! Axis angles that are not what they are said to be: two exchanged, a wrong sign, another arm's.
 
 use super::arm_errors::{self, ARM_NUMBERS, AxisFault};
-use super::robot::{ArmView, RigKind, RobotData};
+use super::robot_data::{ArmView, RigKind, RobotData};
 use crate::geometry::{Base, Flange, Joints, Rigid};
 use crate::words::apart;
 use nalgebra::Isometry3;

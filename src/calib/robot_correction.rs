@@ -7,12 +7,20 @@
 
 use super::arm_errors::{self, ARM_NUMBERS};
 use super::arrangement::Twist;
-use super::robot::ArmPose;
 use crate::cell::{ArmGeometry, CorrectionNumbers};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid};
 use nalgebra::{Isometry3, UnitQuaternion};
 
 pub use crate::cell::SMOOTH_NUMBERS;
+
+/// Where the robot was.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArmPose {
+    /// The axes, where they are known.
+    pub joints: Option<Joints>,
+    /// The flange by the controller.
+    pub base_from_flange: Rigid<Base, Flange>,
+}
 
 /// How the flange is where the controller does not say.
 #[derive(Debug, Clone, PartialEq)]

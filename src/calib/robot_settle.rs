@@ -2,8 +2,8 @@
 
 use super::adjust::scaled_inverse;
 use super::arrangement::{Twist, exp, log};
-use super::robot::{ArmPose, ArmTouch, ArmView, Rig, RigKind, Touched};
-use super::robot_correction::Correction;
+use super::robot_correction::{ArmPose, Correction};
+use super::robot_data::{ArmTouch, ArmView, Rig, RigKind, Touched};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Vector3};
 
 /// Deviation of one touch, mm.

@@ -1,7 +1,9 @@
 //! How far off the corrected arm may be, anywhere in its volume.
 
 use super::quantile::radius_95;
-use super::robot::{ArmPose, RigKind, RobotFound};
+use super::robot_correction::ArmPose;
+use super::robot_data::{Rig, RigKind};
+use super::robot_found::RobotFound;
 use super::robot_settle::{Settled, State};
 use crate::geometry::{Flange, Point};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Vector3};
@@ -60,7 +62,7 @@ impl RobotFound {
     }
 
     /// The rigs as they come out without a correction.
-    pub fn rigs_before(&self) -> &[super::robot::Rig] {
+    pub fn rigs_before(&self) -> &[Rig] {
         &self.plain.rigs
     }
 }

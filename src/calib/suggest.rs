@@ -7,7 +7,7 @@
 use super::adjust::covariance_at;
 use super::arrangement::Arrangement;
 use super::board::Board;
-use super::chain::{Seen, Station};
+use super::chain::{BoardObservation, Station};
 use super::hand_eye::HandEye;
 use super::influence;
 use super::quantile::radius_95;
@@ -105,5 +105,5 @@ fn sighted<A: Arrangement>(
         .into_iter()
         .map(|corner| Some((corner, camera.project_inside(*camera_from_board * corner)?)))
         .collect();
-    Some(Station { name: "the next pose".to_owned(), base_from_flange, seen: Seen::Pixels(corners?) })
+    Some(Station { name: "the next pose".to_owned(), base_from_flange, seen: BoardObservation::Pixels(corners?) })
 }

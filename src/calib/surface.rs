@@ -1,7 +1,7 @@
 //! The smooth surface through the corners of a board as a picture shows them, and how a corner stands to it.
 
+use super::board::Corners;
 use super::foreign;
-use super::placing::{Corners, KNOWN_PX};
 use super::print::{Matched, Print, View};
 use super::saddle::Saddle;
 use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point, median};
@@ -14,6 +14,8 @@ const STANDS_APART: f64 = 5.0;
 const UNCERTAIN: f64 = 5.0;
 /// … and so far there in any case, px: at a board's outer corners a lens bends by more than a third degree.
 const WELL_APART_PX: f64 = 0.9;
+/// The noise lets a corner be known to so much, each way, px, where it is alone.
+pub(super) const KNOWN_PX: f64 = 0.2;
 /// The noise lets a corner be known to so much, each way, px, where a surface through all of them helps.
 pub(super) const KNOWN_TOGETHER_PX: f64 = 0.7;
 /// … and after that, px.
@@ -44,7 +46,7 @@ const LEFT_PX: f64 = 2.0;
 
 /// A corner as the model places it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Placed {
+pub(super) struct CornerEstimate {
     pub at: Pixel,
     /// How well noise, and what the model leaves, let it be known, each way, px.
     pub deviation_px: f64,
@@ -52,11 +54,11 @@ pub(super) struct Placed {
     pub contrast: f64,
 }
 
-impl Placed {
+impl CornerEstimate {
     /// By the print, in a picture with this much noise.
     pub fn of(found: &Matched, noise: f64) -> Self {
         let left = (found.left.powi(2) - noise.powi(2)).max(0.0).sqrt() / (0.5 * found.contrast.abs());
-        Placed {
+        CornerEstimate {
             at: found.at,
             deviation_px: doubt_px(found.deviation_px, left, found.slant),
             contrast: found.contrast.abs(),
@@ -66,7 +68,7 @@ impl Placed {
     /// By the model of the grey levels.
     pub fn of_saddle(found: &Saddle) -> Self {
         let deviation_px = doubt_px(found.deviation_px, found.left, found.slant);
-        Placed { at: found.at, deviation_px, contrast: 2.0 * found.contrast.abs() }
+        CornerEstimate { at: found.at, deviation_px, contrast: 2.0 * found.contrast.abs() }
     }
 }
 
@@ -151,7 +153,7 @@ impl Surface {
     }
 
     /// A corner farther from it is another one, px: one that is badly known may be farther, and counts the less.
-    pub fn limit_px(&self, q: Point<BoardFrame>, placed: &Placed) -> f64 {
+    pub fn limit_px(&self, q: Point<BoardFrame>, placed: &CornerEstimate) -> f64 {
         let is_well = placed.deviation_px < WELL_PX;
         let own_px = if is_well { (UNCERTAIN * self.variance(q).sqrt()).max(WELL_APART_PX) } else { 0.0 };
         let own_px = own_px.max(2.0 * placed.deviation_px).min(START_PX);
@@ -165,7 +167,7 @@ impl Surface {
     }
 
     /// Between a corner's own place and that on the surface: by how well each is known; `None` where both are not.
-    pub fn drawn(&self, q: Point<BoardFrame>, placed: Placed) -> Option<Pixel> {
+    pub fn drawn(&self, q: Point<BoardFrame>, placed: CornerEstimate) -> Option<Pixel> {
         let there = self.at(q);
         let of_surface = self.rough_px.powi(2) + self.variance(q);
         let of_own = placed.deviation_px.powi(2);
@@ -226,7 +228,11 @@ fn terms(place: &Vector2<f64>) -> SVector<f64, TERMS> {
 }
 
 /// Through those corners that are placed.
-pub(super) fn surface_of(corners: &Corners, placed: &[Option<Placed>], picture: &GrayPicture) -> Option<Surface> {
+pub(super) fn surface_of(
+    corners: &Corners,
+    placed: &[Option<CornerEstimate>],
+    picture: &GrayPicture,
+) -> Option<Surface> {
     let placed = corners.iter().zip(placed).filter_map(|((q, _), placed)| placed.map(|placed| (*q, placed)));
     let (corners, deviations): (Corners, Vec<f64>) =
         placed.map(|(q, placed)| ((q, placed.at), placed.deviation_px)).unzip();
@@ -234,8 +240,13 @@ pub(super) fn surface_of(corners: &Corners, placed: &[Option<Placed>], picture: 
 }
 
 /// Those that a glare takes a part of their contrast from, beside the ones around them, are known less well: its rim moves them.
-pub(super) fn doubted(corners: &Corners, placed: Vec<Option<Placed>>, square_mm: f64) -> Vec<Option<Placed>> {
-    let known = |(q, placed): (&Point<BoardFrame>, &Option<Placed>)| placed.map(|placed| (*q, placed.contrast));
+pub(super) fn doubted(
+    corners: &Corners,
+    placed: Vec<Option<CornerEstimate>>,
+    square_mm: f64,
+) -> Vec<Option<CornerEstimate>> {
+    let known =
+        |(q, placed): (&Point<BoardFrame>, &Option<CornerEstimate>)| placed.map(|placed| (*q, placed.contrast));
     let all: Vec<(Point<BoardFrame>, f64)> =
         corners.iter().map(|(q, _)| q).zip(&placed).filter_map(known).collect();
     let usual = |q: Point<BoardFrame>| {
@@ -244,9 +255,9 @@ pub(super) fn doubted(corners: &Corners, placed: Vec<Option<Placed>>, square_mm:
         contrasts.sort_by(f64::total_cmp);
         contrasts.get(3 * contrasts.len() / 4).copied().unwrap_or(0.0)
     };
-    let doubt = |(q, placed): (Point<BoardFrame>, Placed)| {
+    let doubt = |(q, placed): (Point<BoardFrame>, CornerEstimate)| {
         let lost = (1.0 - placed.contrast / usual(q).max(1.0) - PALE).max(0.0);
-        Placed { deviation_px: placed.deviation_px.hypot(PALE_PX * lost), ..placed }
+        CornerEstimate { deviation_px: placed.deviation_px.hypot(PALE_PX * lost), ..placed }
     };
     corners.iter().zip(placed).map(|((q, _), placed)| placed.map(|placed| doubt((*q, placed)))).collect()
 }
@@ -259,7 +270,7 @@ pub(super) fn without_strays(corners: Corners, picture: &GrayPicture) -> Corners
         .into_iter()
         .filter(|(q, pixel)| {
             surface.at(*q).distance_px(*pixel)
-                <= surface.limit_px(*q, &Placed { at: *pixel, deviation_px: KNOWN_PX, contrast: 0.0 })
+                <= surface.limit_px(*q, &CornerEstimate { at: *pixel, deviation_px: KNOWN_PX, contrast: 0.0 })
         })
         .collect()
 }

@@ -6,7 +6,7 @@
 use super::adjust::Adjusted;
 use super::arrangement::Arrangement;
 use super::board::Board;
-use super::chain::{Seen, Station};
+use super::chain::{BoardObservation, Station};
 use super::influence;
 use super::pose::{BoardPose, board_pose};
 use crate::geometry::{Base, Flange, KukaPose, PinholeCamera, Point, Rigid};
@@ -152,8 +152,12 @@ impl<A: Arrangement> Trial<'_, A> {
         let turned = |q: &Point<_>| Point::at(far[0] - q.mm.x, far[1] - q.mm.y, 0.0);
         let station = &self.stations[index];
         let seen = match &station.seen {
-            Seen::Pixels(corners) => Seen::Pixels(corners.iter().map(|(q, pixel)| (turned(q), *pixel)).collect()),
-            Seen::Points(corners) => Seen::Points(corners.iter().map(|(q, point)| (turned(q), *point)).collect()),
+            BoardObservation::Pixels(corners) => {
+                BoardObservation::Pixels(corners.iter().map(|(q, pixel)| (turned(q), *pixel)).collect())
+            }
+            BoardObservation::Points(corners) => {
+                BoardObservation::Points(corners.iter().map(|(q, point)| (turned(q), *point)).collect())
+            }
         };
         let station = Station { seen, ..station.clone() };
         board_pose(self.camera, &station.seen).is_ok_and(|pose| self.fits_as(&station, &pose))

@@ -9,7 +9,7 @@
 use super::arrangement::Arrangement;
 use super::error::CalibError;
 use super::pose::board_pose;
-use super::{Board, Seen};
+use super::{Board, BoardObservation};
 use crate::geometry::{Base, Board as BoardFrame, Flange, Frame, PinholeCamera, Point, Rigid, Vector};
 use crate::words::apart;
 use nalgebra::Isometry3;
@@ -51,7 +51,7 @@ const MIN_SQUARES: f64 = 2.5;
 pub fn three_points<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,
-    seen: &Seen<A::From>,
+    seen: &BoardObservation<A::From>,
     touched: &[Touched],
     base_from_flange: Option<Rigid<Base, Flange>>,
 ) -> Result<ThreePoints<A>, CalibError> {

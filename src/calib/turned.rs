@@ -11,7 +11,7 @@
 
 use super::arrangement::Arrangement;
 use super::board::Board;
-use super::chain::Seen;
+use super::chain::BoardObservation;
 use super::consensus::triples;
 use super::detect::Corners;
 use super::error::CalibError;
@@ -60,7 +60,7 @@ pub fn same_way_round<A: Arrangement>(
     }
     let mut poses: Vec<Isometry3<f64>> = Vec::with_capacity(pictures.len());
     for (_, corners) in pictures.iter() {
-        let found = board_pose::<A::From>(camera, &Seen::Pixels((*corners).clone()))?;
+        let found = board_pose::<A::From>(camera, &BoardObservation::Pixels((*corners).clone()))?;
         poses.push(*found.camera_from_board.isometry());
     }
     let moved = |flange: &Rigid<Base, Flange>| A::to_from_holder(flange).isometry().inverse();
@@ -169,7 +169,7 @@ mod tests {
                 let all = shots.iter().zip(corners).map(|(shot, corners)| Station {
                     name: format!("{}.png", shot.index),
                     base_from_flange: shot.base_from_flange,
-                    seen: Seen::Pixels(corners.clone()),
+                    seen: BoardObservation::Pixels(corners.clone()),
                 });
                 all.collect()
             };

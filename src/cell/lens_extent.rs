@@ -1,6 +1,6 @@
 //! What a lens's file says besides its numbers: its model, what was left out of it, and where in the picture it is known.
 
-use super::calibration::Texts;
+use super::provenance::Texts;
 use crate::config::{Section, Setting};
 use crate::geometry::{Pixel, polygon};
 use std::fmt::Write;

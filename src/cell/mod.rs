@@ -14,6 +14,7 @@ mod keep;
 mod lens_extent;
 mod limits;
 mod names;
+mod provenance;
 mod robot_correction;
 mod rough;
 mod zivid;
@@ -25,8 +26,7 @@ mod tests;
 pub use arm::{Arm, ArmAxes, ArmGeometry, ArmModel, ArmTable, KeepOut, PerAxis};
 pub use board_size::BoardSize;
 pub use calibration::{
-    FlangeCameraMount, Intrinsics, LensCovariance, Mount, MountedPose, Provenance, ScannerMount, TargetMount,
-    ToolMount,
+    FlangeCameraMount, Intrinsics, LensCovariance, Mount, MountedPose, ScannerMount, TargetMount, ToolMount,
 };
 pub use date::Date;
 pub use devices::{Camera, MockController, Robot, RobotKind};
@@ -35,6 +35,7 @@ pub use keep::{Keep, KeepFor};
 pub use lens_extent::{LensExtent, Supported};
 pub use limits::{Limits, Workspace};
 pub use names::{Feedback, InputsOutputs, Output};
+pub use provenance::Provenance;
 pub use robot_correction::{CorrectionNumbers, GEOMETRY_NUMBERS, RobotCorrection, SMOOTH_NUMBERS};
 pub use rough::RoughMounts;
 pub use zivid::ZividCamera;

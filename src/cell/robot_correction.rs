@@ -1,7 +1,7 @@
 //! `[robot_correction]`: how the arm differs from its drawing, as `panelprep calibrate robot` found it.
 
-use super::calibration::Provenance;
 use super::date::Date;
+use super::provenance::Provenance;
 use crate::config::{self, Problems, Section, Setting};
 use std::fmt::Write;
 use toml::de::DeValue;

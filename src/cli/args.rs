@@ -158,6 +158,18 @@ pub enum Command {
         panelprep tune --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
         --located target/cell/located.json --truth target/cell/truth")]
     Tune(Tune),
+    /// Mark where and when the film broke in a clip, on a page in a browser on this computer. What is saved lies beside the clip, which is
+    /// then its own truth for `panelprep inspect` and `panelprep tune`.
+    #[command(
+        after_help = "Example, after `panelprep render --out target/cell`; the page ends with its button:\n  \
+        panelprep label --clip target/cell/clip\n\
+        With the grids of a recipe, after the one of `panelprep locate --help`:\n  \
+        panelprep label --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
+        --located target/cell/located.json\n\
+        Afterwards: panelprep inspect with --clip target/cell/clip --truth target/cell/clip. The clip's folder then holds labels.json, \
+        mask.png and times.png; each former labels.json is kept as labels.1.json, labels.2.json and so on."
+    )]
+    Label(Label),
     /// Plan the sanding path over grids.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
         panelprep plan --cell target/cell/cell.toml --recipe target/cell/recipe.toml --grids r1c1,r1c2 \
@@ -818,8 +830,8 @@ pub struct Inspect {
     /// picture shows it elsewhere the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
-    /// Folder with the true mask, to score against; it changes no result. Without `--clip` a labelled set: a folder of
-    /// clips, each with its own `truth`, is scored as a whole.
+    /// Folder with the true mask, to score against; it changes no result. A clip that was labelled is its own truth. Without `--clip`
+    /// a labelled set: a folder of clips, each with its own `truth` or labelled itself, is scored as a whole.
     #[arg(long, value_name = "DIR")]
     pub truth: Option<PathBuf>,
     /// Folder for the mask, the overlay, the film strip and the page to sign; of a set, for its plots.
@@ -840,9 +852,26 @@ pub struct Tune {
     /// picture shows it elsewhere the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
-    /// Folder with the true mask of the clip's end.
+    /// Folder with the true mask of the clip's end; a clip that was labelled is its own truth.
     #[arg(long, value_name = "DIR")]
     pub truth: Option<PathBuf>,
+}
+
+/// Options of `label`.
+#[derive(Debug, Clone, Args)]
+pub struct Label {
+    /// Folder with numbered pictures and `clip.csv`; the labels are kept in it.
+    #[arg(long, value_name = "DIR")]
+    pub clip: PathBuf,
+    /// The panel's recipe: its grids are drawn over the pictures. The panel must have been taught.
+    #[arg(long, value_name = "FILE")]
+    pub recipe: Option<PathBuf>,
+    /// A pose, or what `locate` or `refine` printed: where the panel of the grids stands; without it they are drawn at its nominal place.
+    #[arg(long, value_name = "POSE.json", requires = "recipe")]
+    pub located: Option<PathBuf>,
+    /// Where the page is served: a loopback address; port 0 takes a free one.
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
+    pub listen: std::net::SocketAddr,
 }
 
 /// Options of `plan`.

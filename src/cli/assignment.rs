@@ -10,7 +10,7 @@ use super::zivid;
 use crate::calib::{CalibError, budget, health};
 use crate::cell::LensExtent;
 use crate::cycle::Request;
-use crate::daemon::{Calibrations, Job, Order, PartNames, Task};
+use crate::daemon::{Calibrations, CycleSetup, Job, PartNames, PreparedCycle};
 use crate::recipe::Recipe;
 use crate::store::CycleStart;
 use std::path::Path;
@@ -102,12 +102,12 @@ impl Assignment {
     ///
     /// # Errors
     /// Where no corner was taught.
-    pub fn order(self, calibrated: &Calibrated) -> Result<Order, Fault> {
+    pub fn prepared(self, calibrated: &Calibrated) -> Result<PreparedCycle, Fault> {
         self.seen_where_the_lens_is_known(calibrated)?;
         let (request, start) = (self.request(), self.start(calibrated));
         let Assignment { recipe, taught: Taught { panel, corners, .. }, .. } = self;
-        let task = Task::new(recipe, (panel, corners), calibrated.values).map_err(Fault::stage)?;
-        Ok(Order { request, task, start, record: None })
+        let setup = CycleSetup::new(recipe, (panel, corners), calibrated.values).map_err(Fault::stage)?;
+        Ok(PreparedCycle { request, setup, start, recording: None })
     }
 
     /// What the loop works by.

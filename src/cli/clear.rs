@@ -8,11 +8,12 @@ use super::fault::Fault;
 use super::live::robot_alone;
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use crate::cycle::{At, Refusal, Request, Robot, State};
-use crate::daemon::{self, Ask, Eyes, Picture2d, Requests, Service, SightError, Site, StoreRecord};
+use crate::cycle::{self, At, Refusal, Robot, State};
+use crate::daemon::{
+    self, Eyes, Picture2d, Request, Requests, Service, SightError, Site, StoreRecord, What, whoever_runs_this,
+};
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
-use crate::record::Who;
-use crate::supervision::Supervisor;
+use crate::supervision::{Supervisor, ThreadFault};
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::time::{Duration, Instant};
 
@@ -87,27 +88,22 @@ impl Clears {
 }
 
 impl Requests for Clears {
-    fn next(&mut self, state: &State) -> Ask {
+    fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         self.state = *state;
-        if let Err(fault) = self.supervisor.check() {
-            return Ask::GiveUp(fault);
-        }
+        self.supervisor.check()?;
         let is_there = !matches!(state.facts.robot, Robot::Unknown | Robot::LinkLost);
-        match (state.at, self.asked) {
-            (at, true) if at.rests() => Ask::Leave,
+        let what = match (state.at, self.asked) {
+            (at, true) if at.rests() => Some(What::Leave),
             (At::Aborted { .. }, false) if is_there || self.since.elapsed() >= PATIENCE => {
                 self.asked = true;
-                Ask::For(Request::Clear)
+                Some(What::Table(cycle::Request::Clear))
             }
-            _ => Ask::Nothing,
-        }
+            _ => None,
+        };
+        Ok(what.map(|what| Request::new(what, whoever_runs_this())))
     }
 
-    fn who(&self) -> Who {
-        daemon::whoever_runs_this()
-    }
-
-    fn refused(&mut self, request: Request, refusal: Refusal) {
+    fn refused(&mut self, request: cycle::Request, refusal: Refusal) {
         self.refused = Some(daemon::refusal(request, refusal, &self.state));
     }
 }

@@ -7,7 +7,8 @@ use super::follow;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::part;
-use crate::daemon::{Exit, MOST_BYTES, PartNames, RecordIn, Reply, Wish};
+use crate::cycle::Request;
+use crate::daemon::{Exit, MOST_BYTES, PartNames, RecordIn, Reply, StartRequest, What, request_line};
 use crate::geometry::Joints;
 use serde_json::{Map, Value, json};
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
@@ -32,10 +33,10 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
     if matches!(args.ask, CtlAsk::Watch) {
         return follow::watch(&socket, common.json);
     }
-    let wish = wish(&args.ask)?;
-    let reply = match wish {
-        Wish::Stop {} | Wish::Abort {} => insist(&socket, &wish)?,
-        _ => ask(&socket, &wish)?,
+    let what = what(&args.ask)?;
+    let reply = match what {
+        What::Table(Request::Stop | Request::Abort) => insist(&socket, &what)?,
+        _ => ask(&socket, &what)?,
     };
     match args.ask {
         CtlAsk::Start { wait: true, .. } if reply.answer == Exit::Done => follow::to_the_end(&socket, &reply),
@@ -46,31 +47,31 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
 
 /// How the service stands, where one answers.
 pub(super) fn state_of(socket: &Path) -> Option<String> {
-    ask(socket, &Wish::State {}).ok()?.state.map(|state| state.to_string())
+    ask(socket, &What::State).ok()?.state.map(|state| state.to_string())
 }
 
 /// Where the arm's axes stand, where a service answers and knows it.
 pub(super) fn axes_of(socket: &Path) -> Option<Joints> {
-    ask(socket, &Wish::State {}).ok()?.axes_deg.map(Joints::from)
+    ask(socket, &What::State).ok()?.axes_deg.map(Joints::from)
 }
 
-fn wish(ask: &CtlAsk) -> Result<Wish, Fault> {
+fn what(ask: &CtlAsk) -> Result<What, Fault> {
     Ok(match ask {
-        CtlAsk::Start { recipe, record, part, .. } => Wish::Start {
+        CtlAsk::Start { recipe, record, part, .. } => What::Start(StartRequest {
             recipe: recipe.display().to_string(),
             text: disk::read_text(recipe)?,
             record: record.as_ref().map(|file| record_in(file.as_deref())).transpose()?,
             part: part::checked(names(part))?,
-        },
-        CtlAsk::Hold => Wish::Hold {},
-        CtlAsk::Unhold { dried } => Wish::Unhold { dried: *dried },
-        CtlAsk::Stop => Wish::Stop {},
-        CtlAsk::Abort => Wish::Abort {},
-        CtlAsk::Clear => Wish::Clear {},
-        CtlAsk::Reset { .. } => Wish::Reset {},
-        CtlAsk::Accept => Wish::Accept {},
-        CtlAsk::NewDisc => Wish::NewDisc {},
-        CtlAsk::State | CtlAsk::Watch => Wish::State {},
+        }),
+        CtlAsk::Hold => What::Table(Request::Hold),
+        CtlAsk::Unhold { dried } => What::Table(Request::Unhold { dried: *dried }),
+        CtlAsk::Stop => What::Table(Request::Stop),
+        CtlAsk::Abort => What::Table(Request::Abort),
+        CtlAsk::Clear => What::Table(Request::Clear),
+        CtlAsk::Reset { .. } => What::Table(Request::Reset),
+        CtlAsk::Accept => What::Table(Request::Accept),
+        CtlAsk::NewDisc => What::NewDisc,
+        CtlAsk::State | CtlAsk::Watch => What::State,
     })
 }
 
@@ -89,10 +90,10 @@ fn record_in(file: Option<&Path>) -> Result<RecordIn, Fault> {
 }
 
 /// Asks for a stop again and again while the service, or the way to it, is too busy to take it.
-fn insist(socket: &Path, wish: &Wish) -> Result<Reply, Fault> {
+fn insist(socket: &Path, what: &What) -> Result<Reply, Fault> {
     let since = Instant::now();
     loop {
-        let answered = ask(socket, wish);
+        let answered = ask(socket, what);
         let is_busy = match &answered {
             Ok(reply) => reply.reasons.iter().any(|reason| reason.code == "busy"),
             Err(Fault::NoService { .. }) => false,
@@ -105,7 +106,7 @@ fn insist(socket: &Path, wish: &Wish) -> Result<Reply, Fault> {
     }
 }
 
-pub(super) fn ask(socket: &Path, wish: &Wish) -> Result<Reply, Fault> {
+pub(super) fn ask(socket: &Path, what: &What) -> Result<Reply, Fault> {
     let named = |error: std::io::Error| Fault::file(socket, error);
     let mut stream = UnixStream::connect(socket).map_err(|error| match error.kind() {
         ErrorKind::NotFound | ErrorKind::ConnectionRefused => Fault::NoService { socket: socket.to_owned() },
@@ -113,7 +114,7 @@ pub(super) fn ask(socket: &Path, wish: &Wish) -> Result<Reply, Fault> {
     })?;
     stream.set_read_timeout(Some(PATIENCE)).map_err(named)?;
     stream.set_write_timeout(Some(PATIENCE)).map_err(named)?;
-    let line = serde_json::to_string(wish).map_err(Fault::stage)? + "\n";
+    let line = request_line(what).map_err(Fault::stage)?;
     // A line that is too long is answered before it is read whole.
     let written = stream.write_all(line.as_bytes());
     let mut answer = Vec::new();

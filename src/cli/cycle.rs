@@ -10,15 +10,16 @@ use super::outcome::Outcome;
 use super::recording;
 use super::report::{self, Kept};
 use crate::cell::Cell;
-use crate::cycle::{At, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Why};
+use crate::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot, State, Why};
 use crate::daemon::{
-    self, Ask, Calibrations, CycleOutcome, Ports, Recorded, Requests, Robot as _, StoreRecord, Taped, Taping,
-    run_cycle_from, whoever_runs_this,
+    self, Calibrations, CycleOutcome, Ports, Recorded, RecordingSwitch, Request, Requests, Robot as _, StoreRecord,
+    Taped, What, run_cycle_from, whoever_runs_this,
 };
 use crate::geometry::KukaPose;
-use crate::record::{self, Abraded, Answer, Asked, CycleRecord, RecordingFile, Wanted, Who};
+use crate::record::{self, Abraded, Answer, Asked, CycleRecord, RecordingFile, Wanted};
 use crate::requirements::Purpose;
 use crate::store::CycleStart;
+use crate::supervision::ThreadFault;
 use crate::tape::Begin;
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
@@ -32,7 +33,7 @@ pub struct Ran {
     /// What the store keeps of it.
     pub kept: Kept,
     /// What was asked and not done.
-    pub refused: Option<(Request, Refusal)>,
+    pub refused: Option<(cycle::Request, Refusal)>,
     /// What is around a mock robot, as the cycle left it.
     pub simulated: Option<Simulated>,
     /// How pictures of the flange camera came, where it is to be told.
@@ -51,7 +52,7 @@ pub struct Run<'r> {
     /// What simulated devices show.
     pub simulation: Simulation,
     /// What is asked of the loop.
-    pub request: fn(&Assignment) -> Request,
+    pub request: fn(&Assignment) -> cycle::Request,
     /// Where it is recorded.
     pub record: Option<&'r Path>,
 }
@@ -76,7 +77,7 @@ fn once(
     args: &Cycle,
     common: &Common,
     progress: &dyn Fn(&str),
-    request: fn(&Assignment) -> Request,
+    request: fn(&Assignment) -> cycle::Request,
 ) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     files.require(Purpose::Cycle)?;
@@ -142,7 +143,7 @@ pub fn one(
     let cycle = store.begin_cycle(&start).map_err(Fault::stage)?;
     let mut once = Once { start: request(assignment), asked: 0, refused: None, told: None, progress };
     let state = store.state().map_err(Fault::stage)?;
-    let taping = Taping::new(files.store_folder(), live.robot.is_lock_step());
+    let taping = RecordingSwitch::new(files.store_folder(), live.robot.is_lock_step());
     if let Some(file) = record {
         let to = recording::of(Some(file.to_owned()), files, (assignment, calibrated))?;
         taping.begin(file, to, state).map_err(|error| recording::refused(file, error))?;
@@ -232,39 +233,36 @@ fn abraded(record: &CycleRecord) -> Vec<String> {
 
 /// Asks for one cycle and leaves where it rests.
 struct Once<'a> {
-    start: Request,
+    start: cycle::Request,
     asked: u8,
-    refused: Option<(Request, Refusal)>,
+    refused: Option<(cycle::Request, Refusal)>,
     told: Option<At>,
     progress: &'a dyn Fn(&str),
 }
 
 impl Requests for Once<'_> {
-    fn next(&mut self, state: &State) -> Ask {
+    fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         if self.told.replace(state.at) != Some(state.at) {
             (self.progress)(&words(state.at));
         }
         let asked = self.asked;
         let mut ask = |request| {
             self.asked += 1;
-            Ask::For(request)
+            Some(What::Table(request))
         };
-        match (state.at, asked) {
-            (At::Stopped, 0) if state.facts.robot == Robot::Ready => ask(Request::Reset),
+        let what = match (state.at, asked) {
+            (At::Stopped, 0) if state.facts.robot == Robot::Ready => ask(cycle::Request::Reset),
             (At::Idle, 1) => ask(self.start),
             // A result for a person ends there; so does what a person must mend.
-            (At::Held(_), 2) => ask(Request::Stop),
-            (At::Stopped, 0) if state.facts.robot == Robot::Unknown => Ask::Nothing,
-            (At::Stopped | At::Complete { .. } | At::Aborted { .. }, _) => Ask::Leave,
-            _ => Ask::Nothing,
-        }
+            (At::Held(_), 2) => ask(cycle::Request::Stop),
+            (At::Stopped, 0) if state.facts.robot == Robot::Unknown => None,
+            (At::Stopped | At::Complete { .. } | At::Aborted { .. }, _) => Some(What::Leave),
+            _ => None,
+        };
+        Ok(what.map(|what| Request::new(what, whoever_runs_this())))
     }
 
-    fn who(&self) -> Who {
-        whoever_runs_this()
-    }
-
-    fn refused(&mut self, request: Request, refusal: Refusal) {
+    fn refused(&mut self, request: cycle::Request, refusal: Refusal) {
         self.refused = Some((request, refusal));
     }
 }

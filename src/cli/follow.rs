@@ -6,7 +6,7 @@ use super::ctl;
 use super::fault::Fault;
 use super::outcome::Outcome;
 use super::output::tell_line;
-use crate::daemon::{Exit, Reply, Wish};
+use crate::daemon::{Exit, Reply, What};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
@@ -95,7 +95,7 @@ fn is_written(reply: &Reply) -> bool {
 fn state(socket: &Path) -> Result<Reply, Fault> {
     let since = Instant::now();
     loop {
-        match ctl::ask(socket, &Wish::State {}) {
+        match ctl::ask(socket, &What::State) {
             Ok(reply) if reply.state.is_some() => return Ok(reply),
             Ok(reply) if since.elapsed() >= GONE => return Ok(reply),
             Err(fault) if since.elapsed() >= GONE => return Err(fault),

@@ -3,23 +3,25 @@
 use super::args::{Common, Inspect};
 use super::disk;
 use super::fault::Fault;
-use super::labels::{self, Labels};
+use super::labels::{Labels, read_clip};
 use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::output;
 use super::pictures;
 use super::validate;
-use crate::files::{self, Clip, ClipEntry};
+use crate::files::{self, ClipEntry};
 use crate::geometry::{Base, Camera, ColorPicture, Panel, PinholeCamera, Rigid, median};
-use crate::inspect::{Confusion, Demands, Inspection, Score, Watch, score};
-use crate::panel::Grid;
+use crate::inspect::{Confusion, Demands, Inspection, Score, score};
+use crate::labels::{LABELS, MASK};
 use crate::phase::Phase;
 use crate::recipe::Recipe;
+use crate::report::inspection_page;
 use crate::report::page::Figure;
-use crate::report::{StripPicture, View, bounds, cut, film_strip, inspection_page, strip_times_s};
+use crate::stages::film::{Filmed, Filming, Setup};
 use rayon::prelude::*;
 use serde_json::json;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Pictures decoded at once; bounds the memory of a long clip.
@@ -27,16 +29,12 @@ const DECODED_AT_ONCE: usize = 8;
 
 /// An inspected clip.
 pub struct Inspected {
-    /// The inspection.
-    pub inspection: Inspection,
+    /// The film.
+    pub filmed: Filmed,
     /// From a decoded wet picture to its result, median, ms.
     pub ms_per_frame: f64,
     /// Agreement with a truth that was given.
     pub score: Option<(Score, Confusion)>,
-    clip: PathBuf,
-    shots: Vec<ClipEntry>,
-    camera: PinholeCamera,
-    camera_from_panel: Rigid<Camera, Panel>,
 }
 
 /// Where the panel stands in the camera's view.
@@ -65,6 +63,12 @@ impl Placed {
             is_assumed: located.is_none(),
         })
     }
+
+    /// What a clip of a taught panel is inspected with.
+    pub fn setup<'a>(&'a self, taught: &'a Taught, recipe: &'a Recipe, demands: Demands) -> Setup<'a> {
+        let camera_from_panel: Rigid<Camera, Panel> = self.base_from_camera.inverse() * self.base_from_panel;
+        Setup { panel: &taught.panel, camera: &self.camera, camera_from_panel, demands, recipe }
+    }
 }
 
 /// Inspects a clip and tells.
@@ -72,6 +76,9 @@ impl Placed {
 /// # Errors
 /// Where a file is not what it must be, or the panel was not taught.
 pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
+    if let Some(folder) = args.pictures.as_ref().filter(|folder| folder.join(LABELS).exists()) {
+        return Err(Fault::HoldsLabels { folder: folder.clone() });
+    }
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
     let placed = Placed::read(&files, args.located.as_ref())?;
@@ -84,30 +91,22 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
         }
         (None, None) => return Err(Fault::stage(files::ClipError::Empty)),
     };
-    let inspected = stage(&taught, clip, placed, &recipe, demands, args.truth.as_deref())?;
+    let setup = placed.setup(&taught, &recipe, demands);
+    let inspected = inspect(&setup, clip, placed.is_assumed, args.truth.as_deref())?;
     let mut mask = None;
     if let Some(folder) = &args.pictures {
-        let file = folder.join("mask.png");
-        let bytes = files::write_gray_png(&inspected.inspection.mask().to_gray()).map_err(Fault::stage)?;
+        let file = folder.join(MASK);
+        let bytes = files::write_gray_png(&inspected.filmed.inspection.mask().to_gray()).map_err(Fault::stage)?;
         disk::write(&file, bytes)?;
         mask = Some(file);
-        let drawn = [
-            (
-                "inspected",
-                "What broke by the end of the film, and the grids that failed",
-                inspected.drawn(&taught)?,
-            ),
-            ("break_times", "When it broke", inspected.break_times(&taught)?),
-            ("film", "The film in time; in colour what had broken by then", inspected.strip()?),
-        ];
-        let mut figures = Vec::with_capacity(drawn.len());
-        for (name, caption, picture) in &drawn {
-            pictures::save(folder, name, picture)?;
-            let jpeg = files::write_color_jpeg(picture).map_err(Fault::stage)?;
-            figures.push(Figure { caption: (*caption).to_owned(), jpeg });
+        let mut figures = Vec::new();
+        for drawing in inspected.filmed.drawn(&setup) {
+            let picture = drawing.picture.map_err(Fault::stage)?;
+            pictures::save(folder, &drawing.name, &picture)?;
+            let jpeg = files::write_color_jpeg(&picture).map_err(Fault::stage)?;
+            figures.push(Figure { caption: drawing.caption, jpeg });
         }
-        let page =
-            inspection_page(&inspected.inspection, (&recipe, &demands), &clip.display().to_string(), figures);
+        let page = inspection_page(&inspected.filmed.inspection, &recipe, &clip.display().to_string(), figures);
         disk::write(&folder.join("inspection.html"), page.html())?;
     }
     Ok(inspected.outcome(mask))
@@ -117,125 +116,60 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
 ///
 /// # Errors
 /// Where `clip.csv` or a picture is missing, damaged or of another size.
-pub fn stage(
-    taught: &Taught,
+pub fn inspect(
+    setup: &Setup<'_>,
     clip: &Path,
-    placed: Placed,
-    recipe: &Recipe,
-    demands: Demands,
+    is_place_assumed: bool,
     truth: Option<&Path>,
 ) -> Result<Inspected, Fault> {
     let list = clip.join("clip.csv");
-    let parsed: Clip = files::read_clip(&disk::read(&list)?).map_err(|error| Fault::file(&list, error))?;
-    let shots = parsed.shots().to_vec();
-    let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
-    let mut watch = Watch::new(&taught.panel, &placed.camera, camera_from_panel, recipe.inspect(), demands)
-        .map_err(Fault::stage)?;
-    if placed.is_assumed {
-        watch.assume_place();
+    let parsed = read_clip(clip)?;
+    let shots = parsed.shots();
+    let mut filming = Filming::begin(setup, lasts_s(shots)).map_err(Fault::stage)?;
+    if is_place_assumed {
+        filming.assume_place();
     }
-    let (mut wet_ms, mut opened) = (Vec::with_capacity(shots.len()), false);
+    let mut wet_ms = Vec::with_capacity(shots.len());
     for group in shots.chunks(DECODED_AT_ONCE) {
         let decoded: Vec<Result<ColorPicture, Fault>> =
-            group.par_iter().map(|shot| load::picture(&clip.join(&shot.file), &placed.camera)).collect();
+            group.par_iter().map(|shot| load::picture(&clip.join(&shot.file), setup.camera)).collect();
         for (shot, picture) in group.iter().zip(decoded) {
-            let picture = picture?;
+            let picture = Arc::new(picture?);
             let begin = Instant::now();
-            let step = watch.push(&picture, shot.time_s, shot.phase);
-            let step = step.map_err(|error| Fault::file(&clip.join(&shot.file), error))?;
-            let Some(since_wet_s) = step.since_wet_s else { continue };
+            let added = filming.push(&picture, shot.time_s, shot.phase);
+            let added = added.map_err(|error| Fault::file(&clip.join(&shot.file), error))?;
+            let Some(since_wet_s) = added.since_wet_s else { continue };
             wet_ms.push(begin.elapsed().as_secs_f64() * 1e3);
-            if !opened && !step.newly_failed.is_empty() {
-                opened = true;
-                let grids: Vec<String> = step.newly_failed.iter().map(ToString::to_string).collect();
-                output::tell_line(&format!("{since_wet_s:6.1} s  the film broke on {}", grids.join(", ")));
+            if let Some(grids) = added.opened_on {
+                output::tell_line(&format!("{since_wet_s:6.1} s  the film broke on {grids}"));
             }
         }
     }
-    let inspection = watch.finish().map_err(|error| Fault::file(&list, error))?;
-    let score = truth.map(|folder| scored(&inspection, folder)).transpose()?;
-    let ms_per_frame = median(&mut wet_ms).unwrap_or_default();
-    let clip = clip.to_owned();
-    Ok(Inspected { inspection, ms_per_frame, score, clip, shots, camera: placed.camera, camera_from_panel })
+    let filmed = filming.finish().map_err(|error| Fault::file(&list, error))?;
+    let score = truth.map(|folder| scored(&filmed.inspection, folder, clip)).transpose()?;
+    Ok(Inspected { filmed, ms_per_frame: median(&mut wet_ms).unwrap_or_default(), score })
 }
 
-fn scored(inspection: &Inspection, folder: &Path) -> Result<(Score, Confusion), Fault> {
-    let file = folder.join(labels::MASK);
-    let truth = Labels::read(folder)?.mask;
+/// From the first picture of the wet panel to the last one, s.
+fn lasts_s(shots: &[ClipEntry]) -> f64 {
+    let mut wet_s = shots.iter().filter(|shot| shot.phase == Phase::Wet).map(|shot| shot.time_s);
+    let first_s = wet_s.next().unwrap_or(0.0);
+    wet_s.last().unwrap_or(first_s) - first_s
+}
+
+fn scored(inspection: &Inspection, folder: &Path, clip: &Path) -> Result<(Score, Confusion), Fault> {
+    let file = folder.join(MASK);
+    let truth = Labels::read(folder, clip)?.mask;
     let agreement = score(&inspection.mask(), &truth, &inspection.footprint.region());
     let named = |error| Fault::file(&file, error);
     Ok((agreement.map_err(named)?, inspection.confusion(&truth).map_err(named)?))
 }
 
 impl Inspected {
-    fn picture(&self, shot: &ClipEntry) -> Result<ColorPicture, Fault> {
-        load::picture(&self.clip.join(&shot.file), &self.camera)
-    }
-
-    /// Did this grid fail?
-    pub fn failed(&self, grid: &Grid) -> bool {
-        self.inspection.grids.iter().any(|inspected| inspected.id == grid.id && inspected.failed)
-    }
-
-    /// The last picture, with the camera and where the panel stands before it.
-    ///
-    /// # Errors
-    /// Where the picture cannot be read again.
-    pub fn last_view(&self) -> Result<(ColorPicture, PinholeCamera, Rigid<Camera, Panel>), Fault> {
-        let last = self.shots.last().ok_or_else(|| Fault::stage(files::ClipError::Empty))?;
-        Ok((self.picture(last)?, self.camera, self.camera_from_panel))
-    }
-
-    /// The last picture with everything that broke.
-    ///
-    /// # Errors
-    /// Where the picture cannot be read again, or OpenCV refuses to draw.
-    pub fn drawn(&self, taught: &Taught) -> Result<ColorPicture, Fault> {
-        let (picture, ..) = self.last_view()?;
-        let view = View { picture: &picture, camera: &self.camera, camera_from_panel: self.camera_from_panel };
-        let mask = self.inspection.mask();
-        view.inspected(&taught.panel, &mask, &|grid| self.failed(grid)).map_err(Fault::stage)
-    }
-
-    /// When everything broke.
-    ///
-    /// # Errors
-    /// As [`Inspected::drawn`].
-    pub fn break_times(&self, taught: &Taught) -> Result<ColorPicture, Fault> {
-        let (picture, ..) = self.last_view()?;
-        let view = View { picture: &picture, camera: &self.camera, camera_from_panel: self.camera_from_panel };
-        let time_s = |column: usize, row: usize| self.inspection.break_time_s(column, row);
-        view.break_times(&taught.panel, &time_s, self.inspection.observation.observed_s).map_err(Fault::stage)
-    }
-
-    /// The film in time: from the first fully wet picture to the last.
-    ///
-    /// # Errors
-    /// As [`Inspected::drawn`].
-    pub fn strip(&self) -> Result<ColorPicture, Fault> {
-        let wet: Vec<&ClipEntry> = self.shots.iter().filter(|shot| shot.phase == Phase::Wet).collect();
-        let Some(first) = wet.first() else { return Err(Fault::stage(files::ClipError::Empty)) };
-        let edges = self.inspection.footprint.grids().iter().flat_map(|grid| grid.edge_px.iter().copied());
-        let bounds = bounds(edges, (self.camera.width_px, self.camera.height_px));
-        let opens_s = self.inspection.breaks.iter().map(|found| found.first_seen_s).reduce(f64::min);
-        let chosen = strip_times_s(opens_s, self.inspection.observation.observed_s).into_iter().map(|time_s| {
-            let later = wet.iter().find(|shot| shot.time_s - first.time_s >= time_s - 1e-6);
-            later.or(wet.last()).copied().unwrap_or(first)
-        });
-        let pictures = chosen
-            .map(|shot| {
-                let since_wet_s = shot.time_s - first.time_s;
-                let broken = self.inspection.mask_at(since_wet_s);
-                let (picture, broken) = cut(&self.picture(shot)?, &broken, bounds);
-                Ok(StripPicture { picture, broken, label: format!("{since_wet_s:.1} s") })
-            })
-            .collect::<Result<Vec<_>, Fault>>()?;
-        film_strip(&pictures).map_err(Fault::stage)
-    }
-
     fn outcome(&self, mask: Option<PathBuf>) -> Outcome {
-        let inspection = &self.inspection;
+        let inspection = &*self.filmed.inspection;
         let mut outcome = Outcome::of(&inspection.judgement);
+        outcome.put_checks(&inspection.checks);
         let breaks: Vec<_> = inspection
             .breaks
             .iter()

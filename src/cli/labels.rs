@@ -1,30 +1,11 @@
-//! The labels of a clip: `mask.png` with the pixels that broke by its end, and, where it is known, `times.png` with when.
-//!
-//! In `times.png` a pixel that broke has blue 255, and red · 256 + green hundredths of a second since the first fully wet
-//! picture; any other pixel is black.
+//! The labels of a clip on the disk: its mask and, where they are known, its times, by the renderer or by a person.
 
 use super::disk;
 use super::fault::Fault;
-use crate::files;
+use crate::files::{self, Clip, content_hash};
 use crate::geometry::{ColorPicture, Mask};
-use std::path::Path;
-
-/// The mask's file.
-pub const MASK: &str = "mask.png";
-/// The times' file.
-pub const TIMES: &str = "times.png";
-
-/// A time as a colour.
-pub fn coded(since_wet_s: Option<f64>) -> [u8; 3] {
-    since_wet_s.map_or([0; 3], |since_wet_s| {
-        let [red, green] = ((since_wet_s * 100.0).round().clamp(0.0, 65_535.0) as u16).to_be_bytes();
-        [red, green, 255]
-    })
-}
-
-fn decoded([red, green, blue]: [u8; 3]) -> Option<f64> {
-    (blue == 255).then(|| f64::from(u16::from_be_bytes([red, green])) / 100.0)
-}
+use crate::labels::{self, LABELS, MASK, TIMES, decoded};
+use std::path::{Path, PathBuf};
 
 /// What is true of a clip.
 pub struct Labels {
@@ -34,11 +15,18 @@ pub struct Labels {
 }
 
 impl Labels {
-    /// Reads a folder's labels.
+    /// Reads a folder's labels. Those that a person made must be of this clip.
     ///
     /// # Errors
-    /// Where there is no mask, or a file is no picture.
-    pub fn read(folder: &Path) -> Result<Self, Fault> {
+    /// Where there is no mask, a file is not what it must be, or the clip is not the one that a person labelled.
+    pub fn read(folder: &Path, clip: &Path) -> Result<Self, Fault> {
+        let file = folder.join(LABELS);
+        if file.exists() {
+            let labelled = labels::read(&disk::read(&file)?).map_err(|error| Fault::file(&file, error))?;
+            if labelled.clip_sha256 != clip_hash(clip, &read_clip(clip)?)? {
+                return Err(Fault::OtherClip { labels: file, clip: clip.to_owned() });
+            }
+        }
         let file = folder.join(MASK);
         let gray = files::read_gray(&disk::read(&file)?).map_err(|error| Fault::file(&file, error))?;
         let file = folder.join(TIMES);
@@ -55,14 +43,33 @@ impl Labels {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// Where the labels of a clip of a set lie: in its folder `truth`, as the renderer writes it, or else in the clip's own folder, where
+/// a person's are kept.
+///
+/// # Errors
+/// Where it has none.
+pub fn folder_of(clip: &Path) -> Result<PathBuf, Fault> {
+    let folders = [clip.join("truth"), clip.to_owned()];
+    let labelled = folders.into_iter().find(|folder| folder.join(MASK).exists());
+    labelled.ok_or_else(|| Fault::NoLabels { clip: clip.to_owned() })
+}
 
-    #[test]
-    fn times_survive_their_colour() {
-        for time_s in [None, Some(0.0), Some(0.25), Some(59.99), Some(600.0)] {
-            assert_eq!(decoded(coded(time_s)), time_s);
-        }
-    }
+/// Reads a clip's list.
+///
+/// # Errors
+/// Where the folder holds none, or it is not what it must be.
+pub fn read_clip(folder: &Path) -> Result<Clip, Fault> {
+    let list = folder.join("clip.csv");
+    files::read_clip(&disk::read(&list)?).map_err(|error| Fault::file(&list, error))
+}
+
+/// The hash of a clip: that of what `sha256sum clip.csv FILE…` prints.
+///
+/// # Errors
+/// Where one of its files cannot be read.
+pub fn clip_hash(folder: &Path, clip: &Clip) -> Result<String, Fault> {
+    let names = std::iter::once("clip.csv").chain(clip.shots().iter().map(|shot| shot.file.as_str()));
+    let lines: Result<String, Fault> =
+        names.map(|name| Ok(format!("{}  {name}\n", content_hash(&disk::read(&folder.join(name))?)))).collect();
+    Ok(content_hash(lines?.as_bytes()))
 }

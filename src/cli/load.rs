@@ -11,14 +11,13 @@ use crate::cell::{
 use crate::cycle::{At, Cause};
 use crate::files::{self, ReportedFlange, content_hash};
 use crate::geometry::{
-    Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Point, Rigid,
-    Tool,
+    Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid, Tool,
 };
-use crate::locate::corner;
-use crate::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
+use crate::panel::{TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use crate::path::Kinematics;
 use crate::recipe::Recipe;
 use crate::requirements::{Purpose, unmet};
+use crate::stages::learn;
 use crate::store::{Store, Teaching, calibration_hash};
 use std::path::{Path, PathBuf};
 
@@ -294,7 +293,7 @@ fn calibrated<M: Mount>(mount: &MountedPose<M>, text: String) -> Calibrated<Rigi
 /// The last touch check of this tool's calibration in a store; none where it was not touched, or that touch was struck out.
 pub fn last_touch(store: &Store, hash: &str) -> Option<Verification> {
     let last = store.last_verification("tool").ok()??;
-    (last.struck.is_none() && last.calibration_hash == hash).then_some(last)
+    last.counts_for(hash).then_some(last)
 }
 
 /// Reads and checks a recipe.
@@ -411,7 +410,7 @@ pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<
     derive(&kept.teaching, &taught_recipe, kept.version, &|index| format!("taught corner {}", index + 1))
 }
 
-/// Derives panel and corners from what a teaching holds; `name` is a corner picture's in messages.
+/// Reads what a teaching holds and learns panel and corners from it; `name` is a corner picture's in messages.
 ///
 /// # Errors
 /// Where the scan shows no panel under the region, or pictures no corner: all of these are named.
@@ -430,25 +429,14 @@ pub fn derive(
     let mut problems = Vec::new();
     for (index, shot) in teaching.corners.iter().enumerate() {
         let camera = Intrinsics::check(kept, &teaching.flange_camera_text)?.camera;
-        let flange_from_camera =
-            MountedPose::<FlangeCameraMount>::check(kept, &teaching.flange_from_camera_text)?.rigid();
-        let base_from_flange: Rigid<Base, Flange> = shot.base_from_flange.to_rigid();
-        let panel_from_camera = panel_from_base_at_teaching() * base_from_flange * flange_from_camera;
+        let mount = MountedPose::<FlangeCameraMount>::check(kept, &teaching.flange_from_camera_text)?.rigid();
         let picture = files::read_measured(&shot.picture, &camera);
         let picture =
             picture.map_err(|error| Fault::TaughtCorner { number: index + 1, cause: error.to_string() })?;
-        let gray = picture.to_gray();
-        let seen_at = |scale_from: Point<Panel>| -> Result<TaughtCorner, Fault> {
-            let expected = panel_from_camera.inverse() * scale_from;
-            let found = corner::find_taught(&gray, (recipe.corner(), index), &camera, expected);
-            let reference_px = found.map_err(Fault::stage)?.corner_px;
-            panel.corner(CornerTeaching { reference_px, panel_from_camera }, &camera).map_err(Fault::stage)
-        };
-        // Where the corner is is known once it is found by the scale at the panel's middle; then by its own, as in a cycle:
-        // the edges' ends depend on the scale, and where they meet by a tenth of a pixel.
-        match seen_at(panel.centre()).and_then(|rough| seen_at(rough.point)) {
+        let view = (&picture, shot.base_from_flange.to_rigid());
+        match learn::corner(&panel, (recipe.corner(), index), view, (&camera, mount)) {
             Ok(corner) => corners.push(corner),
-            Err(fault) => problems.push(format!("{}: {fault}", name(index))),
+            Err(error) => problems.push(format!("{}: {error}", name(index))),
         }
     }
     if !problems.is_empty() {

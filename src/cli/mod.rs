@@ -22,6 +22,7 @@ mod follow;
 mod health;
 mod inspect;
 mod kept;
+mod label;
 mod labels;
 mod live;
 mod load;
@@ -93,6 +94,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Refine(args) => refine::run(args, common),
         Command::Inspect(args) => inspect::run(args, common),
         Command::Tune(args) => tune::run(args, common),
+        Command::Label(args) => label::run(args, common),
         Command::Plan(args) => plan::run(args, common),
         Command::Page(args) => page::run(args, common),
         Command::Store(args) => store::run(args, common),

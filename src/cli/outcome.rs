@@ -3,7 +3,7 @@
 use super::disk;
 use super::fault::Fault;
 use super::output::{print_line, tell_line};
-use crate::verdict::Judgement;
+use crate::verdict::{Check, Judgement};
 use serde_json::{Map, Value, json};
 use std::path::Path;
 use std::process::ExitCode;
@@ -28,6 +28,11 @@ impl Outcome {
         let reasons = judgement.reasons.iter().map(|reason| format!("  {} ({})", reason.message, reason.code));
         let words = std::iter::once(format!("verdict: {}", judgement.verdict.word())).chain(reasons).collect();
         Outcome { exit: judgement.verdict.exit_code(), json, words }
+    }
+
+    /// Adds the checks that the judgement is made from.
+    pub fn put_checks(&mut self, checks: &[Check]) {
+        self.put("checks", json!(checks));
     }
 
     /// Adds a value that scripts read.

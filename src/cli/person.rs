@@ -2,10 +2,11 @@
 //!
 //! `start` and `unhold --dried` are such words; nobody else could do it there.
 
-use crate::cycle::{At, Id, Refusal, Request, State};
-use crate::daemon::{Ask, Requests};
+use crate::cycle::{self, At, Id, Refusal, State};
+use crate::daemon::{Request, Requests, What};
 use crate::devices::world::SimulatedWorld;
-use crate::record::{CycleId, Who};
+use crate::record::CycleId;
+use crate::supervision::ThreadFault;
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 
@@ -26,20 +27,17 @@ impl<R> Person<R> {
 }
 
 impl<R: Requests> Requests for Person<R> {
-    fn next(&mut self, state: &State) -> Ask {
-        let ask = self.asks.next(state);
-        let unholds = matches!(ask, Ask::For(Request::Unhold { dried: true }));
-        if unholds && matches!(state.at, At::Held(_)) {
+    fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
+        let request = self.asks.next(state)?;
+        let unholds =
+            |request: &Request| matches!(request.what, What::Table(cycle::Request::Unhold { dried: true }));
+        if request.as_ref().is_some_and(unholds) && matches!(state.at, At::Held(_)) {
             self.dries();
         }
-        ask
+        Ok(request)
     }
 
-    fn who(&self) -> Who {
-        self.asks.who()
-    }
-
-    fn refused(&mut self, request: Request, refusal: Refusal) {
+    fn refused(&mut self, request: cycle::Request, refusal: Refusal) {
         self.asks.refused(request, refusal);
     }
 

@@ -4,6 +4,7 @@ use super::disk;
 use super::fault::Fault;
 use crate::files;
 use crate::geometry::ColorPicture;
+use crate::stages::Drawing;
 use std::path::{Path, PathBuf};
 
 /// Writes a picture as PNG into a folder.
@@ -14,4 +15,15 @@ pub fn save(folder: &Path, name: &str, picture: &ColorPicture) -> Result<PathBuf
     let file = folder.join(format!("{name}.png"));
     disk::write(&file, files::write_color_png(picture).map_err(Fault::stage)?)?;
     Ok(file)
+}
+
+/// Writes a stage's drawings.
+///
+/// # Errors
+/// Where one could not be drawn, or the disk refuses.
+pub fn save_all(folder: &Path, drawings: impl IntoIterator<Item = Drawing>) -> Result<(), Fault> {
+    for Drawing { name, picture, .. } in drawings {
+        save(folder, &name, &picture.map_err(Fault::stage)?)?;
+    }
+    Ok(())
 }

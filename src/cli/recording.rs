@@ -6,7 +6,7 @@ use super::load::{self, CellFiles, Taught};
 use crate::cell::{
     Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RobotCorrection, ScannerMount, ToolMount,
 };
-use crate::daemon::{Calibrations, RECORDING_FLOOR_MB, Recorded, Stands, ToRecord, free_mb, too_full};
+use crate::daemon::{Calibrations, RECORDING_FLOOR_MB, Recorded, RecordingPlan, Stands, free_mb, too_full};
 use crate::files::{read_flange, write_pose};
 use crate::geometry::{PinholeCamera, Rigid};
 use crate::recipe::Recipe;
@@ -23,11 +23,11 @@ pub fn of(
     file: Option<PathBuf>,
     files: &CellFiles,
     (assignment, calibrated): (&Assignment, &Calibrated),
-) -> Result<ToRecord, Fault> {
+) -> Result<RecordingPlan, Fault> {
     let teaching = files.store()?.taught(assignment.recipe.panel(), Some(&assignment.taught.version));
     let mut parts = texts(assignment, calibrated);
     parts.extend(taught_parts(&teaching.map_err(Fault::stage)?.teaching));
-    Ok(ToRecord { file, files: parts, calibrations: calibrated.values })
+    Ok(RecordingPlan { file, files: parts, calibrations: calibrated.values })
 }
 
 /// Looks whether a recording in this file, or without one in this store, could begin: before anything moves.

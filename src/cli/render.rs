@@ -3,7 +3,6 @@
 use super::args::{FilmName, Render, SceneName, real_arm};
 use super::disk;
 use super::fault::Fault;
-use super::labels;
 use super::live::FULL_WIDTH_PX;
 use super::outcome::Outcome;
 use super::output;
@@ -12,10 +11,11 @@ use crate::cell::{self, FlangeCameraMount, Intrinsics, MountedPose, ScannerMount
 use crate::files::{self, Clip, ClipEntry};
 use crate::geometry::{Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, Rigid, Tool};
 use crate::inspect::{Demands, Footprint};
+use crate::labels;
 use crate::panel::TaughtPanel;
 use crate::phase::Phase;
 use crate::recipe::Recipe;
-use crate::sim::{self, Film, FilmSpec, Grease, Place, SEARCH_BOX_MM, Scene};
+use crate::sim::{self, Film, FilmSpec, Grease, PanelPosition, SEARCH_BOX_MM, Scene};
 use crate::store::{Store, StoreError};
 use crate::verdict::{Judgement, Verdict};
 use rayon::prelude::*;
@@ -113,7 +113,7 @@ pub fn write(cell: &sim::Cell, folder: &Path, seconds: u32, progress: &dyn Fn(&s
     let rendered = write_taught_for(cell, folder, seconds, progress)?;
     progress("rendering the scan and the corner picture");
     disk::write(&rendered.file("scan.pcd"), files::write_pcd(&cell.scan()))?;
-    write_corner(cell, &rendered, Place::Displaced)?;
+    write_corner(cell, &rendered, PanelPosition::Displaced)?;
     progress("rendering the clip");
     let film = cell.film();
     write_clip(&film, &rendered.file("clip"), seconds)?;
@@ -156,7 +156,7 @@ fn write_taught_for(
     write_configuration(cell, &taught_scan, &rendered)?;
     render_boards::write_targets(cell, &rendered)?;
     disk::write(&rendered.file("taught_scan.pcd"), files::write_pcd(&taught_scan))?;
-    write_corner(cell, &rendered, Place::Nominal)?;
+    write_corner(cell, &rendered, PanelPosition::Nominal)?;
     Ok(rendered)
 }
 
@@ -295,12 +295,12 @@ fn plain_recipe(cell: &sim::Cell, seconds: u32) -> String {
     )
 }
 
-fn write_corner(cell: &sim::Cell, rendered: &Rendered, place: Place) -> Result<(), Fault> {
+fn write_corner(cell: &sim::Cell, rendered: &Rendered, place: PanelPosition) -> Result<(), Fault> {
     // The first without a number, as scripts know it.
     for (view, number) in cell.corner_views().iter().zip(["", "2", "3", "4"]) {
         let (taught, base_from_flange) = match place {
-            Place::Nominal => ("taught_", view.base_from_flange),
-            Place::Displaced => ("", cell.displaced_corner_pose(view)),
+            PanelPosition::Nominal => ("taught_", view.base_from_flange),
+            PanelPosition::Displaced => ("", cell.displaced_corner_pose(view)),
         };
         let picture =
             files::write_color_png(&cell.flange_picture(&base_from_flange, place)).map_err(Fault::stage)?;
@@ -342,7 +342,7 @@ fn write_clip(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
     disk::write(&folder.join("clip.csv"), clip.to_csv())
 }
 
-/// The pixels that broke, and when: see [`super::labels`].
+/// The pixels that broke, and when: see [`crate::labels`].
 fn write_truth(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
     let last_s = clip_times_s(seconds).last().copied().unwrap_or_default();
     let broken = film.broken(last_s);

@@ -13,9 +13,9 @@ use super::report::{self, Kept};
 use super::zivid;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
-    self, Beside, Desk, EndedCycle, Inbox, Letter, Letters, Loader, Order, RecordIn, Recorded, Recording,
-    Requests as _, Robot as _, Service, SharedCameras, Site, Socket, Started, StoreRecord, Taped, Taping,
-    WrittenPage,
+    self, EndedCycle, Gateway, Loader, PreparedCycle, RecordIn, Recorded, Recording, RecordingSwitch, Request,
+    RequestHandler, RequestQueue, RequestSender, Requests as _, Robot as _, Service, ServiceParts, SharedCameras,
+    Site, Socket, StartRequest, StoreRecord, Taped, WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::record::{CycleId, RecordingFile};
@@ -38,13 +38,13 @@ use std::thread::JoinHandle;
 pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let supervisor = Supervisor::default();
     supervisor.notice_panics();
-    let (tell, letters) = daemon::letters();
-    signals(tell.clone())?;
+    let (sender, queue) = daemon::request_queue();
+    signals(sender.clone())?;
     let files = Arc::new(CellFiles::read(common)?);
     files.require(Purpose::Cycle)?;
     let site = Site::new(&files.cell).map_err(Fault::stage)?;
     let calibrated = Calibrated::read(&files, common)?;
-    let Some(mut store) = opened(&files, (&tell, &letters))? else { return Ok(outcome(&State::NEW)) };
+    let Some(mut store) = opened(&files, (&sender, &queue))? else { return Ok(outcome(&State::NEW)) };
     let recovered = store.recover().map_err(Fault::stage)?;
     let (state, events) = (store.state().map_err(Fault::stage)?, store.lines().map_err(Fault::stage)?);
     tracing::info!(
@@ -54,44 +54,50 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let taken_by = cameras_by(&files)?;
     let mut live = Live::start(&files.cell, &calibrated.values, args.simulation)?;
     let world = live.world.clone();
-    let taping = Taping::new(files.store_folder(), live.robot.is_lock_step());
-    taping.watched_by(&supervisor);
+    let recording = RecordingSwitch::new(files.store_folder(), live.robot.is_lock_step());
+    recording.watched_by(&supervisor);
     let path = files.socket();
     supervisor.watch(live.robot.watched());
     let loader = loader((files.clone(), common.clone()), taken_by, world.clone());
     let cameras = SharedCameras::new(live.eyes, live.robot.last_state());
     let lent = Some(cameras.clone());
-    let socket = Socket::listen(&path, tell, (loader, lent.clone()), &supervisor).map_err(Fault::stage)?;
+    let gateway = Gateway::new(sender, loader, lent.clone());
+    let socket = Socket::listen(&path, gateway, &supervisor).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
     let written = WrittenPage::default();
     let pages = write_pages(files.clone(), pages, written.clone())?;
-    let beside =
-        Beside { taping: taping.clone(), supervisor: supervisor.clone(), pages: ended, written, cameras: lent };
-    let mut desk = Desk::new(letters, left_open, beside);
+    let parts = ServiceParts {
+        recording: recording.clone(),
+        supervisor: supervisor.clone(),
+        pages: ended,
+        written,
+        cameras: lent,
+    };
+    let mut handler = RequestHandler::new(queue, left_open, parts);
     // Also what an earlier start found, while nobody has cleared it.
     if recovered.at == (At::Aborted { cause: Cause::StoreChanged }) {
         let found = store.incidents().map_err(Fault::stage)?.pop().map_or(vec![], |incident| incident.found);
         let found: Vec<Reason> = found.into_iter().map(|words| Reason::new("store_changed", words)).collect();
-        desk.noted(&found);
+        handler.noted(&found);
     }
-    let mut person = Person { asks: desk, world };
+    let mut person = Person { asks: handler, world };
     let (again, whole) = (files.clone(), common.clone());
     let keep = daemon::keeper(&store).map_err(Fault::stage)?;
     let mut record = StoreRecord::new(&mut store, left_open);
     let service = Service {
-        robot: &mut Taped::new(&mut live.robot, taping.clone()),
-        eyes: Box::new(Taped::new(Box::new(cameras), taping.clone())),
+        robot: &mut Taped::new(&mut live.robot, recording.clone()),
+        eyes: Box::new(Taped::new(Box::new(cameras), recording.clone())),
         readable: Box::new(move || Calibrated::read(&again, &whole).err().iter().map(unreadable).collect()),
         keep,
-        record: &mut Taped::new(&mut record, taping.clone()),
-        requests: &mut Taped::new(&mut person, taping.clone()),
+        record: &mut Taped::new(&mut record, recording.clone()),
+        requests: &mut Taped::new(&mut person, recording.clone()),
         supervisor,
     };
     let ended = daemon::serve(site, service, state);
     // One that is still open belongs to a loop that failed: the very one to look at.
-    if let Some(recorded) = taping.finish() {
+    if let Some(recorded) = recording.finish() {
         tracing::info!("{}", recorded.message);
     }
     let ended = ended.map_err(Fault::of_loop)?;
@@ -104,30 +110,31 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
 
 /// Opens the store. On a disk that is full to the last byte the service starts all the same: it answers, refuses whatever is
 /// asked, says what to delete, and goes on once there is room. None where a signal ends it before.
-fn opened(files: &CellFiles, (tell, letters): (&Letters, &Inbox)) -> Result<Option<Store>, Fault> {
+fn opened(files: &CellFiles, (sender, queue): (&RequestSender, &RequestQueue)) -> Result<Option<Store>, Fault> {
     let full = match Store::create(files.store_folder()) {
         Err(error @ StoreError::Full { .. }) => error.to_string(),
         opened => return opened.map(Some).map_err(Fault::stage),
     };
-    let refuse: Arc<Loader> = Arc::new(move |_: Started| Err(vec![Reason::new("disk_full", full.clone())]));
-    let socket = Socket::listen(&files.socket(), tell.clone(), (refuse, None), &Supervisor::default());
+    let refuse: Arc<Loader> = Arc::new(move |_: StartRequest| Err(vec![Reason::new("disk_full", full.clone())]));
+    let gateway = Gateway::new(sender.clone(), refuse, None);
+    let socket = Socket::listen(&files.socket(), gateway, &Supervisor::default());
     if let Err(error) = &socket {
         tracing::warn!("nobody can ask meanwhile: {error}");
     }
     // What else goes wrong ends the waiting.
-    let opened = daemon::wait_for(letters, || match Store::create(files.store_folder()) {
+    let opened = daemon::wait_for(queue, || match Store::create(files.store_folder()) {
         Err(error @ StoreError::Full { .. }) => Err(Reason::new("disk_full", error.to_string())),
         opened => Ok(opened),
     });
     opened.transpose().map_err(Fault::stage)
 }
 
-/// Signals come to the desk, however many there are.
-fn signals(tell: Letters) -> Result<(), Fault> {
+/// Each signal becomes a request, however many there are.
+fn signals(sender: RequestSender) -> Result<(), Fault> {
     let mut signals = Signals::new([SIGTERM, SIGINT]).map_err(Fault::stage)?;
     let each = move || {
         for _ in signals.forever() {
-            if tell.send(Letter::Signal).is_err() {
+            if sender.send(Request::signal()).is_err() {
                 return;
             }
         }
@@ -214,7 +221,7 @@ fn loader(
     world: Option<SimulatedWorld>,
 ) -> Arc<Loader> {
     let one_at_a_time = Mutex::new(());
-    Arc::new(move |Started { recipe: name, text, record, part }| {
+    Arc::new(move |StartRequest { recipe: name, text, record, part }| {
         // A file on a disk that hangs must not take the places of those who ask for a stop.
         let Ok(_turn) = one_at_a_time.try_lock() else {
             return Err(vec![Reason::new("busy", "another start is being read; ask again when it was answered")]);
@@ -247,9 +254,9 @@ fn loader(
                     Some(recording::of(file, &files, (&assignment, &calibrated))?)
                 }
             };
-            let mut order = Order { record, ..assignment.order(&calibrated)? };
-            order.start.recording = named;
-            Ok(order)
+            let mut prepared = PreparedCycle { recording: record, ..assignment.prepared(&calibrated)? };
+            prepared.start.recording = named;
+            Ok(prepared)
         };
         load().map_err(|fault| vec![Reason::new("bad_input", fault.to_string())])
     })

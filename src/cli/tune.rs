@@ -1,13 +1,12 @@
 //! `panelprep tune`: what a clip says about light and the settings of the method in use.
 
 use super::args::{Common, Tune};
-use super::disk;
 use super::fault::Fault;
 use super::inspect::Placed;
-use super::labels::Labels;
+use super::labels::{Labels, read_clip};
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;
-use crate::files::{self, ClipEntry};
+use crate::files::ClipEntry;
 use crate::geometry::ColorPicture;
 use crate::inspect::{Advice, Demands, GridContrast, Sampler, Watch, best_threshold, too_coarse};
 use crate::phase::Phase;
@@ -33,7 +32,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     let placed = Placed::read(&files, args.located.as_ref())?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let list = args.clip.join("clip.csv");
-    let clip = files::read_clip(&disk::read(&list)?).map_err(|error| Fault::file(&list, error))?;
+    let clip = read_clip(&args.clip)?;
     let picture = |shot: &ClipEntry| load::picture(&args.clip.join(&shot.file), &placed.camera);
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
     let demands = Demands::of(&recipe, files.cell.limits());
@@ -62,7 +61,8 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
         let message = "it has no picture of phase dry, or none of phase wet; without both nothing is compared";
         return Err(Fault::file(&list, std::io::Error::other(message)));
     };
-    let truth = args.truth.as_deref().map(Labels::read).transpose()?.map(|labels| labels.mask);
+    let labels = args.truth.as_deref().map(|folder| Labels::read(folder, &args.clip)).transpose()?;
+    let truth = labels.map(|labels| labels.mask);
     if settings.method() == Method::Film {
         let mut flashes = sampler.flashes(settings, truth.as_ref());
         for shot in of(Phase::Wet) {

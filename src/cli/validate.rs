@@ -1,11 +1,11 @@
 //! `panelprep inspect --truth DIR`: a labelled set, scored as a whole.
 //!
-//! Each folder in DIR that holds a `clip.csv` is a clip, with its labels in `truth`. What is asked of a place that truly
+//! Each folder in DIR that holds a `clip.csv` is a clip, with its labels in `truth` or, where a person made them, beside its pictures. What is asked of a place that truly
 //! broke: was half of it found, and how late were its first 10 mm² broken? A place is a connected piece of the mask.
 
 use super::fault::Fault;
-use super::inspect::{Inspected, Placed, stage};
-use super::labels::Labels;
+use super::inspect::{Inspected, Placed, inspect};
+use super::labels::{self, Labels};
 use super::load::Taught;
 use super::outcome::Outcome;
 use super::output;
@@ -58,9 +58,9 @@ pub fn run(
     let mut rows = Vec::with_capacity(clips.len());
     for clip in &clips {
         output::tell_line(&clip.display().to_string());
-        let truth = clip.join("truth");
-        let inspected = stage(taught, clip, placed, recipe, demands, Some(&truth))?;
-        rows.push(row(clip, &inspected, &Labels::read(&truth)?)?);
+        let truth = labels::folder_of(clip)?;
+        let inspected = inspect(&placed.setup(taught, recipe, demands), clip, placed.is_assumed, Some(&truth))?;
+        rows.push(row(clip, &inspected, &Labels::read(&truth, clip)?)?);
     }
     let mut outcome = told(&rows);
     if let Some(pictures) = pictures {
@@ -83,7 +83,7 @@ fn clips(folder: &Path) -> Result<Vec<PathBuf>, Fault> {
 }
 
 fn row(clip: &Path, inspected: &Inspected, labels: &Labels) -> Result<Row, Fault> {
-    let inspection = &inspected.inspection;
+    let inspection = &inspected.filmed.inspection;
     let (Some((whole, grids)), footprint) = (inspected.score, &inspection.footprint) else {
         return Err(Fault::file(clip, std::io::Error::other("it has no labels")));
     };

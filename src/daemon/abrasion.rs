@@ -2,20 +2,23 @@
 
 use super::computing::Note;
 use super::ports::Record;
-use super::reaching::Approached;
-use super::routes::waypoints;
-use super::sight::{Sight, grade, reason};
-use super::trace::Trace;
-use super::{DaemonError, Job, figures, findings, reaching};
+use super::sight::{Sight, figure, figure_alone, grade, reason, view};
+use super::{DaemonError, Job};
 use crate::cycle::{Answer, Grade, Trouble};
 use crate::files::content_hash;
 use crate::panel::GridId;
+use crate::path::approach::Approach;
 use crate::path::disc::DiscUse;
-use crate::path::dwell::{self, Dwell};
-use crate::path::{self, Kinematics, Plan, panel_reach, touching};
+use crate::path::routes::waypoints;
+use crate::path::trace::Trace;
+use crate::path::{Kinematics, Plan, dwell, touching};
 use crate::record::{Budget, EarlierPass, Kind, PASSES_USED, Reached};
+use crate::stages::abrade::{self, Progress};
+use crate::stages::plan::{self, Planned, Reach};
+use crate::stages::rejected;
+use crate::stages::survey::{self, ToolState};
 use crate::surface::{self, Fit};
-use crate::verdict::{Judgement, Reason};
+use crate::verdict::Reason;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -36,11 +39,6 @@ pub(super) struct Abrasion {
     /// Where the tool was in earlier cycles of this panel, or may have been.
     pub earlier: Vec<EarlierPass>,
 }
-
-/// A report may lie this far beside the planned lines where they are straight, mm: what the drives leave.
-const OFF_PATH_MM: f64 = 1.0;
-/// An executed grid may be covered by so much less than planned: reports are some millimetres apart.
-const SHORT_OF_PLAN: f64 = 0.01;
 
 impl Abrasion {
     /// The plan with this number.
@@ -77,20 +75,22 @@ impl Abrasion {
     pub fn survey(
         &mut self,
         job: &Job<'_>,
-        (pass, found, panel): (u8, Grade, &Approached<'_>),
+        (pass, found, panel): (u8, Grade, &Approach<'_>),
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
         let fit = match self.fitted(job, record)? {
             Ok(fit) => fit,
             Err(reason) => {
-                record.finding(&findings::rejected(Kind::Reach, pass, reason))?;
+                record.finding(&rejected(Kind::Reach, pass, reason))?;
                 return Ok(Answer::Graded(Grade::Reject));
             }
         };
-        let (grids, judgement) = reaching::survey(job, &fit, panel, self.worn_mm2);
-        let own = grade(&judgement);
-        record.figure(&figures::surface(&fit.map))?;
-        record.finding(&findings::surveyed(&fit.deviation, &grids, (pass, judgement), job))?;
+        let kinematics = Kinematics::new(job.arm);
+        let stand = job.tour().stand(&kinematics, panel);
+        let surveyed = survey::survey((job.panel, &fit), stand, job.recipe, self.tool(job));
+        let own = grade(&surveyed.judgement);
+        record.figure(&figure_alone(survey::drawn_surface(&fit.map)))?;
+        record.finding(&surveyed.finding(pass, &fit.deviation, (job.panel, job.recipe)))?;
         record.budget(&Budget { fit_mm: Some(fit.deviation.p95_mm), ..Budget::default() })?;
         let both = if own == Grade::Accept { found } else { own };
         Ok(Answer::Graded(both))
@@ -105,7 +105,7 @@ impl Abrasion {
             Ok(fit) => Ok(Ok(self.fit.insert(Arc::new(fit)).clone())),
             Err(refusal) => {
                 if let Some(map) = &refusal.map {
-                    record.figure(&figures::surface(map))?;
+                    record.figure(&figure_alone(survey::drawn_surface(map)))?;
                 }
                 Ok(Err(reason("no_surface", &refusal.error)))
             }
@@ -133,27 +133,26 @@ impl Abrasion {
         if grids.is_empty() && worn.is_empty() {
             return Ok(Answer::Planned { plan: 0, waypoints: 0 });
         }
-        let Some(panel) = sight.approached() else { return Ok(Answer::Failed(Trouble::Unexpected)) };
+        let Some(panel) = sight.approach() else { return Ok(Answer::Failed(Trouble::Unexpected)) };
         let place = panel.base_from_panel;
         let planned = if grids.is_empty() {
             Err(self.passes_used(&worn, most))
         } else {
             self.fitted(job, record)?.and_then(|fit| self.over(job, (&fit, &grids), &panel))
         };
-        let Planned { plan, reached, disc, judgement } = match planned {
+        let planned = match planned {
             Ok(planned) => planned,
             Err(reason) => {
-                record.finding(&findings::rejected(Kind::Plan, pass, reason))?;
+                record.finding(&rejected(Kind::Plan, pass, reason))?;
                 return Ok(Answer::Graded(Grade::Reject));
             }
         };
-        let grade = grade(&judgement);
+        let grade = grade(&planned.judgement);
         if let Some(film) = &sight.film_picture {
-            record.figure(&figures::planned(job, &plan, film, place))?;
+            record.figure(&figure(planned.drawn(job.panel, &view(job, film, place)), film))?;
         }
-        let evidence = (&plan, reached.as_ref(), &disc);
         let earlier = self.counted_before(&grids);
-        let finding = findings::planned(evidence, &grids, (pass, judgement), job);
+        let finding = planned.finding(pass, &grids);
         record.finding(&match earlier.is_empty() {
             true => finding,
             false => finding.detail("abraded in earlier cycles, counted", earlier),
@@ -161,7 +160,7 @@ impl Abrasion {
         if grade == Grade::Reject {
             return Ok(Answer::Graded(grade));
         }
-        let (plan, waypoints) = self.keep(plan);
+        let (plan, waypoints) = self.keep(planned.plan);
         Ok(match grade {
             Grade::Accept => Answer::Planned { plan, waypoints },
             _ => Answer::PlannedForReview { plan, waypoints },
@@ -209,27 +208,17 @@ impl Abrasion {
         &self,
         job: &Job<'_>,
         (fit, grids): (&Fit, &[GridId]),
-        panel: &Approached<'_>,
+        panel: &Approach<'_>,
     ) -> Result<Planned, Reason> {
-        let (taught, settings) = (job.panel, job.recipe.path());
-        let holes = fit.map.holes(&taught.region, settings.lift_hole_mm());
-        let around = (taught.outline.as_slice(), &holes);
-        let plan = path::plan_around(&fit.surface, &taught.region, grids, around, settings)
-            .map_err(|error| reason("no_path", &error))?;
-        let arm = Kinematics::new(job.arm);
-        let reached = panel_reach::of_plan(&plan, &reaching::stand(job, &arm, panel)?, settings);
-        let disc = DiscUse::of(&plan, settings, self.worn_mm2);
-        let worn = disc.change("this path").into_iter().collect();
-        let judgement = panel_reach::judge_plan(&reached, (&fit.surface, &taught.region))
-            .and(path::judge(&plan, settings))
-            .and(path::judge_pad(settings, job.limits.tool_error_mm()))
-            .and(Judgement::of(vec![], worn));
-        let reached = reached.ok();
-        let plan = match &reached {
-            Some(reached) => panel_reach::turned(&plan, reached.spin),
-            None => plan,
-        };
-        Ok(Planned { plan, reached, disc, judgement })
+        let on = (job.panel, fit);
+        let plan = plan::lay(on, grids, job.recipe).map_err(|error| reason("no_path", &error))?;
+        let kinematics = Kinematics::new(job.arm);
+        let reach = Reach::From(job.tour().stand(&kinematics, panel)?);
+        Ok(plan::judge(plan, on, reach, job.recipe, self.tool(job)))
+    }
+
+    fn tool(&self, job: &Job<'_>) -> ToolState {
+        ToolState { error_mm: job.limits.tool_error_mm(), worn_mm2: self.worn_mm2 }
     }
 
     /// Keeps a plan: its number, and its waypoints after the air point of the approach.
@@ -252,62 +241,22 @@ impl Abrasion {
         (all, done): (u32, u32),
     ) -> (Vec<Note>, f64) {
         let (Some(fit), Some((_, plan))) = (self.fit.clone(), &self.plan) else { return (Vec::new(), 0.0) };
-        let settings = job.recipe.path();
-        let disc_mm = settings.disc_diameter_mm();
-        // A rounded corner leaves the lines by less than its rounding.
-        let off_mm = OFF_PATH_MM + settings.blend_share() * settings.waypoint_spacing_mm();
-        let walked = trace.walked(&waypoints(plan), done);
-        let planned: Vec<GridId> = plan.grids.iter().map(|grid| grid.id).collect();
-        let region = &job.panel.region;
-        let dwell = dwell::simulate(&fit.surface, region, &planned, &walked.poses, disc_mm / 2.0);
-        let (whole, begun) = judged(plan, &dwell, done);
-        for grid in whole.iter().chain(&begun) {
+        let (on, progress) = ((&fit.surface, &job.panel.region), Progress { waypoints: all, done });
+        let abraded = abrade::abraded(plan, on, job.recipe.path(), (trace, progress));
+        for grid in abraded.whole.iter().chain(&abraded.begun) {
             let (times, last) = self.touched.entry(*grid).or_insert((0, 0));
             *times += usize::from(*last != pass);
             *last = pass;
         }
-        self.done.extend(whole.iter().map(|grid| (*grid, pass)));
-        let finding =
-            findings::abraded((pass, self.most_passes), (all, done), (&whole, &begun), (&walked, &dwell), off_mm);
-        let figures = figures::dwelt(job, &dwell).map(Note::Figure);
+        self.done.extend(abraded.whole.iter().map(|grid| (*grid, pass)));
+        let figures = abraded.drawn(&job.panel.region).map(|drawing| Note::Figure(figure_alone(drawing)));
+        let finding = abraded.finding(pass, self.most_passes);
         let notes = figures.into_iter().chain([Note::Finding(finding)]).collect();
-        (notes, walked.contact_mm * disc_mm)
+        (notes, abraded.swept_mm2)
     }
 
     /// In how many passes each grid was touched.
     pub fn passes(&self) -> impl Iterator<Item = (GridId, usize)> + '_ {
         self.touched.iter().map(|(grid, (times, _))| (*grid, *times))
     }
-}
-
-/// A plan with every gate's word on it.
-struct Planned {
-    plan: Plan,
-    reached: Option<panel_reach::Reached>,
-    disc: DiscUse,
-    judgement: Judgement,
-}
-
-/// Of the areas that were begun, the grids that were covered as planned, and the others.
-fn judged(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<GridId>) {
-    // Waypoints are counted from the second one on.
-    let executed = done as usize + 1;
-    let mut before = 0;
-    let (mut whole, mut begun) = (Vec::new(), Vec::new());
-    for path in &plan.paths {
-        let reached = executed.saturating_sub(before);
-        let touched = path.waypoints.iter().take(reached).any(|waypoint| waypoint.contact);
-        before += path.waypoints.len();
-        for id in path.grids.iter().filter(|_| touched) {
-            let planned = plan.grids.iter().find(|grid| grid.id == *id).map_or(1.0, |grid| grid.share());
-            let found = dwell.of_grid(*id).map_or(0.0, |grid| grid.share());
-            // Of an area that was cut short, the grids that the disc did not come to.
-            if found <= 0.0 {
-                continue;
-            }
-            let grids = if found >= planned - SHORT_OF_PLAN { &mut whole } else { &mut begun };
-            grids.push(*id);
-        }
-    }
-    (whole, begun)
 }

@@ -6,15 +6,6 @@ use crate::cycle::{Event, Refusal, Request};
 use crate::record::{Answer, Asked, Clock, Front, Wanted, Who};
 use crate::verdict::Reason;
 
-/// Whom a request is from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Asker {
-    /// Who asked last.
-    Last,
-    /// Nobody asked now.
-    Program,
-}
-
 impl Running<'_> {
     /// After an event's effects: what was asked by it, and whether it was refused. A reset that fails on its way is a
     /// line of its own, since it was taken before.
@@ -30,15 +21,15 @@ impl Running<'_> {
         let why = |request, refusal| (answer(refusal), vec![words::refusal(request, refusal, &self.state)]);
         match (event, refused) {
             (Event::Asked(request), None) => {
-                self.keep_asked(Wanted::For(request), Asker::Last, (Answer::Done, vec![]))
+                self.keep_asked(Wanted::For(request), self.requester.clone(), (Answer::Done, vec![]))
             }
             (Event::Asked(request), Some((_, refusal))) => {
                 let came = why(request, refusal);
-                self.keep_asked(Wanted::For(request), Asker::Last, came)
+                self.keep_asked(Wanted::For(request), self.requester.clone(), came)
             }
             (Event::Told(_), Some((request, refusal))) => {
                 let came = why(request, refusal);
-                self.keep_asked(Wanted::For(request), Asker::Program, came)
+                self.keep_asked(Wanted::For(request), Who::by(Front::Program), came)
             }
             (Event::Told(_), None) => Ok(()),
         }
@@ -48,13 +39,9 @@ impl Running<'_> {
     pub(super) fn keep_asked(
         &mut self,
         wanted: Wanted,
-        asker: Asker,
+        who: Who,
         (answer, reasons): (Answer, Vec<Reason>),
     ) -> Result<(), DaemonError> {
-        let who = match asker {
-            Asker::Last => self.ports.requests.who(),
-            Asker::Program => Who::by(Front::Program),
-        };
         let asked = Asked { unix_ms: 0, wanted, who: Some(who), answer: Some(answer), reasons };
         Ok(self.ports.record.asked(&asked)?)
     }
@@ -64,12 +51,12 @@ impl Running<'_> {
         if self.state.at.rests() {
             self.ports.record.mount_disc()?;
             self.ports.requests.disc_mounted();
-            return self.keep_asked(Wanted::NewDisc, Asker::Last, (Answer::Done, vec![]));
+            return self.keep_asked(Wanted::NewDisc, self.requester.clone(), (Answer::Done, vec![]));
         }
         let message = "a disc is changed where the cell rests, held, idle or stopped";
         let reasons = vec![Reason::new("not_now", message)];
         self.ports.requests.unable(reasons.clone());
-        self.keep_asked(Wanted::NewDisc, Asker::Last, (Answer::Refused, reasons))
+        self.keep_asked(Wanted::NewDisc, self.requester.clone(), (Answer::Refused, reasons))
     }
 
     /// Keeps what the clock says: where a cycle begins, and where it is concluded.

@@ -1,43 +1,36 @@
-//! Who asks: the user at the other end of the socket, by number and name.
+//! Who requests something: the operating system's user at the other end of a connection, by number and name.
 
 use crate::disk;
-use std::fmt;
+use crate::record::{Front, Who};
 use std::os::fd::AsFd;
 use std::path::Path;
 
-/// A user, as the system knows the other end of a connection.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Caller {
-    /// The user's number; `None` where the system does not say.
-    pub uid: Option<u32>,
-    /// The user's name; `None` where the number has none on this computer.
-    pub user: Option<String>,
+/// The user at the other end of this connection to the service's socket, still without a name.
+pub(super) fn at_socket(connection: impl AsFd) -> Who {
+    let uid = rustix::net::sockopt::socket_peercred(connection).ok().map(|peer| peer.uid.as_raw());
+    Who { front: Front::Socket, uid, user: None }
 }
 
-impl Caller {
-    /// The user at the other end of this connection, without a name.
-    pub fn of(connection: impl AsFd) -> Self {
-        let uid = rustix::net::sockopt::socket_peercred(connection).ok().map(|who| who.uid.as_raw());
-        Caller { uid, user: None }
-    }
-
-    /// The same with the name.
-    pub fn named(self) -> Self {
-        Caller { user: self.uid.and_then(name), ..self }
-    }
+/// The user who runs this program, with a command that runs one cycle or clears an abort.
+pub fn whoever_runs_this() -> Who {
+    named(Who { front: Front::Command, uid: Some(rustix::process::getuid().as_raw()), user: None })
 }
 
-impl fmt::Display for Caller {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match (&self.user, self.uid) {
-            (Some(user), Some(uid)) => write!(f, "{user} (uid {uid})"),
-            (None, Some(uid)) => write!(f, "uid {uid}"),
-            (_, None) => f.write_str("an unknown user"),
-        }
+/// The same with the user's name, where this computer's list of users has one.
+pub(super) fn named(who: Who) -> Who {
+    Who { user: who.uid.and_then(name), ..who }
+}
+
+/// A user in a line of the log: `anna (uid 1001)`.
+pub(super) fn in_log(who: &Who) -> String {
+    match (&who.user, who.uid) {
+        (Some(user), Some(uid)) => format!("{user} (uid {uid})"),
+        (None, Some(uid)) => format!("uid {uid}"),
+        (_, None) => "an unknown user".to_owned(),
     }
 }
 
-/// The name that this computer's list of users has for a number. A directory service is not asked: it may hang.
+/// The name that the list of users has for a number. A directory service is not asked, since it may hang.
 fn name(uid: u32) -> Option<String> {
     let list = disk::read(Path::new("/etc/passwd")).ok()?;
     name_in(&String::from_utf8_lossy(&list), uid)
@@ -61,9 +54,10 @@ mod tests {
     fn a_number_is_told_by_its_name() {
         let list =
             "root:x:0:0:root:/root:/bin/bash\nbroken\nanna:x:1001:1001:Anna:/home/anna:/bin/sh\n:x:7:7::/:\n";
-        let caller = |uid| Caller { uid: Some(uid), user: name_in(list, uid) }.to_string();
-        assert_eq!((caller(0), caller(1_001)), ("root (uid 0)".to_owned(), "anna (uid 1001)".to_owned()));
-        assert_eq!((caller(7), caller(5)), ("uid 7".to_owned(), "uid 5".to_owned()), "no name, no such user");
-        assert_eq!(Caller { uid: None, user: None }.to_string(), "an unknown user");
+        let who = |uid| Who { front: Front::Socket, uid, user: uid.and_then(|uid| name_in(list, uid)) };
+        let told = |uid| in_log(&who(Some(uid)));
+        assert_eq!((told(0), told(1_001)), ("root (uid 0)".to_owned(), "anna (uid 1001)".to_owned()));
+        assert_eq!((told(7), told(5)), ("uid 7".to_owned(), "uid 5".to_owned()), "no name, no such user");
+        assert_eq!(in_log(&who(None)), "an unknown user");
     }
 }

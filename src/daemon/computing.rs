@@ -8,7 +8,7 @@
 use super::abrasion::Abrasion;
 use super::ports::{Eyes, Figure, Finding, Keeper, Kept, Record, RecordError};
 use super::sight::{Filming, Sight};
-use super::{DaemonError, Job, Site, Task};
+use super::{CycleSetup, DaemonError, Job, Site};
 use crate::cycle::{Act, Answer, Grade, Id, Trouble};
 use crate::files::ClipEntry;
 use crate::geometry::{ColorPicture, Frame, KukaPose, Rigid};
@@ -175,7 +175,7 @@ impl Work {
 
     /// Where the corner says that the panel's place is good: whether the arm reaches it, before it is wetted.
     fn surveyed(&mut self, job: &Job<'_>, answer: Answer, notes: &mut Notes) -> Result<Answer, DaemonError> {
-        match (answer, self.sight.approached()) {
+        match (answer, self.sight.approach()) {
             (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(panel)) => {
                 self.abrasion.survey(job, (self.pass, grade, &panel), notes)
             }
@@ -222,7 +222,7 @@ pub(super) enum Computing<'p> {
 
 /// The thread and what it was given.
 pub(super) struct Aside {
-    orders: Sender<(Work, Option<Arc<Task>>)>,
+    orders: Sender<(Work, Option<Arc<CycleSetup>>)>,
     results: Receiver<Worked>,
     under_way: VecDeque<Id>,
     /// Of the first of these, once it is there.
@@ -245,7 +245,7 @@ impl<'p> Computing<'p> {
         steps_back: bool,
         supervisor: &Supervisor,
     ) -> std::io::Result<Self> {
-        let (orders, taken) = mpsc::channel::<(Work, Option<Arc<Task>>)>();
+        let (orders, taken) = mpsc::channel::<(Work, Option<Arc<CycleSetup>>)>();
         let (tell, results) = mpsc::channel();
         let (sign, watched) = supervised("computing", LONGEST_WORK);
         let serve = move || {
@@ -271,7 +271,7 @@ impl<'p> Computing<'p> {
     }
 
     /// Has it done; `task` is what the service's cycle works by.
-    pub fn submit(&mut self, work: Work, task: Option<Arc<Task>>) {
+    pub fn submit(&mut self, work: Work, task: Option<Arc<CycleSetup>>) {
         match self {
             Computing::Here { orders, .. } => orders.push_back(work),
             Computing::Aside(aside) => {

@@ -6,28 +6,15 @@
 //! until each chosen corner was seen, and in the first loop until each stood where it was looked for. The corners that hold
 //! the place after the first loop are the ones that the second must see: what one of them alone says is not enough then.
 
-mod after_view;
-
-use super::figures::{self, Sighting};
 use super::ports::{Eyes, Record};
-use super::sight::{MISSING, Sight, blind, grade, reason, unseen};
-use super::{DaemonError, Job, findings};
+use super::sight::{MISSING, Sight, blind, figure, grade, reason, unseen};
+use super::{DaemonError, Job};
 use crate::cycle::{Answer, Grade};
 use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid};
-use crate::locate::corner;
-use crate::locate::refine::{self, CornerView, Refined};
-use crate::panel::TaughtCorner;
 use crate::record::Kind;
-use crate::verdict::{Judgement, Reason};
-use after_view::Loop;
-
-/// Corners that are looked at, at most.
-const MOST: usize = 2;
-
-/// How many corners a loop looks at where all can be.
-pub(super) fn most(job: &Job<'_>) -> usize {
-    MOST.min(job.recipe.corner().max_moves() + 1).min(job.corners.len())
-}
+use crate::stages::Drawing;
+use crate::stages::corners::{Progress, Sighting, Taught, most};
+use crate::verdict::Reason;
 
 /// The corners of a loop; indices count the taught ones.
 #[derive(Debug, Default, Clone)]
@@ -39,19 +26,11 @@ pub(super) struct Corners {
     /// No other's move passes the gate.
     no_more: bool,
     /// The last picture of each.
-    seen: Vec<Seen>,
+    seen: Vec<Sighting>,
     /// Those by which the place was corrected, once that is done.
     held: Vec<usize>,
     /// Those whose moves did not pass the gate since the loop began, and why.
     left_out: Vec<(usize, String)>,
-}
-
-/// A corner's picture, and the place by which the camera was sent there.
-#[derive(Debug, Clone, Copy)]
-struct Seen {
-    corner: usize,
-    sighting: Sighting,
-    looked_for: Rigid<Base, Panel>,
 }
 
 impl Corners {
@@ -114,7 +93,7 @@ impl Corners {
 
     /// How many corners are to be seen.
     fn wanted(&self, job: &Job<'_>) -> usize {
-        let all = if self.held.is_empty() { most(job) } else { self.held.len() };
+        let all = if self.held.is_empty() { most(job.recipe.corner(), job.corners.len()) } else { self.held.len() };
         if self.no_more { self.chosen.len().min(all) } else { all }
     }
 
@@ -143,36 +122,21 @@ impl Corners {
         })
     }
 
-    fn see(&mut self, view: u8, seen: Seen) {
+    fn see(&mut self, view: u8, seen: Sighting) {
         if view == 0 {
             self.seen.clear();
         }
         self.seen.retain(|other| other.corner != seen.corner);
         self.seen.push(seen);
     }
+}
 
-    /// What all pictures together say about a place.
-    fn refined(&self, job: &Job<'_>, place: Rigid<Base, Panel>) -> Result<Refined, Reason> {
-        let view = |seen: &Seen| {
-            let Sighting { base_from_camera, found_px, .. } = seen.sighting;
-            Some(CornerView {
-                corner: seen.corner,
-                taught: job.corners.get(seen.corner)?,
-                base_from_camera,
-                found_px,
-            })
-        };
-        let views: Vec<CornerView<'_>> = self.seen.iter().filter_map(view).collect();
-        refine::refine(place, &job.calibrations.flange_camera, &views)
-            .map_err(|error| reason("not_in_view", &error))
-    }
+fn taught<'a>(job: &'a Job<'_>) -> Taught<'a> {
+    Taught { corners: job.corners, camera: &job.calibrations.flange_camera, limits: job.recipe.corner() }
+}
 
-    /// How far a corner's new place is from the one that the camera was sent to, at most, mm.
-    fn step_mm(&self, refined: &Refined) -> f64 {
-        let step_mm = |seen: &Seen| refined.base_from_panel.distance_at_mm(seen.looked_for, seen.sighting.corner);
-        // Without its sign what is not a number counts as the most.
-        self.seen.iter().map(|seen| step_mm(seen).abs()).max_by(f64::total_cmp).unwrap_or(f64::NAN)
-    }
+fn not_in_view(error: impl std::error::Error) -> Reason {
+    reason("not_in_view", &error)
 }
 
 impl Sight {
@@ -190,37 +154,35 @@ impl Sight {
             Err(error) => return blind(Kind::Refine, 0, &error, record),
         };
         record.picture(&format!("corner{moves}"), &picture)?;
-        let looked = self.look((job, moves), &picture, (place, base_from_camera));
-        let (sighting, whole) = match looked.and_then(|it| Ok((it, self.corners.refined(job, located)?))) {
+        let claims_mm = self.located_mm.zip(job.calibrations.hand_eye_mm).map(<[f64; 2]>::from);
+        let looked = self.look((job, moves), &picture, (place, base_from_camera)).and_then(|sighting| {
+            let progress = Progress { moves: usize::from(moves), is_missing: self.corners.is_missing(job) };
+            let claims = (claims_mm, Some(progress));
+            let correction = taught(job).refine(located, &self.corners.seen, claims).map_err(not_in_view)?;
+            Ok((sighting, correction))
+        });
+        let (sighting, correction) = match looked {
             Ok(seen) => seen,
             Err(reason) => return self.unseen_corner((Kind::Refine, 0), (reason, &picture), record),
         };
-        let (limits, step_mm) = (job.recipe.corner(), self.corners.step_mm(&whole));
-        let claims_mm = self.located_mm.zip(job.calibrations.hand_eye_mm);
-        let loop_is = Loop {
-            is_missing: self.corners.is_missing(job),
-            is_last: usize::from(moves) >= limits.max_moves(),
-            step_mm,
-        };
-        let judgement = loop_is.judged(&whole, claims_mm.map(<[f64; 2]>::from), limits);
-        let (grade, is_done) = (grade(&judgement), loop_is.is_done(limits));
-        let which = self.corners.aimed + 1;
-        let before =
-            figures::corner(job, &picture, (sighting, place), (which, "corner_before", "before the correction"));
-        let after = (sighting, whole.base_from_panel);
-        let after = figures::corner(job, &picture, after, (which, "corner_after", "after the correction"));
-        for figure in before.iter().chain(&after) {
-            record.figure(figure)?;
+        let corrected = correction.refined.base_from_panel;
+        for (place, title) in [
+            (place, ("corner_before", "before the correction")),
+            (corrected, ("corner_after", "after the correction")),
+        ] {
+            if let Some(drawing) = taught(job).drawn((&sighting, &picture), place, title) {
+                record.figure(&figure(drawing, &picture))?;
+            }
         }
-        let left_out = self.corners.left_out();
-        let views = (moves, step_mm, is_done || loop_is.is_last);
-        record.finding(&findings::refined(&whole, judgement, views, &left_out, job))?;
-        self.place = Some(whole.base_from_panel);
-        let answer = loop_is.answer(grade, limits);
-        if answer != Answer::LookOn {
-            self.corners.hold();
+        let grade = grade(&correction.judgement);
+        record.finding(&correction.finding(&self.corners.left_out()))?;
+        self.place = Some(corrected);
+        // What is rejected is not looked at again from nearer.
+        if correction.wants_another_view && grade != Grade::Reject {
+            return Ok(Answer::LookOn);
         }
-        Ok(answer)
+        self.corners.hold();
+        Ok(Answer::Graded(grade))
     }
 
     /// The corners again, wet or dry: do they still stand where the localization puts them?
@@ -237,23 +199,22 @@ impl Sight {
             Err(error) => return blind(Kind::Verify, pass, &error, record),
         };
         record.picture(&format!("verify{view}"), &picture)?;
-        let looked = self.look((job, view), &picture, (place, base_from_camera));
-        let (sighting, seen) = match looked.and_then(|it| Ok((it, self.corners.refined(job, place)?))) {
+        let looked = self.look((job, view), &picture, (place, base_from_camera)).and_then(|sighting| {
+            let (corners, unseen) = (&self.corners.seen, self.corners.unseen());
+            Ok((sighting, taught(job).verify(place, corners, unseen).map_err(not_in_view)?))
+        });
+        let (sighting, verification) = match looked {
             Ok(seen) => seen,
             Err(reason) => return self.unseen_corner((Kind::Verify, pass), (reason, &picture), record),
         };
-        let which = self.corners.aimed + 1;
-        let unseen = Judgement::of(self.corners.unseen().into_iter().collect(), vec![]);
-        let judgement = refine::judge_stands(&seen, job.recipe.corner()).and(unseen);
-        let (grade, is_missing) = (grade(&judgement), self.corners.is_missing(job));
-        let title = (which, "verify", "before contact");
-        if let Some(figure) = figures::corner(job, &picture, (sighting, place), title) {
-            record.figure(&figure)?;
+        if let Some(drawing) = taught(job).drawn((&sighting, &picture), place, ("verify", "before contact")) {
+            record.figure(&figure(drawing, &picture))?;
         }
-        let goes_on = grade == Grade::Accept && is_missing;
+        let grade = grade(&verification.judgement);
+        let goes_on = grade == Grade::Accept && self.corners.is_missing(job);
         // A view that others follow need not have seen all.
         let needed = (!goes_on).then_some(self.corners.held.len());
-        record.finding(&findings::verified(&seen, judgement, (pass, needed), job))?;
+        record.finding(&verification.finding(pass, needed))?;
         Ok(if goes_on { Answer::LookOn } else { Answer::Graded(grade) })
     }
 
@@ -262,18 +223,14 @@ impl Sight {
         &mut self,
         (job, view): (&Job<'_>, u8),
         picture: &ColorPicture,
-        (place, base_from_camera): (Rigid<Base, Panel>, Rigid<Base, FlangeCamera>),
+        place: (Rigid<Base, Panel>, Rigid<Base, FlangeCamera>),
     ) -> Result<Sighting, Reason> {
         let index = self.corners.aimed;
         let no_corner = || Reason::new("no_corner", "no corner of this panel was taught");
-        let taught: &TaughtCorner = job.corners.get(index).ok_or_else(no_corner)?;
-        let expected = base_from_camera.inverse() * (place * taught.point);
-        let (settings, camera) = (job.recipe.corner(), &job.calibrations.flange_camera);
-        let found = corner::find_taught(&picture.to_gray(), (settings, index), camera, expected)
-            .map_err(|error| reason("no_corner", &error))?;
-        let sighting = Sighting { base_from_camera, found_px: found.corner_px, corner: taught.point };
-        self.corners.see(view, Seen { corner: index, sighting, looked_for: place });
-        Ok(sighting)
+        let corner = (index, job.corners.get(index).ok_or_else(no_corner)?);
+        let found = taught(job).find(corner, picture, place).map_err(|error| reason("no_corner", &error))?;
+        self.corners.see(view, found);
+        Ok(found)
     }
 
     /// A picture that shows no corner is shown as it is.
@@ -283,7 +240,10 @@ impl Sight {
         (reason, picture): (Reason, &ColorPicture),
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        record.figure(&figures::no_corner(self.corners.aimed + 1, picture))?;
+        let which = self.corners.aimed + 1;
+        let caption = format!("The flange camera's picture in which corner {which} was not found");
+        let bare = Drawing { name: "no_corner".to_owned(), caption, picture: Ok(picture.clone()) };
+        record.figure(&figure(bare, picture))?;
         unseen(kind, pass, reason, record)
     }
 }

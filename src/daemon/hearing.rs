@@ -4,9 +4,9 @@ use super::DaemonError;
 use super::acts::{Pending, Waits};
 use super::run::Running;
 use super::sight::reason;
-use super::trace::Told;
 use crate::cycle::{self, Act, Answer, Event, Id, Path, Report, Trouble};
 use crate::eki::{self, Mode, StopCause};
+use crate::path::trace::Told;
 use crate::record::Kind;
 use crate::verdict::Reason;
 

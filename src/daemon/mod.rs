@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! requests ─┐                    ┌─ record: journal first, then everything else
-//! deadlines ┼─ event ─ step ─────┼─ robot: switches, frames, paths      (`acts`, `routes`, `wiring`)
+//! deadlines ┼─ event ─ step ─────┼─ robot: switches, frames, paths      (`acts`, `moves`, `wiring`)
 //! robot ────┘                    └─ cameras and computing               (`sight`, `abrasion`)
 //! ```
 //!
@@ -15,9 +15,11 @@
 //! Time is the robot's: in lock step its virtual clock, so that sprays, films and deadlines take no real time; it
 //! stands while something is computed.
 //!
-//! The service around the loop: `socket` (who may ask) · `protocol` (a line in, a line out) · `letters` (what waits, by its
-//! urgency) · `lending` (its cameras, for others, between cycles) · `desk` (requests, signals and systemd, seen from the loop) · `words` (states and refusals for people). `replay` writes down what passes between
-//! loop and ports, and runs a cycle again on it.
+//! The service around the loop: `request` (the one request of every front) · `socket` (the front on this computer) · `protocol`
+//! (a line in, a line out) · `gateway` (a request in, a reply out) · `request_queue` (what waits, by its urgency) ·
+//! `request_handler` (requests, signals and systemd, seen from the loop) · `lending` (its cameras, for others, between cycles) ·
+//! `words` (states and refusals for people). `replay` writes down what passes between loop and ports, and runs a cycle again
+//! on it.
 
 mod abrasion;
 mod acts;
@@ -29,54 +31,50 @@ mod contacts;
 mod corners;
 mod corrected;
 mod deadlines;
-mod desk;
-mod figures;
-mod findings;
+mod gateway;
 mod hearing;
 mod lending;
-mod letters;
 mod moves;
 mod ports;
 mod protocol;
-mod reaching;
 mod recording;
 mod replay;
-mod routes;
+mod request;
+mod request_handler;
+mod request_queue;
 mod run;
 mod sight;
 mod single;
 mod single_interlocks;
 mod socket;
-mod trace;
 mod waiting;
-mod who;
 mod wiring;
 mod words;
 
 #[cfg(test)]
 mod tests;
 
-pub use caller::Caller;
+pub use caller::whoever_runs_this;
 pub use cameras::Cameras;
-pub use desk::{Beside, Desk, EndedCycle, Letter, WrittenPage};
-pub use lending::{AllCameras, BorrowedFlangeCamera, BorrowedScanner, LastState, SharedCameras, ShotWish};
-pub use letters::{Inbox, Letters, NotTaken, letters};
+pub use gateway::{Gateway, Loader};
+pub use lending::{AllCameras, BorrowedFlangeCamera, BorrowedScanner, LastState, SharedCameras, ShotRequest};
 pub use ports::{
-    Ask, Eyes, Figure, Finding, Journal, Keeper, Kept, LinkedRobot, Order, Picture2d, Record, RecordError,
-    Requests, Robot, SightError,
+    Eyes, Figure, Finding, Journal, Keeper, Kept, LinkedRobot, Picture2d, Record, RecordError, Requests, Robot,
+    SightError,
 };
-pub use protocol::{Exit, MOST_BYTES, PartNames, ProtocolError, RecordIn, Reply, Wish};
-pub use reaching::{Approached, corners_in_reach, stand};
+pub use protocol::{Exit, MOST_BYTES, ProtocolError, Reply, read_request, request_line};
 pub use recording::{FLOOR_MB, StoreRecord, keeper};
 pub use replay::{
-    Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, Recording, Stands, Taped, Taping, ToRecord, free_mb,
-    recording_file, recordings, too_full,
+    Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, Recording, RecordingPlan, RecordingSwitch, Stands,
+    Taped, free_mb, recording_file, recordings, too_full,
 };
+pub use request::{PartNames, PreparedCycle, RecordIn, Request, StartRequest, What};
+pub use request_handler::{EndedCycle, RequestHandler, ServiceParts, WrittenPage};
+pub use request_queue::{NotTaken, RequestQueue, RequestSender, request_queue};
 pub use run::{CycleOutcome, Ports, Service, run_cycle, run_cycle_from, serve};
 pub use single::{Line, Single, SingleError, speeds};
-pub use socket::{Loader, Socket, SocketError, Started};
+pub use socket::{Socket, SocketError};
 pub use waiting::wait_for;
-pub use who::whoever_runs_this;
 pub use wiring::Wiring;
 pub use words::{refusal, request_word, why};
 
@@ -84,6 +82,7 @@ use crate::cell::{Arm, Cell, Limits};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};
 use crate::inspect::Demands;
 use crate::panel::{TaughtCorner, TaughtPanel};
+use crate::path::approach::CornerTour;
 use crate::recipe::Recipe;
 use crate::supervision::ThreadFault;
 
@@ -140,14 +139,14 @@ impl Site {
 
 /// What one cycle of the service works by; there is a corner.
 #[derive(Debug, Clone)]
-pub struct Task {
+pub struct CycleSetup {
     recipe: Recipe,
     panel: TaughtPanel,
     corners: Vec<TaughtCorner>,
     calibrations: Calibrations,
 }
 
-impl Task {
+impl CycleSetup {
     /// Joins recipe, taught panel and its corners, and calibrations.
     ///
     /// # Errors
@@ -160,7 +159,12 @@ impl Task {
         if corners.is_empty() {
             return Err(DaemonError::NoCorner);
         }
-        Ok(Task { recipe, panel, corners, calibrations })
+        Ok(CycleSetup { recipe, panel, corners, calibrations })
+    }
+
+    /// The panel's name.
+    pub fn panel_name(&self) -> &str {
+        self.recipe.panel()
     }
 
     /// The same with its cell, as the phases see it.
@@ -235,6 +239,19 @@ impl<'a> Job<'a> {
     fn site(&self) -> Site {
         let (limits, arm) = (self.limits.clone(), self.arm.clone());
         Site { limits, arm, wiring: self.wiring, park: self.park, ready: self.ready }
+    }
+
+    /// The arm's way over the views of the taught corners.
+    pub fn tour(&self) -> CornerTour<'_> {
+        CornerTour {
+            limits: self.limits,
+            arm: self.arm,
+            park: self.park,
+            ready: self.ready,
+            flange_from_camera: self.calibrations.flange_from_camera,
+            flange_from_tool: self.calibrations.flange_from_tool,
+            corners: self.corners,
+        }
     }
 
     /// What is asked of a film.

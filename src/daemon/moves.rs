@@ -2,13 +2,13 @@
 
 use super::DaemonError;
 use super::acts::{Pending, Waits};
-use super::routes::{self, Gated, Standing};
 use super::run::Running;
-use super::trace::Trace;
 use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
-use crate::eki::{Command, CommandId, MoveJ, QueueError, State};
+use crate::eki::{Command, CommandId, MoveJ, MoveLin, QueueError, SetAccSpeed, State};
 use crate::geometry::{Base, Joints, Panel, Rigid, Tool};
 use crate::path::reach::{self, Obstacles};
+use crate::path::routes::{self, Gated, LinearMotion, PathSpeed, Standing};
+use crate::path::trace::Trace;
 use crate::path::{Kinematics, judge_joints, taught_axis};
 use crate::record::Kind;
 use crate::verdict::Reason;
@@ -18,6 +18,9 @@ use std::sync::Arc;
 /// How far the arm may stand from where it was sent, mm and degrees.
 const DEVIATION_MM: f64 = 1.0;
 const DEVIATION_DEG: f64 = 0.5;
+
+/// Share of the axes' speed and acceleration between named poses, %.
+const AXIS_PERCENT: u8 = 20;
 
 /// Where a path ends.
 #[derive(Debug, Clone, Copy)]
@@ -71,7 +74,7 @@ impl Running<'_> {
         if let (Path::Corner { .. }, Some(ready), Some(tip)) = (motion.path, self.site.ready, tip)
             && self.site.limits.workspace().is_some_and(|workspace| !workspace.holds(tip.origin()))
         {
-            if !self.joints_are_good(&[ready], self.sight.things().cloned())? {
+            if !self.joints_are_good(&[ready], self.sight.obstacles().cloned())? {
                 self.answer(id, Answer::Failed(Trouble::Gate));
                 return Ok(());
             }
@@ -81,13 +84,17 @@ impl Running<'_> {
         self.by_lines(id, motion)
     }
 
-    /// Whether the axes may go to these poses, one after the other, from where they stand, and keep off things on their way.
-    fn joints_are_good(&mut self, poses: &[Joints], things: Option<Arc<Obstacles>>) -> Result<bool, DaemonError> {
+    /// Whether the axes may go to these poses, one after the other, from where they stand, and keep off obstacles on their way.
+    fn joints_are_good(
+        &mut self,
+        poses: &[Joints],
+        obstacles: Option<Arc<Obstacles>>,
+    ) -> Result<bool, DaemonError> {
         let mut reasons: Vec<Reason> = poses.iter().flat_map(|pose| judge_joints(pose).reasons).collect();
         if let (Some(state), true) = (self.robot_state, reasons.is_empty()) {
             let (arm, tool) = (Kinematics::new(&self.site.arm), state.flange_from_tool.to_rigid());
-            let arm = match things {
-                Some(things) => arm.beside(things),
+            let arm = match obstacles {
+                Some(obstacles) => arm.beside(obstacles),
                 None => arm,
             };
             let ways = std::iter::once(&state.joints).chain(poses).zip(poses);
@@ -102,7 +109,7 @@ impl Running<'_> {
     }
 
     fn by_axes(&mut self, id: Id, motion: Motion, poses: &[Joints]) -> Result<(), DaemonError> {
-        // The way home may begin nearer to things than they may be come to.
+        // The way home may begin nearer to obstacles than they may be come to.
         if !self.joints_are_good(poses, None)? {
             self.answer(id, Answer::Failed(Trouble::Gate));
             return Ok(());
@@ -155,11 +162,11 @@ impl Running<'_> {
             return Ok(());
         }
         let count = u32::try_from(gated.points.len()).unwrap_or(u32::MAX);
-        let sent = self.ports.robot.send(Command::SetAccSpeed(gated.speed));
+        let sent = self.ports.robot.send(Command::SetAccSpeed(speeds(gated.speed)));
         let permitted = Some(self.underway.permitted).filter(|few| motion.path == Path::Contact && *few < count);
         let sent = sent.and_then(|_| match permitted {
-            Some(permitted) => self.ports.robot.send_path_within(gated.points, permitted),
-            None => self.ports.robot.send_path(gated.points),
+            Some(permitted) => self.ports.robot.send_path_within(move_lin(&gated.points), permitted),
+            None => self.ports.robot.send_path(move_lin(&gated.points)),
         });
         self.under_way(id, motion, sent, (count, gated.end.map(End::Tip)))
     }
@@ -174,7 +181,7 @@ impl Running<'_> {
             arm: job.arm,
             flange_from_tool: state.flange_from_tool.to_rigid(),
             joints: state.joints,
-            things: self.sight.things().filter(|_| matches!(motion.path, Path::Corner { .. })),
+            obstacles: self.sight.obstacles().filter(|_| matches!(motion.path, Path::Corner { .. })),
         };
         let settings = job.recipe.path();
         match motion.path {
@@ -290,5 +297,20 @@ fn as_base(place: Rigid<Base, Panel>) -> Rigid<Base, Base> {
 }
 
 fn move_j(joints: Joints) -> Command {
-    Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(routes::AXIS_PERCENT) })
+    Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(AXIS_PERCENT) })
+}
+
+/// A path's motions as commands.
+pub(super) fn move_lin(motions: &[LinearMotion]) -> Vec<MoveLin> {
+    let command = |motion: &LinearMotion| {
+        let LinearMotion { pose, blend_mm, contact, speed_m_s } = *motion;
+        MoveLin { pose, blend_mm, contact, speed_m_s }
+    };
+    motions.iter().map(command).collect()
+}
+
+/// A path's speeds as a command.
+pub(super) fn speeds(PathSpeed { speed_m_s, acceleration_m_s2 }: PathSpeed) -> SetAccSpeed {
+    let (axis_speed_percent, axis_acceleration_percent) = (AXIS_PERCENT, AXIS_PERCENT);
+    SetAccSpeed { speed_m_s, acceleration_m_s2, axis_speed_percent, axis_acceleration_percent }
 }

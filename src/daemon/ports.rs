@@ -1,18 +1,15 @@
 //! What the loop needs from outside: a robot, cameras, a record, somebody who asks.
 
-use super::Task;
 use super::lending::LastState;
-use super::replay::ToRecord;
-use crate::cycle::{Event, Id, Motion, Outcome, Refusal, Request, State};
+use super::request::Request;
+use crate::cycle::{self, Event, Id, Motion, Outcome, Refusal, State};
 use crate::devices::robot::BlockingLink;
 use crate::devices::world::Follower;
 use crate::eki::{Channel, Command, CommandId, Epoch, LinkLoss, MoveLin, Pace, QueueError, Report, Time};
 use crate::files::ClipEntry;
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use crate::phase::Phase;
-use crate::record::{
-    Asked, Budget, Clock, ContactPath, CycleId, EarlierPass, Front, KeptFile, Picture, Wanted, Who,
-};
+use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass, KeptFile, Picture};
 use crate::store::CycleStart;
 use crate::supervision::{ThreadFault, Watched};
 use crate::tape::Begin;
@@ -260,17 +257,16 @@ pub trait Journal: Record {
 #[error("the record cannot be written: {0}")]
 pub struct RecordError(pub Box<dyn std::error::Error + Send + Sync>);
 
-/// Somebody who asks. Who does not care for news leaves it.
+/// Where requests come from, and what is told of them. Who does not care for news leaves it.
 pub trait Requests {
-    /// What is asked now, seen the state. Comes round within milliseconds, whatever the loop is doing.
-    fn next(&mut self, state: &State) -> Ask;
-    /// Who asked what [`Requests::next`] gave last.
-    fn who(&self) -> Who {
-        Who::by(Front::Program)
-    }
-    /// What was asked is not done; of a reset that may come later.
-    fn refused(&mut self, request: Request, refusal: Refusal);
-    /// What was asked cannot be begun.
+    /// What is requested now, seen the state. Comes back within milliseconds, whatever the loop is doing.
+    ///
+    /// # Errors
+    /// Where a thread of the program failed: the loop stops the robot and ends.
+    fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault>;
+    /// What was asked of the table is not done; of a reset that may come later.
+    fn refused(&mut self, request: cycle::Request, refusal: Refusal);
+    /// What was requested cannot be begun.
     fn unable(&mut self, _reasons: Vec<Reason>) {}
     /// A cycle began, with what the loop remembers from before it.
     fn begun(&mut self, _cycle: CycleId, _before: Begin) {}
@@ -286,38 +282,6 @@ pub trait Requests {
     fn disc_mounted(&mut self) {}
     /// What was found last is not as it should be for these reasons, or for none.
     fn noted(&mut self, _reasons: &[Reason]) {}
-}
-
-/// What is asked now.
-#[derive(Debug)]
-pub enum Ask {
-    /// Nothing.
-    Nothing,
-    /// This.
-    For(Request),
-    /// A cycle by this.
-    Begin(Box<Order>),
-    /// To keep that a new disc was mounted; done where the state rests.
-    NewDisc,
-    /// To keep that this was asked and refused, before it came to the loop.
-    Refused(Wanted, Vec<Reason>),
-    /// To leave; done where the state rests.
-    Leave,
-    /// To stop the robot and end the program at once: a thread of it failed.
-    GiveUp(ThreadFault),
-}
-
-/// A cycle to begin.
-#[derive(Debug)]
-pub struct Order {
-    /// How the table is asked.
-    pub request: Request,
-    /// What the cycle works by.
-    pub task: Task,
-    /// What its record begins with.
-    pub start: CycleStart,
-    /// How it is recorded, where it is.
-    pub record: Option<ToRecord>,
 }
 
 /// A robot at the end of a link.

@@ -9,8 +9,10 @@
 //! refused with what is allowed; nothing of it is done. A recipe goes as its text, so that who asks needs no file that
 //! the service can read. Reads and writes no socket: see `socket`.
 
-use super::lending::ShotWish;
+use super::lending::ShotRequest;
 use super::replay::Recorded;
+use super::request::{StartRequest, What};
+use crate::cycle::Request;
 use crate::verdict::{Reason, Verdict};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -27,76 +29,27 @@ pub(super) fn may_be_long(beginning: &[u8]) -> bool {
     searched.windows(word.len()).any(|part| part == word)
 }
 
-/// What may be asked.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// A request as it stands on the line: its word, and what belongs to it.
+#[derive(Debug, Serialize, Deserialize)]
 #[serde(tag = "ask", rename_all = "lowercase", deny_unknown_fields)]
-pub enum Wish {
-    /// How things stand.
+enum Line {
     State {},
-    /// A cycle.
-    Start {
-        /// The recipe's name in messages.
-        recipe: String,
-        /// Its text.
-        text: String,
-        /// Where it is recorded, where it is.
-        #[serde(default)]
-        record: Option<RecordIn>,
-        /// The part that stands in the cell, by whose order and hand.
-        #[serde(default)]
-        part: Option<PartNames>,
-    },
-    /// See [`crate::cycle::Request`], likewise for the others.
+    Start(StartRequest),
     Hold {},
-    /// As there.
     Unhold {
-        /// A person confirms that the panel is dry.
         #[serde(default)]
         dried: bool,
     },
-    /// As there.
     Accept {},
-    /// As there.
     Stop {},
-    /// As there.
     Abort {},
-    /// As there.
     Clear {},
-    /// As there.
     Reset {},
-    /// A new disc was mounted.
     #[serde(rename = "new-disc")]
     NewDisc {},
-    /// A shot by the cell's cameras, while the cell rests without a cycle. The answer is a stream: see `lending`.
     Shoot {
-        /// Which.
-        shot: ShotWish,
+        shot: ShotRequest,
     },
-}
-
-/// Which part a cycle is about, as far as it is told.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PartNames {
-    /// The part's serial number.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub serial: Option<String>,
-    /// The work order.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub order: Option<String>,
-    /// Who operates the cell, as that person was named.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub operator: Option<String>,
-}
-
-/// Where a cycle is recorded.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RecordIn {
-    /// In the store, under the cycle's number.
-    Store,
-    /// In this new file, its path from the root.
-    File(PathBuf),
 }
 
 /// Why a line says nothing.
@@ -125,20 +78,62 @@ pub enum ProtocolError {
         /// What is wrong.
         problem: String,
     },
+    /// The program requests it of itself alone.
+    #[error("this cannot be requested through the socket")]
+    NotForClients,
 }
 
-impl Wish {
-    /// Reads a line, with its end.
-    ///
-    /// # Errors
-    /// Where it is too long, has no end, or is not exactly one allowed object.
-    pub fn read(line: &[u8]) -> Result<Self, ProtocolError> {
-        if line.len() > MOST_BYTES {
-            return Err(ProtocolError::TooLong { most: MOST_BYTES });
-        }
-        let Some((b'\n', object)) = line.split_last() else { return Err(ProtocolError::NoEnd) };
-        serde_json::from_slice(object).map_err(|error| ProtocolError::NotUnderstood { problem: error.to_string() })
+/// Reads a line, with its end.
+///
+/// # Errors
+/// Where it is too long, has no end, or is not exactly one allowed object.
+pub fn read_request(line: &[u8]) -> Result<What, ProtocolError> {
+    if line.len() > MOST_BYTES {
+        return Err(ProtocolError::TooLong { most: MOST_BYTES });
     }
+    let Some((b'\n', object)) = line.split_last() else { return Err(ProtocolError::NoEnd) };
+    let line = serde_json::from_slice(object)
+        .map_err(|error| ProtocolError::NotUnderstood { problem: error.to_string() })?;
+    Ok(match line {
+        Line::State {} => What::State,
+        Line::Start(start) => What::Start(start),
+        Line::NewDisc {} => What::NewDisc,
+        Line::Shoot { shot } => What::Shoot(shot),
+        Line::Hold {} => What::Table(Request::Hold),
+        Line::Unhold { dried } => What::Table(Request::Unhold { dried }),
+        Line::Accept {} => What::Table(Request::Accept),
+        Line::Stop {} => What::Table(Request::Stop),
+        Line::Abort {} => What::Table(Request::Abort),
+        Line::Clear {} => What::Table(Request::Clear),
+        Line::Reset {} => What::Table(Request::Reset),
+    })
+}
+
+/// The line that requests this, with its end.
+///
+/// # Errors
+/// Where it is nothing that a client of the socket may request.
+pub fn request_line(what: &What) -> Result<String, ProtocolError> {
+    let line = match what {
+        What::State => Line::State {},
+        What::Start(start) => Line::Start(start.clone()),
+        What::NewDisc => Line::NewDisc {},
+        What::Shoot(shot) => Line::Shoot { shot: *shot },
+        What::Table(Request::Hold) => Line::Hold {},
+        What::Table(Request::Unhold { dried }) => Line::Unhold { dried: *dried },
+        What::Table(Request::Accept) => Line::Accept {},
+        What::Table(Request::Stop) => Line::Stop {},
+        What::Table(Request::Abort) => Line::Abort {},
+        What::Table(Request::Clear) => Line::Clear {},
+        What::Table(Request::Reset) => Line::Reset {},
+        What::Table(Request::Start { .. } | Request::AirRun { .. })
+        | What::Begin(_)
+        | What::Unprepared { .. }
+        | What::Leave => return Err(ProtocolError::NotForClients),
+    };
+    let object = serde_json::to_string(&line)
+        .map_err(|error| ProtocolError::NotUnderstood { problem: error.to_string() })?;
+    Ok(object + "\n")
 }
 
 /// How it went.
@@ -164,7 +159,7 @@ impl Exit {
     }
 }
 
-/// What is answered.
+/// The reply to a request.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reply {
@@ -232,32 +227,35 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// The same line comes of what was read; so each is byte for byte what it was.
     #[test]
-    fn each_wish_reads_back() {
-        let part =
-            PartNames { serial: Some("SN \"7\"".to_owned()), order: None, operator: Some("Ännä".to_owned()) };
-        let start = |record| {
-            let (recipe, text) = ("panel.toml".to_owned(), "panel = \"a\\b\"\n".to_owned());
-            Wish::Start { recipe, text, record, part: Some(part.clone()) }
-        };
-        let file = RecordIn::File("/var/cycle 7.mcap".into());
-        for wish in [
-            start(None),
-            start(Some(RecordIn::Store)),
-            start(Some(file)),
-            Wish::State {},
-            Wish::Unhold { dried: true },
-            Wish::Abort {},
-            Wish::Shoot { shot: ShotWish::Scan },
-            Wish::Shoot { shot: ShotWish::Film { pictures_per_second: 2.5 } },
-        ] {
-            let line = format!("{}\n", serde_json::to_string(&wish).expect("JSON"));
-            assert_eq!(Wish::read(line.as_bytes()), Ok(wish), "{line}");
+    fn each_request_reads_back() {
+        let start =
+            r#"{"ask":"start","recipe":"panel.toml","text":"panel = \"a\\b\"\n","record":RECORD,"part":PART}"#;
+        let part = r#"{"serial":"SN \"7\"","operator":"Ännä"}"#;
+        let start = |record, part| start.replace("RECORD", record).replace("PART", part);
+        let plain = ["state", "hold", "accept", "stop", "abort", "clear", "reset", "new-disc"];
+        let plain = plain.map(|word| format!("{{\"ask\":\"{word}\"}}"));
+        let others = [
+            start("null", "null"),
+            start("\"store\"", part),
+            start("{\"file\":\"/var/cycle 7.mcap\"}", "null"),
+            r#"{"ask":"unhold","dried":true}"#.to_owned(),
+            r#"{"ask":"shoot","shot":"scan"}"#.to_owned(),
+            r#"{"ask":"shoot","shot":{"film":{"pictures_per_second":2.5}}}"#.to_owned(),
+        ];
+        for line in plain.iter().chain(&others) {
+            let line = format!("{line}\n");
+            let read = read_request(line.as_bytes()).expect("allowed");
+            assert_eq!(request_line(&read), Ok(line));
         }
-        assert_eq!(Wish::read(b"{\"ask\":\"unhold\"}\n"), Ok(Wish::Unhold { dried: false }), "wet unless said");
-        assert_eq!(Wish::read(b" {\"ask\" : \"hold\"} \r\n"), Ok(Wish::Hold {}));
-        let corner = Wish::read(b"{\"ask\":\"shoot\",\"shot\":\"corner\"}\n");
-        assert_eq!(corner, Ok(Wish::Shoot { shot: ShotWish::Corner }));
+        let table = |line: &[u8]| match read_request(line) {
+            Ok(What::Table(request)) => request,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(table(b"{\"ask\":\"unhold\"}\n"), Request::Unhold { dried: false }, "wet unless said");
+        assert_eq!(table(b" {\"ask\" : \"hold\"} \r\n"), Request::Hold);
+        assert_eq!(request_line(&What::Leave), Err(ProtocolError::NotForClients));
     }
 
     /// Each with a word that its message must hold.
@@ -285,20 +283,20 @@ mod tests {
             (deep.as_bytes(), "invalid type: sequence"),
         ];
         for (line, word) in cases {
-            let error = Wish::read(line).expect_err("refused").to_string();
+            let error = read_request(line).expect_err("refused").to_string();
             assert!(error.contains(word), "{}: {error}", String::from_utf8_lossy(&line[..line.len().min(60)]));
         }
         let long = format!("{{\"ask\":\"start\",\"recipe\":\"a\",\"text\":\"{}\"}}\n", "x".repeat(MOST_BYTES));
-        assert_eq!(Wish::read(long.as_bytes()), Err(ProtocolError::TooLong { most: MOST_BYTES }));
+        assert!(matches!(read_request(long.as_bytes()), Err(ProtocolError::TooLong { most: MOST_BYTES })));
     }
 
     proptest! {
         /// Whatever comes, it is read or refused; a cut line is refused.
         #[test]
         fn any_bytes_are_read_or_refused(bytes in proptest::collection::vec(any::<u8>(), 0..200), cut in 0_usize..28) {
-            let _ = Wish::read(&bytes);
+            let _ = read_request(&bytes);
             let line = b"{\"ask\":\"unhold\",\"dried\":true}\n";
-            prop_assert!(Wish::read(&line[..cut]).is_err());
+            prop_assert!(read_request(&line[..cut]).is_err());
         }
     }
 }

@@ -234,7 +234,7 @@ impl Record for StoreRecord<'_> {
         if dropped > 0 {
             kept.details.insert("pictures_not_kept_since_the_disk_was_full".to_owned(), dropped.into());
         }
-        kept.numbers.iter_mut().for_each(|number| number.value = number.value.filter(|value| value.is_finite()));
+        kept.checks.iter_mut().for_each(|number| number.value = number.value.filter(|value| value.is_finite()));
         self.store.note(cycle, &kept).map_err(failed)
     }
 

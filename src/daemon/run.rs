@@ -2,22 +2,22 @@
 
 use super::abrasion::Abrasion;
 use super::acts::{Pending, Waits};
-use super::asking::Asker;
 use super::computing::Computing;
 use super::contacts::Underway;
 use super::corrected::Corrected;
 use super::deadlines::{Deadlines, seconds};
 use super::moves::Sent;
-use super::ports::{Ask, Eyes, Journal, Keeper, Order, Requests, Robot};
+use super::ports::{Eyes, Journal, Keeper, Requests, Robot};
+use super::request::{PreparedCycle, Request, What};
 use super::sight::{Sight, reason};
-use super::trace::Trace;
-use super::{DaemonError, Job, Site, Task, words};
-use crate::cycle::{self, Act, Deadline, Effect, Event, Report, Request, State, Trouble, fold, step};
+use super::{CycleSetup, DaemonError, Job, Site, words};
+use crate::cycle::{self, Act, Deadline, Effect, Event, Report, State, Trouble, fold, step};
 use crate::eki;
 use crate::geometry::{Base, Panel, Rigid};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
-use crate::record::{Answer, Kind, Wanted};
+use crate::path::trace::Trace;
+use crate::record::{Answer, Front, Kind, Wanted, Who};
 use crate::supervision::Supervisor;
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
@@ -133,13 +133,13 @@ pub(super) enum Seat<'a> {
     /// No cycle has begun yet.
     Empty,
     /// The service's last order.
-    Taken(Arc<Task>),
+    Taken(Arc<CycleSetup>),
     /// The one cycle that is run.
     Lent(&'a Job<'a>),
 }
 
 impl Seat<'_> {
-    pub fn task(&self) -> Option<Arc<Task>> {
+    pub fn task(&self) -> Option<Arc<CycleSetup>> {
         match self {
             Seat::Taken(task) => Some(task.clone()),
             _ => None,
@@ -165,6 +165,8 @@ pub(super) struct Running<'p> {
     pub robot_state: Option<eki::State>,
     pub condition: cycle::Robot,
     verdict: Option<Verdict>,
+    /// Who made the request that was taken up last.
+    pub requester: Who,
     /// The disk was found full, and not yet otherwise.
     is_disk_full: bool,
 }
@@ -188,6 +190,7 @@ impl<'p> Running<'p> {
             robot_state: None,
             condition: cycle::Robot::Unknown,
             verdict: None,
+            requester: Who::by(Front::Program),
             is_disk_full: false,
         }
     }
@@ -279,29 +282,13 @@ impl<'p> Running<'p> {
                 self.note(Kind::SelfTest, vec![why])?;
                 return Ok(Some(Event::Told(Report::Trouble(Trouble::DiskFull))));
             }
-            match self.ports.requests.next(&self.state) {
-                Ask::For(request @ (Request::Unhold { .. } | Request::Accept)) if self.lacks_room() => {
-                    let reasons = self.ports.record.check();
-                    self.keep_asked(Wanted::For(request), Asker::Last, (Answer::Failed, reasons))?;
-                    continue;
+            if let Some(request) = self.ports.requests.next(&self.state)? {
+                match self.take_up(request)? {
+                    TakenUp::Happens(event) => return Ok(Some(event)),
+                    TakenUp::Done => continue,
+                    TakenUp::Leave if self.state.at.rests() => return Ok(None),
+                    TakenUp::Leave => {}
                 }
-                Ask::For(request) => return Ok(Some(Event::Asked(request))),
-                Ask::Begin(order) => {
-                    let event = self.order(*order);
-                    self.events.extend(event);
-                    continue;
-                }
-                Ask::NewDisc => {
-                    self.new_disc()?;
-                    continue;
-                }
-                Ask::Refused(wanted, reasons) => {
-                    self.keep_asked(wanted, Asker::Last, (Answer::Refused, reasons))?;
-                    continue;
-                }
-                Ask::Leave if self.state.at.rests() => return Ok(None),
-                Ask::GiveUp(fault) => return Err(DaemonError::Broken(fault)),
-                Ask::Leave | Ask::Nothing => {}
             }
             if let Some(report) = self.deadlines.over(self.ports.robot.now()) {
                 return Ok(Some(Event::Told(report)));
@@ -317,6 +304,33 @@ impl<'p> Running<'p> {
                 None => self.ports.robot.works()?,
             }
         }
+    }
+
+    /// A request: what happens by it, or what is done with it here.
+    fn take_up(&mut self, Request { what, who, .. }: Request) -> Result<TakenUp, DaemonError> {
+        self.requester = who;
+        match what {
+            What::Leave => return Ok(TakenUp::Leave),
+            What::Table(request @ (cycle::Request::Unhold { .. } | cycle::Request::Accept))
+                if self.lacks_room() =>
+            {
+                let reasons = self.ports.record.check();
+                self.keep_asked(Wanted::For(request), self.requester.clone(), (Answer::Failed, reasons))?;
+            }
+            What::Table(request) => return Ok(TakenUp::Happens(Event::Asked(request))),
+            What::Begin(prepared) => {
+                let event = self.begin_cycle(*prepared);
+                self.events.extend(event);
+            }
+            What::NewDisc => self.new_disc()?,
+            What::Unprepared { recipe, reasons } => {
+                let wanted = Wanted::Start { recipe };
+                self.keep_asked(wanted, self.requester.clone(), (Answer::Refused, reasons))?;
+            }
+            // The gateway and the request handler answer these.
+            What::State | What::Start(_) | What::Shoot(_) => {}
+        }
+        Ok(TakenUp::Done)
     }
 
     /// Whether the disk was found full and still is; whoever asks is told.
@@ -341,15 +355,15 @@ impl<'p> Running<'p> {
         Ok(true)
     }
 
-    /// Takes an order and asks the table to begin it; where the table refuses, or the record cannot begin, nothing of
-    /// the order is taken.
-    fn order(&mut self, order: Order) -> Option<Event> {
-        let event = Event::Asked(order.request);
+    /// Takes a prepared cycle and asks the table to begin it. Where the table refuses, or the record cannot begin, nothing
+    /// of it is taken.
+    fn begin_cycle(&mut self, prepared: PreparedCycle) -> Option<Event> {
+        let event = Event::Asked(prepared.request);
         let (_, effects) = step(self.state, event);
         if effects.iter().any(|effect| matches!(effect, Effect::Refuse { .. })) {
             return Some(event);
         }
-        match self.ports.record.begin(&order.start) {
+        match self.ports.record.begin(&prepared.start) {
             Ok(cycle) => {
                 let (robot, armed) = (self.robot_state.map(Box::new), self.deadlines.told());
                 self.ports.requests.begun(cycle, Begin::Cycle { robot, armed });
@@ -359,7 +373,7 @@ impl<'p> Running<'p> {
                 return None;
             }
         }
-        self.seat = Seat::Taken(Arc::new(order.task));
+        self.seat = Seat::Taken(Arc::new(prepared.setup));
         (self.sight, self.abrasion, self.verdict) = (Sight::default(), Abrasion::default(), None);
         (self.trace, self.sent) = (Trace::default(), None);
         Some(event)
@@ -423,6 +437,16 @@ impl<'p> Running<'p> {
             _ => FEEDBACK_S,
         }
     }
+}
+
+/// What comes of a request.
+enum TakenUp {
+    /// An event for the table.
+    Happens(Event),
+    /// It was dealt with.
+    Done,
+    /// The program is to end, where the cell rests.
+    Leave,
 }
 
 /// Longest times for an answer, s: a switch with its feedback, a computation, a way through air, and a film beyond

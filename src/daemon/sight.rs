@@ -1,19 +1,18 @@
 //! What is seen of the panel: where it stands, and what the film did. The artifacts live here.
 
 use super::corners::Corners;
-use super::figures::{self, Kept};
-use super::findings;
-use super::ports::{Eyes, Picture2d, Record, SightError};
-use super::reaching::Approached;
+use super::ports::{Eyes, Figure, Picture2d, Record, SightError};
 use super::{DaemonError, Job};
 use crate::cycle::{Answer, Film, Grade, Trouble};
 use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid, median};
-use crate::inspect::{Inspection, Watch};
-use crate::locate::{self, LocateError, Prepared, gate};
+use crate::inspect::Inspection;
+use crate::path::approach::Approach;
 use crate::path::reach::Obstacles;
 use crate::phase::Phase;
 use crate::record::{Budget, Finding, Kind};
+use crate::stages::{self, Drawing, film, rejected};
 use crate::verdict::{Judgement, Reason, Verdict};
+use crate::{locate, report};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -29,7 +28,7 @@ pub(super) struct Sight {
     /// Which of the taught corners are looked at, and what they said.
     pub corners: Corners,
     /// The panel where it was found and what else the scan showed, for the arm to keep off.
-    things: Option<Arc<Obstacles>>,
+    obstacles: Option<Arc<Obstacles>>,
     dry: Option<(Arc<ColorPicture>, f64)>,
     /// The films of this cycle, in order.
     pub inspections: Vec<Arc<Inspection>>,
@@ -40,15 +39,12 @@ pub(super) struct Sight {
 /// A film that is being watched.
 #[derive(Debug)]
 pub(super) struct Filming {
-    watch: Watch,
+    filming: film::Filming,
     place: Rigid<Base, Panel>,
     /// When its first picture was taken, by the camera's clock, s.
     first_s: Option<f64>,
     /// From its first picture to its last one, s.
     pub seen_s: f64,
-    last: Option<Arc<ColorPicture>>,
-    opened: bool,
-    kept: Kept,
     /// From a decoded picture to its result.
     elapsed_ms: Vec<f64>,
 }
@@ -68,14 +64,14 @@ impl Sight {
     }
 
     /// Where the panel stands before the arm, by way of the corners that hold it.
-    pub fn approached(&self) -> Option<Approached<'_>> {
-        let (corners, things) = (self.corners.held(), self.things());
-        self.place.map(|base_from_panel| Approached { base_from_panel, corners, things })
+    pub fn approach(&self) -> Option<Approach<'_>> {
+        let (corners, obstacles) = (self.corners.held(), self.obstacles());
+        self.place.map(|base_from_panel| Approach { base_from_panel, corners, obstacles })
     }
 
     /// What the arm keeps off on its way to a corner.
-    pub fn things(&self) -> Option<&Arc<Obstacles>> {
-        self.things.as_ref()
+    pub fn obstacles(&self) -> Option<&Arc<Obstacles>> {
+        self.obstacles.as_ref()
     }
 
     /// Adds what a film that was watched on its own left.
@@ -93,7 +89,7 @@ impl Sight {
         eyes: &mut dyn Eyes,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        (self.located, self.located_mm, self.place, self.things) = (None, None, None, None);
+        (self.located, self.located_mm, self.place, self.obstacles) = (None, None, None, None);
         (self.dry, self.corners) = (None, Corners::default());
         let scan = match eyes.scan() {
             Ok(scan) => scan,
@@ -102,32 +98,23 @@ impl Sight {
         let picture = scan.picture();
         record.picture("scan", &picture)?;
         let begun = Instant::now();
-        let settings = job.recipe.locate();
         let (camera, base_from_camera) = (&job.calibrations.scanner, job.calibrations.base_from_camera);
         let view = locate::View { scan: &scan, camera, base_from_camera };
-        let prepared = Prepared::new(job.panel, &view, settings);
-        let found = prepared.as_ref().map_err(LocateError::clone).and_then(Prepared::locate);
-        let judgement = match &found {
-            Ok(fit) => gate::judge(fit, settings),
-            Err(error) => gate::refusal(error),
-        };
-        let (grade, fit) = (grade(&judgement), found.ok());
-        let place = fit.as_ref().map(|fit| fit.base_from_panel);
-        // To what is rejected nothing moves.
-        let things = place.filter(|_| grade != Grade::Reject).map(|place| {
-            let of_panel = job.panel.points().map(|(_, point)| place * point);
-            let of_scan = scan.valid().map(|(_, point)| base_from_camera * point);
-            Arc::new(Obstacles::default().with("panel", of_panel).with("what the scan saw", of_scan))
-        });
+        let located = stages::locate::locate(job.panel, view, job.recipe.locate());
+        let obstacles = located.obstacles().map(Arc::new);
         let elapsed_ms = elapsed_ms(begun);
-        let located_mm = fit.as_ref().map(|fit| fit.uncertainty_mm);
-        record.figure(&figures::located(job, &picture, place))?;
-        if let Ok(prepared) = &prepared {
-            for figure in figures::reasons(job, (prepared, &view, &picture), fit.as_ref(), &judgement) {
-                record.figure(&figure)?;
-            }
+        let nowhere = || Drawing {
+            name: "located".to_owned(),
+            caption: "The scan's picture: no panel was found".to_owned(),
+            picture: Ok(picture.clone()),
+        };
+        record.figure(&figure(located.drawn_place(&picture).unwrap_or_else(nowhere), &picture))?;
+        for drawing in located.drawn_reasons(&picture) {
+            record.figure(&figure(drawing, &picture))?;
         }
-        record.finding(&findings::located(fit.as_ref(), judgement, elapsed_ms, job))?;
+        record.finding(&located.finding(elapsed_ms))?;
+        let place = located.fit.as_ref().map(|fit| fit.base_from_panel);
+        let located_mm = located.fit.as_ref().map(|fit| fit.uncertainty_mm);
         record.budget(&Budget {
             hand_eye_mm: job.calibrations.hand_eye_mm,
             robot_mm: job.calibrations.robot_mm,
@@ -135,8 +122,8 @@ impl Sight {
             stated_mm: job.limits.tool_error_mm(),
             ..Budget::default()
         })?;
-        (self.located, self.place, self.located_mm, self.things) = (place, place, located_mm, things);
-        Ok(Answer::Graded(grade))
+        (self.located, self.place, self.located_mm, self.obstacles) = (place, place, located_mm, obstacles);
+        Ok(Answer::Graded(grade(&located.judgement)))
     }
 
     /// The picture of the dry panel.
@@ -160,20 +147,17 @@ impl Sight {
         record: &mut dyn Record,
     ) -> Result<Result<Filming, Answer>, DaemonError> {
         let (Some(place), Some((dry, dry_s))) = (self.place, &self.dry) else { return Ok(Err(MISSING)) };
-        let camera_from_panel = job.calibrations.base_from_camera.inverse() * place;
-        let camera = &job.calibrations.scanner;
-        let watch = Watch::new(job.panel, camera, camera_from_panel, job.recipe.inspect(), job.demands());
-        let begun = watch.and_then(|mut watch| {
-            watch.push(dry, *dry_s, Phase::Dry)?;
-            let (kept, elapsed_ms) = (Kept::default(), Vec::new());
-            Ok(Filming { watch, place, first_s: None, seen_s: 0.0, last: None, opened: false, kept, elapsed_ms })
+        let begun = film::Filming::begin(&watched(job, place), job.demands().observation_s);
+        let begun = begun.and_then(|mut filming| {
+            filming.push(dry, *dry_s, Phase::Dry)?;
+            Ok(Filming { filming, place, first_s: None, seen_s: 0.0, elapsed_ms: Vec::new() })
         });
         match begun {
             Ok(mut filming) => {
                 record.frame(dry, *dry_s, Phase::Dry)?;
                 match eyes.begin_film(job.demands().frames_per_second) {
                     Ok(began_s) => {
-                        filming.watch.begins(began_s);
+                        filming.filming.begins(began_s);
                         Ok(Ok(filming))
                     }
                     Err(error) => blind(Kind::Inspect, pass, &error, record).map(Err),
@@ -204,8 +188,8 @@ impl Sight {
         };
         record.frame(&picture, time_s, Phase::Wet)?;
         let begun = Instant::now();
-        let step = match filming.watch.push(&picture, time_s, Phase::Wet) {
-            Ok(step) => step,
+        let added = match filming.filming.push(&picture, time_s, Phase::Wet) {
+            Ok(added) => added,
             Err(error) => {
                 // Nobody will ask for the next one.
                 let _ = eyes.end_film();
@@ -213,13 +197,9 @@ impl Sight {
             }
         };
         filming.elapsed_ms.push(elapsed_ms(begun));
-        filming.kept.see(job, filming.place, &picture, &step);
-        if !filming.opened && !step.newly_failed.is_empty() {
-            filming.opened = true;
-            let grids: Vec<String> = step.newly_failed.iter().map(ToString::to_string).collect();
-            tracing::info!(since_wet_s = step.since_wet_s, "the film broke on {}", grids.join(", "));
+        if let Some(grids) = added.opened_on {
+            tracing::info!(since_wet_s = added.since_wet_s, "the film broke on {grids}");
         }
-        filming.last = Some(picture);
         let since_s = time_s - *filming.first_s.get_or_insert(time_s);
         filming.seen_s = since_s;
         if since_s < job.demands().filmed_s() {
@@ -237,27 +217,62 @@ impl Sight {
         pass: u8,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        let inspection = match filming.watch.finish() {
-            Ok(inspection) => inspection,
+        let filmed = match filming.filming.finish() {
+            Ok(filmed) => filmed,
             Err(error) => return unseen(Kind::Inspect, pass, reason("film", &error), record),
         };
-        if let Some(last) = &filming.last {
+        let setup = watched(job, filming.place);
+        if let Some(last) = &filmed.last {
             record.picture("film", last)?;
-            record.figure(&filming.kept.strip(&inspection, last))?;
-            record.figure(&figures::inspected(job, &inspection, last, filming.place))?;
-            record.figure(&figures::break_times(job, &inspection, last, filming.place))?;
+            for drawing in filmed.drawn(&setup) {
+                record.figure(&figure(drawing, last))?;
+            }
         }
-        let film = match inspection.judgement.verdict {
+        let film = match filmed.inspection.judgement.verdict {
             Verdict::Pass => Film::Whole,
             Verdict::Fail => Film::Broken,
             _ => Film::Invalid,
         };
-        let counted = findings::Counted { ms_per_picture: median(&mut filming.elapsed_ms), dropped };
-        record.finding(&findings::filmed(&inspection, pass, counted, job))?;
-        self.inspections.push(Arc::new(inspection));
-        self.film_picture = filming.last;
+        let counted = film::Counted { ms_per_picture: median(&mut filming.elapsed_ms), dropped };
+        record.finding(&filmed.finding(&setup, pass, counted))?;
+        self.inspections.push(filmed.inspection);
+        self.film_picture = filmed.last;
         Ok(Answer::Filmed(film))
     }
+}
+
+/// What a film of the panel at this place is watched with.
+fn watched<'a>(job: &'a Job<'_>, place: Rigid<Base, Panel>) -> film::Setup<'a> {
+    film::Setup {
+        panel: job.panel,
+        camera: &job.calibrations.scanner,
+        camera_from_panel: job.calibrations.base_from_camera.inverse() * place,
+        demands: job.demands(),
+        recipe: job.recipe,
+    }
+}
+
+/// The view of the 3D camera, with the panel where it stands.
+pub(super) fn view<'a>(job: &'a Job<'_>, picture: &'a ColorPicture, place: Rigid<Base, Panel>) -> report::View<'a> {
+    let camera_from_panel = job.calibrations.base_from_camera.inverse() * place;
+    report::View { picture, camera: &job.calibrations.scanner, camera_from_panel }
+}
+
+/// A drawing for the record. It decides nothing: where it could not be drawn, the bare picture stands.
+pub(super) fn figure(drawing: Drawing, bare: &ColorPicture) -> Figure {
+    let Drawing { name, caption, picture } = drawing;
+    match picture {
+        Ok(picture) => Figure { name, caption, picture },
+        Err(error) => {
+            let caption = format!("{caption}; nothing is drawn on it: {error}");
+            Figure { name, caption, picture: bare.clone() }
+        }
+    }
+}
+
+/// A drawing that stands on no picture.
+pub(super) fn figure_alone(drawing: Drawing) -> Figure {
+    figure(drawing, &ColorPicture::filled(1, 1, [245; 3]))
 }
 
 fn elapsed_ms(begun: Instant) -> f64 {
@@ -283,13 +298,13 @@ pub(super) fn blind(
     error: &SightError,
     record: &mut dyn Record,
 ) -> Result<Answer, DaemonError> {
-    record.finding(&findings::rejected(kind, pass, reason("no_picture", error)))?;
+    record.finding(&rejected(kind, pass, reason("no_picture", error)))?;
     Ok(Answer::Failed(Trouble::Camera))
 }
 
 /// A picture that cannot be read: of a corner that is a rejection, of a film it says nothing.
 pub(super) fn unseen(kind: Kind, pass: u8, reason: Reason, record: &mut dyn Record) -> Result<Answer, DaemonError> {
-    record.finding(&findings::rejected(kind, pass, reason))?;
+    record.finding(&rejected(kind, pass, reason))?;
     let of_film = kind == Kind::Inspect;
     Ok(if of_film { Answer::Failed(Trouble::Picture) } else { Answer::Graded(Grade::Reject) })
 }

@@ -6,8 +6,8 @@
 //! in the journal: nothing follows from them, and a controller that loses its client stops by itself.
 
 use super::corrected::Corrected;
+use super::moves::{self, move_lin};
 use super::ports::Robot;
-use super::routes::{self, Standing};
 use super::single_interlocks;
 use crate::cell::{Arm, Cell, InputsOutputs};
 use crate::cycle::{Act, Path};
@@ -15,6 +15,7 @@ use crate::eki::{
     Command, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp, Signal, State, Time,
 };
 use crate::geometry::{Base, Joints, KukaPose, Rigid, Tool};
+use crate::path::routes::{self, Standing};
 use crate::path::{Kinematics, judge_joints, reach};
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::time::{Duration, Instant};
@@ -164,7 +165,7 @@ impl<'r> Single<'r> {
             arm: cell.arm(),
             flange_from_tool: line.tool.flange_from_tool.to_rigid(),
             joints: self.state.joints,
-            things: None,
+            obstacles: None,
         };
         let gated = routes::air_at(
             &standing,
@@ -176,8 +177,8 @@ impl<'r> Single<'r> {
         accepted(gated.judgement)?;
         // By their names the first corner's; what it needs is what every straight way through the air needs.
         self.held_to_interlocks("a straight motion", single_interlocks::motion(Path::Corner { view: 0 }), cell)?;
-        self.robot.send(Command::SetAccSpeed(gated.speed))?;
-        let id = self.robot.send_path(gated.points)?;
+        self.robot.send(Command::SetAccSpeed(moves::speeds(gated.speed)))?;
+        let id = self.robot.send_path(move_lin(&gated.points))?;
         self.executed(id, LONG)
     }
 

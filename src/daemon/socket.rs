@@ -10,17 +10,12 @@
 
 mod places;
 
-use super::caller::Caller;
-use super::desk::{Asked, Letter};
-use super::lending::{self, SharedCameras, ShotWish};
-use super::letters::{Letters, NotTaken};
-use super::ports::Order;
-use super::protocol::{
-    Exit, MOST_BYTES, MOST_SHORT_BYTES, PartNames, ProtocolError, RecordIn, Reply, Wish, may_be_long,
-};
-use super::words;
-use crate::cycle::Request;
-use crate::record::Wanted;
+use super::caller;
+use super::gateway::Gateway;
+use super::lending::{self, SharedCameras, ShotRequest};
+use super::protocol::{Exit, MOST_BYTES, MOST_SHORT_BYTES, ProtocolError, Reply, may_be_long, read_request};
+use super::request::What;
+use crate::record::Who;
 use crate::supervision::{Supervised, Supervisor, supervised};
 use crate::verdict::Reason;
 use places::{Place, Places};
@@ -30,12 +25,10 @@ use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net as system;
 use std::path::{Path, PathBuf};
 use std::pin::pin;
-use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 use tokio::net::{UnixListener, UnixStream};
 use tokio::runtime::{Builder, Runtime};
-use tokio::sync::oneshot;
 use tokio::time::{interval, sleep, timeout};
 
 /// Owner and group may ask.
@@ -44,8 +37,6 @@ const MODE: u32 = 0o660;
 const CLIENT_PATIENCE: Duration = Duration::from_secs(2);
 /// How long a connection that has to give way is still listened to.
 const LAST_WORD: Duration = Duration::from_millis(50);
-/// The loop answers within this time, or something is wrong with it.
-const LOOP_PATIENCE: Duration = Duration::from_secs(5);
 /// The socket's thread says so often that it works, and is silent for at most so long.
 const SIGN: Duration = Duration::from_millis(250);
 const LONGEST_SILENCE: Duration = Duration::from_secs(4);
@@ -53,22 +44,6 @@ const LONGEST_SILENCE: Duration = Duration::from_secs(4);
 const READERS: usize = 2;
 /// How far the socket's thread goes before what the machine does beside: it has little to do, and a stop may be in it.
 const NICE: i32 = -5;
-
-/// A cycle that somebody asks for.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Started {
-    /// The recipe's name in messages.
-    pub recipe: String,
-    /// Its text.
-    pub text: String,
-    /// Where it is recorded, where it is.
-    pub record: Option<RecordIn>,
-    /// The part.
-    pub part: Option<PartNames>,
-}
-
-/// Makes an order of what was asked for, or says why not.
-pub type Loader = dyn Fn(Started) -> Result<Order, Vec<Reason>> + Send + Sync;
 
 /// Why there is no socket.
 #[derive(Debug, thiserror::Error)]
@@ -104,16 +79,11 @@ pub struct Socket {
 }
 
 impl Socket {
-    /// Listens, and hands what is asked to the desk; the cameras are lent where they are. The supervisor watches its thread.
+    /// Listens, and hands what is requested to the gateway. The supervisor watches its thread.
     ///
     /// # Errors
     /// Where somebody answers on this socket already, the file is another, or the system refuses.
-    pub fn listen(
-        path: &Path,
-        letters: Letters,
-        (loader, cameras): (Arc<Loader>, Option<SharedCameras>),
-        supervisor: &Supervisor,
-    ) -> Result<Self, SocketError> {
+    pub fn listen(path: &Path, gateway: Gateway, supervisor: &Supervisor) -> Result<Self, SocketError> {
         let failed = |doing| {
             let path = path.to_owned();
             move |source| SocketError::System { doing, path, source }
@@ -131,8 +101,7 @@ impl Socket {
             UnixListener::from_std(listener).map_err(failed("serve"))?
         };
         let thread = thread::Builder::new().name("socket".to_owned());
-        let door = Door { letters, loader, cameras, places: Places::default() };
-        thread.spawn(move || serve(&runtime, &served, &door, &sign)).map_err(failed("serve"))?;
+        thread.spawn(move || serve(&runtime, &served, &gateway, &sign)).map_err(failed("serve"))?;
         supervisor.watch(watched);
         Ok(socket)
     }
@@ -165,16 +134,8 @@ fn clear_the_way(path: &Path) -> Result<(), SocketError> {
     }
 }
 
-/// What a connection needs.
-#[derive(Clone)]
-struct Door {
-    letters: Letters,
-    loader: Arc<Loader>,
-    cameras: Option<SharedCameras>,
-    places: Places,
-}
-
-fn serve(runtime: &Runtime, listener: &UnixListener, door: &Door, sign: &Supervised) {
+fn serve(runtime: &Runtime, listener: &UnixListener, gateway: &Gateway, sign: &Supervised) {
+    let places = Places::default();
     // Where it is not permitted, the system shares the processors out as it does among all.
     let _ = rustix::process::setpriority_process(None, NICE);
     runtime.block_on(async {
@@ -189,9 +150,9 @@ fn serve(runtime: &Runtime, listener: &UnixListener, door: &Door, sign: &Supervi
             };
             match accepted {
                 Ok((stream, _)) => {
-                    let caller = Caller::of(&stream);
-                    let place = door.places.take(caller.uid);
-                    tokio::spawn(attend(stream, caller, place, door.clone()));
+                    let who = caller::at_socket(&stream);
+                    let place = places.take(who.uid);
+                    tokio::spawn(attend(stream, who, place, gateway.clone()));
                 }
                 // Such as no file descriptor left: whoever asks tries again.
                 Err(_) => sleep(Duration::from_millis(50)).await,
@@ -201,7 +162,7 @@ fn serve(runtime: &Runtime, listener: &UnixListener, door: &Door, sign: &Supervi
 }
 
 /// Reads one line, has it answered, and tells the answer.
-async fn attend(stream: UnixStream, caller: Caller, mut place: Place, door: Door) {
+async fn attend(stream: UnixStream, who: Who, mut place: Place, gateway: Gateway) {
     let heard = {
         let mut reading = pin!(read(&stream));
         tokio::select! {
@@ -212,11 +173,11 @@ async fn attend(stream: UnixStream, caller: Caller, mut place: Place, door: Door
         }
     };
     drop(place);
-    if let (Ok(Wish::Shoot { shot }), Some(cameras)) = (&heard, &door.cameras) {
-        return lend(stream, *shot, cameras.clone(), caller);
+    if let (Ok(What::Shoot(shot)), Some(cameras)) = (&heard, &gateway.cameras) {
+        return lend(stream, *shot, cameras.clone(), who);
     }
     let reply = match heard {
-        Ok(wish) => door.answer(wish, caller).await,
+        Ok(what) => gateway.request(what, who).await,
         Err(error @ (ProtocolError::Slow | ProtocolError::GaveWay)) => {
             Reply::refused(Exit::Fault, vec![Reason::new("busy", error.to_string())])
         }
@@ -232,7 +193,7 @@ async fn tell(stream: &UnixStream, reply: &Reply) {
     let _ = timeout(CLIENT_PATIENCE, write(stream, &line)).await;
 }
 
-async fn read(stream: &UnixStream) -> Result<Wish, ProtocolError> {
+async fn read(stream: &UnixStream) -> Result<What, ProtocolError> {
     let (mut line, mut bytes) = (Vec::new(), [0; 4 * 1_024]);
     loop {
         let most = if may_be_long(&line) { MOST_BYTES } else { MOST_SHORT_BYTES };
@@ -248,9 +209,9 @@ async fn read(stream: &UnixStream) -> Result<Wish, ProtocolError> {
         match part.iter().position(|byte| *byte == b'\n') {
             Some(end) => {
                 line.extend_from_slice(&part[..=end]);
-                return Wish::read(&line);
+                return read_request(&line);
             }
-            None if count == 0 => return Wish::read(&line),
+            None if count == 0 => return read_request(&line),
             None => line.extend_from_slice(part),
         }
     }
@@ -268,79 +229,12 @@ async fn write(stream: &UnixStream, mut line: &[u8]) -> std::io::Result<()> {
 }
 
 /// Lends the cameras to whoever is at the other end, on a thread of its own.
-fn lend(stream: UnixStream, shot: ShotWish, cameras: SharedCameras, caller: Caller) {
-    tracing::info!("{} asks: {}", caller.named(), shot.word());
+fn lend(stream: UnixStream, shot: ShotRequest, cameras: SharedCameras, who: Who) {
+    tracing::info!("{} asks: {}", caller::in_log(&caller::named(who)), shot.word());
     let lent = stream.into_std().and_then(|stream| {
         thread::Builder::new().name("shots".to_owned()).spawn(move || lending::serve(stream, shot, &cameras))
     });
     if let Err(error) = lent {
         tracing::warn!("no shot: {error}");
-    }
-}
-
-impl Door {
-    async fn answer(&self, wish: Wish, caller: Caller) -> Reply {
-        let asked = match wish {
-            Wish::State {} => Asked::State,
-            Wish::Start { recipe, text, record, part } => {
-                let named = recipe.clone();
-                match self.load(Started { recipe, text, record, part }).await {
-                    Ok(order) => Asked::Begin(Box::new(order)),
-                    Err(refused) => {
-                        let (wanted, who) = (Wanted::Start { recipe: named }, caller.named());
-                        // Where it is not taken, the service has ended, or this user asks without end.
-                        let _ =
-                            self.letters.send(Letter::Refused { wanted, who, reasons: refused.reasons.clone() });
-                        return refused;
-                    }
-                }
-            }
-            Wish::Hold {} => Asked::For(Request::Hold),
-            Wish::Unhold { dried } => Asked::For(Request::Unhold { dried }),
-            Wish::Accept {} => Asked::For(Request::Accept),
-            Wish::Stop {} => Asked::For(Request::Stop),
-            Wish::Abort {} => Asked::For(Request::Abort),
-            Wish::Clear {} => Asked::For(Request::Clear),
-            Wish::Reset {} => Asked::For(Request::Reset),
-            Wish::NewDisc {} => Asked::NewDisc,
-            Wish::Shoot { .. } => {
-                let message = "the service has not opened its cameras yet; ask for the state";
-                return Reply::refused(Exit::Refused, vec![Reason::new("not_now", message)]);
-            }
-        };
-        let who = match &asked {
-            Asked::State => caller,
-            _ => caller.named(),
-        };
-        let told = (!matches!(asked, Asked::State)).then(|| (words::asked(&asked), who.clone()));
-        let (reply, answer) = oneshot::channel();
-        let failed = |code, message: &str| Reply::refused(Exit::Fault, vec![Reason::new(code, message)]);
-        if let Err(error) = self.letters.send(Letter::Asked { asked, who, reply }) {
-            let code = if error == NotTaken::Ended { "ended" } else { "busy" };
-            return failed(code, &error.to_string());
-        }
-        if let Some((what, who)) = told {
-            tracing::info!("{who} asks: {what}");
-        }
-        match timeout(LOOP_PATIENCE, answer).await {
-            Ok(Ok(reply)) => reply,
-            Ok(Err(_)) => failed("ended", "the service ended before it could answer"),
-            Err(_) => {
-                failed("silent", "the service's loop does not answer; ask for the state, and look at its log")
-            }
-        }
-    }
-
-    /// Reads what a cycle works by, on a thread of its own.
-    async fn load(&self, started: Started) -> Result<Order, Reply> {
-        let loader = self.loader.clone();
-        let loaded = tokio::task::spawn_blocking(move || loader(started)).await;
-        match loaded {
-            Ok(order) => order.map_err(|reasons| Reply::refused(Exit::Refused, reasons)),
-            Err(error) => {
-                let message = format!("the recipe could not be read: {error}");
-                Err(Reply::refused(Exit::Fault, vec![Reason::new("fault", message)]))
-            }
-        }
     }
 }

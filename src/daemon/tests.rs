@@ -4,10 +4,11 @@ mod contact;
 mod fake;
 mod paths;
 mod serving;
+mod stages;
 mod taped;
 
 use super::*;
-use crate::cycle::{At, Outcome, Path, Request, Why};
+use crate::cycle::{self, At, Outcome, Path, Why};
 use crate::record::{Budget, Kind, name};
 use crate::sim::Scene;
 use crate::verdict::Verdict;
@@ -35,7 +36,7 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     let error = story.truth.placement_error_mm(&story.outcome.base_from_panel.expect("found"));
     assert!(error.max_mm < 1.5, "{error:?}");
     // What a reader of the record finds: every limit kept, figures of every phase, the measured parts of the budget.
-    for number in story.findings.iter().flat_map(|finding| &finding.numbers) {
+    for number in story.findings.iter().flat_map(|finding| &finding.checks) {
         let broken = number.name.starts_with("broken film");
         assert!(broken || number.value.is_none_or(|value| number.limit.allows(value)), "{number:?}");
     }
@@ -55,7 +56,7 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
 fn limits_are_told(story: &fake::Story) {
     let last = |kind: Kind| story.findings.iter().rfind(|finding| finding.kind == kind).expect("found");
     let unlimited = |kind: Kind| -> Vec<&str> {
-        let numbers = last(kind).numbers.iter();
+        let numbers = last(kind).checks.iter();
         numbers.filter(|it| it.limit == crate::record::Limit::Unlimited).map(|it| it.name.as_str()).collect()
     };
     let told = [
@@ -73,7 +74,7 @@ fn limits_are_told(story: &fake::Story) {
         (Kind::Verify, name::CORNERS),
     ] {
         let found =
-            last(kind).numbers.iter().find(|it| it.name == number).unwrap_or_else(|| panic!("{number}: {story}"));
+            last(kind).checks.iter().find(|it| it.name == number).unwrap_or_else(|| panic!("{number}: {story}"));
         assert!(found.value.is_some() && found.limit.bound().is_some(), "{found:?}");
     }
     assert_eq!(last(Kind::Verify).number(name::CORNERS), Some(2.0), "{story}");
@@ -123,9 +124,9 @@ fn a_refused_path_aborts_and_sends_nothing() {
 #[test]
 fn a_hold_in_contact_is_left_through_verify_and_a_new_plan() {
     let held = |state: &crate::cycle::State| matches!(state.intent, Some(i) if i.motion.path == Path::Contact && i.done > 20);
-    let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle().with(held, Request::Hold).with(
+    let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle().with(held, cycle::Request::Hold).with(
         |state| matches!(state.at, At::Held(hold) if hold.why == Why::Asked),
-        Request::Unhold { dried: false },
+        cycle::Request::Unhold { dried: false },
     ));
     assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
     let contact = story.motions(Path::Contact);

@@ -1,8 +1,8 @@
 //! The service while its store cannot be opened, such as on a full disk: it answers, does nothing, and tries again.
 
-use super::desk::{Asked, Letter};
-use super::letters::Inbox;
 use super::protocol::{Exit, Reply};
+use super::request::{Request, What};
+use super::request_queue::RequestQueue;
 use crate::verdict::Reason;
 use sd_notify::NotifyState;
 use std::time::Duration;
@@ -12,7 +12,7 @@ const EVERY: Duration = Duration::from_secs(1);
 
 /// Answers who asks with why nothing can be done, until `attempt` opens what is waited for; `None` where a signal ends it.
 /// The state is told as aborted: nothing moves, and what the cell did last cannot be read.
-pub fn wait_for<T>(letters: &Inbox, mut attempt: impl FnMut() -> Result<T, Reason>) -> Option<T> {
+pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, Reason>) -> Option<T> {
     let mut told = false;
     loop {
         let why = match attempt() {
@@ -24,16 +24,16 @@ pub fn wait_for<T>(letters: &Inbox, mut attempt: impl FnMut() -> Result<T, Reaso
             notify(&[NotifyState::Ready, NotifyState::Status(&why.message)]);
         }
         notify(&[NotifyState::Watchdog]);
-        match letters.next(EVERY) {
-            Some(Letter::Signal) => return None,
-            Some(Letter::Asked { asked, reply, .. }) => {
-                let answer = if matches!(asked, Asked::State) { Exit::Done } else { Exit::Fault };
-                let state = Some("aborted".to_owned());
-                // Whoever hung up does not want to know.
-                let _ = reply.send(Reply { state, ..Reply::refused(answer, vec![why]) });
-            }
-            // Was answered already, and there is no store yet that could keep it.
-            Some(Letter::Refused { .. }) | None => {}
+        let Some(Request { what, reply, .. }) = queue.next(EVERY) else { continue };
+        if matches!(what, What::Leave) {
+            return None;
+        }
+        // Without a reply it was answered already, and there is no store yet that could keep it.
+        if let Some(reply) = reply {
+            let answer = if matches!(what, What::State) { Exit::Done } else { Exit::Fault };
+            let state = Some("aborted".to_owned());
+            // Whoever hung up does not want to know.
+            let _ = reply.send(Reply { state, ..Reply::refused(answer, vec![why]) });
         }
     }
 }

@@ -1,6 +1,6 @@
 //! States, refusals and causes in words for the people at the cell: what is, and what to do.
 
-use super::desk::Asked;
+use super::request::{StartRequest, What};
 use crate::cycle::{At, Cause, Epoch, Hold, Phase, Refusal, Request, Robot, State, Trouble, Why, step};
 use crate::verdict::Reason;
 
@@ -19,14 +19,17 @@ pub fn request_word(request: Request) -> &'static str {
     }
 }
 
-/// What somebody asks, as it is told in the log.
-pub(super) fn asked(asked: &Asked) -> String {
-    match asked {
-        Asked::State => "state".to_owned(),
-        Asked::For(Request::Unhold { dried: true }) => "unhold --dried".to_owned(),
-        Asked::For(request) => request_word(*request).to_owned(),
-        Asked::NewDisc => "new-disc".to_owned(),
-        Asked::Begin(order) => format!("start of panel {}", order.task.recipe.panel()),
+/// What is requested, as it stands in the log.
+pub(super) fn what(what: &What) -> String {
+    match what {
+        What::State => "state".to_owned(),
+        What::Table(Request::Unhold { dried: true }) => "unhold --dried".to_owned(),
+        What::Table(request) => request_word(*request).to_owned(),
+        What::NewDisc => "new-disc".to_owned(),
+        What::Begin(prepared) => format!("start of panel {}", prepared.setup.panel_name()),
+        What::Start(StartRequest { recipe, .. }) | What::Unprepared { recipe, .. } => format!("start by {recipe}"),
+        What::Shoot(shot) => shot.word().to_owned(),
+        What::Leave => "leave".to_owned(),
     }
 }
 

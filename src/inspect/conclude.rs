@@ -4,12 +4,12 @@ use super::InspectError;
 use super::doubt::{Dryness, wet_when_dry};
 use super::film::NEVER;
 use super::footprint::Footprint;
-use super::gate::{GridInspection, Observation, judge};
+use super::gate::{GridInspection, Judged, Observation, judge};
 use super::pieces::{Break, breaks};
-use super::settle::{Seen, settled};
+use super::settle::{FilmObservation, settled};
 use super::watch::Watch;
 use crate::geometry::Mask;
-use crate::verdict::Judgement;
+use crate::verdict::{Check, Judgement};
 
 /// A glint that lingers is at most this large where it is as bright as a dry place, mm² …
 const GLINT_MM2: f64 = 40.0;
@@ -19,6 +19,8 @@ const BEAD_MM2: f64 = 20.0;
 /// What a test found, with its verdict.
 #[derive(Debug, Clone)]
 pub struct Inspection {
+    /// Every number that was judged.
+    pub checks: Vec<Check>,
     /// Pass, fail or invalid, and why.
     pub judgement: Judgement,
     /// How the film was watched.
@@ -69,15 +71,15 @@ impl Watch {
             is_place_assumed: self.is_place_assumed,
             quality: self.quality.clone(),
         };
-        let judgement = judge(&observation, &grids, &self.demands, &self.settings);
+        let Judged { checks, judgement } = judge(&observation, &grids, &self.demands, &self.settings);
         let is_thesis = self.thesis.is_some();
         let closed = |index: usize| !is_thesis && !model.is_open(index) && model.broke_s(index).is_some();
         let breaks = breaks(&self.footprint, &since_wet_s, closed)?;
-        Ok(Inspection { judgement, observation, breaks, grids, footprint: self.footprint, since_wet_s })
+        Ok(Inspection { checks, judgement, observation, breaks, grids, footprint: self.footprint, since_wet_s })
     }
 
     fn settled(&self, broke_s: Vec<f32>, inside: &[bool]) -> Vec<f32> {
-        let seen = Seen {
+        let seen = FilmObservation {
             looks_dry_since_s: &|index| self.model.looks_dry_since_s(index).filter(|_| inside[index]),
             was_open_s: &|index| self.model.was_open_s(index),
             off_dry: &|index| self.model.off_dry(index),

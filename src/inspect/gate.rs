@@ -8,12 +8,12 @@
 //! do not pass. A break always stays in the reasons.
 
 use super::model::FILM_ASSUMED;
-use super::place::{elsewhere, too_coarse};
+use super::place::{MAX_OFF_PX, elsewhere, too_coarse};
 use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, MIN_TOLD, Quality, most_brighter_percent};
 use crate::cell::Limits;
 use crate::panel::GridId;
 use crate::recipe::{self, Recipe};
-use crate::verdict::{Judgement, Reason, Verdict};
+use crate::verdict::{Check, Judgement, Limit, SetBy, Severity, Verdict};
 use crate::words::apart;
 
 /// Fewer pictures than this share of what the recipe asks for are too few.
@@ -22,6 +22,15 @@ const MIN_FRAME_SHARE: f64 = 0.8;
 const MAX_GAP_INTERVALS: f64 = 5.0;
 /// A film must change the panel by this many grey levels at least: six times the noise of a common camera's pixel.
 const MIN_CHANGE_LEVELS: f64 = 6.0;
+
+/// Which of the demands the cell's file states, since the recipe does not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ByCell {
+    /// How long the film is watched.
+    pub observation: bool,
+    /// Broken film from which a grid fails.
+    pub min_break: bool,
+}
 
 /// What is asked of a test: the recipe's values, or the cell's where the recipe has none.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,6 +43,8 @@ pub struct Demands {
     pub min_break_mm2: f64,
     /// How long a place must be seen dry to count as broken, s.
     pub persist_s: f64,
+    /// Who states them.
+    pub by_cell: ByCell,
 }
 
 impl Demands {
@@ -44,12 +55,30 @@ impl Demands {
             frames_per_second: recipe.process().frames_per_second(),
             min_break_mm2: recipe.inspect().min_break_mm2().unwrap_or(limits.min_break_mm2()),
             persist_s: recipe.inspect().persist_s(),
+            by_cell: ByCell {
+                observation: recipe.process().observation_s().is_none(),
+                min_break: recipe.inspect().min_break_mm2().is_none(),
+            },
         }
     }
 
     /// How long to film, s: what breaks at the end of the window must be seen dry long enough to count.
     pub fn filmed_s(&self) -> f64 {
         self.observation_s + self.persist_s
+    }
+
+    fn window_set_by(&self) -> SetBy {
+        match self.by_cell.observation {
+            true => SetBy::cell("limits.observation_s"),
+            false => SetBy::recipe("process.observation_s"),
+        }
+    }
+
+    fn min_break_set_by(&self) -> SetBy {
+        match self.by_cell.min_break {
+            true => SetBy::cell("limits.min_break_mm2"),
+            false => SetBy::recipe("inspect.min_break_mm2"),
+        }
     }
 
     /// Pictures that must show a place dry.
@@ -139,133 +168,244 @@ impl Observation {
     }
 }
 
-/// Judges a test.
+/// Names of the checks that tell what no number of a film says alone.
+pub mod name {
+    /// How long a film was watched, s.
+    pub const WATCHED: &str = "watched";
+    /// Whether the dry panel was seen.
+    pub const DRY_PICTURE: &str = "a picture of the dry panel";
+    /// By how much the film changes the panel.
+    pub const FILM_CHANGE: &str = "change of the panel by the film";
+    /// The first picture's own sharpness.
+    pub const FIRST_SHARPNESS: &str = "sharpness of the first picture";
+    /// Grids with places that were wet in the dry picture.
+    pub const WET_GRIDS: &str = "grids that were wet in the dry picture";
+    /// Grids that were not wholly seen.
+    pub const UNSEEN_GRIDS: &str = "grids that were not wholly seen";
+    /// Grids that the recipe masks.
+    pub const MASKED_GRIDS: &str = "grids that the recipe masks";
+}
+
+/// A test with every number that was judged.
+pub struct Judged {
+    /// The checks, in the order in which they are judged.
+    pub checks: Vec<Check>,
+    /// The verdict.
+    pub judgement: Judgement,
+}
+
+/// Judges a test. What makes it say nothing rejects; a grid that failed, or that nobody looked at, is for review, by which
+/// a film that says something fails or is incomplete.
 pub fn judge(
     observation: &Observation,
     grids: &[GridInspection],
     demands: &Demands,
     settings: &recipe::Inspect,
-) -> Judgement {
-    let mut reasons = invalid(observation, grids, demands, settings);
-    let invalid = !reasons.is_empty();
-    let (broken, masked) = (broken(demands.min_break_mm2, grids), masked(grids));
-    let verdict = match (invalid, &broken, &masked) {
-        (true, ..) => Verdict::Invalid,
-        (false, Some(_), _) => Verdict::Fail,
+) -> Judged {
+    let film = Film { observation, grids, demands, settings };
+    let checks = [film.watched(), film.place(), film.clear(), film.wetted(), film.grids()].concat();
+    let judgement = Judgement::of_checks(&checks);
+    let verdict = match judgement.verdict {
+        Verdict::Accept => Verdict::Pass,
+        Verdict::Review if grids.iter().any(|grid| grid.failed) => Verdict::Fail,
         // What was not looked at may be broken: nobody passes it.
-        (false, None, Some(_)) => Verdict::Invalid,
-        (false, None, None) => Verdict::Pass,
+        _ => Verdict::Invalid,
     };
-    reasons.extend(broken.into_iter().chain(masked));
-    Judgement { verdict, reasons }
+    Judged { checks, judgement: Judgement { verdict, ..judgement } }
 }
 
-fn invalid(
-    observation: &Observation,
-    grids: &[GridInspection],
-    demands: &Demands,
-    settings: &recipe::Inspect,
-) -> Vec<Reason> {
-    let Observation { observed_s, frames, longest_gap_s, .. } = *observation;
-    let window_s = demands.observation_s;
-    let mut reasons = Vec::new();
-    if !observation.has_dry {
-        let message = "there is no picture of the dry panel; without one a place that never became wet cannot be told \
-                       from one that holds its film: take one before the spray and repeat the test";
-        reasons.push(Reason::new("no_dry_picture", message));
-    }
-    if observed_s < demands.min_observed_s() {
-        let [observed, window] = apart(observed_s, window_s, 1);
-        let message = format!(
-            "the film was watched for {observed} s; the recipe's observation_s asks for {window} s: repeat the test"
-        );
-        reasons.push(Reason::new("too_short", message));
-    }
-    let needed = demands.min_frames();
-    if (frames as f64) < needed {
-        let message = format!("{frames} wet pictures were taken; needed are {needed}: repeat the test");
-        reasons.push(Reason::new("too_few_frames", message));
-    }
-    let allowed_gap_s = demands.max_gap_s();
-    if longest_gap_s > allowed_gap_s {
-        let [gap, allowed] = apart(longest_gap_s, allowed_gap_s, 2);
-        let message = format!("two wet pictures lie {gap} s apart; allowed are {allowed} s: repeat the test");
-        reasons.push(Reason::new("gap", message));
-    }
-    let place = (observation.is_place_assumed, observation.has_dry);
-    reasons.extend(elsewhere(observation.quality.off_px, place));
-    reasons.extend(too_coarse(observation.detection_limit_mm2, demands.min_break_mm2));
-    reasons.extend(unclear(observation, demands, settings));
-    let allowed_percent = settings.max_never_wet_percent();
-    if observation.has_dry && observation.never_wet_percent > allowed_percent {
-        let [found, allowed] = apart(observation.never_wet_percent, allowed_percent, 1);
-        let message = format!(
-            "{found} % of the region was wet in no picture; allowed are {allowed} %: was the water on, does the spray reach all \
-             of the panel? Repeat the test"
-        );
-        reasons.push(Reason::new("never_wet", message));
-    }
-    let wet = names(grids, |grid| grid.wet_when_dry);
-    if !wet.is_empty() {
-        let message = format!(
-            "the dry picture shows places on {} that were wet already, and the test says nothing of them: dry the panel and \
-             repeat the test",
-            wet.join(", ")
-        );
-        reasons.push(Reason::new("wet_when_dry", message));
-    }
-    let unseen = names(grids, |grid| !grid.seen && !grid.only_masked && !grid.wet_when_dry);
-    if !unseen.is_empty() {
-        let message = format!(
-            "not wholly seen: {}; move the panel into view, lower the exposure where it is too bright, or move the lamp \
-             where a reflection stands still",
-            unseen.join(", ")
-        );
-        reasons.push(Reason::new("not_seen", message));
-    }
-    reasons
+/// A film that was watched, and what is asked of it.
+struct Film<'a> {
+    observation: &'a Observation,
+    grids: &'a [GridInspection],
+    demands: &'a Demands,
+    settings: &'a recipe::Inspect,
 }
 
-/// Why the pictures cannot be judged by.
-fn unclear(observation: &Observation, demands: &Demands, settings: &recipe::Inspect) -> Vec<Reason> {
-    let Observation { frames, quality, .. } = observation;
-    let mut reasons = Vec::new();
-    let change = observation.change_levels();
-    if observation.has_dry && change < MIN_CHANGE_LEVELS {
-        let [change, needed] = apart(change, MIN_CHANGE_LEVELS, 1);
-        let message = format!(
-            "the film changes the panel by {change} grey levels; needed are {needed}: give more light or a longer exposure, then \
-             repeat the test"
+impl Film<'_> {
+    /// Was it watched for long enough, with a dry picture and without a gap?
+    fn watched(&self) -> Vec<Check> {
+        let Observation { observed_s, frames, longest_gap_s, has_dry, .. } = *self.observation;
+        let demands = self.demands;
+        let (needed, allowed_gap_s) = (demands.min_frames(), demands.max_gap_s());
+        vec![
+            Check::new(name::DRY_PICTURE, "", f64::from(u8::from(has_dry)))
+                .at_least(1.0, SetBy::Program)
+                .rejects("no_dry_picture", || {
+                    "there is no picture of the dry panel; without one a place that never became wet cannot be told \
+                     from one that holds its film: take one before the spray and repeat the test"
+                        .to_owned()
+                }),
+            Check::new(name::WATCHED, "s", observed_s)
+                .at_least(demands.min_observed_s(), demands.window_set_by())
+                .rejects("too_short", || {
+                    let [observed, window] = apart(observed_s, demands.observation_s, 1);
+                    format!(
+                        "the film was watched for {observed} s; the recipe's observation_s asks for {window} s: repeat the test"
+                    )
+                }),
+            Check::new("wet pictures", "", frames as f64)
+                .at_least(needed, SetBy::recipe("process.frames_per_second"))
+                .rejects("too_few_frames", || {
+                    format!("{frames} wet pictures were taken; needed are {needed}: repeat the test")
+                }),
+            Check::new("longest time between two of them", "s", longest_gap_s)
+                .at_most(allowed_gap_s, SetBy::recipe("process.frames_per_second"))
+                .rejects("gap", || {
+                    let [gap, allowed] = apart(longest_gap_s, allowed_gap_s, 2);
+                    format!("two wet pictures lie {gap} s apart; allowed are {allowed} s: repeat the test")
+                }),
+        ]
+    }
+
+    /// Does the panel stand where the grids are looked for, and are the pixels fine enough?
+    fn place(&self) -> Vec<Check> {
+        let Observation { has_dry, is_place_assumed, detection_limit_mm2, .. } = *self.observation;
+        let off_px = self.observation.quality.off_px;
+        let (off, coarse) = (
+            elsewhere(off_px, (is_place_assumed, has_dry)),
+            too_coarse(detection_limit_mm2, self.demands.min_break_mm2),
         );
-        reasons.push(Reason::new("dark", message));
+        vec![
+            Check::new("outline from where the panel was found, in the dry picture", "px", off_px)
+                .at_most(MAX_OFF_PX, SetBy::Program)
+                .gives(off, Severity::Reject),
+            Check::new("smallest break that is surely found", "mm²", detection_limit_mm2)
+                .at_most(self.demands.min_break_mm2, self.demands.min_break_set_by())
+                .gives(coarse, Severity::Reject),
+        ]
     }
-    if let Some(sharpness) = quality.first_sharpness.filter(|sharpness| *sharpness < MIN_FIRST_SHARPNESS) {
-        let [sharpness, needed] = apart(sharpness, MIN_FIRST_SHARPNESS, 2);
-        let message = format!(
-            "the panel's edge has {sharpness} of its contrast from one pixel to the next in the first picture; needed are \
-             {needed}: focus the camera and repeat the test"
-        );
-        reasons.push(Reason::new("focus", message));
+
+    /// Can its pictures be judged by?
+    fn clear(&self) -> Vec<Check> {
+        let (observation, quality) = (self.observation, &self.observation.quality);
+        let change = observation.change_levels();
+        let sharpness = quality.first_sharpness;
+        let (usable, allowed_s) = (self.demands.min_usable(observation.frames), self.demands.max_gap_s());
+        let is_enough = quality.usable as f64 >= usable;
+        let is_unseen = quality.longest_unseen_s > allowed_s && quality.usable != observation.frames;
+        let (flaw, flawed) = worst_flaw(quality);
+        let words = || self.flaw_words((flaw, flawed), allowed_s);
+        let [darker, brighter] = observation.light_limits_percent(self.settings);
+        let percent = |share: f64| Some(100.0 * (share - 1.0)).filter(|percent| percent.is_finite());
+        let light = || SetBy::recipe("inspect.max_light_change_percent");
+        let pictures = || SetBy::recipe("process.frames_per_second");
+        vec![
+            Check::new(name::FILM_CHANGE, "grey levels", observation.has_dry.then_some(change))
+                .at_least(MIN_CHANGE_LEVELS, SetBy::Program)
+                .rejects("dark", || {
+                    let [change, needed] = apart(change, MIN_CHANGE_LEVELS, 1);
+                    format!(
+                        "the film changes the panel by {change} grey levels; needed are {needed}: give more light or a longer \
+                         exposure, then repeat the test"
+                    )
+                }),
+            Check::new(name::FIRST_SHARPNESS, "", sharpness)
+                .at_least(MIN_FIRST_SHARPNESS, SetBy::Program)
+                .rejects("focus", || {
+                    let [sharpness, needed] = apart(sharpness.unwrap_or(f64::NAN), MIN_FIRST_SHARPNESS, 2);
+                    format!(
+                        "the panel's edge has {sharpness} of its contrast from one pixel to the next in the first picture; \
+                         needed are {needed}: focus the camera and repeat the test"
+                    )
+                }),
+            Check::new("pictures that could be judged by", "", quality.usable as f64)
+                .at_least(usable, pictures())
+                .broken(!is_enough, Severity::Reject, flaw.word(), words),
+            Check::new("longest time without one", "s", quality.longest_unseen_s)
+                .at_most(allowed_s, pictures())
+                .broken(is_unseen, Severity::Reject, flaw.word(), words),
+            Check::new("change of the light, least", "%", percent(quality.light[0])).at_least(-darker, light()),
+            Check::new("change of the light, most", "%", percent(quality.light[1])).at_most(brighter, light()),
+            Check::new("panel moved in the picture", "px", quality.moved_px),
+            Check::new("least sharpness against the dry picture", "", quality.sharpness),
+            Check::new("the film leaves of the dry brightness", "", observation.film_left),
+        ]
     }
-    let enough = quality.usable as f64 >= demands.min_usable(*frames);
-    let (unseen_s, allowed_s) = (quality.longest_unseen_s, demands.max_gap_s());
-    if enough && (unseen_s <= allowed_s || quality.usable == *frames) {
-        return reasons;
+
+    fn flaw_words(&self, (flaw, flawed): (Flaw, Flawed), allowed_s: f64) -> String {
+        let Observation { frames, quality, .. } = self.observation;
+        let what = shown(flaw, flawed.worst, self.observation, self.settings);
+        let [unseen, allowed] = apart(quality.longest_unseen_s, allowed_s, 1);
+        format!(
+            "{} of {frames} wet pictures cannot be judged by, {unseen} s of them without one that can (allowed {allowed} s); in \
+             {} of them {what}: repeat the test",
+            frames - quality.usable,
+            flawed.pictures
+        )
     }
-    let (flaw, flawed) =
-        Flaw::ALL.into_iter().zip(quality.flawed).fold((Flaw::Darker, Flawed::default()), |most, found| {
-            if found.1.pictures > most.1.pictures { found } else { most }
+
+    /// Was the panel dry before, and wet all over then?
+    fn wetted(&self) -> Vec<Check> {
+        let (observation, allowed_percent) = (self.observation, self.settings.max_never_wet_percent());
+        let is_dry_somewhere = observation.has_dry && observation.never_wet_percent > allowed_percent;
+        let wet = names(self.grids, |grid| grid.wet_when_dry);
+        vec![
+            Check::new("region that was wet in no picture", "%", observation.never_wet_percent)
+                .at_most(allowed_percent, SetBy::recipe("inspect.max_never_wet_percent"))
+                .broken(is_dry_somewhere, Severity::Reject, "never_wet", || {
+                    let [found, allowed] = apart(observation.never_wet_percent, allowed_percent, 1);
+                    format!(
+                        "{found} % of the region was wet in no picture; allowed are {allowed} %: was the water on, does the \
+                         spray reach all of the panel? Repeat the test"
+                    )
+                }),
+            Check::new(name::WET_GRIDS, "", wet.len() as f64).at_most(0.0, SetBy::Program).rejects(
+                "wet_when_dry",
+                || {
+                    format!(
+                        "the dry picture shows places on {} that were wet already, and the test says nothing of them: dry \
+                         the panel and repeat the test",
+                        wet.join(", ")
+                    )
+                },
+            ),
+        ]
+    }
+
+    /// What of each grid was seen, and broke.
+    fn grids(&self) -> Vec<Check> {
+        let (grids, min_break_mm2) = (self.grids, self.demands.min_break_mm2);
+        let unseen = names(grids, |grid| !grid.seen && !grid.only_masked && !grid.wet_when_dry);
+        let masked = names(grids, |grid| !grid.seen && grid.only_masked);
+        let broken = grids.iter().flat_map(|grid| {
+            let (id, when_s) = (grid.id, grid.time_to_break_s);
+            let limit = (Limit::Below(min_break_mm2), self.demands.min_break_set_by());
+            let area = Check::new(format!("broken film in {id}"), "mm²", grid.seen.then_some(grid.broken_mm2));
+            let area = area
+                .within(limit.0, limit.1)
+                .broken(grid.failed, Severity::Review, "broken", || broken_words(min_break_mm2, grids));
+            let failed = when_s.map(|time_s| Check::new(format!("{id} failed after"), "s", time_s));
+            std::iter::once(area).chain(failed)
         });
-    let what = shown(flaw, flawed.worst, observation, settings);
-    let [unseen, allowed] = apart(unseen_s, allowed_s, 1);
-    let message = format!(
-        "{} of {frames} wet pictures cannot be judged by, {unseen} s of them without one that can (allowed {allowed} s); in {} \
-         of them {what}: repeat the test",
-        frames - quality.usable,
-        flawed.pictures
-    );
-    reasons.push(Reason::new(flaw.word(), message));
-    reasons
+        let unseen =
+            Check::new(name::UNSEEN_GRIDS, "", unseen.len() as f64).at_most(0.0, SetBy::Program).rejects(
+                "not_seen",
+                || {
+                    format!(
+                        "not wholly seen: {}; move the panel into view, lower the exposure where it is too bright, or move the \
+                         lamp where a reflection stands still",
+                        unseen.join(", ")
+                    )
+                },
+            );
+        let masked = Check::new(name::MASKED_GRIDS, "", masked.len() as f64)
+            .at_most(0.0, SetBy::recipe("inspect.masked_px"))
+            .reviews("masked", || {
+                format!(
+                    "the recipe masks a part of {}, which therefore did not pass; look at it by eye while the film is watched",
+                    masked.join(", ")
+                )
+            });
+        std::iter::once(unseen).chain(broken).chain([masked]).collect()
+    }
+}
+
+/// The flaw of the most pictures; of several the first.
+fn worst_flaw(quality: &Quality) -> (Flaw, Flawed) {
+    Flaw::ALL.into_iter().zip(quality.flawed).fold((Flaw::Darker, Flawed::default()), |most, found| {
+        if found.1.pictures > most.1.pictures { found } else { most }
+    })
 }
 
 /// What is wrong with pictures of this flaw: the worst that was measured, and what is allowed.
@@ -308,16 +448,7 @@ fn names(grids: &[GridInspection], which: impl Fn(&GridInspection) -> bool) -> V
     grids.iter().filter(|grid| which(grid)).map(|grid| grid.id.to_string()).collect()
 }
 
-fn masked(grids: &[GridInspection]) -> Option<Reason> {
-    let masked = names(grids, |grid| !grid.seen && grid.only_masked);
-    let message = format!(
-        "the recipe masks a part of {}, which therefore did not pass; look at it by eye while the film is watched",
-        masked.join(", ")
-    );
-    (!masked.is_empty()).then(|| Reason::new("masked", message))
-}
-
-fn broken(min_break_mm2: f64, grids: &[GridInspection]) -> Option<Reason> {
+fn broken_words(min_break_mm2: f64, grids: &[GridInspection]) -> String {
     let failed: Vec<String> = grids
         .iter()
         .filter(|grid| grid.failed)
@@ -326,8 +457,7 @@ fn broken(min_break_mm2: f64, grids: &[GridInspection]) -> Option<Reason> {
             format!("{} ({:.1} mm²{when})", grid.id, grid.broken_mm2)
         })
         .collect();
-    let message = format!("the film broke on {}; a grid fails from {min_break_mm2:.1} mm²", failed.join(", "));
-    (!failed.is_empty()).then(|| Reason::new("broken", message))
+    format!("the film broke on {}; a grid fails from {min_break_mm2:.1} mm²", failed.join(", "))
 }
 
 #[cfg(test)]
@@ -335,8 +465,13 @@ mod tests {
     use super::super::tests::inspect_table;
     use super::*;
 
-    const DEMANDS: Demands =
-        Demands { observation_s: 10.0, frames_per_second: 1.0, min_break_mm2: 5.0, persist_s: 1.0 };
+    const DEMANDS: Demands = Demands {
+        observation_s: 10.0,
+        frames_per_second: 1.0,
+        min_break_mm2: 5.0,
+        persist_s: 1.0,
+        by_cell: ByCell { observation: false, min_break: false },
+    };
 
     fn good() -> Observation {
         let mut observation = Observation {
@@ -357,7 +492,7 @@ mod tests {
     }
 
     fn codes(observation: &Observation) -> Vec<String> {
-        let judgement = judge(observation, &[], &DEMANDS, &inspect_table(""));
+        let judgement = judge(observation, &[], &DEMANDS, &inspect_table("")).judgement;
         judgement.reasons.into_iter().map(|reason| reason.code.to_string()).collect()
     }
 
@@ -415,7 +550,7 @@ mod tests {
         (quality.usable, quality.longest_unseen_s) = (7, 6.0);
         quality.flawed[Flaw::Brighter as usize] = Flawed { pictures: 2, worst: 36.4 };
         quality.flawed[Flaw::Focus as usize] = Flawed { pictures: 1, worst: 0.4 };
-        let judgement = judge(&Observation { quality, ..good() }, &[], &DEMANDS, &inspect_table(""));
+        let judgement = judge(&Observation { quality, ..good() }, &[], &DEMANDS, &inspect_table("")).judgement;
         let message = &judgement.reasons[0].message;
         let told = "3 of 10 wet pictures cannot be judged by, 6.0 s of them without one that can (allowed 5 s); in 2 of \
                     them the light is up to 36.4 % more than the dry picture's (allowed 33.3 %";

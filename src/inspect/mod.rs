@@ -15,6 +15,7 @@
 mod advice;
 mod conclude;
 mod doubt;
+mod error;
 mod film;
 mod film_advice;
 mod footprint;
@@ -35,69 +36,12 @@ mod watch;
 
 pub use advice::{Advice, Channel, Sampler, best_threshold};
 pub use conclude::Inspection;
+pub use error::InspectError;
 pub use film_advice::{Flashes, GridContrast};
 pub use footprint::{Footprint, GridFootprint};
-pub use gate::{Demands, GridInspection, Observation};
+pub use gate::{ByCell, Demands, GridInspection, Observation, name};
 pub use pieces::Break;
 pub use place::{MAX_OFF_PX, too_coarse};
 pub use quality::{Flaw, Flawed, Quality};
 pub use score::{Confusion, Score, score, score_within};
 pub use watch::{Step, Watch};
-
-use crate::imaging::ImagingError;
-use crate::phase::Phase;
-
-/// Why pictures could not be inspected. A test that says nothing is no error but a verdict, `invalid`.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum InspectError {
-    /// The picture is of another camera, or scaled.
-    #[error(
-        "the picture has {found_width}×{found_height} px; the camera was calibrated for {width}×{height} px, and \
-         grids cannot be projected to another size"
-    )]
-    PictureSize {
-        /// Columns found.
-        found_width: usize,
-        /// Rows found.
-        found_height: usize,
-        /// Columns calibrated.
-        width: usize,
-        /// Rows calibrated.
-        height: usize,
-    },
-    /// Not one point of the region projects into the picture.
-    #[error("the region lies outside of the picture where the panel stands now; is the pose this clip's?")]
-    RegionNotInPicture,
-    /// Pictures out of order.
-    #[error("a picture at {time_s} s follows one at {previous_s} s; times must increase")]
-    TimeOrder {
-        /// The picture's time, s.
-        time_s: f64,
-        /// The time of the one before, s.
-        previous_s: f64,
-    },
-    /// A phase that is over came back.
-    #[error(
-        "the picture at {time_s} s is of phase {phase} after one of phase {previous}; the order is dry, spray, wet"
-    )]
-    PhaseOrder {
-        /// The picture's time, s.
-        time_s: f64,
-        /// Its phase.
-        phase: Phase,
-        /// The phase before.
-        previous: Phase,
-    },
-    /// A film too long.
-    #[error("the clip has more than {most} wet pictures; take fewer a second")]
-    TooManyPictures {
-        /// How many it may have.
-        most: usize,
-    },
-    /// Nothing to examine.
-    #[error("the clip has no picture of phase wet; the first fully wet picture is the reference of the test")]
-    NoWetPicture,
-    /// OpenCV refused a picture.
-    #[error(transparent)]
-    Imaging(#[from] ImagingError),
-}

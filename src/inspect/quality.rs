@@ -1,6 +1,6 @@
 //! Can each picture be judged by? What is wrong with those that cannot, and how long the film went unseen by it.
 
-use super::model::Look;
+use super::model::PictureMeasurement;
 use super::steady::Steadiness;
 use crate::recipe;
 
@@ -100,7 +100,7 @@ impl Quality {
     /// Takes what one picture says of itself; whether it can be judged by.
     pub fn take(
         &mut self,
-        look: &Look,
+        look: &PictureMeasurement,
         steady: Option<Steadiness>,
         settings: &recipe::Inspect,
         time_s: f64,
@@ -142,7 +142,7 @@ pub fn most_brighter_percent(film_left: f64, settings: &recipe::Inspect) -> f64 
 }
 
 /// The first flaw of a picture, and what was measured.
-fn flaw(look: &Look, steady: Option<Steadiness>, settings: &recipe::Inspect) -> Option<(Flaw, f64)> {
+fn flaw(look: &PictureMeasurement, steady: Option<Steadiness>, settings: &recipe::Inspect) -> Option<(Flaw, f64)> {
     let (darker, brighter) = ((1.0 - look.light) * 100.0, (look.light - 1.0) * 100.0);
     let hidden = look.hidden * 100.0;
     let blurred = steady.map(|steady| steady.sharpness).filter(|sharpness| *sharpness > 0.0);
@@ -164,20 +164,31 @@ mod tests {
     use super::super::tests::inspect_table;
     use super::*;
 
-    const GOOD: Look = Look { light: 1.0, told: 1.0, hidden: 0.0, frozen: false, film_left: 0.6 };
+    const GOOD: PictureMeasurement =
+        PictureMeasurement { light: 1.0, told: 1.0, hidden: 0.0, frozen: false, film_left: 0.6 };
     const STEADY: Steadiness = Steadiness { moved_px: 0.0, sharpness: 1.0 };
 
     /// By hand, at both sides of each limit of the recipe's defaults; (1/0.6 − 1)/2 = 33.3 % more light.
     #[test]
     fn each_limit_has_its_flaw() {
         let settings = inspect_table("");
-        let found = |look: Look, steady: Steadiness| flaw(&look, Some(steady), &settings).map(|(flaw, _)| flaw);
+        let found = |look: PictureMeasurement, steady: Steadiness| {
+            flaw(&look, Some(steady), &settings).map(|(flaw, _)| flaw)
+        };
         let looks = [
-            (Look { light: 0.61, ..GOOD }, Look { light: 0.59, ..GOOD }, Flaw::Darker),
-            (Look { light: 1.33, ..GOOD }, Look { light: 1.34, ..GOOD }, Flaw::Brighter),
-            (Look { told: 0.5, ..GOOD }, Look { told: 0.49, ..GOOD }, Flaw::Untold),
-            (Look { hidden: 0.049, ..GOOD }, Look { hidden: 0.051, ..GOOD }, Flaw::Bright),
-            (GOOD, Look { frozen: true, ..GOOD }, Flaw::Frozen),
+            (PictureMeasurement { light: 0.61, ..GOOD }, PictureMeasurement { light: 0.59, ..GOOD }, Flaw::Darker),
+            (
+                PictureMeasurement { light: 1.33, ..GOOD },
+                PictureMeasurement { light: 1.34, ..GOOD },
+                Flaw::Brighter,
+            ),
+            (PictureMeasurement { told: 0.5, ..GOOD }, PictureMeasurement { told: 0.49, ..GOOD }, Flaw::Untold),
+            (
+                PictureMeasurement { hidden: 0.049, ..GOOD },
+                PictureMeasurement { hidden: 0.051, ..GOOD },
+                Flaw::Bright,
+            ),
+            (GOOD, PictureMeasurement { frozen: true, ..GOOD }, Flaw::Frozen),
         ];
         for (good, bad, expected) in looks {
             assert_eq!((found(good, STEADY), found(bad, STEADY)), (None, Some(expected)));
@@ -190,7 +201,7 @@ mod tests {
             "gone, not blurred"
         );
         assert_eq!(
-            flaw(&Look { film_left: 0.5, light: 1.41, ..GOOD }, None, &settings).map(|found| found.0),
+            flaw(&PictureMeasurement { film_left: 0.5, light: 1.41, ..GOOD }, None, &settings).map(|found| found.0),
             Some(Flaw::Brighter)
         );
     }
@@ -200,7 +211,7 @@ mod tests {
     fn what_was_not_seen_and_the_worst_of_it() {
         let mut quality = Quality::default();
         let blurred = |sharpness: f64| Steadiness { sharpness, ..STEADY };
-        let darker = |light: f64| Look { light, ..GOOD };
+        let darker = |light: f64| PictureMeasurement { light, ..GOOD };
         let shown = [
             (darker(0.9), STEADY),
             (darker(0.5), STEADY),

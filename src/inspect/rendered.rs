@@ -40,8 +40,13 @@ impl Test {
         // No less than what pixels of this size show surely, also of a panel that was displaced.
         let limit_mm2 = Footprint::taught_detection_limit_mm2(&taught, recipe.inspect()).expect("in view");
         let min_break_mm2 = (1.2 * limit_mm2).max(5.0);
-        let demands =
-            Demands { observation_s, frames_per_second: FRAMES_PER_SECOND, min_break_mm2, persist_s: 1.0 };
+        let demands = Demands {
+            observation_s,
+            frames_per_second: FRAMES_PER_SECOND,
+            min_break_mm2,
+            persist_s: 1.0,
+            by_cell: ByCell::default(),
+        };
         let watch =
             Watch::new(&taught, cell.scanner(), camera_from_panel, recipe.inspect(), demands).expect("in view");
         Test {

@@ -22,7 +22,7 @@ const SOON_S: f32 = 5.0;
 const NEARER_DRY: f32 = 0.12;
 
 /// What is known of the window's pixels besides when they broke.
-pub struct Seen<'a> {
+pub struct FilmObservation<'a> {
     /// Since when a pixel that did not break has looked dry, s.
     pub looks_dry_since_s: &'a dyn Fn(usize) -> Option<f32>,
     /// How long a pixel that broke was open, s, where it closed again.
@@ -38,7 +38,7 @@ pub struct Seen<'a> {
 }
 
 /// When each pixel of the window broke, s; [`NEVER`] where its film holds.
-pub fn settled(window: &Window, broke_s: Vec<f32>, seen: &Seen<'_>) -> Vec<f32> {
+pub fn settled(window: &Window, broke_s: Vec<f32>, seen: &FilmObservation<'_>) -> Vec<f32> {
     let mut broke_s = broke_s;
     grow(window, &mut broke_s, seen.looks_dry_since_s);
     let is_noise = |piece: &Vec<usize>| {
@@ -59,7 +59,7 @@ pub fn settled(window: &Window, broke_s: Vec<f32>, seen: &Seen<'_>) -> Vec<f32> 
 }
 
 /// Whether a place has the dry brightness all over: some of it reaches that, and what does not lie at its rim is even.
-fn is_level(window: &Window, broke_s: &[f32], piece: &[usize], seen: &Seen<'_>) -> bool {
+fn is_level(window: &Window, broke_s: &[f32], piece: &[usize], seen: &FilmObservation<'_>) -> bool {
     let sorted = |pixels: &mut dyn Iterator<Item = usize>| {
         let mut off: Vec<f32> = pixels.map(seen.off_dry).collect();
         off.sort_by(f32::total_cmp);
@@ -109,7 +109,7 @@ mod tests {
             .collect()
     }
 
-    const DRY: Seen<'_> = Seen {
+    const DRY: FilmObservation<'_> = FilmObservation {
         looks_dry_since_s: &|_| None,
         was_open_s: &|_| None,
         off_dry: &|_| 0.0,
@@ -123,12 +123,12 @@ mod tests {
         let broke = times(["........", ".1111..7", ".1.21...", ".1111...", "........", "77......"]);
         let late = |i: usize| (i == 8 + 5).then_some(9.0);
         let expected = times(["........", ".11119..", ".1221...", ".1111...", "........", "........"]);
-        let seen = Seen { looks_dry_since_s: &late, bead_px: 1, ..DRY };
+        let seen = FilmObservation { looks_dry_since_s: &late, bead_px: 1, ..DRY };
         assert_eq!(settled(&WINDOW, broke.clone(), &seen), expected);
         assert_eq!(settled(&WINDOW, broke, &DRY)[2 * 8 + 2], NEVER, "without filling");
     }
 
-    fn left(broke: &[f32], seen: &Seen<'_>) -> usize {
+    fn left(broke: &[f32], seen: &FilmObservation<'_>) -> usize {
         settled(&WINDOW, broke.to_vec(), seen).iter().filter(|time_s| **time_s < NEVER).count()
     }
 
@@ -140,7 +140,7 @@ mod tests {
         for (off_dry, glint_px, expected) in
             [(&bell as &dyn Fn(usize) -> f32, 30, 0), (&bell, 29, 30), (&level, 30, 30), (&|_| -0.21, 30, 0)]
         {
-            assert_eq!(left(&broke, &Seen { off_dry, glint_px, ..DRY }), expected, "{glint_px}");
+            assert_eq!(left(&broke, &FilmObservation { off_dry, glint_px, ..DRY }), expected, "{glint_px}");
         }
     }
 
@@ -149,7 +149,7 @@ mod tests {
     fn a_tiny_place_that_closed_soon_must_be_dry() {
         let broke = times(["1111....", "1111....", "........", "........", "........", "........"]);
         for (open_s, off, expected) in [(4.0, -0.15, 0), (4.0, -0.1, 8), (6.0, -0.15, 8), (6.0, -0.25, 0)] {
-            let seen = Seen { was_open_s: &|_| Some(open_s), off_dry: &|_| off, glint_px: 8, ..DRY };
+            let seen = FilmObservation { was_open_s: &|_| Some(open_s), off_dry: &|_| off, glint_px: 8, ..DRY };
             assert_eq!(left(&broke, &seen), expected, "{open_s} s, {off}");
         }
     }

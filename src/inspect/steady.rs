@@ -25,7 +25,7 @@ const NOISE_SHARE: f32 = 0.25;
 
 /// One place on the outline.
 #[derive(Debug, Clone, Copy)]
-struct Place {
+struct EdgeLocation {
     at: Vector2<f32>,
     normal: Vector2<f32>,
 }
@@ -43,7 +43,7 @@ struct Edge {
 /// The outline as the dry picture shows it.
 #[derive(Debug)]
 pub struct Outline {
-    places: Vec<Place>,
+    places: Vec<EdgeLocation>,
     /// What the taught picture shows at each place, with the panel where it was taught.
     taught: Vec<Profile>,
     first: Vec<Option<Edge>>,
@@ -82,7 +82,7 @@ impl Outline {
             let [from, at, to] = [i + pixels.len() - reach, i, i + reach].map(|i| pixels[i % pixels.len()]);
             let along = Vector2::new((to.u - from.u) as f32, (to.v - from.v) as f32);
             let length = along.norm();
-            (length > 1.0).then(|| Place {
+            (length > 1.0).then(|| EdgeLocation {
                 at: Vector2::new(at.u as f32, at.v as f32),
                 normal: Vector2::new(-along.y, along.x) / length,
             })
@@ -91,7 +91,7 @@ impl Outline {
         let is_long = pixels.len() > 4 * reach;
         let chosen = if is_long { (0..pixels.len()).step_by(step).filter_map(both).collect() } else { vec![] };
         let picture = taught.scan.picture();
-        let (places, then): (Vec<Place>, Vec<Place>) = chosen.into_iter().unzip();
+        let (places, then): (Vec<EdgeLocation>, Vec<EdgeLocation>) = chosen.into_iter().unzip();
         let taught = then.iter().map(|place| Profile::of(place, &picture)).collect();
         Outline { places, taught, first: Vec::new() }
     }
@@ -110,7 +110,7 @@ impl Outline {
         if count < MIN_PROFILES {
             return None;
         }
-        let offset = |(place, (then, now)): (&Place, (&Profile, &Profile))| {
+        let offset = |(place, (then, now)): (&EdgeLocation, (&Profile, &Profile))| {
             Some((place.normal, now.edge?.offset_px - then.edge.filter(expected)?.offset_px))
         };
         let offsets: Vec<(Vector2<f32>, f32)> = self.places.iter().zip(both()).filter_map(offset).collect();
@@ -131,13 +131,13 @@ impl Outline {
 
     /// What moved since, and how sharp it is.
     pub fn hold_against(&self, picture: &ColorPicture) -> Option<Steadiness> {
-        let pairs: Vec<(Place, Edge, Option<Edge>)> = (self.places.iter().zip(&self.first))
+        let pairs: Vec<(EdgeLocation, Edge, Option<Edge>)> = (self.places.iter().zip(&self.first))
             .filter_map(|(place, first)| first.map(|first| (*place, first, edge(place, picture))))
             .collect();
         if pairs.len() < MIN_PROFILES {
             return None;
         }
-        let seen: Vec<(Place, Edge, Edge)> = pairs
+        let seen: Vec<(EdgeLocation, Edge, Edge)> = pairs
             .iter()
             .filter_map(|&(place, first, now)| {
                 now.filter(|now| now.contrast > 0.3 * first.contrast).map(|now| (place, first, now))
@@ -175,7 +175,7 @@ fn moved(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
 const COUNT: usize = 2 * REACH_PX as usize + 1;
 
 /// The grey levels across a place; `None` where they leave the picture.
-fn profile_of(place: &Place, picture: &ColorPicture) -> Option<[f32; COUNT]> {
+fn profile_of(place: &EdgeLocation, picture: &ColorPicture) -> Option<[f32; COUNT]> {
     let mut profile = [0.0_f32; COUNT];
     for (value, step) in profile.iter_mut().zip(-REACH_PX..) {
         *value = gray(picture, place.at + place.normal * step as f32)?;
@@ -184,13 +184,13 @@ fn profile_of(place: &Place, picture: &ColorPicture) -> Option<[f32; COUNT]> {
 }
 
 impl Profile {
-    fn of(place: &Place, picture: &ColorPicture) -> Self {
+    fn of(place: &EdgeLocation, picture: &ColorPicture) -> Self {
         let mean = profile_of(place, picture).map(|profile| profile.iter().sum::<f32>() / COUNT as f32);
         Profile { edge: edge(place, picture), mean }
     }
 }
 
-fn edge(place: &Place, picture: &ColorPicture) -> Option<Edge> {
+fn edge(place: &EdgeLocation, picture: &ColorPicture) -> Option<Edge> {
     let profile = profile_of(place, picture)?;
     let steps: [f32; COUNT - 1] = std::array::from_fn(|i| profile[i + 1] - profile[i]);
     let contrast = (profile[..4].iter().sum::<f32>() - profile[COUNT - 4..].iter().sum::<f32>()).abs() / 4.0;
@@ -246,8 +246,10 @@ mod tests {
 
     fn outline() -> Outline {
         let side = |i: u16| f32::from(i) + 24.0;
-        let place =
-            |u: f32, v: f32, nu: f32, nv: f32| Place { at: Vector2::new(u, v), normal: Vector2::new(nu, nv) };
+        let place = |u: f32, v: f32, nu: f32, nv: f32| EdgeLocation {
+            at: Vector2::new(u, v),
+            normal: Vector2::new(nu, nv),
+        };
         let places = (0..52).flat_map(|i| {
             [
                 place(20.0, side(i), -1.0, 0.0),
@@ -256,7 +258,7 @@ mod tests {
                 place(side(i), 80.0, 0.0, 1.0),
             ]
         });
-        let places: Vec<Place> = places.collect();
+        let places: Vec<EdgeLocation> = places.collect();
         let taught = places.iter().map(|place| Profile::of(place, &square(0.0, 1.0, 70.0))).collect();
         Outline { places, taught, first: Vec::new() }
     }

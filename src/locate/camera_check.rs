@@ -6,11 +6,11 @@
 //! are outliers. A direction that the fixture does not show is said to be unseen, not unmoved.
 
 use super::covariance::{WITHIN_95_PERCENT, worst_mm};
-use super::grid::{self, Grid, Look, Motion, camera_point};
-use super::model::{Model, Scan};
+use super::grid::{self, DepthReading, Grid, Motion, Scan, camera_point};
+use super::model::Model;
 use super::profile;
 use super::search::spread_over;
-use super::solve::{Constraint, Sums, Weighing, spread, twisted};
+use super::solve::{Constraint, ResidualWeighting, Sums, spread, twisted};
 use crate::geometry::{Camera, Frame, OrganizedCloud, Panel, Pixel, Rigid};
 use crate::panel::{TaughtPanel, panel_from_base_at_teaching};
 use crate::recipe;
@@ -103,7 +103,7 @@ fn compared<F: Frame>(
     inside: &[bool],
     placed: &Rigid<Camera, Panel>,
 ) -> Option<CameraCheck> {
-    let still = Still::of(taught, grid, inside);
+    let still = StaticScene::of(taught, grid, inside);
     let faces = still.faces(grid);
     if faces.len() < MIN_FACES {
         return None;
@@ -122,15 +122,15 @@ fn compared<F: Frame>(
             ..*constraint
         };
         let (faces, edges): (Vec<_>, Vec<_>) = (faces.iter().map(at).collect(), edges.iter().map(at).collect());
-        let of_faces = Weighing {
+        let of_faces = ResidualWeighting {
             sigma: FACE_NOISE_MM,
-            sharing: FACE_SHARING,
-            reach: (4.7 * spread(&faces)).max(FACE_FLOOR_MM),
+            correlated_count: FACE_SHARING,
+            cutoff: (4.7 * spread(&faces)).max(FACE_FLOOR_MM),
         };
-        let of_edges = Weighing {
+        let of_edges = ResidualWeighting {
             sigma: EDGE_NOISE_PX,
-            sharing: EDGE_SHARING,
-            reach: (4.7 * spread(&edges)).max(EDGE_FLOOR_PX),
+            correlated_count: EDGE_SHARING,
+            cutoff: (4.7 * spread(&edges)).max(EDGE_FLOOR_PX),
         };
         let mut sums = Sums::over(&faces, &of_faces, &centre).plus(Sums::over(&edges, &of_edges, &centre));
         for axis in 0..6 {
@@ -151,19 +151,19 @@ fn compared<F: Frame>(
 }
 
 /// The blocks outside of the search box in both scans.
-struct Still<'a> {
+struct StaticScene<'a> {
     taught: &'a Grid,
     blocks: Vec<usize>,
     is_still: Vec<bool>,
 }
 
-impl<'a> Still<'a> {
-    fn of(taught: &'a Grid, grid: &Grid, inside: &[bool]) -> Still<'a> {
+impl<'a> StaticScene<'a> {
+    fn of(taught: &'a Grid, grid: &Grid, inside: &[bool]) -> StaticScene<'a> {
         let both =
             |block: usize| !inside[block] && taught.depth_mm(block).is_some() && grid.depth_mm(block).is_some();
         let is_still: Vec<bool> = (0..grid.columns * grid.rows).map(both).collect();
         let blocks = (0..is_still.len()).filter(|&block| is_still[block]).collect();
-        Still { taught, blocks, is_still }
+        StaticScene { taught, blocks, is_still }
     }
 
     /// How far the taught faces stand before the scan's, along their normals.
@@ -179,7 +179,7 @@ impl<'a> Still<'a> {
                 self.taught.joined(point.z, point.z + (far.z - point.z) / 4.0).then(|| far - point)
             };
             let normal = beside(4, 0)?.cross(&beside(0, 4)?).try_normalize(1e-9)?;
-            let Look::Smooth(depth_mm) = grid.look(grid.pixel(column, row)) else { return None };
+            let DepthReading::Smooth(depth_mm) = grid.look(grid.pixel(column, row)) else { return None };
             let residual = normal.dot(&point) * (1.0 - depth_mm / point.z);
             Some(Constraint { point, gradient: normal, residual, sample: k })
         };
@@ -303,11 +303,11 @@ pub(super) fn fixture(
         return Vec::new();
     }
     let (taught, inside_taught) = at_teaching(panel, model, settings);
-    let looked = Still::of(&taught, grid, inside).looked(panel, (grid, scan));
+    let looked = StaticScene::of(&taught, grid, inside).looked(panel, (grid, scan));
     let shown = looked.into_iter().map(|(steep, now)| {
         (steep.pixel, now.map_or(FixtureEdge::Gone, |constraint| FixtureEdge::Moved(constraint.residual)))
     });
-    let all = Still::of(&taught, &taught, &inside_taught).looked(panel, (&taught, &panel.scan));
+    let all = StaticScene::of(&taught, &taught, &inside_taught).looked(panel, (&taught, &panel.scan));
     let is_unseen = |steep: &Steep| {
         let apart_mm =
             taught.depth_mm(steep.block).zip(grid.depth_mm(steep.block)).map(|(was, is)| (is - was).abs());

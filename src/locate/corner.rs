@@ -10,13 +10,14 @@
 //! Does not know where the corner should be: see `refine`.
 
 mod edge;
+mod error;
 
 pub use edge::EdgeLine;
+pub use error::CornerError;
 
 use crate::geometry::{FlangeCamera, GrayPicture, Mask, PinholeCamera, Pixel, Point, polygon};
-use crate::imaging::{ImagingError, bilateral_filter, min_area_box, outer_contours};
+use crate::imaging::{bilateral_filter, min_area_box, outer_contours};
 use crate::recipe::{self, CornerName};
-use crate::words::apart;
 
 /// A contour that encloses less than this share of the picture is not the panel.
 const MIN_PICTURE_SHARE: f64 = 0.02;
@@ -24,65 +25,6 @@ const MIN_PICTURE_SHARE: f64 = 0.02;
 const BORDER_PX: f64 = 3.0;
 /// Edges that meet at a smaller angle do not say where, degrees.
 const MIN_ANGLE_DEG: f64 = 20.0;
-
-/// Why a picture shows no corner.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum CornerError {
-    /// No pixel has the panel's brightness.
-    #[error("no pixel is as bright as the panel, {min}…{max}; is the light on, is the panel in view?")]
-    NoContour {
-        /// Darkest brightness of the panel.
-        min: usize,
-        /// Brightest brightness of the panel.
-        max: usize,
-    },
-    /// What is as bright as the panel is small.
-    #[error(
-        "the largest thing as bright as the panel covers {} % of the picture, needed are {} %; is the panel in view, is \
-         panel_gray_max right?", apart(*found_percent, *needed_percent, 1)[0], apart(*found_percent, *needed_percent, 1)[1]
-    )]
-    ContourTooSmall {
-        /// Its share of the picture, percent.
-        found_percent: f64,
-        /// The share needed, percent.
-        needed_percent: f64,
-    },
-    /// The corner lies at the border of the picture or beyond.
-    #[error(
-        "the corner at ({u:.0}, {v:.0}) px lies at the picture's border; move the camera so that it is well inside"
-    )]
-    CornerAtBorder {
-        /// Column, px.
-        u: f64,
-        /// Row, px.
-        v: f64,
-    },
-    /// One of the edges that meet in the corner is too short or too faint.
-    #[error(
-        "an edge beside the corner shows {found} sharp places, needed are {needed}; is it in view over rounding_mm and \
-         edge_mm, free of reflections, and clearly darker than what is behind?"
-    )]
-    EdgeTooShort {
-        /// Places found.
-        found: usize,
-        /// Places needed.
-        needed: usize,
-    },
-    /// The two edges run nearly the same way.
-    #[error(
-        "the two edges meet at {}°, needed are {}°; is that a corner of the panel?", apart(*angle_deg, *min_deg, 1)[0],
-        apart(*angle_deg, *min_deg, 1)[1]
-    )]
-    EdgesParallel {
-        /// The angle, degrees.
-        angle_deg: f64,
-        /// The angle needed, degrees.
-        min_deg: f64,
-    },
-    /// OpenCV refused the picture.
-    #[error(transparent)]
-    Imaging(#[from] ImagingError),
-}
 
 /// A corner, with what was seen on the way to it.
 #[derive(Debug, Clone, PartialEq)]

@@ -6,11 +6,10 @@
 //! f_k is how much larger the n cells' means are than that, which ν cells' worth of trust in the stated noise steadies:
 //! a small panel has few cells. A point x of the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
 
-use super::evidence::Weakest;
 use super::fit::{EDGE_CORRELATION_MM, RANGE_CORRELATION_MM, Residuals};
 use super::grid::Motion;
 use super::model::Model;
-use super::solve::{Constraint, Sums, Weighing};
+use super::solve::{Constraint, ResidualWeighting, Sums};
 use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector3, Vector6};
 use std::collections::BTreeMap;
 
@@ -21,10 +20,32 @@ const TRUST_CELLS: f64 = 12.0;
 /// A cell needs this share of the points of a full one.
 const CELL_FILLED: f64 = 0.3;
 
+/// The direction in which a pose is held least.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Weakest {
+    /// A shift along the panel's normal, or a tilt of it.
+    Normal,
+    /// A shift in the panel's plane.
+    Sideways,
+    /// A turn in the panel's plane.
+    Turn,
+}
+
+impl Weakest {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Weakest::Normal => "along the panel's normal",
+            Weakest::Sideways => "sideways in the panel's plane",
+            Weakest::Turn => "turned in the panel's plane",
+        }
+    }
+}
+
 /// (1), and the direction in which it is largest.
 pub(super) fn covariance(
     residuals: &Residuals,
-    weighing: &[Weighing; 3],
+    weighing: &[ResidualWeighting; 3],
     model: &Model,
     motion: &Motion,
 ) -> Option<(Matrix6<f64>, (f64, Weakest))> {
@@ -94,14 +115,14 @@ pub(super) fn weakest(covariance: &Matrix6<f64>, model: &Model) -> WeakestDirect
 }
 
 /// f of (1).
-fn inflation(constraints: &[Constraint], weighing: &Weighing, cell: impl Fn(usize) -> (i64, i64)) -> f64 {
+fn inflation(constraints: &[Constraint], weighing: &ResidualWeighting, cell: impl Fn(usize) -> (i64, i64)) -> f64 {
     let mut cells: BTreeMap<(i64, i64), (f64, f64)> = BTreeMap::new();
     for constraint in constraints {
         let robust = weighing.robust(constraint.residual);
         let sums = cells.entry(cell(constraint.sample)).or_default();
         *sums = (sums.0 + robust, sums.1 + robust * constraint.residual);
     }
-    let filled = cells.values().filter(|(weight, _)| *weight >= CELL_FILLED * weighing.sharing);
+    let filled = cells.values().filter(|(weight, _)| *weight >= CELL_FILLED * weighing.correlated_count);
     let (count, squares) = filled.fold((0.0, 0.0), |(count, squares), (weight, sum)| {
         let mean = sum / weight;
         (count + 1.0, squares + mean * mean / (weighing.sigma * weighing.sigma))

@@ -7,10 +7,8 @@
 //! edge on one side, and the shadow of a thing before the panel on the panel. Missing points beyond the surface are therefore
 //! no distance to its edge, and where points are missing inside of the edge depth says nothing and colour alone decides.
 
-use super::grid::{Motion, camera_point};
-use super::model::{Model, Scan};
+use super::grid::Scan;
 use super::profile::{self, REACH};
-use super::search::outward_px;
 use crate::geometry::{PinholeCamera, Pixel};
 use nalgebra::{Vector2, Vector3};
 
@@ -44,15 +42,6 @@ pub(super) enum Edge {
     Absent,
 }
 
-/// A point of the outline in the picture.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Looked {
-    pub point: Vector3<f64>,
-    /// The residual's growth across the outline in the picture, px per mm.
-    pub gradient: Vector3<f64>,
-    pub edge: Edge,
-}
-
 #[derive(Clone, Copy, PartialEq)]
 enum Depth {
     On,
@@ -61,33 +50,8 @@ enum Depth {
     Missing,
 }
 
-/// Looks for the edge beside a point of the outline.
-pub(super) fn look(
-    motion: &Motion,
-    model: &Model,
-    camera: &PinholeCamera,
-    scan: &Scan,
-    k: usize,
-) -> Option<Looked> {
-    let sample = &model.outline[k];
-    let point = motion.point(&sample.point);
-    let (pixel, slope) = camera.project_with_slope(camera_point(&point))?;
-    let outward = motion.turn * sample.outward;
-    let across = outward_px(&(slope * (motion.turn * sample.along)), &(slope * outward))?;
-    let px_per_mm = across.dot(&(slope * outward));
-    let gradient = slope.transpose() * across;
-    let looks_away = (motion.turn * sample.normal).dot(&point) > -0.1 * point.norm() || px_per_mm < 0.1;
-    let edge = if looks_away {
-        Edge::Hidden
-    } else {
-        let tangent = Tangent::of(camera, pixel, &point, &(motion.turn * sample.normal));
-        edge(scan, (pixel, across), &tangent, model.is_patchy())
-    };
-    Some(Looked { point, gradient, edge })
-}
-
 /// The surface's plane beside a point, as the picture shows it: its inverse depth is linear in the pixels.
-struct Tangent {
+pub(super) struct Tangent {
     at: Pixel,
     inverse: f64,
     /// Growth of the inverse depth, per mm and px.
@@ -97,7 +61,7 @@ struct Tangent {
 }
 
 impl Tangent {
-    fn of(camera: &PinholeCamera, at: Pixel, point: &Vector3<f64>, normal: &Vector3<f64>) -> Tangent {
+    pub fn of(camera: &PinholeCamera, at: Pixel, point: &Vector3<f64>, normal: &Vector3<f64>) -> Tangent {
         let distance = normal.dot(point);
         Tangent {
             at,
@@ -126,7 +90,12 @@ pub(super) fn beside(
     edge(scan, (pixel, across), &Tangent::of(camera, pixel, point, normal), true)
 }
 
-fn edge(scan: &Scan, (pixel, across): (Pixel, Vector2<f64>), tangent: &Tangent, is_patchy: bool) -> Edge {
+pub(super) fn edge(
+    scan: &Scan,
+    (pixel, across): (Pixel, Vector2<f64>),
+    tangent: &Tangent,
+    is_patchy: bool,
+) -> Edge {
     let reach = REACH as i32;
     let margin = f64::from(reach) + 1.0;
     let (width, height) = (scan.width() as f64, scan.height() as f64);

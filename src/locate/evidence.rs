@@ -5,8 +5,8 @@
 
 use super::LocateError;
 use super::camera_check::CameraCheck;
-use super::covariance::{covariance, worst_mm};
-use super::fit::{Fitted, Residuals, Samples, Seen};
+use super::covariance::{Weakest, covariance, worst_mm};
+use super::fit::{FitInputs, Fitted, Residuals, Samples};
 use super::grid::Motion;
 use super::model::Model;
 use super::pieces::Piece;
@@ -56,7 +56,7 @@ pub struct Fit {
     /// How far apart fits from independent starts end, at most, mm.
     pub agreement_mm: f64,
     /// The placement that explains the scan next best.
-    pub rival: Option<Rival>,
+    pub rival: Option<CompetingPose>,
     /// What the fixture says of the camera's place; `None` where too little of it is seen.
     pub camera: Option<CameraCheck>,
     /// 95 % of the errors would be smaller with which the taught scan's own fixture tells the camera's place, mm. Asked where
@@ -80,31 +80,9 @@ pub struct Fit {
     pub points: usize,
 }
 
-/// The direction in which a pose is held least.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Weakest {
-    /// A shift along the panel's normal, or a tilt of it.
-    Normal,
-    /// A shift in the panel's plane.
-    Sideways,
-    /// A turn in the panel's plane.
-    Turn,
-}
-
-impl Weakest {
-    /// In words.
-    pub fn words(self) -> &'static str {
-        match self {
-            Weakest::Normal => "along the panel's normal",
-            Weakest::Sideways => "sideways in the panel's plane",
-            Weakest::Turn => "turned in the panel's plane",
-        }
-    }
-}
-
 /// Another placement, and what tells the two apart.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rival {
+pub struct CompetingPose {
     /// Where it puts the panel.
     pub base_from_panel: Rigid<Base, Panel>,
     /// The turn between the two.
@@ -118,7 +96,7 @@ pub struct Rival {
 /// A length of outline that turns up by chance, mm.
 const CHANCE_MM: f64 = 8.0;
 
-impl Rival {
+impl CompetingPose {
     /// How many times more speaks for the first than for the rival.
     pub fn margin(&self) -> f64 {
         (self.for_first_mm + CHANCE_MM) / (self.for_rival_mm + CHANCE_MM)
@@ -143,9 +121,9 @@ impl Fit {
 }
 
 /// What is known beside the fit itself.
-pub(super) struct Beside {
+pub(super) struct FurtherEvidence {
     pub agreement_mm: f64,
-    pub rival: Option<Rival>,
+    pub rival: Option<CompetingPose>,
     pub camera: Option<CameraCheck>,
     pub camera_at_teaching_mm: Option<f64>,
 }
@@ -153,12 +131,12 @@ pub(super) struct Beside {
 /// Weighs the end of a fit.
 pub(super) fn weigh(
     fitted: &Fitted,
-    seen: Seen<'_>,
+    seen: FitInputs<'_>,
     pieces: &[Piece],
     base_from_camera: Rigid<Base, Camera>,
-    beside: Beside,
+    beside: FurtherEvidence,
 ) -> Result<Fit, LocateError> {
-    let Seen { model, grid, .. } = seen;
+    let FitInputs { model, grid, .. } = seen;
     let placed = fitted.camera_from_panel;
     let motion = Motion::of(&placed);
     let samples = Samples::all(model);

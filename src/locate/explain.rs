@@ -5,9 +5,9 @@
 use super::camera_check::{self, FixtureEdge};
 use super::edges::Edge;
 use super::evidence::Fit;
-use super::fit::{Residuals, Samples, Seen};
+use super::fit::{FitInputs, Residuals, Samples};
 use super::grid::{Motion, camera_point};
-use super::search::{Sight, sight};
+use super::search::{PointObservation, observe_point};
 use super::shares::EDGE_FOUND_PX;
 pub use super::shares::SATURATED;
 use super::solve::twisted;
@@ -104,24 +104,24 @@ impl Prepared<'_> {
     }
 }
 
-fn surface(placed: &Rigid<Camera, Panel>, seen: Seen<'_>) -> Vec<(Pixel, SurfaceMark)> {
+fn surface(placed: &Rigid<Camera, Panel>, seen: FitInputs<'_>) -> Vec<(Pixel, SurfaceMark)> {
     let motion = Motion::of(placed);
     let mark = |i: usize| {
         let pixel = seen.grid.camera.project(camera_point(&motion.point(&seen.model.points[i])))?;
-        let mark = match sight(&motion, seen.model, seen.grid, i) {
+        let mark = match observe_point(&motion, seen.model, seen.grid, i) {
             // The residual says how far the taught point stands before the scan.
-            Sight::On(residual_mm) => SurfaceMark::On(-residual_mm),
-            Sight::Near => SurfaceMark::Near,
-            Sight::Through => SurfaceMark::Through,
-            Sight::Hidden => SurfaceMark::Hidden,
-            Sight::Unknown => SurfaceMark::Missing,
+            PointObservation::On(residual_mm) => SurfaceMark::On(-residual_mm),
+            PointObservation::Near => SurfaceMark::Near,
+            PointObservation::Through => SurfaceMark::Through,
+            PointObservation::Hidden => SurfaceMark::Hidden,
+            PointObservation::Unknown => SurfaceMark::Missing,
         };
         Some((pixel, mark))
     };
     (0..seen.model.points.len()).filter_map(mark).collect()
 }
 
-fn outline(placed: &Rigid<Camera, Panel>, seen: Seen<'_>) -> (Vec<(Pixel, OutlineMark)>, Option<Pixel>) {
+fn outline(placed: &Rigid<Camera, Panel>, seen: FitInputs<'_>) -> (Vec<(Pixel, OutlineMark)>, Option<Pixel>) {
     let motion = Motion::of(placed);
     let residuals = Residuals::at(placed, seen, &Samples::all(seen.model));
     let pixel = |k: usize| seen.grid.camera.project(camera_point(&motion.point(&seen.model.outline[k].point)));
@@ -144,7 +144,7 @@ fn outline(placed: &Rigid<Camera, Panel>, seen: Seen<'_>) -> (Vec<(Pixel, Outlin
 }
 
 /// Where the stated error along its largest direction would put the outline.
-fn weakest(placed: &Rigid<Camera, Panel>, seen: Seen<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
+fn weakest(placed: &Rigid<Camera, Panel>, seen: FitInputs<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
     let motion = Motion::of(placed);
     let centre = motion.point(&seen.model.centre);
     let twist = covariance::weakest(&fit.covariance, seen.model).twist * (covariance::WITHIN_95_PERCENT * ENLARGED);

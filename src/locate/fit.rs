@@ -5,11 +5,12 @@
 //! Gauss–Newton iteration (`solve`), each kind weighed by its noise and by how many neighbours share one error: a scanner's
 //! range noise is alike over centimetres, so that thousands of points tell no more than a few dozen would.
 
-use super::edges::{self, Edge};
-use super::grid::{Grid, Motion};
-use super::model::{Model, Scan};
+use super::edges::Edge;
+use super::grid::{Grid, Motion, Scan};
+use super::model::Model;
+use super::outline_edges;
 use super::search::{spread_over, surface_residual};
-use super::solve::{Constraint, Sums, Weighing, spread, twisted};
+use super::solve::{Constraint, ResidualWeighting, Sums, spread, twisted};
 use crate::geometry::{Camera, Panel, Rigid};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -50,7 +51,7 @@ pub(super) struct Residuals {
 
 /// What takes part in a fit.
 #[derive(Clone, Copy)]
-pub(super) struct Seen<'a> {
+pub(super) struct FitInputs<'a> {
     pub model: &'a Model,
     pub grid: &'a Grid,
     pub scan: &'a Scan,
@@ -78,20 +79,20 @@ impl Samples {
 
 impl Residuals {
     /// At a placement.
-    pub fn at(placed: &Rigid<Camera, Panel>, seen: Seen<'_>, samples: &Samples) -> Residuals {
+    pub fn at(placed: &Rigid<Camera, Panel>, seen: FitInputs<'_>, samples: &Samples) -> Residuals {
         let motion = Motion::of(placed);
-        let Seen { model, grid, scan } = seen;
+        let FitInputs { model, grid, scan } = seen;
         let surface: Vec<Option<Constraint>> = samples
             .surface
             .par_iter()
             .with_min_len(1_024)
             .map(|&sample| surface_residual(&motion, model, grid, sample))
             .collect();
-        let looked: Vec<Option<edges::Looked>> = samples
+        let looked: Vec<Option<outline_edges::EdgeObservation>> = samples
             .outline
             .par_iter()
             .with_min_len(64)
-            .map(|&k| edges::look(&motion, model, &grid.camera, scan, k))
+            .map(|&k| outline_edges::observe(&motion, model, &grid.camera, scan, k))
             .collect();
         let (mut colour, mut depth, mut edges) = (Vec::new(), Vec::new(), Vec::new());
         for (&sample, looked) in samples.outline.iter().zip(looked) {
@@ -115,33 +116,33 @@ impl Residuals {
     }
 
     /// How each kind is weighed: surface, edges by colour, edges by depth.
-    pub fn weighing(&self, model: &Model, samples: &Samples) -> [Weighing; 3] {
+    pub fn weighing(&self, model: &Model, samples: &Samples) -> [ResidualWeighting; 3] {
         let point_mm2 = model.area_mm2 / samples.surface.len().max(1) as f64;
         let length_mm: f64 = model.outline.iter().map(|sample| sample.length_mm).sum();
         let edge_mm = length_mm / samples.outline.len().max(1) as f64;
-        let edge_sharing = (EDGE_CORRELATION_MM / edge_mm).max(1.0);
+        let edge_correlated_count = (EDGE_CORRELATION_MM / edge_mm).max(1.0);
         let reach = |constraints: &[Constraint], floor: f64| (REACH_SIGMAS * spread(constraints)).max(floor);
         [
-            Weighing {
+            ResidualWeighting {
                 sigma: RANGE_NOISE_MM,
-                sharing: (RANGE_CORRELATION_MM.powi(2) / point_mm2).max(1.0),
-                reach: reach(&self.surface, SURFACE_FLOOR_MM),
+                correlated_count: (RANGE_CORRELATION_MM.powi(2) / point_mm2).max(1.0),
+                cutoff: reach(&self.surface, SURFACE_FLOOR_MM),
             },
-            Weighing {
+            ResidualWeighting {
                 sigma: EDGE_NOISE_PX.hypot(self.taught_noise_px),
-                sharing: edge_sharing,
-                reach: reach(&self.colour, EDGE_FLOOR_PX),
+                correlated_count: edge_correlated_count,
+                cutoff: reach(&self.colour, EDGE_FLOOR_PX),
             },
-            Weighing {
+            ResidualWeighting {
                 sigma: DEPTH_EDGE_NOISE_PX.hypot(self.taught_noise_px),
-                sharing: edge_sharing,
-                reach: reach(&self.depth, DEPTH_EDGE_FLOOR_PX),
+                correlated_count: edge_correlated_count,
+                cutoff: reach(&self.depth, DEPTH_EDGE_FLOOR_PX),
             },
         ]
     }
 
     /// The sums of all kinds.
-    pub fn sums(&self, weighing: &[Weighing; 3]) -> Sums {
+    pub fn sums(&self, weighing: &[ResidualWeighting; 3]) -> Sums {
         let kinds = [&self.surface, &self.colour, &self.depth];
         kinds
             .iter()
@@ -160,7 +161,7 @@ pub(super) struct Fitted {
 }
 
 /// Moves the guess until no point of the panel moves any more; `None` where a direction is free.
-pub(super) fn fit(guess: &Rigid<Camera, Panel>, seen: Seen<'_>, samples: &Samples) -> Option<Fitted> {
+pub(super) fn fit(guess: &Rigid<Camera, Panel>, seen: FitInputs<'_>, samples: &Samples) -> Option<Fitted> {
     let mut fitted = Fitted { camera_from_panel: *guess, iterations: 0, last_step_mm: f64::INFINITY };
     while fitted.iterations < MAX_STEPS && fitted.last_step_mm > CONVERGED_MM {
         let residuals = Residuals::at(&fitted.camera_from_panel, seen, samples);

@@ -5,11 +5,12 @@
 //! at the panel's centre, never at the base's origin: a small turn moves a far origin by much, and that says nothing about
 //! the panel. What speaks against the panel itself rejects; what a person may judge better is for review.
 
+use super::CompetingPose;
 use super::LocateError;
 use super::evidence::Fit;
 use super::fit::CONVERGED_MM;
 use crate::recipe;
-use crate::verdict::{Judgement, Reason};
+use crate::verdict::{Check, Judgement, Reason, SetBy, Severity, Verdict};
 use crate::words::{apart, fixed, percent_apart};
 
 /// An overlap this much below the limit is a person's matter: perhaps something covers the panel. Below it is no panel.
@@ -61,127 +62,146 @@ pub fn is_watched(uncertainty_mm: Option<f64>) -> bool {
     uncertainty_mm.is_some_and(|mm| !exceeds(noticed_mm(mm), MAX_CAMERA_NOTICED_MM))
 }
 
-/// What was found against a panel, and where that leads.
-#[derive(Default)]
-struct Against {
-    reject: Vec<Reason>,
-    review: Vec<Reason>,
-}
-
-impl Against {
-    fn reject(&mut self, is: bool, code: &'static str, words: impl FnOnce() -> String) {
-        if is {
-            self.reject.push(Reason::new(code, words()));
-        }
-    }
-
-    fn review(&mut self, is: bool, code: &'static str, words: impl FnOnce() -> String) {
-        if is {
-            self.review.push(Reason::new(code, words()));
-        }
-    }
-}
-
 /// Judges a fit by the recipe's limits.
 pub fn judge(fit: &Fit, limits: &recipe::Locate) -> Judgement {
-    let mut against = Against::default();
-    panel(fit, limits, &mut against);
-    picture(fit, &mut against);
-    camera(fit, &mut against);
+    Judgement::of_checks(&checks(fit, limits))
+}
+
+/// Every number of a fit with its limit, in the order in which they are judged.
+pub fn checks(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
+    let of_panel = [panel(fit, limits), picture(fit), camera(fit)].concat();
+    let is_rejected = Judgement::of_checks(&of_panel).verdict == Verdict::Reject;
+    let of_place = [watch(fit), knowledge(fit), motion(fit, limits)].concat();
     // Where something that is not the panel ended up is no reason for anything.
-    if against.reject.is_empty() {
-        watch(fit, &mut against);
-        knowledge(fit, &mut against);
-        motion(fit, limits, &mut against);
-    }
-    Judgement::of(against.reject, against.review)
+    let of_place = of_place.into_iter().map(|check| if is_rejected { check.without_consequence() } else { check });
+    of_panel.into_iter().chain(of_place).collect()
 }
 
 /// Is it the taught panel, and is all of it there?
-fn panel(fit: &Fit, limits: &recipe::Locate, against: &mut Against) {
-    let is = exceeds(fit.last_step_mm, MAX_LAST_STEP_MM);
-    against.reject(is, "not_converged", || {
-        let (steps, step_mm) = (fit.iterations, fit.last_step_mm);
-        let [step, allowed] = apart(step_mm, MAX_LAST_STEP_MM, 4);
-        format!("after {steps} steps the fit still moved by {step} mm, allowed are {allowed} mm; scan again")
-    });
-    against.reject(exceeds(fit.rms_mm, limits.max_rms_mm()), "poor_fit", || {
-        let [rms, allowed] = apart(fit.rms_mm, limits.max_rms_mm(), 3);
-        format!(
-            "the scan differs from the taught panel by {rms} mm rms, allowed are {allowed} mm; is it the right panel, \
-             dry and clean?"
-        )
-    });
-    against.reject(exceeds(fit.seen_through, MAX_SEEN_THROUGH), "seen_through", || {
-        let [through, allowed] = percent_apart(fit.seen_through, MAX_SEEN_THROUGH, 1);
-        format!(
-            "{through} % of the taught surface is seen through, allowed are {allowed} %: it is not there; is it the right \
-             panel, this side before the camera?"
-        )
-    });
-    let wrong = exceeds(fit.outline_absent, MAX_OUTLINE_ABSENT) || exceeds(fit.outline_rms_px, MAX_OUTLINE_RMS_PX);
-    against.reject(wrong, "outline_differs", || {
+fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
+    let differs = || {
         let [absent, allowed] = percent_apart(fit.outline_absent, MAX_OUTLINE_ABSENT, 0);
         let [off, allowed_off] = apart(fit.outline_rms_px, MAX_OUTLINE_RMS_PX, 2);
         format!(
             "{absent} % of the outline in view is not where the taught one has it, allowed are {allowed} %; the rest lies \
              {off} px off, allowed are {allowed_off} px; is it the right panel, and does nothing touch its edge?"
         )
-    });
-    overlap(fit, limits, against);
+    };
+    let mut checks = vec![
+        Check::new("last step of the fit", "mm", fit.last_step_mm)
+            .at_most(MAX_LAST_STEP_MM, SetBy::Program)
+            .rejects("not_converged", || {
+                let (steps, step_mm) = (fit.iterations, fit.last_step_mm);
+                let [step, allowed] = apart(step_mm, MAX_LAST_STEP_MM, 4);
+                format!("after {steps} steps the fit still moved by {step} mm, allowed are {allowed} mm; scan again")
+            }),
+        Check::new("residual, point to plane, rms", "mm", fit.rms_mm)
+            .at_most(limits.max_rms_mm(), SetBy::recipe("locate.max_rms_mm"))
+            .rejects("poor_fit", || {
+                let [rms, allowed] = apart(fit.rms_mm, limits.max_rms_mm(), 3);
+                format!(
+                    "the scan differs from the taught panel by {rms} mm rms, allowed are {allowed} mm; is it the right \
+                     panel, dry and clean?"
+                )
+            }),
+        Check::new("taught surface that is seen through", "", fit.seen_through)
+            .at_most(MAX_SEEN_THROUGH, SetBy::Program)
+            .rejects("seen_through", || {
+                let [through, allowed] = percent_apart(fit.seen_through, MAX_SEEN_THROUGH, 1);
+                format!(
+                    "{through} % of the taught surface is seen through, allowed are {allowed} %: it is not there; is it the \
+                     right panel, this side before the camera?"
+                )
+            }),
+        Check::new("outline in view that is elsewhere", "", fit.outline_absent)
+            .at_most(MAX_OUTLINE_ABSENT, SetBy::Program)
+            .rejects("outline_differs", differs),
+        Check::new("residual of the outline, rms", "px", fit.outline_rms_px)
+            .at_most(MAX_OUTLINE_RMS_PX, SetBy::Program)
+            .rejects("outline_differs", differs),
+    ];
+    checks.extend(overlap(fit, limits));
+    checks
 }
 
 /// Is the scan good: dry, sharp, not overexposed?
-fn picture(fit: &Fit, against: &mut Against) {
-    against.review(fit.measured.is_nan() || fit.measured < MIN_MEASURED, "points_missing", || {
-        let [gave, needed] = percent_apart(fit.measured, MIN_MEASURED, 0);
-        format!("only {gave} % of the panel in view gave a point, needed are {needed} %; is it wet, or does it mirror a lamp?")
-    });
-    let blur_px = fit.blur_px().unwrap_or(0.0);
-    against.review(exceeds(blur_px, MAX_BLUR_PX), "blurred", || {
-        let [wider, allowed] = apart(blur_px, MAX_BLUR_PX, 1);
-        format!(
-            "the outline's edge is {wider} px wider than at teaching, allowed are {allowed} px; did the panel move during the \
-             scan, is the lens clean and in focus?"
-        )
-    });
-    against.review(exceeds(fit.saturated, MAX_SATURATED), "overexposed", || {
-        let [found, allowed] = percent_apart(fit.saturated, MAX_SATURATED, 0);
-        format!(
-            "{found} % of the panel is overexposed, allowed are {allowed} %; lower the exposure, shade the lamp"
-        )
-    });
+fn picture(fit: &Fit) -> Vec<Check> {
+    let blur_px = fit.blur_px();
+    vec![
+        Check::new("panel in view that gave points", "", fit.measured)
+            .at_least(MIN_MEASURED, SetBy::Program)
+            .reviews("points_missing", || {
+                let [gave, needed] = percent_apart(fit.measured, MIN_MEASURED, 0);
+                format!(
+                    "only {gave} % of the panel in view gave a point, needed are {needed} %; is it wet, or does it mirror a \
+                     lamp?"
+                )
+            }),
+        Check::new("edge wider than at teaching", "px", blur_px)
+            .at_most(MAX_BLUR_PX, SetBy::Program)
+            .reviews("blurred", || {
+                let [wider, allowed] = apart(blur_px.unwrap_or(0.0), MAX_BLUR_PX, 1);
+                format!(
+                    "the outline's edge is {wider} px wider than at teaching, allowed are {allowed} px; did the panel move \
+                     during the scan, is the lens clean and in focus?"
+                )
+            }),
+        Check::new("panel that is overexposed", "", fit.saturated)
+            .at_most(MAX_SATURATED, SetBy::Program)
+            .reviews("overexposed", || {
+                let [found, allowed] = percent_apart(fit.saturated, MAX_SATURATED, 0);
+                format!(
+                    "{found} % of the panel is overexposed, allowed are {allowed} %; lower the exposure, shade the lamp"
+                )
+            }),
+    ]
 }
 
 /// Does the camera stand where it stood at teaching?
-fn camera(fit: &Fit, against: &mut Against) {
-    let Some(camera) = &fit.camera else { return };
-    let other = camera.same.is_nan() || camera.same < MIN_FIXTURE_SAME;
-    let moved = !other && fit.camera_moved_mm().is_some_and(|mm| exceeds(mm, MAX_CAMERA_MOVED_MM));
-    against.reject(other, "camera_moved", || {
-        let [same, needed] = percent_apart(camera.same, MIN_FIXTURE_SAME, 0);
+fn camera(fit: &Fit) -> Vec<Check> {
+    let camera = fit.camera.as_ref();
+    let (moved_mm, uncertainty_mm) = (camera.map(|it| it.moved_mm), camera.map(|it| it.uncertainty_mm));
+    let same = Check::new("fixture that stands where it stood", "", camera.map(|it| it.same))
+        .at_least(MIN_FIXTURE_SAME, SetBy::Program);
+    let is_other = !same.is_kept();
+    let same = same.rejects("camera_moved", || {
+        let [same, needed] = percent_apart(camera.map_or(f64::NAN, |it| it.same), MIN_FIXTURE_SAME, 0);
         format!(
             "only {same} % of the fixture stands where it stood at teaching, needed are {needed} %; was the camera or the \
              fixture moved? Calibrate and teach again"
         )
     });
-    against.reject(moved, "camera_moved", || {
-        let [least, allowed] = apart(camera.moved_mm - camera.uncertainty_mm, MAX_CAMERA_MOVED_MM, 2);
-        format!(
-            "by the fixture the camera has moved since teaching, which puts the panel {} ± {} mm off, that is at least {least} \
-             mm, allowed are {allowed} mm; calibrate it again",
-            fixed(camera.moved_mm, 2),
-            fixed(camera.uncertainty_mm, 2)
-        )
-    });
+    let moved = Check::new("motion less its error", "mm", fit.camera_moved_mm())
+        .at_most(MAX_CAMERA_MOVED_MM, SetBy::Program)
+        .rejects("camera_moved", || {
+            let (moved_mm, uncertainty_mm) = (moved_mm.unwrap_or(f64::NAN), uncertainty_mm.unwrap_or(f64::NAN));
+            let [least, allowed] = apart(moved_mm - uncertainty_mm, MAX_CAMERA_MOVED_MM, 2);
+            format!(
+                "by the fixture the camera has moved since teaching, which puts the panel {} ± {} mm off, that is at least \
+                 {least} mm, allowed are {allowed} mm; calibrate it again",
+                fixed(moved_mm, 2),
+                fixed(uncertainty_mm, 2)
+            )
+        });
+    vec![
+        same,
+        Check::new("camera has moved the panel since teaching, by the fixture", "mm", moved_mm),
+        Check::new("error of that, 95 %", "mm", uncertainty_mm),
+        // A fixture that is another one tells nothing of the camera's motion.
+        if is_other { moved.without_consequence() } else { moved },
+    ]
 }
 
 /// Can this scan tell that the camera stands where it stood?
-fn watch(fit: &Fit, against: &mut Against) {
+fn watch(fit: &Fit) -> Vec<Check> {
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
+    let noticed = Check::new("a camera is noticed that moves it by", "mm", uncertainty_mm.map(noticed_mm));
+    // Held to it where a fixture shows it, here or at teaching.
+    let is_shown = is_watched(uncertainty_mm) || is_watched(fit.camera_at_teaching_mm);
+    let noticed = if is_shown { noticed.at_most(MAX_CAMERA_NOTICED_MM, SetBy::Program) } else { noticed };
     // Where teaching's own fixture shows too little as well, teaching has warned of it.
-    let unwatched = !is_watched(uncertainty_mm) && is_watched(fit.camera_at_teaching_mm);
-    against.review(unwatched, "camera_unwatched", || {
+    let is_unwatched = !is_watched(uncertainty_mm) && is_watched(fit.camera_at_teaching_mm);
+    vec![noticed.broken(is_unwatched, Severity::Review, "camera_unwatched", || {
         let seen = uncertainty_mm.map_or("too little of the fixture is seen".to_owned(), |mm| {
             let [noticed, _] = apart(noticed_mm(mm), MAX_CAMERA_NOTICED_MM, 2);
             format!("by the fixture a camera is noticed where it moves the panel by {noticed} mm or more")
@@ -190,25 +210,13 @@ fn watch(fit: &Fit, against: &mut Against) {
             "whether the camera has moved cannot be told: {seen}, needed are {MAX_CAMERA_NOTICED_MM} mm, which it showed at \
              teaching; is something before the fixture? If the camera was calibrated again since, teach again"
         )
-    });
+    })]
 }
 
 /// Is it known well enough where it stands?
-fn knowledge(fit: &Fit, against: &mut Against) {
-    against.review(exceeds(fit.uncertainty_mm, MAX_UNCERTAINTY_MM), "uncertain", || {
-        let [known, allowed] = apart(fit.uncertainty_mm, MAX_UNCERTAINTY_MM, 2);
-        format!(
-            "the pose is known to {known} mm at the worst place (95 %), allowed are {allowed} mm; it is weakest {}; uncover \
-             more of the panel, or correct it by two corners",
-            fit.weakest.words()
-        )
-    });
-    against.review(exceeds(fit.agreement_mm, MAX_DISAGREEMENT_MM), "starts_disagree", || {
-        let [agreement, allowed] = apart(fit.agreement_mm, MAX_DISAGREEMENT_MM, 3);
-        format!("fits from independent starts end {agreement} mm apart, allowed are {allowed} mm; scan again")
-    });
-    let Some(rival) = &fit.rival else { return };
-    against.review(rival.margin().is_nan() || rival.margin() < MIN_MARGIN, "ambiguous", || {
+fn knowledge(fit: &Fit) -> Vec<Check> {
+    let rival = fit.rival.as_ref();
+    let ambiguous = |rival: &CompetingPose| {
         let [margin, needed] = apart(rival.margin(), MIN_MARGIN, 1);
         format!(
             "a placement turned by {}° explains the scan about as well: {} mm of outline and surface speak for the first alone \
@@ -217,43 +225,87 @@ fn knowledge(fit: &Fit, against: &mut Against) {
             fixed(rival.for_first_mm, 0),
             fixed(rival.for_rival_mm, 0)
         )
-    });
+    };
+    vec![
+        Check::new("error at the worst place, 95 %", "mm", fit.uncertainty_mm)
+            .at_most(MAX_UNCERTAINTY_MM, SetBy::Program)
+            .reviews("uncertain", || {
+                let [known, allowed] = apart(fit.uncertainty_mm, MAX_UNCERTAINTY_MM, 2);
+                format!(
+                    "the pose is known to {known} mm at the worst place (95 %), allowed are {allowed} mm; it is weakest {}; \
+                     uncover more of the panel, or correct it by two corners",
+                    fit.weakest.words()
+                )
+            }),
+        Check::new("error along the weakest direction, 95 %", "mm", fit.weakest_mm),
+        Check::new("fits from independent starts, apart", "mm", fit.agreement_mm)
+            .at_most(MAX_DISAGREEMENT_MM, SetBy::Program)
+            .reviews("starts_disagree", || {
+                let [agreement, allowed] = apart(fit.agreement_mm, MAX_DISAGREEMENT_MM, 3);
+                format!("fits from independent starts end {agreement} mm apart, allowed are {allowed} mm; scan again")
+            }),
+        Check::new("for this placement against the next best, times", "", rival.map(CompetingPose::margin))
+            .at_least(MIN_MARGIN, SetBy::Program)
+            .reviews("ambiguous", || rival.map_or(String::new(), ambiguous)),
+    ]
 }
 
-fn motion(fit: &Fit, limits: &recipe::Locate, against: &mut Against) {
-    against.reject(exceeds(fit.shift_mm, limits.max_shift_mm()), "shift_limit", || {
-        let [shift, allowed] = apart(fit.shift_mm, limits.max_shift_mm(), 1);
-        format!(
-            "the panel's centre stands {shift} mm from its nominal place, allowed are {allowed} mm; put it nearer"
-        )
-    });
-    against.reject(exceeds(fit.turn.0.abs(), limits.turn_limit_deg()), "turn_limit", || {
-        let [turn, allowed] = apart(fit.turn.0.abs(), limits.turn_limit_deg(), 2);
-        let sign = if fit.turn.0 < 0.0 { "-" } else { "" };
-        format!("the panel is turned by {sign}{turn}° in its plane, allowed are ±{allowed}°; turn it back")
-    });
-    against.reject(exceeds(fit.tilt.0, limits.max_tilt_deg()), "tilt_limit", || {
-        let [tilt, allowed] = apart(fit.tilt.0, limits.max_tilt_deg(), 2);
-        format!("the panel's normal is tilted by {tilt}°, allowed are {allowed}°; set it upright")
-    });
+/// Does it stand where it may?
+fn motion(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
+    vec![
+        Check::new("shift of the panel's centre", "mm", fit.shift_mm)
+            .at_most(limits.max_shift_mm(), SetBy::recipe("locate.max_shift_mm"))
+            .rejects("shift_limit", || {
+                let [shift, allowed] = apart(fit.shift_mm, limits.max_shift_mm(), 1);
+                format!(
+                    "the panel's centre stands {shift} mm from its nominal place, allowed are {allowed} mm; put it nearer"
+                )
+            }),
+        Check::new("turn in the panel's plane, either way", "°", fit.turn.0.abs())
+            .at_most(limits.turn_limit_deg(), SetBy::recipe("locate.turn_limit_deg"))
+            .rejects("turn_limit", || {
+                let [turn, allowed] = apart(fit.turn.0.abs(), limits.turn_limit_deg(), 2);
+                let sign = if fit.turn.0 < 0.0 { "-" } else { "" };
+                format!("the panel is turned by {sign}{turn}° in its plane, allowed are ±{allowed}°; turn it back")
+            }),
+        Check::new("tilt of the panel's normal", "°", fit.tilt.0)
+            .at_most(limits.max_tilt_deg(), SetBy::recipe("locate.max_tilt_deg"))
+            .rejects("tilt_limit", || {
+                let [tilt, allowed] = apart(fit.tilt.0, limits.max_tilt_deg(), 2);
+                format!("the panel's normal is tilted by {tilt}°, allowed are {allowed}°; set it upright")
+            }),
+    ]
 }
 
-fn overlap(fit: &Fit, limits: &recipe::Locate, against: &mut Against) {
+/// Is enough of the taught panel found in the scan, and of the scan's panel among the taught points?
+fn overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
     let allowed = limits.min_overlap();
     let outline_allowed = min_outline_found(limits);
-    if fit.overlap() >= allowed && fit.outline_found >= outline_allowed {
-        return;
-    }
-    let [taught, taught_needed] = percent_apart(fit.taught_found, allowed, 0);
-    let [outline, outline_needed] = percent_apart(fit.outline_found, outline_allowed, 0);
-    let [scan, scan_needed] = percent_apart(fit.scan_found, allowed, 0);
-    let message = format!(
-        "{taught} % of the taught surface, {outline} % of its outline and {scan} % of the scanned one have a partner, needed \
-         are {taught_needed}, {outline_needed} and {scan_needed} %; is it the right panel, and is nothing before it?"
-    );
-    let reason = Reason::new("low_overlap", message);
-    let nearly = fit.overlap() >= allowed - REVIEW_OVERLAP && fit.outline_found >= outline_allowed - REVIEW_OVERLAP;
-    if nearly { against.review.push(reason) } else { against.reject.push(reason) }
+    let is_nearly =
+        fit.overlap() >= allowed - REVIEW_OVERLAP && fit.outline_found >= outline_allowed - REVIEW_OVERLAP;
+    let severity = if is_nearly { Severity::Review } else { Severity::Reject };
+    let words = || {
+        let [taught, taught_needed] = percent_apart(fit.taught_found, allowed, 0);
+        let [outline, outline_needed] = percent_apart(fit.outline_found, outline_allowed, 0);
+        let [scan, scan_needed] = percent_apart(fit.scan_found, allowed, 0);
+        format!(
+            "{taught} % of the taught surface, {outline} % of its outline and {scan} % of the scanned one have a partner, \
+             needed are {taught_needed}, {outline_needed} and {scan_needed} %; is it the right panel, and is nothing before it?"
+        )
+    };
+    let set_by = || SetBy::recipe("locate.min_overlap");
+    [
+        Check::new("overlap", "", fit.overlap()).at_least(allowed, set_by()).leads_to(
+            severity,
+            "low_overlap",
+            words,
+        ),
+        Check::new("outline found", "", fit.outline_found).at_least(outline_allowed, set_by()).leads_to(
+            severity,
+            "low_overlap",
+            words,
+        ),
+    ]
 }
 
 /// The verdict where nothing was found: a bad panel is a verdict, not a fault.
@@ -268,7 +320,7 @@ pub(super) fn exceeds(measured: f64, allowed: f64) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{CameraCheck, Rival, Weakest};
+    use super::super::{CameraCheck, CompetingPose, Weakest};
     use super::*;
     use crate::geometry::{Base, Degrees, Panel, Rigid};
     use crate::verdict::Verdict;
@@ -362,7 +414,7 @@ mod tests {
         let rival = |for_first_mm, for_rival_mm| {
             let base_from_panel = good().base_from_panel;
             judged(&Fit {
-                rival: Some(Rival { base_from_panel, turned: Degrees(180.0), for_first_mm, for_rival_mm }),
+                rival: Some(CompetingPose { base_from_panel, turned: Degrees(180.0), for_first_mm, for_rival_mm }),
                 ..good()
             })
         };

@@ -23,9 +23,12 @@ const MIN_SHARE: f64 = 0.9;
 /// Neighbouring blocks at depths that differ by more than this many sides of a block are not one surface: 73° of slope.
 const STEP_SIDES: f64 = 3.3;
 
+/// The scan at full size, with its colours.
+pub(super) type Scan = OrganizedCloud<Camera>;
+
 /// What a scan shows where a point projects to.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Look {
+pub(super) enum DepthReading {
     /// The point is outside of the picture.
     OutOfView,
     /// No depth was measured there.
@@ -119,15 +122,15 @@ impl Grid {
     }
 
     /// What the scan shows at a pixel.
-    pub fn look(&self, pixel: Pixel) -> Look {
+    pub fn look(&self, pixel: Pixel) -> DepthReading {
         self.look_at(self.place(pixel))
     }
 
     /// The same at a place in units of blocks.
-    pub fn look_at(&self, [x, y]: [f64; 2]) -> Look {
+    pub fn look_at(&self, [x, y]: [f64; 2]) -> DepthReading {
         let (across, down) = ((self.columns - 1) as f64, (self.rows - 1) as f64);
         if !(x >= -0.5 && y >= -0.5 && x <= across + 0.5 && y <= down + 0.5) {
-            return Look::OutOfView;
+            return DepthReading::OutOfView;
         }
         let (x, y) = (x.clamp(0.0, across - 1e-9), y.clamp(0.0, down - 1e-9));
         let (i, j) = (x as usize, y as usize);
@@ -138,12 +141,12 @@ impl Grid {
         if corners.iter().all(|c| !c.is_nan()) && high - low < self.step_share * high {
             let above = corners[0] + fx * (corners[1] - corners[0]);
             let below = corners[2] + fx * (corners[3] - corners[2]);
-            return Look::Smooth(1.0 / (above + fy * (below - above)));
+            return DepthReading::Smooth(1.0 / (above + fy * (below - above)));
         }
         // The nearest block that has a depth.
         let shares = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
         let nearest = (0..4).filter(|&k| !corners[k].is_nan()).max_by(|&a, &b| shares[a].total_cmp(&shares[b]));
-        nearest.map_or(Look::Nothing, |k| Look::Rough(1.0 / corners[k]))
+        nearest.map_or(DepthReading::Nothing, |k| DepthReading::Rough(1.0 / corners[k]))
     }
 }
 
@@ -293,10 +296,10 @@ mod tests {
     fn a_plane_is_met_between_blocks_and_an_edge_is_rough() {
         let grid = Grid::of(&scan(), &CAMERA);
         assert_eq!((grid.factor, grid.columns), (1, 40));
-        let Look::Smooth(depth_mm) = grid.look(Pixel::at(25.25, 10.5)) else { panic!("a plane") };
+        let DepthReading::Smooth(depth_mm) = grid.look(Pixel::at(25.25, 10.5)) else { panic!("a plane") };
         assert!((depth_mm - 700.0 / (1.0 - 5.75 / 200.0)).abs() < 1e-3, "{depth_mm}");
-        assert!(matches!(grid.look(Pixel::at(7.3, 10.0)), Look::Rough(z) if (z - 400.0).abs() < 1e-3));
-        assert_eq!(grid.look(Pixel::at(-0.6, 10.0)), Look::OutOfView);
+        assert!(matches!(grid.look(Pixel::at(7.3, 10.0)), DepthReading::Rough(z) if (z - 400.0).abs() < 1e-3));
+        assert_eq!(grid.look(Pixel::at(-0.6, 10.0)), DepthReading::OutOfView);
     }
 
     /// By hand: of 16 pixels 15 must agree. One flying point is left out, five of another depth leave no block.

@@ -3,13 +3,14 @@
 //! No start value: wherever the panel stands in the search box, it is found or not found. The scan is made small
 //! ([`grid`]) and cut to connected pieces in the box ([`pieces`]); the taught panel is laid upon them at every turn
 //! ([`search`]); the best placements are fitted to the surface and to the outline's edges in the colour picture together
-//! ([`fit`], [`edges`]), and weighed against each other ([`rivals`]). The result is evidence, a [`Fit`], with its covariance,
+//! ([`fit`], [`edges`]), and weighed against each other ([`consistency`]). The result is evidence, a [`Fit`], with its covariance,
 //! the agreement of independent starts, and what the fixture says of the camera's place; [`gate`] judges it.
 //! [`explain`] shows where in the scan a reason comes from. [`corner`] finds the panel's corner in a picture of the flange camera, [`refine`] moves the pose by what it says.
 //! [`thesis_icp`] is the thesis's own method, to be compared with.
 //! Does not know the error of the camera's calibration, which moves taught and located panel alike.
 
 mod camera_check;
+mod consistency;
 pub mod corner;
 mod correspond;
 mod covariance;
@@ -21,20 +22,23 @@ mod fit;
 pub mod gate;
 mod grid;
 mod model;
+mod outline_edges;
 mod pieces;
 mod point_to_point;
 mod profile;
 pub mod refine;
-mod rivals;
+mod scatter;
 mod search;
 mod shadow;
 mod shares;
 mod solve;
 mod taught_outline;
+mod taught_surface;
 
 pub use camera_check::CameraCheck;
+pub use covariance::Weakest;
 pub use error::LocateError;
-pub use evidence::{Fit, Rival, Weakest};
+pub use evidence::{CompetingPose, Fit};
 pub use point_to_point::thesis_icp;
 pub use refine::refine;
 pub use taught_outline::OutlineSeen;
@@ -42,14 +46,14 @@ pub use taught_outline::OutlineSeen;
 use crate::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamera, Rigid};
 use crate::panel::TaughtPanel;
 use crate::recipe;
-use evidence::Beside;
-use fit::{Fitted, Samples, Seen};
+use consistency::ConsistencyScore;
+use evidence::FurtherEvidence;
+use fit::{FitInputs, Fitted, Samples};
 use grid::{Grid, Motion};
 use model::Model;
 use nalgebra::{Rotation3, Vector3, Vector6};
 use rayon::prelude::*;
-use rivals::Votes;
-use search::Placement;
+use search::PoseHypothesis;
 
 /// A scan and where its camera stands.
 #[derive(Debug, Clone, Copy)]
@@ -108,8 +112,8 @@ impl<'a> Prepared<'a> {
         self.model.outline_seen
     }
 
-    fn seen(&self) -> Seen<'_> {
-        Seen { model: &self.model, grid: &self.grid, scan: self.view.scan }
+    fn seen(&self) -> FitInputs<'_> {
+        FitInputs { model: &self.model, grid: &self.grid, scan: self.view.scan }
     }
 
     /// Finds the panel.
@@ -134,28 +138,28 @@ impl<'a> Prepared<'a> {
         );
         let is_watched = gate::is_watched(camera.map(|camera| camera.uncertainty_mm));
         let asked = (!is_watched).then(|| camera_check::at_teaching_mm(taught, model, self.settings));
-        let beside = Beside { agreement_mm, rival, camera, camera_at_teaching_mm: asked.flatten() };
+        let beside = FurtherEvidence { agreement_mm, rival, camera, camera_at_teaching_mm: asked.flatten() };
         evidence::weigh(&fitted, seen, pieces, view.base_from_camera, beside)
     }
 }
 
 /// Fits the placements and finds the one that no other beats, with the one that comes nearest to it.
 fn choose(
-    placements: &[Placement],
-    seen: Seen<'_>,
+    placements: &[PoseHypothesis],
+    seen: FitInputs<'_>,
     base_from_camera: Rigid<Base, Camera>,
-) -> Option<(Rigid<Camera, Panel>, Option<Rival>)> {
+) -> Option<(Rigid<Camera, Panel>, Option<CompetingPose>)> {
     let samples = Samples::some(seen.model, WEIGHING_SAMPLES);
-    let fitted: Vec<Option<(Rigid<Camera, Panel>, Votes)>> = placements
+    let fitted: Vec<Option<(Rigid<Camera, Panel>, ConsistencyScore)>> = placements
         .par_iter()
         .take(search::kept(seen.model) - 1)
         .map(|placement| {
             let end = fit::fit(&placement.camera_from_panel, seen, &samples)?.camera_from_panel;
-            Some((end, Votes::of(&end, seen)))
+            Some((end, ConsistencyScore::of(&end, seen)))
         })
         .collect();
-    let mut fitted: Vec<(Rigid<Camera, Panel>, Votes)> = fitted.into_iter().flatten().collect();
-    let beats = |a: &Votes, b: &Votes| {
+    let mut fitted: Vec<(Rigid<Camera, Panel>, ConsistencyScore)> = fitted.into_iter().flatten().collect();
+    let beats = |a: &ConsistencyScore, b: &ConsistencyScore| {
         let [for_a, for_b] = a.against(b);
         for_a > for_b
     };
@@ -174,13 +178,13 @@ fn choose(
     let rival = rivals.map(|(other, against)| {
         let [for_first_mm, for_rival_mm] = votes.against(against);
         let turned = (first.inverse() * *other).turn();
-        Rival { base_from_panel: base_from_camera * *other, turned, for_first_mm, for_rival_mm }
+        CompetingPose { base_from_panel: base_from_camera * *other, turned, for_first_mm, for_rival_mm }
     });
     Some((first, rival.min_by(|a, b| a.margin().total_cmp(&b.margin()))))
 }
 
 /// How far apart fits from other starts end, mm; infinite where one goes elsewhere.
-fn agreement_mm(fitted: &Fitted, seen: Seen<'_>) -> f64 {
+fn agreement_mm(fitted: &Fitted, seen: FitInputs<'_>) -> f64 {
     let shift_mm = START_SHIFT * search::reach_mm(seen.model);
     let centre = Motion::of(&fitted.camera_from_panel).point(&seen.model.centre);
     // Three starts around the end, each aside and turned about another axis.

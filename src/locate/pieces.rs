@@ -8,7 +8,7 @@
 //! Process. 14, 1980).
 
 use super::grid::{Grid, Motion};
-use super::model::middle_and_thinnest;
+use super::scatter::centroid_and_normal;
 use crate::geometry::{BESIDE, Raster};
 use nalgebra::Vector3;
 
@@ -55,7 +55,7 @@ impl Piece {
         let stride = (blocks.len() / 600).max(1);
         let at = |&block: &u32| grid.point(block as usize % grid.columns, block as usize / grid.columns);
         let points: Vec<Vector3<f64>> = blocks.iter().step_by(stride).filter_map(at).collect();
-        let (centre, axis) = middle_and_thinnest(&points)?;
+        let (centre, axis) = centroid_and_normal(&points)?;
         let normal = if axis.dot(&centre) > 0.0 { -axis } else { axis };
         let block_rad2 = (grid.factor * grid.factor) as f64 / (grid.camera.fx_px * grid.camera.fy_px);
         let area = |point: &Vector3<f64>| {

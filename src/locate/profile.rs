@@ -88,7 +88,7 @@ fn step_once(line: &Line, expected_px: f64) -> Option<Step> {
     let ((inside, uneven_inside), (outside, uneven_outside)) =
         (level(-LEVEL_TO, -LEVEL_FROM)?, level(LEVEL_FROM, LEVEL_TO)?);
     let contrast = outside - inside;
-    // Beside another edge, of a post behind the panel say, there is no level to read.
+    // FurtherEvidence another edge, of a post behind the panel say, there is no level to read.
     let uneven = uneven_inside.max(uneven_outside) > MAX_UNEVEN.max(MAX_UNEVEN_SHARE * contrast.abs());
     if contrast.abs() < MIN_CONTRAST || uneven {
         return None;

@@ -15,11 +15,13 @@
 //! What the corners leave of their own errors says whether they are corners of one rigid panel; what they ask for, whether
 //! they agree with the 3D scan. Neither is averaged away: see [`judge`] and [`disagreement`].
 
+mod correction;
 mod judge;
 
-pub use judge::{MAX_LEFT_MM, disagreement, judge, judge_stands};
+pub use correction::{CornerReport, Refined};
+pub use judge::{FARTHEST, MAX_LEFT_MM, checks, checks_of_stand, disagreement, judge, judge_stands};
 
-use crate::geometry::{Base, Degrees, FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector};
+use crate::geometry::{Base, FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector};
 use crate::panel::TaughtCorner;
 use nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion, Vector3, Vector4};
 
@@ -62,43 +64,6 @@ pub enum RefineError {
     },
 }
 
-/// What one corner says.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CornerReport {
-    /// Its number among the taught ones, from 0.
-    pub corner: usize,
-    /// Where the corner was expected.
-    pub expected_px: Pixel,
-    /// Found minus expected, px.
-    pub error_px: f64,
-    /// The shift that this corner alone asks for, along its camera's X and Y, mm.
-    pub shift_mm: [f64; 2],
-    /// What is left of it after the common correction, mm.
-    pub left_mm: f64,
-}
-
-impl CornerReport {
-    /// How far this corner alone asks the panel to be shifted, mm.
-    pub fn asked_mm(&self) -> f64 {
-        self.shift_mm[0].hypot(self.shift_mm[1])
-    }
-}
-
-/// A corrected pose with what it rests on.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Refined {
-    /// Where the panel stands.
-    pub base_from_panel: Rigid<Base, Panel>,
-    /// The correction along X and Y of the first camera, mm.
-    pub shift_mm: [f64; 2],
-    /// How far the panel was turned, with corners that lie apart.
-    pub turned: Degrees,
-    /// The largest distance between found and expected corner, px.
-    pub error_px: f64,
-    /// Each corner, in the order of the views.
-    pub corners: Vec<CornerReport>,
-}
-
 /// Corrects a pose by one or more corner pictures.
 ///
 /// # Errors
@@ -117,9 +82,9 @@ pub fn refine(
         .collect::<Result<Vec<_>, _>>()?;
     let first = seen.first().ok_or(RefineError::NoView)?;
     let base_from_base = common_motion(&seen);
-    let moved = |seen: &Seen| (base_from_base * seen.point - seen.point).mm;
-    let along = |seen: &Seen| [moved(seen).dot(&seen.right.mm), moved(seen).dot(&seen.down.mm)];
-    let report = |seen: &Seen| {
+    let moved = |seen: &CornerObservation| (base_from_base * seen.point - seen.point).mm;
+    let along = |seen: &CornerObservation| [moved(seen).dot(&seen.right.mm), moved(seen).dot(&seen.down.mm)];
+    let report = |seen: &CornerObservation| {
         let [right, down] = along(seen);
         CornerReport {
             corner: seen.corner,
@@ -138,7 +103,7 @@ pub fn refine(
     })
 }
 
-struct Seen {
+struct CornerObservation {
     corner: usize,
     point: Point<Base>,
     forward: Vector<Base>,
@@ -150,14 +115,18 @@ struct Seen {
 }
 
 /// One corner by itself; the depth where that is not in view.
-fn look(located: Rigid<Base, Panel>, camera: &PinholeCamera, view: &CornerView<'_>) -> Result<Seen, f64> {
+fn look(
+    located: Rigid<Base, Panel>,
+    camera: &PinholeCamera,
+    view: &CornerView<'_>,
+) -> Result<CornerObservation, f64> {
     let expected: Point<FlangeCamera> = view.base_from_camera.inverse() * (located * view.taught.point);
     let depth_mm = expected.mm.z;
     let expected_px = camera.project(expected).ok_or(depth_mm)?;
     let found: Vector<FlangeCamera> = camera.unproject(view.found_px).ok_or(depth_mm)?;
     let shift_mm = [depth_mm * found.mm.x - expected.mm.x, depth_mm * found.mm.y - expected.mm.y]; // Eq. 3.23
     let axis = |axis: Vector3<f64>| view.base_from_camera * Vector::new(axis);
-    Ok(Seen {
+    Ok(CornerObservation {
         corner: view.corner,
         point: located * view.taught.point,
         forward: axis(Vector3::z()),
@@ -171,7 +140,7 @@ fn look(located: Rigid<Base, Panel>, camera: &PinholeCamera, view: &CornerView<'
 
 /// The motion that fits all corners best; for one corner, the shift by Δ along its camera's axes (Eq. 3.24, seen from the
 /// base).
-fn common_motion(seen: &[Seen]) -> Rigid<Base, Base> {
+fn common_motion(seen: &[CornerObservation]) -> Rigid<Base, Base> {
     let count = seen.len().max(1) as f64;
     let middle = seen.iter().map(|view| view.point.mm.coords).sum::<Vector3<f64>>() / count;
     let about = seen.iter().map(|view| view.forward.mm).sum::<Vector3<f64>>().try_normalize(1e-6);

@@ -6,10 +6,11 @@
 //! that the scan sees through; the outline on the border; the piece's points that the taught panel has. No features: a
 //! smooth panel has none.
 
-use super::grid::{Grid, Look, Motion, camera_point};
+use super::grid::{DepthReading, Grid, Motion, camera_point};
 use super::model::Model;
+use super::outline_edges::outward_px;
 use super::pieces::{Border, Piece, points, seen_from};
-use super::solve::{Constraint, Sums, Weighing, twisted};
+use super::solve::{Constraint, ResidualWeighting, Sums, twisted};
 use crate::geometry::{Camera, Panel, Rigid};
 use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -55,7 +56,7 @@ const TOO_LARGE: f64 = 3.5;
 
 /// A placement and how well it explains the scan, −2…3.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Placement {
+pub(super) struct PoseHypothesis {
     pub camera_from_panel: Rigid<Camera, Panel>,
     pub score: f64,
 }
@@ -101,26 +102,26 @@ pub(super) fn reach_mm(model: &Model) -> f64 {
 }
 
 /// The placements that these pieces allow, best first, no two alike.
-pub(super) fn search(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<Placement> {
+pub(super) fn search(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<PoseHypothesis> {
     let reach_mm = reach_mm(model);
-    let mut found: Vec<Placement> = Vec::new();
+    let mut found: Vec<PoseHypothesis> = Vec::new();
     for piece in pieces {
         let border = Border::of(grid, piece, model.is_patchy());
-        let of_piece: Vec<Option<Placement>> = (0..TURNS)
+        let of_piece: Vec<Option<PoseHypothesis>> = (0..TURNS)
             .into_par_iter()
             .map(|turn| {
                 let start = best_shift(model, grid, piece, turn as f64 / TURNS as f64, reach_mm)?;
                 let moved = move_onto(start, model, grid, &border)?;
-                Some(Placement { camera_from_panel: moved, score: score(&moved, model, grid, piece, &border) })
+                Some(PoseHypothesis { camera_from_panel: moved, score: score(&moved, model, grid, piece, &border) })
             })
             .collect();
         found.extend(of_piece.into_iter().flatten());
     }
     found.sort_by(|a, b| b.score.total_cmp(&a.score));
-    let mut distinct: Vec<Placement> = Vec::new();
+    let mut distinct: Vec<PoseHypothesis> = Vec::new();
     for placement in found {
         let best = distinct.first().map_or(placement.score, |best| best.score);
-        let far = |other: &Placement| {
+        let far = |other: &PoseHypothesis| {
             model.largest_distance_mm(&other.camera_from_panel, &placement.camera_from_panel) > SAME * reach_mm
         };
         if distinct.len() < kept(model) && placement.score > best - WORSE && distinct.iter().all(far) {
@@ -146,9 +147,9 @@ fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f6
         let value = |offset: &Vector3<f64>| {
             let point = piece.centre + shift + offset;
             match grid.camera.project(camera_point(&point)).map(|pixel| grid.look(pixel)) {
-                Some(Look::Smooth(z) | Look::Rough(z)) if (z - point.z).abs() < near_mm => 1.0,
-                Some(Look::Smooth(z) | Look::Rough(z)) if z > point.z => -1.0,
-                Some(Look::Smooth(_) | Look::Rough(_)) => -0.5,
+                Some(DepthReading::Smooth(z) | DepthReading::Rough(z)) if (z - point.z).abs() < near_mm => 1.0,
+                Some(DepthReading::Smooth(z) | DepthReading::Rough(z)) if z > point.z => -1.0,
+                Some(DepthReading::Smooth(_) | DepthReading::Rough(_)) => -0.5,
                 _ => -0.3,
             }
         };
@@ -191,8 +192,8 @@ fn move_onto(
             on_outline.iter().filter_map(|&k| border_at(&motion, model, grid, border, k)).collect();
         let reach_mm = (FIRST_REACH_MM * shrunk).max(LAST_REACH_MM);
         let reach_blocks = (FIRST_REACH_BLOCKS * shrunk).max(LAST_REACH_BLOCKS);
-        let of_surface = Weighing { sigma: 1.0, sharing: 1.0, reach: reach_mm };
-        let of_outline = Weighing { sigma: 1.0, sharing: 1.0, reach: reach_blocks };
+        let of_surface = ResidualWeighting { sigma: 1.0, correlated_count: 1.0, cutoff: reach_mm };
+        let of_outline = ResidualWeighting { sigma: 1.0, correlated_count: 1.0, cutoff: reach_blocks };
         let sums = Sums::over(&surface, &of_surface, &centre).plus(Sums::over(&outline, &of_outline, &centre));
         placed = twisted(&placed, &centre, &sums.twist()?);
     }
@@ -212,7 +213,7 @@ pub(super) fn surface_residual(motion: &Motion, model: &Model, grid: &Grid, samp
         return None;
     }
     let pixel = grid.camera.project(camera_point(&point))?;
-    let Look::Smooth(depth_mm) = grid.look(pixel) else { return None };
+    let DepthReading::Smooth(depth_mm) = grid.look(pixel) else { return None };
     let residual = normal.dot(&point) * (1.0 - depth_mm / point.z);
     Some(Constraint { point, gradient: normal, residual, sample })
 }
@@ -232,30 +233,21 @@ fn border_at(motion: &Motion, model: &Model, grid: &Grid, border: &Border, k: us
     Some(Constraint { point, gradient, residual, sample: k })
 }
 
-/// The unit vector of the picture across an outline's direction, outwards.
-pub(super) fn outward_px(
-    along: &nalgebra::Vector2<f64>,
-    outward: &nalgebra::Vector2<f64>,
-) -> Option<nalgebra::Vector2<f64>> {
-    let across = nalgebra::Vector2::new(along.y, -along.x).try_normalize(1e-9)?;
-    Some(if across.dot(outward) < 0.0 { -across } else { across })
-}
-
 /// Are points missing just inside of the outline, so that the scan does not say whether the panel ends here?
 fn is_unknown_beside(motion: &Motion, model: &Model, grid: &Grid, k: usize) -> bool {
     let sample = &model.outline[k];
     let inside = motion.point(&(sample.point - sample.outward * BESIDE_MM));
-    grid.camera.project(camera_point(&inside)).is_some_and(|pixel| grid.look(pixel) == Look::Nothing)
+    grid.camera.project(camera_point(&inside)).is_some_and(|pixel| grid.look(pixel) == DepthReading::Nothing)
 }
 
 /// How a placement explains the scan, both ways.
 fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piece, border: &Border) -> f64 {
     let motion = Motion::of(placed);
     let chosen = spread_over(model.points.len(), SCORE_POINTS);
-    let of_point = |&i: &usize| match sight(&motion, model, grid, i) {
-        Sight::On(_) => 1.0,
-        Sight::Through => -2.0,
-        Sight::Near | Sight::Hidden | Sight::Unknown => 0.0,
+    let of_point = |&i: &usize| match observe_point(&motion, model, grid, i) {
+        PointObservation::On(_) => 1.0,
+        PointObservation::Through => -2.0,
+        PointObservation::Near | PointObservation::Hidden | PointObservation::Unknown => 0.0,
     };
     let surface = chosen.iter().map(of_point).sum::<f64>() / chosen.len() as f64;
     let edges = spread_over(model.outline.len(), SCORE_OUTLINE);
@@ -279,7 +271,7 @@ fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piec
 
 /// What a scan says of a taught point at a placement.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Sight {
+pub(super) enum PointObservation {
     /// It has it; the taught point stands so far before the scan along the normal, (1) of `grid`, mm.
     On(f64),
     /// It has it beside an edge or missing points, where the depth is good for no more.
@@ -293,20 +285,20 @@ pub(super) enum Sight {
 }
 
 /// What the scan says of one taught point.
-pub(super) fn sight(motion: &Motion, model: &Model, grid: &Grid, sample: usize) -> Sight {
+pub(super) fn observe_point(motion: &Motion, model: &Model, grid: &Grid, sample: usize) -> PointObservation {
     let point = motion.point(&model.points[sample]);
     let normal = motion.turn * model.normals[sample];
     if normal.dot(&point) >= 0.0 {
-        return Sight::Hidden;
+        return PointObservation::Hidden;
     }
-    let look = grid.camera.project(camera_point(&point)).map_or(Look::OutOfView, |pixel| grid.look(pixel));
+    let look = grid.camera.project(camera_point(&point)).map_or(DepthReading::OutOfView, |pixel| grid.look(pixel));
     let residual = |depth_mm: f64| normal.dot(&point) * (1.0 - depth_mm / point.z);
     match look {
-        Look::Smooth(z) if residual(z).abs() <= ON_MM => Sight::On(residual(z)),
-        Look::Rough(z) if residual(z).abs() <= 2.0 * ON_MM => Sight::Near,
-        Look::Smooth(z) | Look::Rough(z) if z > point.z => Sight::Through,
-        Look::Smooth(_) | Look::Rough(_) | Look::OutOfView => Sight::Hidden,
-        Look::Nothing => Sight::Unknown,
+        DepthReading::Smooth(z) if residual(z).abs() <= ON_MM => PointObservation::On(residual(z)),
+        DepthReading::Rough(z) if residual(z).abs() <= 2.0 * ON_MM => PointObservation::Near,
+        DepthReading::Smooth(z) | DepthReading::Rough(z) if z > point.z => PointObservation::Through,
+        DepthReading::Smooth(_) | DepthReading::Rough(_) | DepthReading::OutOfView => PointObservation::Hidden,
+        DepthReading::Nothing => PointObservation::Unknown,
     }
 }
 
@@ -320,8 +312,8 @@ pub(super) fn covered(motion: &Motion, model: &Model, grid: &Grid, piece: &Piece
         let in_panel = back.point(&point);
         let Some((there, place)) = seen_from(&model.grid, &taught, &in_panel) else { continue };
         held += usize::from(match model.grid.look_at(place) {
-            Look::Smooth(z) | Look::Rough(z) => (z - there.z).abs() <= 2.0 * ON_MM,
-            Look::Nothing | Look::OutOfView => false,
+            DepthReading::Smooth(z) | DepthReading::Rough(z) => (z - there.z).abs() <= 2.0 * ON_MM,
+            DepthReading::Nothing | DepthReading::OutOfView => false,
         });
     }
     held as f64 / asked.max(1) as f64

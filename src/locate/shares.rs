@@ -5,11 +5,11 @@
 //! does a point that is missing beside a nearer thing, in whose shadow it may lie.
 
 use super::edges::Edge;
-use super::fit::{Residuals, Seen};
+use super::fit::{FitInputs, Residuals};
 use super::grid::{Motion, camera_point};
 use super::model::Model;
 use super::pieces::{self, Piece};
-use super::search::{Sight, covered, sight};
+use super::search::{PointObservation, covered, observe_point};
 use super::shadow;
 use crate::geometry::{median, polygon};
 use rayon::prelude::*;
@@ -30,27 +30,27 @@ pub(super) struct SurfaceShares {
 }
 
 impl SurfaceShares {
-    pub fn of(motion: &Motion, seen: Seen<'_>) -> SurfaceShares {
-        let Seen { model, grid, scan } = seen;
+    pub fn of(motion: &Motion, seen: FitInputs<'_>) -> SurfaceShares {
+        let FitInputs { model, grid, scan } = seen;
         let look = |i: usize| {
             let pixel = grid.camera.project(camera_point(&motion.point(&model.points[i])));
             let place = pixel.and_then(|pixel| pixel.whole(scan.width(), scan.height()));
             let measured = place.is_some_and(|(column, row)| scan.point(column, row).is_some());
             let unlit =
                 || pixel.is_some_and(|pixel| shadow::may_hide(grid, pixel, motion.point(&model.points[i]).z));
-            (sight(motion, model, grid, i), measured, !measured && unlit())
+            (observe_point(motion, model, grid, i), measured, !measured && unlit())
         };
-        let looks: Vec<(Sight, bool, bool)> =
+        let looks: Vec<(PointObservation, bool, bool)> =
             (0..model.points.len()).into_par_iter().with_min_len(1_024).map(look).collect();
         let (mut on, mut near, mut through, mut squares) = (0usize, 0usize, 0usize, 0.0);
         let (mut in_view, mut measured) = (0usize, 0usize);
         for (sight, has_point, unlit) in &looks {
             match sight {
-                Sight::On(residual_mm) => (on, squares) = (on + 1, squares + residual_mm * residual_mm),
-                Sight::Near => near += 1,
-                Sight::Through => through += 1,
-                Sight::Unknown => {}
-                Sight::Hidden => continue,
+                PointObservation::On(residual_mm) => (on, squares) = (on + 1, squares + residual_mm * residual_mm),
+                PointObservation::Near => near += 1,
+                PointObservation::Through => through += 1,
+                PointObservation::Unknown => {}
+                PointObservation::Hidden => continue,
             }
             in_view += usize::from(!unlit);
             measured += usize::from(*has_point);
@@ -110,14 +110,14 @@ impl OutlineShares {
 
 /// Of the pieces that are part of the panel, the share that the taught panel has. What hangs on the panel where it is held is
 /// another piece.
-pub(super) fn scan_found(motion: &Motion, seen: Seen<'_>, pieces: &[Piece]) -> f64 {
+pub(super) fn scan_found(motion: &Motion, seen: FitInputs<'_>, pieces: &[Piece]) -> f64 {
     if !seen.model.held_px.is_empty() {
         return share_of(motion, seen, &cut_where_held(motion, seen, pieces));
     }
     share_of(motion, seen, pieces)
 }
 
-fn share_of(motion: &Motion, seen: Seen<'_>, pieces: &[Piece]) -> f64 {
+fn share_of(motion: &Motion, seen: FitInputs<'_>, pieces: &[Piece]) -> f64 {
     let (mut found, mut whole) = (0.0, 0.0);
     for piece in pieces {
         let share = covered(motion, seen.model, seen.grid, piece, 1_500);
@@ -130,8 +130,8 @@ fn share_of(motion: &Motion, seen: Seen<'_>, pieces: &[Piece]) -> f64 {
 }
 
 /// The pieces without the blocks that the taught picture shows where something holds the panel.
-fn cut_where_held(motion: &Motion, seen: Seen<'_>, pieces: &[Piece]) -> Vec<Piece> {
-    let Seen { model, grid, .. } = seen;
+fn cut_where_held(motion: &Motion, seen: FitInputs<'_>, pieces: &[Piece]) -> Vec<Piece> {
+    let FitInputs { model, grid, .. } = seen;
     let (back, taught) = (motion.inverse(), Motion::of(&model.camera_from_panel));
     let is_held = |block: usize| {
         let point = grid.point(block % grid.columns, block / grid.columns);
@@ -147,8 +147,8 @@ fn cut_where_held(motion: &Motion, seen: Seen<'_>, pieces: &[Piece]) -> Vec<Piec
 }
 
 /// Share of the panel's pixels that are overexposed.
-pub(super) fn saturated(motion: &Motion, seen: Seen<'_>) -> f64 {
-    let Seen { model, grid, scan } = seen;
+pub(super) fn saturated(motion: &Motion, seen: FitInputs<'_>) -> f64 {
+    let FitInputs { model, grid, scan } = seen;
     let (mut asked, mut over) = (0usize, 0usize);
     for point in model.points.iter().step_by(7) {
         let pixel = grid.camera.project(camera_point(&motion.point(point)));

@@ -40,24 +40,24 @@ impl Constraint {
 
 /// How constraints of one kind are weighed.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Weighing {
+pub(super) struct ResidualWeighting {
     /// Standard deviation of a residual.
     pub sigma: f64,
     /// So many neighbours share one error.
-    pub sharing: f64,
+    pub correlated_count: f64,
     /// Residuals beyond this size have no weight.
-    pub reach: f64,
+    pub cutoff: f64,
 }
 
-impl Weighing {
+impl ResidualWeighting {
     /// Tukey's weight of a residual, 0…1.
     pub fn robust(&self, residual: f64) -> f64 {
-        let share = residual / self.reach;
+        let share = residual / self.cutoff;
         if share.abs() < 1.0 { (1.0 - share * share).powi(2) } else { 0.0 }
     }
 
     pub fn weight(&self, residual: f64) -> f64 {
-        self.robust(residual) / (self.sigma * self.sigma * self.sharing)
+        self.robust(residual) / (self.sigma * self.sigma * self.correlated_count)
     }
 }
 
@@ -72,7 +72,7 @@ impl Sums {
     pub const ZERO: Sums = Sums { information: Matrix6::from_array_storage(ZERO_6), gradient: ZERO_1 };
 
     /// Over constraints of one kind.
-    pub fn over(constraints: &[Constraint], weighing: &Weighing, centre: &Vector3<f64>) -> Sums {
+    pub fn over(constraints: &[Constraint], weighing: &ResidualWeighting, centre: &Vector3<f64>) -> Sums {
         let chunk = |chunk: &[Constraint]| {
             let mut sums = Sums::ZERO;
             for constraint in chunk {
@@ -133,7 +133,7 @@ pub(super) fn twisted(
 mod tests {
     use super::*;
 
-    const WEIGHING: Weighing = Weighing { sigma: 0.1, sharing: 1.0, reach: 1e9 };
+    const WEIGHING: ResidualWeighting = ResidualWeighting { sigma: 0.1, correlated_count: 1.0, cutoff: 1e9 };
 
     /// By hand: turned by 0.001 rad about z at (560, 0, 700), a point 100 mm beside it in y moves by −0.1 mm in x.
     #[test]
@@ -172,7 +172,7 @@ mod tests {
     /// By hand: at half its reach a residual has (1 − ¼)² = 0.5625 of its weight, at its reach none.
     #[test]
     fn far_residuals_have_no_weight() {
-        let weighing = Weighing { sigma: 0.5, sharing: 4.0, reach: 2.0 };
+        let weighing = ResidualWeighting { sigma: 0.5, correlated_count: 4.0, cutoff: 2.0 };
         assert!((weighing.weight(1.0) - 0.5625).abs() < 1e-12);
         assert_eq!((weighing.weight(2.0), weighing.weight(f64::NAN)), (0.0, 0.0));
     }

@@ -6,9 +6,9 @@
 //! (`edges`): what neither colour nor depth shows there is no measurement, and takes no part. Nor does what something holds.
 
 use super::edges::{self, Edge};
-use super::grid::{Grid, Motion};
-use super::model::{MIN_OUTLINE, Scan, Surface};
+use super::grid::{Grid, Motion, Scan};
 use super::profile;
+use super::taught_surface::Surface;
 use crate::geometry::{Camera, Pixel, median, polygon};
 use crate::panel::{OutlineFrom, TaughtPanel};
 use nalgebra::{Vector2, Vector3};
@@ -24,6 +24,8 @@ const MASK_INSET_PX: f64 = 1.0;
 const HELD_NEAR_PX: f64 = (CONTOUR_REACH + 1) as f64;
 /// The direction of the outline is taken from so many points to each side.
 const ALONG_REACH: usize = 3;
+/// Fewer points of the outline hold no panel.
+pub(super) const MIN_OUTLINE: usize = 60;
 
 /// A point of the outline.
 #[derive(Debug, Clone, Copy)]
@@ -65,7 +67,7 @@ pub(super) struct TaughtOutline {
 
 /// An edge beside a place of the contour.
 #[derive(Clone, Copy)]
-struct Found {
+struct EdgePoint {
     /// In the camera's frame.
     point: Vector3<f64>,
     normal: Vector3<f64>,
@@ -74,7 +76,7 @@ struct Found {
 }
 
 /// What the edges are looked for in.
-struct Looked<'a> {
+struct OutlineContext<'a> {
     panel: &'a TaughtPanel,
     grid: &'a Grid,
     surface: &'a Surface,
@@ -94,20 +96,20 @@ impl TaughtOutline {
         let is_drawn = panel.outline_from == OutlineFrom::Recipe;
         let scan = is_drawn.then(|| panel.scan.moved::<Camera>(&panel.panel_from_camera.inverse()));
         let side = polygon::signed_area_px2(contour).signum();
-        let looked = Looked { panel, grid, surface, scan, side };
+        let looked = OutlineContext { panel, grid, surface, scan, side };
         let steps = contour.len().div_ceil(CONTOUR_STEP);
         let is_held: Vec<bool> =
             (0..steps).map(|k| panel.is_held_near(contour[k * CONTOUR_STEP], HELD_NEAR_PX)).collect();
         // A point beside a held stretch would take its direction from across it.
         let is_used =
             |k: usize| (k + steps - ALONG_REACH..=k + steps + ALONG_REACH).all(|near| !is_held[near % steps]);
-        let found: Vec<Option<Found>> = (0..steps)
+        let found: Vec<Option<EdgePoint>> = (0..steps)
             .into_par_iter()
             .with_min_len(64)
             .map(|k| if is_used(k) { looked.edge(k * CONTOUR_STEP) } else { None })
             .collect();
         let held = (0..steps).filter(|&k| !is_used(k)).count();
-        let edges: Vec<Found> = found.into_iter().flatten().collect();
+        let edges: Vec<EdgePoint> = found.into_iter().flatten().collect();
         let mut widths: Vec<f64> = edges.iter().filter_map(|edge| edge.width_px).collect();
         let share = |count: usize| count as f64 / steps as f64;
         let seen = OutlineSeen {
@@ -130,7 +132,7 @@ impl TaughtOutline {
     }
 }
 
-impl Looked<'_> {
+impl OutlineContext<'_> {
     /// The middle of the contour about a place, and the unit vector of the picture that leads off the panel there.
     fn place(&self, k: usize) -> Option<(Pixel, Vector2<f64>)> {
         let contour = &self.panel.outline_px;
@@ -152,7 +154,7 @@ impl Looked<'_> {
 
     /// The edge beside a place of the contour, on the surface; `None` where no surface was measured, or nothing shows an edge
     /// that a person drew.
-    fn edge(&self, k: usize) -> Option<Found> {
+    fn edge(&self, k: usize) -> Option<EdgePoint> {
         let (middle, outward) = self.place(k)?;
         let (offset_px, width_px) = match &self.scan {
             None => self.at_the_border(middle, outward),
@@ -160,7 +162,7 @@ impl Looked<'_> {
         };
         let pixel = Pixel::at(middle.u + offset_px * outward.x, middle.v + offset_px * outward.y);
         let (point, normal) = self.on_surface(pixel)?;
-        Some(Found { point, normal, width_px })
+        Some(EdgePoint { point, normal, width_px })
     }
 
     fn on_surface(&self, pixel: Pixel) -> Option<(Vector3<f64>, Vector3<f64>)> {
@@ -193,9 +195,9 @@ impl Looked<'_> {
     }
 
     /// An edge with its directions; `None` where its neighbours say nothing of them.
-    fn point(&self, edges: &[Found], k: usize) -> Option<OutlinePoint> {
+    fn point(&self, edges: &[EdgePoint], k: usize) -> Option<OutlinePoint> {
         let count = edges.len();
-        let Found { point: here, normal, width_px } = edges[k];
+        let EdgePoint { point: here, normal, width_px } = edges[k];
         let mean = |from: usize| {
             (from..from + ALONG_REACH).map(|i| edges[i % count].point).sum::<Vector3<f64>>() / ALONG_REACH as f64
         };

@@ -5,8 +5,10 @@
 //! a page needs is in the program; nothing comes from outside.
 //!
 //! - `drawing`: the region and what is masked, drawn on the taught picture
+//! - `label`: what broke in a clip, marked over its pictures
 
 pub mod drawing;
+pub mod label;
 mod local;
 
 pub use local::{Local, LocalError};

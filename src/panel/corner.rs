@@ -4,7 +4,8 @@
 //! where the reference pixel's ray meets the plane of the surface beside it; with it the expected pixel is known for
 //! any camera pose, not only for the nominal one.
 
-use super::{LearnError, TaughtPanel};
+use super::error::LearnError;
+use super::taught::TaughtPanel;
 use crate::geometry::{FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector};
 
 /// Half the width of the neighbourhood that gives the surface beside a corner, px.

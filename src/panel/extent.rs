@@ -4,8 +4,9 @@
 //! With one, it is what lies inside of that polygon and on the surface there, however many points are missing. Where
 //! something holds the panel, neither surface nor outline counts.
 
+use super::error::{LearnError, WrongCorner};
+use super::region::Region;
 use super::segment;
-use super::{LearnError, Region, WrongCorner};
 use crate::geometry::{Mask, OrganizedCloud, Panel, Pixel, polygon};
 use crate::imaging::outer_contours;
 use crate::recipe::Recipe;
@@ -36,7 +37,7 @@ pub(super) struct Extent {
 }
 
 /// The places of a scan's picture among which the panel is looked for.
-struct Looked<'a> {
+struct SearchArea<'a> {
     scan: &'a OrganizedCloud<Panel>,
     region: &'a Region,
     /// In the search box and held by nothing, by pixel.
@@ -61,7 +62,7 @@ impl Extent {
         let free = (0..scan.width() * scan.height()).map(|index| in_box(index) && !is_held(index)).collect();
         let corners =
             [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(s, t)| region.pixel(Point2::new(s, t)));
-        let looked = Looked { scan, region, free, corners };
+        let looked = SearchArea { scan, region, free, corners };
         let drawn = pixels(&recipe.outline().outline_px());
         let (mask, outline_px, outline_from) = if drawn.is_empty() {
             let mask = looked.piece()?;
@@ -97,7 +98,7 @@ fn walked(corners: &[Pixel]) -> Vec<Pixel> {
     sides.flat_map(along).collect()
 }
 
-impl Looked<'_> {
+impl SearchArea<'_> {
     /// Corners of the region that are outside of the picture, or are not where `is_on` says.
     fn wrong_corners(&self, is_on: &dyn Fn(Pixel) -> bool) -> Vec<WrongCorner> {
         let (width, height) = (self.scan.width(), self.scan.height());

@@ -2,7 +2,7 @@
 
 use super::planned::Plan;
 use crate::recipe;
-use crate::verdict::Reason;
+use crate::verdict::{Check, SetBy};
 
 /// What a plan asks of the discs.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,15 +33,17 @@ impl DiscUse {
         self.life_mm2.is_some_and(|life_mm2| self.worn_after_mm2 > life_mm2)
     }
 
-    /// Asks for a new disc where the one in use would not last for `what`.
-    pub fn change(&self, what: &str) -> Option<Reason> {
-        let life_mm2 = self.life_mm2.filter(|_| self.asks_for_a_change())?;
-        let left_mm2 = (life_mm2 - (self.worn_after_mm2 - self.swept_mm2)).max(0.0);
-        let message = format!(
-            "the disc lasts for {left_mm2:.0} mm² more of {life_mm2:.0}, disc_life_mm2, and {what} takes {:.0}; change \
-             it, say so by `panelprep ctl new-disc`, and accept",
-            self.swept_mm2
-        );
-        Some(Reason::new("disc_worn", message))
+    /// What is worn of the disc in use once `what` is done; a new one is asked for where it would not last.
+    pub fn check(&self, name: &'static str, what: &str) -> Check {
+        let Some(life_mm2) = self.life_mm2 else { return Check::new(name, "mm²", None) };
+        let check = Check::new(name, "mm²", self.worn_after_mm2);
+        check.at_most(life_mm2, SetBy::recipe("path.disc_life_mm2")).reviews("disc_worn", || {
+            let left_mm2 = (life_mm2 - (self.worn_after_mm2 - self.swept_mm2)).max(0.0);
+            format!(
+                "the disc lasts for {left_mm2:.0} mm² more of {life_mm2:.0}, disc_life_mm2, and {what} takes {:.0}; change \
+                 it, say so by `panelprep ctl new-disc`, and accept",
+                self.swept_mm2
+            )
+        })
     }
 }

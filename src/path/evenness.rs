@@ -9,11 +9,10 @@
 //! lie beside one another without an end. All areas of a plan are looked at together, because neighbours lap.
 
 use super::piece::Piece;
-use super::spread::Spread;
 use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
 use crate::recipe;
-use crate::surface::{BSplineSurface, Parameter, Patch};
+use crate::surface::{BSplineSurface, Parameter, Patch, Spread};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 

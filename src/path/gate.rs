@@ -10,7 +10,7 @@ use super::planned::{Plan, ToolPath, Waypoint};
 use super::waypoint_gate::{Route, WaypointLimits, judge_route};
 use crate::geometry::{Base, Degrees, Panel, Rigid, Tool, Vector};
 use crate::recipe;
-use crate::verdict::{Judgement, Reason};
+use crate::verdict::{Check, Judgement, Reason, SetBy, Severity};
 use crate::words::{apart, fixed, percent_apart};
 use nalgebra::{Isometry3, Vector3};
 
@@ -24,11 +24,18 @@ const OVERHANG_TOLERANCE_MM: f64 = 0.02;
 
 /// Accepts a plan, asks a person, or rejects it, with reasons.
 pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
+    judged(plan, settings).1
+}
+
+/// Every number of what a plan reaches, and the verdict on the plan.
+pub fn judged(plan: &Plan, settings: &recipe::Path) -> (Vec<Check>, Judgement) {
     let mut reject: Vec<Reason> = plan.paths.iter().flat_map(|path| motion_faults(path, settings)).collect();
     if reject.is_empty() && !plan.is_finite() {
         reject.push(Reason::new("not_finite", "the length, the time or the reach of the path is not a number"));
     }
-    Judgement::of(reject, shortfalls(plan, settings))
+    let checks = [coverage(plan), evenness(plan, settings)].concat();
+    let shortfalls = Judgement::of_checks(&checks).reasons;
+    (checks, Judgement::of(reject, shortfalls))
 }
 
 /// The tool's Z on the panel at its nominal place: the mean over the plan.
@@ -50,17 +57,28 @@ pub fn judge_in_base(plan: &Plan, base_from_panel: Rigid<Base, Panel>, limits: &
     judge_route(&Route { from, waypoints: &poses, taught_axis: taught_axis(plan) }, limits)
 }
 
+/// The check of a press-in.
+pub const TOOL_ERROR: &str = "error at the tool, against what the pad takes up";
+/// How the check of a grid begins of which the disc reaches too little.
+pub const OF_GRID: &str = "coverage of grid ";
+
 /// Largest share of the pad's stroke that the error at the tool may take.
 const ERROR_OF_STROKE: f64 = 1.0 / 3.0;
 
 /// Accepts a press-in, or rejects it: the pad must take up the error at the tool (`[limits] tool_error_mm`) three times.
 pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgement {
-    let (Some(stroke_mm), true) = (settings.pad_stroke_mm(), settings.press_in_mm() > 0.0) else {
-        return Judgement::of(vec![], vec![]);
-    };
+    Judgement::of_checks(&check_pad(settings, tool_error_mm))
+}
+
+/// The error at the tool against what the pad takes up; none where nothing is pressed in.
+pub fn check_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Option<Check> {
+    let stroke_mm = settings.pad_stroke_mm().filter(|_| settings.press_in_mm() > 0.0)?;
     let allowed_mm = ERROR_OF_STROKE * stroke_mm;
-    let message = match tool_error_mm {
-        Some(error_mm) if error_mm <= allowed_mm => return Judgement::of(vec![], vec![]),
+    let check =
+        Check::new(TOOL_ERROR, "mm", tool_error_mm).at_most(allowed_mm, SetBy::recipe("path.pad_stroke_mm"));
+    // An error that nobody stated is none that the pad takes up.
+    let is_taken_up = tool_error_mm.is_some() && check.is_kept();
+    Some(check.broken(!is_taken_up, Severity::Reject, "pad_stroke", || match tool_error_mm {
         Some(error_mm) => {
             let [error, allowed] = apart(error_mm, allowed_mm, 2);
             format!(
@@ -68,11 +86,8 @@ pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgeme
                  more"
             )
         }
-        None => {
-            "a press-in needs the error at the tool: state [limits] tool_error_mm in the cell's file".to_owned()
-        }
-    };
-    Judgement::of(vec![Reason::new("pad_stroke", message)], vec![])
+        None => "a press-in needs the error at the tool: state [limits] tool_error_mm in the cell's file".to_owned(),
+    }))
 }
 
 fn motion_faults(path: &ToolPath, settings: &recipe::Path) -> Vec<Reason> {
@@ -117,43 +132,68 @@ fn turn_between(from: Rigid<Panel, Tool>, to: Rigid<Panel, Tool>) -> Degrees {
     (from.inverse() * to).turn()
 }
 
-fn shortfalls(plan: &Plan, settings: &recipe::Path) -> Vec<Reason> {
-    let mut reasons = Vec::new();
-    for grid in plan.grids.iter().filter(|grid| grid.share() < MIN_COVERAGE) {
-        let [reached, wanted] = percent_apart(grid.share(), MIN_COVERAGE, 2);
-        let message = format!(
-            "grid {}: the disc reaches {reached} %, wanted {wanted} %; a smaller step_over_mm reaches more, and so does a \
-             larger edge_overhang_mm beside the panel's outline",
-            grid.id
-        );
-        reasons.push(Reason::new("coverage", message));
-    }
-    let step_over_mm = plan.step_over_mm.map_or(0.0, |step_over| step_over.max_mm);
-    if step_over_mm > settings.step_over_mm() {
-        let [found, allowed] = apart(step_over_mm, settings.step_over_mm(), 2);
-        let message = format!(
-            "lines lie {found} mm apart, allowed is step_over_mm, {allowed}; another pattern or feed_angle_deg lays them closer"
-        );
-        reasons.push(Reason::new("step_over", message));
-    }
-    if let Some((ratio, grid)) = plan.dwell_ratio().filter(|(ratio, _)| *ratio > settings.max_dwell_ratio()) {
-        let place = grid.map_or("over all that is treated".to_owned(), |id| format!("in grid {id}"));
-        let [found, allowed] = apart(ratio, settings.max_dwell_ratio(), 2);
-        let message = format!(
-            "{place} the disc stays {found} times longer at one place than at another (95 % to 5 % of the treated area), \
-             allowed is max_dwell_ratio, {allowed}; a smaller step_over_mm, a smaller disc, pattern = \"raster\" or more \
-             grids at a time make it more even"
-        );
-        reasons.push(Reason::new("uneven", message));
-    }
-    if plan.overhang.largest_mm > settings.edge_overhang_mm() + OVERHANG_TOLERANCE_MM {
-        let [reach, allowed] = apart(plan.overhang.largest_mm, settings.edge_overhang_mm(), 1);
-        let message = format!(
-            "the disc reaches {reach} mm beyond the panel's outline, at {} % of the waypoints more than edge_overhang_mm \
-             allows, {allowed}; move the region inwards or take a smaller disc",
-            fixed(100.0 * plan.overhang.share_beyond, 0)
-        );
-        reasons.push(Reason::new("edge_overhang", message));
-    }
-    reasons
+/// What of the grids the disc reaches; a grid of which it reaches too little has a check of its own.
+fn coverage(plan: &Plan) -> Vec<Check> {
+    let least = plan.grids.iter().map(|grid| grid.share()).fold(1.0, f64::min);
+    let short = plan.grids.iter().filter(|grid| grid.share() < MIN_COVERAGE).map(|grid| {
+        let name = format!("{OF_GRID}{}", grid.id);
+        let check = Check::new(name, "", grid.share()).at_least(MIN_COVERAGE, SetBy::Program);
+        check.reviews("coverage", || {
+            let [reached, wanted] = percent_apart(grid.share(), MIN_COVERAGE, 2);
+            format!(
+                "grid {}: the disc reaches {reached} %, wanted {wanted} %; a smaller step_over_mm reaches more, and so does a \
+                 larger edge_overhang_mm beside the panel's outline",
+                grid.id
+            )
+        })
+    });
+    let all = [
+        Check::new("coverage of these grids", "", plan.coverage),
+        Check::new("coverage of the worst of them", "", least).at_least(MIN_COVERAGE, SetBy::Program),
+    ];
+    all.into_iter().chain(short).collect()
+}
+
+/// How evenly the disc goes over the grids, and how far beyond the outline.
+fn evenness(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
+    let steps = plan.step_over_mm;
+    let (largest_mm, allowed_mm) = (plan.overhang.largest_mm, settings.edge_overhang_mm());
+    let ratio = plan.dwell_ratio();
+    vec![
+        Check::new("step-over, smallest", "mm", steps.map(|step| step.min_mm)),
+        Check::new("step-over, largest", "mm", steps.map(|step| step.max_mm))
+            .at_most(settings.step_over_mm(), SetBy::recipe("path.step_over_mm"))
+            .reviews("step_over", || {
+                let found_mm = steps.map_or(0.0, |step| step.max_mm);
+                let [found, allowed] = apart(found_mm, settings.step_over_mm(), 2);
+                format!(
+                    "lines lie {found} mm apart, allowed is step_over_mm, {allowed}; another pattern or feed_angle_deg lays \
+                     them closer"
+                )
+            }),
+        Check::new("time under the disc, 5 % of the treated area", "s", plan.dwell.map(|dwell| dwell.low_s)),
+        Check::new("time under the disc, 95 % of the treated area", "s", plan.dwell.map(|dwell| dwell.high_s)),
+        Check::new("their ratio, all together or the worst grid's", "", ratio.map(|(ratio, _)| ratio))
+            .at_most(settings.max_dwell_ratio(), SetBy::recipe("path.max_dwell_ratio"))
+            .reviews("uneven", || {
+                let (ratio, grid) = ratio.unwrap_or((f64::NAN, None));
+                let place = grid.map_or("over all that is treated".to_owned(), |id| format!("in grid {id}"));
+                let [found, allowed] = apart(ratio, settings.max_dwell_ratio(), 2);
+                format!(
+                    "{place} the disc stays {found} times longer at one place than at another (95 % to 5 % of the treated \
+                     area), allowed is max_dwell_ratio, {allowed}; a smaller step_over_mm, a smaller disc, pattern = \
+                     \"raster\" or more grids at a time make it more even"
+                )
+            }),
+        Check::new("disc beyond the panel's outline", "mm", largest_mm)
+            .at_most(allowed_mm, SetBy::recipe("path.edge_overhang_mm"))
+            .broken(largest_mm > allowed_mm + OVERHANG_TOLERANCE_MM, Severity::Review, "edge_overhang", || {
+                let [reach, allowed] = apart(largest_mm, allowed_mm, 1);
+                format!(
+                    "the disc reaches {reach} mm beyond the panel's outline, at {} % of the waypoints more than \
+                     edge_overhang_mm allows, {allowed}; move the region inwards or take a smaller disc",
+                    fixed(100.0 * plan.overhang.share_beyond, 0)
+                )
+            }),
+    ]
 }

@@ -4,10 +4,12 @@
 //! - `orientation`: how the tool stands · `contact`: how it lands, goes on and leaves · `plan`: all of it joined ·
 //!   `planned`: what a plan is
 //! - `piece`: the lines of one area, laid until they keep their limits · `evenness`: the feeds that make times under the disc even
-//! - `coverage`, `edge`, `dwell`, `spread`, `disc`, `touching`: what a plan reaches, and what was done · `gate`: judges a plan
+//! - `coverage`, `edge`, `dwell`, `disc`, `touching`: what a plan reaches, and what was done · `gate`: judges a plan
 //! - `kinematics`, `reach`, `panel_reach`: what the arm can follow, where the panel stands
+//! - `approach`: how the axes stand before contact · `routes`: paths as they are sent, each through the gates · `trace`: where the tool was
 //! - `waypoint_gate`: the last look at what is about to move, in the base · `krl`: for those who run it by hand
 
+pub mod approach;
 mod areas;
 mod contact;
 mod coverage;
@@ -28,21 +30,22 @@ mod planned;
 mod raster;
 pub mod reach;
 mod rings;
+pub mod routes;
 mod slanted;
-mod spread;
 pub mod touching;
+pub mod trace;
 mod waypoint_gate;
 
+pub use crate::surface::Spread;
 pub use coverage::{GridCoverage, MIN_COVERAGE, step_overs_mm};
 pub use edge::{Outline, Overhang};
-pub use gate::{judge, judge_in_base, judge_pad, taught_axis};
+pub use gate::{OF_GRID, TOOL_ERROR, check_pad, judge, judge_in_base, judge_pad, judged, taught_axis};
 pub use kinematics::Kinematics;
 pub use krl::{Program, ProgramName, ProgramNameError, krl};
 pub use orientation::{OrientationError, Reference, Stance, panel_from_tool};
 pub use plan::{plan, plan_around};
 pub use planned::{Plan, PlanError, StepOver, ToolPath, Waypoint};
 pub use raster::{Raster, RasterError, raster};
-pub use spread::Spread;
 pub use waypoint_gate::{Route, WaypointLimits, judge_joints, judge_route};
 
 #[cfg(test)]

@@ -5,7 +5,6 @@
 //! the grid, the waypoint, the axis and how far it is off, and a shift of the panel that would help.
 
 use super::disc::DiscUse;
-use super::dwell::foot;
 use super::gate::judge;
 use super::kinematics::Kinematics;
 use super::plan::plan;
@@ -14,6 +13,7 @@ use super::reach::{Infeasibility, Leg, ReachFault, Travel, follow, helpful_shift
 use crate::geometry::{Base, Degrees, Flange, Joints, Panel, Point, Rigid, Tool, Vector};
 use crate::panel::{GridId, Region};
 use crate::recipe;
+use crate::surface::dwell::foot;
 use crate::surface::{BSplineSurface, Parameter};
 use crate::verdict::{Judgement, Reason, Verdict};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};

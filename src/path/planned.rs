@@ -4,9 +4,9 @@ use super::coverage::GridCoverage;
 use super::edge::Overhang;
 use super::orientation::OrientationError;
 use super::raster::RasterError;
-use super::spread::Spread;
 use crate::geometry::{KukaPose, Panel, Rigid, Tool};
 use crate::panel::GridId;
+use crate::surface::Spread;
 
 /// One pose to move to in a straight line.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -6,7 +6,7 @@ use super::canvas::{Canvas, Ink, Pen};
 use crate::geometry::{ColorPicture, Pixel};
 use crate::imaging::ImagingError;
 use crate::panel::Region;
-use crate::path::dwell::{Dwell, GridDwell};
+use crate::surface::dwell::{Dwell, GridDwell};
 
 /// Pixels along the region's longer side.
 const PICTURE_PX: usize = 900;
@@ -111,7 +111,7 @@ mod tests {
     use super::*;
     use crate::geometry::{KukaPose, Panel, Point};
     use crate::panel::GridId;
-    use crate::path::dwell::{Executed, simulate};
+    use crate::surface::dwell::{Executed, simulate};
     use crate::surface::{BSplineSurface, KnotVector};
 
     /// A square of 60 mm, four grids; the disc of 5 mm radius went once along the middle of the upper ones and back over

@@ -1,21 +1,16 @@
 //! The page of one water-break test, as a quality inspector signs it (ASTM F22).
 
+use super::checks::check_row;
 use super::page::{Figure, Page, Row, Section};
-use crate::inspect::{Demands, Inspection, MAX_OFF_PX};
+use crate::inspect::{Inspection, name};
 use crate::recipe::Recipe;
-use crate::words::{apart, fixed};
 
 /// What a person fills in by hand.
 const BLANK: &str = "……………………………………";
 
 /// The page of a test: verdict, grids, how the film was watched, pictures, and lines to sign. `clip` names what was
 /// tested.
-pub fn inspection_page(
-    inspection: &Inspection,
-    (recipe, demands): (&Recipe, &Demands),
-    clip: &str,
-    figures: Vec<Figure>,
-) -> Page {
+pub fn inspection_page(inspection: &Inspection, recipe: &Recipe, clip: &str, figures: Vec<Figure>) -> Page {
     Page {
         made: String::new(),
         title: format!("Water-break test, panel {}", recipe.panel()),
@@ -24,7 +19,7 @@ pub fn inspection_page(
         sections: vec![
             seen(inspection, figures),
             grids(inspection),
-            watched(inspection, (recipe, demands)),
+            watched(inspection),
             signature(inspection, recipe),
         ],
     }
@@ -68,63 +63,10 @@ fn grids(inspection: &Inspection) -> Section {
     section("Grids", "Broken film in each.".to_owned(), rows)
 }
 
-fn watched(inspection: &Inspection, (recipe, demands): (&Recipe, &Demands)) -> Section {
-    let observation = &inspection.observation;
-    let (quality, settings) = (&observation.quality, recipe.inspect());
-    let [darker, brighter] = observation.light_limits_percent(settings);
-    let percent = |share: f64| match fixed(100.0 * (share - 1.0), 1).to_string() {
-        lost if lost.starts_with('-') => format!("{lost} %"),
-        gained => format!("+{gained} %"),
-    };
-    let [never_wet, most_never_wet] = apart(observation.never_wet_percent, settings.max_never_wet_percent(), 1);
-    let unknown = || "not measured: the outline has no contrast".to_owned();
-    let mut rows = vec![
-        Row::new(
-            "film watched",
-            format!("{:.1} s", observation.observed_s),
-            format!("≥ {:.1} s", demands.min_observed_s()),
-        ),
-        Row::new("wet pictures", observation.frames.to_string(), format!("≥ {}", demands.min_frames())),
-        Row::new(
-            "longest gap",
-            format!("{:.2} s", observation.longest_gap_s),
-            format!("≤ {:.2} s", demands.max_gap_s()),
-        ),
-        Row::new(
-            "pictures that could be judged by",
-            quality.usable.to_string(),
-            format!("≥ {}", demands.min_usable(observation.frames)),
-        ),
-        Row::new("dry picture", if observation.has_dry { "taken" } else { "missing" }, "taken"),
-        Row::new("wet in no picture", format!("{never_wet} % of the region"), format!("≤ {most_never_wet} %")),
-        Row::new(
-            "panel moved in the picture",
-            quality.moved_px.map_or_else(unknown, |px| format!("{px:.2} px")),
-            format!("≤ {:.1} px", settings.max_moved_px()),
-        ),
-        Row::new(
-            "least sharpness",
-            quality.sharpness.map_or_else(unknown, |share| format!("{share:.2} of the first")),
-            "",
-        ),
-        Row::new(
-            "outline from where the panel was found, in the dry picture",
-            quality.off_px.map_or_else(unknown, |px| format!("{px:.2} px")),
-            format!("≤ {MAX_OFF_PX} px"),
-        ),
-        Row::new(
-            "smallest break that is surely found",
-            format!("{:.1} mm²", observation.detection_limit_mm2),
-            format!("≤ {:.1} mm²", demands.min_break_mm2),
-        ),
-    ];
-    if quality.usable > 0 {
-        let value = format!("{} to {}", percent(quality.light[0]), percent(quality.light[1]));
-        rows.insert(4, Row::new("change of the light", value, format!("−{darker:.0} % to +{brighter:.0} %")));
-    }
-    if let Some(film) = observation.film_left {
-        rows.push(Row::new("the film leaves of the dry brightness", format!("{:.0} %", 100.0 * film), ""));
-    }
+/// What the film as a whole was judged by; what is told of each grid has a section of its own.
+fn watched(inspection: &Inspection) -> Section {
+    let of_film = inspection.checks.iter().take_while(|check| check.name != name::UNSEEN_GRIDS);
+    let rows = of_film.map(|check| check_row(check, "")).collect();
     let text = "Every number with its limit. A part of a test is no test.".to_owned();
     section("How the film was watched", text, rows)
 }

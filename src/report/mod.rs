@@ -3,6 +3,7 @@
 mod bars;
 mod calibration;
 pub mod canvas;
+mod checks;
 mod closeup;
 mod cycle;
 mod dwelt;

@@ -1,6 +1,6 @@
 //! How the panel looks: dark composite with a twill weave, darker under a film of water.
 
-use super::cast::Sight;
+use super::cast::PixelHit;
 use super::noise::LEVEL;
 use nalgebra::Vector3;
 
@@ -18,7 +18,7 @@ const WEAVE_CONTRAST: f64 = 0.05;
 pub(super) type Color = [u16; 3];
 
 /// The colour of one pixel, dry and under a full film; the same away from the panel.
-pub(super) fn dry_and_wet(sight: &Sight) -> (Color, Color) {
+pub(super) fn dry_and_wet(sight: &PixelHit) -> (Color, Color) {
     let background = sight.background.color;
     let Some((panel, share)) = sight.panel.map(|panel| (panel, panel.coverage)).filter(|(_, share)| *share > 0.0)
     else {
@@ -55,12 +55,12 @@ fn weave([s, t]: [f64; 2], pixel_mm: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::cast::PanelSight;
+    use super::super::cast::PanelHit;
     use super::super::fixture::Background;
     use super::*;
 
-    fn sight(edge_px: f64) -> Sight {
-        let panel = PanelSight {
+    fn sight(edge_px: f64) -> PixelHit {
+        let panel = PanelHit {
             place: [1.0, 1.0],
             depth_mm: 700.0,
             cos_incidence: 1.0,
@@ -70,7 +70,7 @@ mod tests {
             pixel_mm: 0.4,
         };
         let background = Background { depth_mm: Some(800.0), cos_incidence: 1.0, color: [180.0; 3] };
-        Sight { ray: Vector3::z(), panel: Some(panel), background }
+        PixelHit { ray: Vector3::z(), panel: Some(panel), background }
     }
 
     /// On the edge itself a pixel is half panel, half background; a quarter pixel outside it is a quarter panel.

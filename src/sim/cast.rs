@@ -53,7 +53,7 @@ fn lerp(a: [f64; 2], b: [f64; 2], share: f64) -> [f64; 2] {
 
 /// Where a ray meets the panel's surface, on the panel or just beside it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct PanelSight {
+pub(super) struct PanelHit {
     /// Place on the sheet, mm.
     pub place: [f64; 2],
     /// Depth, mm.
@@ -89,11 +89,11 @@ fn covered(edge_px: f64, growth: Vector2<f64>) -> f64 {
 
 /// What one pixel sees.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sight {
+pub(super) struct PixelHit {
     /// The undistorted ray (x, y, 1) in the camera's frame.
     pub ray: Vector3<f64>,
     /// Present on the panel and up to some pixels beside it.
-    pub panel: Option<PanelSight>,
+    pub panel: Option<PanelHit>,
     /// What is behind the panel, or seen beside it.
     pub background: Background,
 }
@@ -151,7 +151,7 @@ impl<'a> View<'a> {
     }
 
     /// Looks along one row of pixels, from left to right.
-    pub fn look_along_row(&self, row: usize, mut seen: impl FnMut(usize, Sight)) {
+    pub fn look_along_row(&self, row: usize, mut seen: impl FnMut(usize, PixelHit)) {
         let nodes = self.rays.row(row);
         let origin = Point3::from(self.base_from_camera.translation.vector);
         let base_axes = self.base_from_camera.rotation.to_rotation_matrix();
@@ -169,7 +169,7 @@ impl<'a> View<'a> {
             }
             let panel = met.filter(|met| met.edge_px < EDGE_REACH_PX);
             let background = fixture::look(&origin, &(base_axes * ray), pixel_rad);
-            seen(column, Sight { ray, panel, background });
+            seen(column, PixelHit { ray, panel, background });
         }
     }
 }
@@ -199,7 +199,7 @@ impl<'a> PanelView<'a> {
     }
 
     /// Where a ray (x, y, 1) meets the surface (1), from the neighbour's depth or else from the sheet's plane.
-    pub fn meet(&self, ray: Vector3<f64>, guess_mm: Option<f64>) -> Option<PanelSight> {
+    pub fn meet(&self, ray: Vector3<f64>, guess_mm: Option<f64>) -> Option<PanelHit> {
         const STEPS: usize = 20;
         let r = self.turned(&ray);
         let o = &self.origin;
@@ -222,7 +222,7 @@ impl<'a> PanelView<'a> {
         None
     }
 
-    fn sight(&self, place: [f64; 2], depth: f64, r: &Vector3<f64>, slopes: [f64; 2]) -> PanelSight {
+    fn sight(&self, place: [f64; 2], depth: f64, r: &Vector3<f64>, slopes: [f64; 2]) -> PanelHit {
         let across = Vector3::new(-slopes[0], -slopes[1], 1.0);
         let (distance, growth) = self.shape.outline().distance(Vector2::new(place[0], place[1]));
         // How the meeting point moves on the sheet when the ray moves by one pixel, staying on the surface.
@@ -233,7 +233,7 @@ impl<'a> PanelView<'a> {
         };
         let growth_px = Vector2::new(per_px(0), per_px(1)); // mm of distance to the outline per px
         let edge_px = distance / growth_px.norm();
-        PanelSight {
+        PanelHit {
             place,
             depth_mm: depth,
             cos_incidence: -across.dot(r) / (across.norm() * r.norm()),

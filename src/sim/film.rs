@@ -14,33 +14,12 @@ use super::lamp::Lamp;
 use super::noise::{PixelNoise, Purpose, Seed, to_byte};
 use super::runoff::Runoff;
 use super::spots::Spot;
+use super::timing::{Phase, SPRAY_FROM_S, WET_FROM_S};
 use super::travellers::{Ground, Spotted, Travellers};
-use super::wetting::{SPRAY_FROM_S, Water, Wetted};
+use super::wetting::{Water, Wetted};
 use crate::geometry::{ColorPicture, Mask};
 use rayon::prelude::*;
 use std::ops::Range;
-
-/// What happens to the panel at a time of the film.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
-#[strum(serialize_all = "lowercase")]
-pub enum Phase {
-    /// Before the spray.
-    Dry,
-    /// Water runs down over the panel.
-    Spray,
-    /// The whole panel has been reached; the film is watched.
-    Wet,
-}
-
-impl Phase {
-    /// The word in `clip.csv`.
-    pub fn word(self) -> &'static str {
-        self.into()
-    }
-}
-
-/// When the panel is fully wet and its film is watched from, s.
-pub const WET_FROM_S: f64 = 4.0;
 
 /// How fast the new film thins out, s.
 const THINS_S: f64 = 12.0;

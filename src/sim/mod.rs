@@ -9,7 +9,8 @@
 //! - `variety`, `clutter`, `trial`: panels of many shapes among other things, for the localization
 //! - `board`, `board_cell`, `target`: calibration boards before both cameras
 //! - `real_arm`: an arm that is not as it is drawn
-//! - `scanner`, `flange`, `wet_flange`, `film`, `wetting`, `runoff`, `lamp`, `travellers`: what the cameras deliver ·
+//! - `cell`: all of it together
+//! - `scanner`, `flange`, `wet_flange`, `film`, `timing`, `wetting`, `runoff`, `lamp`, `travellers`: what the cameras deliver ·
 //!   `projector`: which points the 3D camera has · `film_spec`: how hard films are to read · `spots`: grease · `truth`:
 //!   what is true of it all
 //!
@@ -19,6 +20,7 @@ mod appearance;
 mod board;
 mod board_cell;
 mod cast;
+mod cell;
 mod clutter;
 mod film;
 mod film_spec;
@@ -35,6 +37,7 @@ mod scene;
 mod shape;
 mod spots;
 mod target;
+mod timing;
 mod travellers;
 mod trial;
 mod truth;
@@ -44,294 +47,14 @@ mod wetting;
 
 pub use board::{BoardPrint, Marker};
 pub use board_cell::{BoardCell, BoardShot, RobotNoise};
-pub use film::{Film, Phase, WET_FROM_S};
+pub use cell::{Cell, PanelPosition, Region, SEARCH_BOX_MM};
+pub use film::Film;
 pub use film_spec::FilmSpec;
-pub use real_arm::{RealArm, TOOL_LENGTH_MM};
+pub use real_arm::{RealArm, Reported, TOOL_LENGTH_MM};
 pub use scanner::{NoiseFigures, noise_in_force};
 pub use scene::{CornerView, Scene};
 pub use spots::{Grease, Spot, SpotKind};
 pub use target::Target;
+pub use timing::{Phase, SPRAY_FROM_S, WET_FROM_S};
 pub use trial::{TRIAL_BOX_MM, Trial, Wrong};
 pub use truth::{CornerNumbers, PlacementError, SpotNumbers, TrueSpot, Truth, TruthNumbers};
-pub use wetting::SPRAY_FROM_S;
-
-use crate::geometry::{
-    Base, Camera, ColorPicture, Flange, FlangeCamera, Joints, KukaPose, OrganizedCloud, Panel, PinholeCamera,
-    Pixel, Rigid,
-};
-use cast::{Rays, View};
-use noise::{PixelNoise, Purpose, Seed};
-use projector::Projector;
-use shape::Shape;
-
-/// Which of the panel's two places a camera looks at.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
-    /// Where the taught panel stands at teaching.
-    Nominal,
-    /// Where the panel of the scene stands later, if there is one.
-    Displaced,
-}
-
-/// A region for the recipe: its corners in the taught scan's picture, and how many grids it holds.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Region {
-    /// Top left, top right, bottom right, bottom left.
-    pub corners_px: [Pixel; 4],
-    /// Rows of grids.
-    pub rows: usize,
-    /// Columns of grids.
-    pub columns: usize,
-}
-
-/// A box of the base frame in which to search for the panel, mm: the panel's places lie inside, the fixture outside.
-pub const SEARCH_BOX_MM: [[f64; 3]; 2] = [[465.0, -240.0, 180.0], [638.0, 240.0, 540.0]];
-
-/// The region keeps this distance from the outline, mm.
-const REGION_INSET_MM: f64 = 15.0;
-
-/// A simulated cell.
-#[derive(Debug, Clone)]
-pub struct Cell {
-    seed: Seed,
-    scene: Scene,
-    taught: Shape,
-    /// The panel of the scene, unless there is none.
-    present: Option<Shape>,
-    spots: Vec<Spot>,
-    film: FilmSpec,
-    base_from_panel: Rigid<Base, Panel>,
-    scanner: (PinholeCamera, Rays),
-    flange_camera: (PinholeCamera, Rays),
-    pixels: PixelNoise,
-    arm: Option<RealArm>,
-}
-
-/// What the controller reports of a pose of the flange.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reported {
-    /// Where it says that the flange is.
-    pub base_from_flange: Rigid<Base, Flange>,
-    /// The axes, where the arm is not as it is drawn.
-    pub joints: Option<Joints>,
-}
-
-impl Cell {
-    /// The cell of this seed and scene, with camera pictures `reduction` times smaller than the real ones.
-    ///
-    /// # Panics
-    /// Where `reduction` is not 1…8.
-    pub fn new(seed: u64, scene: Scene, reduction: usize) -> Self {
-        assert!((1..=8).contains(&reduction), "pictures {reduction} times smaller; allowed is 1 to 8");
-        let seed = Seed(seed);
-        let taught = Shape::taught(seed);
-        let present = match scene {
-            Scene::Good | Scene::Clean => Some(taught.clone()),
-            Scene::WrongPanel => Some(Shape::wrong(seed)),
-            Scene::NoPanel => None,
-        };
-        let spots = if scene == Scene::Good { spots::draw(seed, &taught, WET_FROM_S) } else { Vec::new() };
-        let with_rays = |camera: PinholeCamera| (camera, Rays::new(&camera));
-        Cell {
-            seed,
-            scene,
-            taught,
-            present,
-            spots,
-            film: FilmSpec::USUAL,
-            base_from_panel: scene::displaced(seed, 0),
-            scanner: with_rays(scene::scanner(reduction)),
-            flange_camera: with_rays(scene::flange_camera(reduction)),
-            pixels: PixelNoise::new(seed),
-            arm: None,
-        }
-    }
-
-    /// The same cell with an arm that is not as it is drawn.
-    pub fn with_arm(self, arm: Option<RealArm>) -> Self {
-        Cell { arm, ..self }
-    }
-
-    /// Its arm, where that is not as it is drawn.
-    pub fn real_arm(&self) -> Option<&RealArm> {
-        self.arm.as_ref()
-    }
-
-    /// What the controller reports while the flange truly is here; `None` where the arm does not come there.
-    pub fn reported(&self, base_from_flange: &Rigid<Base, Flange>) -> Option<Reported> {
-        match &self.arm {
-            None => Some(Reported { base_from_flange: *base_from_flange, joints: None }),
-            Some(arm) => arm.reported(base_from_flange),
-        }
-    }
-
-    /// The same cell with films that are as hard to read as `spec` says.
-    pub fn with_films(self, spec: FilmSpec) -> Self {
-        Cell { film: spec, ..self }
-    }
-
-    /// The same panel at another place; 0 is where [`Cell::new`] puts it.
-    pub fn placed(self, place: u32) -> Self {
-        Cell { base_from_panel: scene::displaced(self.seed, place), ..self }
-    }
-
-    /// The 3D camera; its calibration finds these numbers.
-    pub fn scanner(&self) -> &PinholeCamera {
-        &self.scanner.0
-    }
-
-    /// The colour camera on the flange; its calibration finds these numbers.
-    pub fn flange_camera(&self) -> &PinholeCamera {
-        &self.flange_camera.0
-    }
-
-    /// Where the calibration says that the 3D camera stands: 0.1 mm and 0.01° off.
-    pub fn calibrated_base_from_camera(&self) -> Rigid<Base, Camera> {
-        scene::calibrated(self.seed, 0, &scene::base_from_camera())
-    }
-
-    /// How the calibration says that the flange camera is mounted: 0.1 mm and 0.01° off.
-    pub fn calibrated_flange_from_camera(&self) -> Rigid<Flange, FlangeCamera> {
-        scene::calibrated(self.seed, 1, &scene::flange_from_camera())
-    }
-
-    /// The scan of the taught panel at its nominal place.
-    pub fn taught_scan(&self) -> OrganizedCloud<Camera> {
-        self.shot(Some((&self.taught, &scene::nominal())), 0)
-    }
-
-    /// The scan of what stands in the cell later, dry.
-    pub fn scan(&self) -> OrganizedCloud<Camera> {
-        self.shot(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)), 1)
-    }
-
-    /// A scan with the scene's panel put elsewhere; `shot` tells exposures apart, for each has its own noise.
-    pub fn scan_at(&self, base_from_panel: &Rigid<Base, Panel>, shot: u64) -> OrganizedCloud<Camera> {
-        self.shot(self.present.as_ref().map(|shape| (shape, base_from_panel)), shot + 2)
-    }
-
-    fn shot(&self, panel: Option<(&Shape, &Rigid<Base, Panel>)>, shot: u64) -> OrganizedCloud<Camera> {
-        let projector = Projector::new(&scene::base_from_camera(), panel, &[]);
-        scanner::capture(&self.scanner_view(panel), &projector, &self.pixels, self.seed.child(Purpose::Scan, shot))
-    }
-
-    fn scanner_view<'a>(&'a self, panel: Option<(&'a Shape, &Rigid<Base, Panel>)>) -> View<'a> {
-        View::new(&self.scanner.0, &self.scanner.1, &scene::base_from_camera(), panel)
-    }
-
-    /// Corners of the taught panel with the flange poses from which they are taught.
-    pub fn corner_views(&self) -> Vec<CornerView> {
-        scene::corner_views(&self.taught)
-    }
-
-    /// The taught flange pose carried to the panel's true place, changed by up to 5 mm and 1°: as a robot reaches it
-    /// after a rough localization.
-    pub fn displaced_corner_pose(&self, view: &CornerView) -> Rigid<Base, Flange> {
-        let moved: Rigid<Base, Base> = Rigid::claim(*self.base_from_panel.isometry());
-        scene::nearly(self.seed, Seed::index_of(view.corner.mm.coords.as_slice()), &(moved * view.base_from_flange))
-    }
-
-    /// The flange camera's picture from this pose, dry. The same pose gives the same picture.
-    pub fn flange_picture(&self, base_from_flange: &Rigid<Base, Flange>, place: Place) -> ColorPicture {
-        match place {
-            Place::Nominal => self.flange_shot(base_from_flange, Some((&self.taught, &scene::nominal()))),
-            Place::Displaced => self.flange_picture_at(base_from_flange, &self.base_from_panel),
-        }
-    }
-
-    /// The flange camera's picture with the scene's panel put elsewhere.
-    pub fn flange_picture_at(
-        &self,
-        base_from_flange: &Rigid<Base, Flange>,
-        base_from_panel: &Rigid<Base, Panel>,
-    ) -> ColorPicture {
-        self.flange_shot(base_from_flange, self.present.as_ref().map(|shape| (shape, base_from_panel)))
-    }
-
-    /// The same of a wet panel, with drops on it.
-    pub fn wet_flange_picture_at(
-        &self,
-        base_from_flange: &Rigid<Base, Flange>,
-        base_from_panel: &Rigid<Base, Panel>,
-    ) -> ColorPicture {
-        let base_from_camera = *base_from_flange * scene::flange_from_camera();
-        let panel = self.present.as_ref().map(|shape| (shape, base_from_panel));
-        let view = View::new(&self.flange_camera.0, &self.flange_camera.1, &base_from_camera, panel);
-        let place = KukaPose::from_rigid(base_from_panel);
-        wet_flange::capture(
-            &view,
-            &self.pixels,
-            self.seed.child(Purpose::FlangePicture, Seed::index_of(&[place.x_mm, place.y_mm])),
-        )
-    }
-
-    fn flange_shot(
-        &self,
-        base_from_flange: &Rigid<Base, Flange>,
-        panel: Option<(&Shape, &Rigid<Base, Panel>)>,
-    ) -> ColorPicture {
-        let base_from_camera = *base_from_flange * scene::flange_from_camera();
-        let view = View::new(&self.flange_camera.0, &self.flange_camera.1, &base_from_camera, panel);
-        let pose = KukaPose::from_rigid(base_from_flange);
-        let numbers = [pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg];
-        flange::capture(&view, &self.pixels, self.seed.child(Purpose::FlangePicture, Seed::index_of(&numbers)))
-    }
-
-    /// The water-break test of what stands in the cell.
-    pub fn film(&self) -> Film {
-        self.film_of(&self.spots)
-    }
-
-    /// The same test with other spots: an abraded one is left out.
-    pub fn film_of(&self, spots: &[Spot]) -> Film {
-        self.film_as(spots, &self.film, 0)
-    }
-
-    /// A test of the panel with these spots, as hard to read as `spec` says; `index` tells films of one cell apart.
-    pub fn film_as(&self, spots: &[Spot], spec: &FilmSpec, index: u64) -> Film {
-        let view = self.scanner_view(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)));
-        let seed = self.seed.child(Purpose::Film, spots.len() as u64 + (index << 8));
-        Film::new(&view, spots, spec, &self.pixels, seed)
-    }
-
-    /// Other grease on this panel than its scene's; `index` tells drawings of one cell apart.
-    pub fn greased(&self, grease: &Grease, index: u64) -> Vec<Spot> {
-        let shape = self.present.as_ref().unwrap_or(&self.taught);
-        spots::greased(self.seed.child(Purpose::Grease, index), shape, WET_FROM_S, grease)
-    }
-
-    /// The greasy spots.
-    pub fn spots(&self) -> &[Spot] {
-        &self.spots
-    }
-
-    /// A region of grids of 42 to 50 mm, 15 mm inside the taught panel's outline.
-    pub fn region(&self) -> Region {
-        let inner = self.taught.outline().inset_corners(REGION_INSET_MM);
-        // The outline's corners run from the bottom left; the fifth is the top left, the third ends the right side.
-        let corners_px = [4, 3, 1, 0].map(|index: usize| {
-            let seen =
-                scene::base_from_camera().inverse() * (scene::nominal() * self.taught.point(inner[index].into()));
-            match self.scanner.0.project(seen) {
-                Some(pixel) => pixel,
-                None => unreachable!("the nominal panel stands before the camera"),
-            }
-        });
-        Region { corners_px, rows: 4, columns: 6 }
-    }
-
-    /// What is true of this cell.
-    pub fn truth(&self) -> Truth {
-        Truth::new(
-            (self.seed.0, self.scene),
-            self.base_from_panel,
-            (scene::base_from_camera(), scene::flange_from_camera()),
-            self.corner_views(),
-            self.present.as_ref().unwrap_or(&self.taught).clone(),
-            &self.spots,
-        )
-    }
-}
-
-#[cfg(test)]
-mod tests;

@@ -15,7 +15,7 @@
 //! Source: geometry and rule of the vendor's own simulation, github.com/zivid/zivid-isaac-sim (camera_calibration.py,
 //! zivid_camera.py); in the M70 its projector's picture is kept four times coarser.
 
-use super::cast::{PanelSight, PanelView};
+use super::cast::{PanelHit, PanelView};
 use super::clutter::Slab;
 use super::fixture;
 use super::shape::Shape;
@@ -84,7 +84,7 @@ impl<'a> Projector<'a> {
     }
 
     /// Does its light fall on this point of the camera's frame? `on_panel` is what the camera sees there if it is the panel.
-    pub fn lights(&self, point: &Vector3<f64>, on_panel: Option<&PanelSight>) -> bool {
+    pub fn lights(&self, point: &Vector3<f64>, on_panel: Option<&PanelHit>) -> bool {
         let point = self.projector_from_camera * Point3::from(*point);
         let Some((column, row)) = inside(&point) else { return false };
         let nearest = (1.0 - SHADOW_SHARE) * point.z;

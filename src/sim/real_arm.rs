@@ -9,7 +9,6 @@
 //!     Rz(q1) T₁ (a1, b, c1) Ry(q2) T₂ (0, 0, c2) Ry(q3) T₃ (a2, 0, c3) Rz(q4) T₄ Ry(q5) T₅ Rz(q6) (0, 0, c4)
 //! Lengths and signs: kroshu/kuka_robot_descriptions.
 
-use super::Reported;
 use super::noise::{Normal, Purpose, Seed};
 use crate::geometry::{Base, Flange, Joints, Rigid, Tool};
 use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
@@ -29,6 +28,15 @@ const GIVES_WAY: f64 = 6e-9;
 /// The gears' error, rad, and how many of its periods there are in a turn of the axis.
 const GEAR_RAD: f64 = 3e-5;
 const GEAR_PERIODS: [f64; 3] = [3.0, 4.0, 5.0];
+
+/// What the controller reports of a pose of the flange.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reported {
+    /// Where it says that the flange is.
+    pub base_from_flange: Rigid<Base, Flange>,
+    /// The axes, where the arm is not as it is drawn.
+    pub joints: Option<Joints>,
+}
 
 /// A real arm.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,8 +2,8 @@
 //!
 //! Two copies of one streaky pattern, periodic in both directions, travel at their own speeds.
 
-use super::film::WET_FROM_S;
 use super::noise::{Normal, Purpose, Seed, smoothstep};
+use super::timing::WET_FROM_S;
 
 /// The pattern repeats after this many cells; powers of two. A cell is 1 mm wide and 1 mm high.
 const STREAK_COLUMNS: usize = 512;

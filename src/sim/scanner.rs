@@ -5,7 +5,7 @@
 //! of the pixels flies between panel and background if both are lit, and most others are missing; 0.2 % drop out anywhere.
 
 use super::appearance::dry_and_wet;
-use super::cast::{PanelSight, Sight, View};
+use super::cast::{PanelHit, PixelHit, View};
 use super::noise::{Normal, PIXEL_NOISE_GRAY, PixelNoise, Purpose, Seed, ValueNoise, to_bytes};
 use super::projector::{self, Projector};
 use crate::geometry::{Camera, OrganizedCloud};
@@ -106,8 +106,8 @@ struct Surface {
 
 impl Surface {
     fn of_panel(
-        sight: &Sight,
-        panel: &PanelSight,
+        sight: &PixelHit,
+        panel: &PanelHit,
         projector: &Projector<'_>,
         correlated: &ValueNoise,
     ) -> Option<Self> {
@@ -118,7 +118,7 @@ impl Surface {
         })
     }
 
-    fn behind(sight: &Sight, projector: &Projector<'_>) -> Option<Self> {
+    fn behind(sight: &PixelHit, projector: &Projector<'_>) -> Option<Self> {
         let depth_mm = sight.background.depth_mm?;
         projector.lights(&(sight.ray * depth_mm), None).then_some(Surface {
             depth_mm,
@@ -130,7 +130,7 @@ impl Surface {
 
 /// The point that a pixel measures of what it sees.
 pub(super) fn measured(
-    sight: &Sight,
+    sight: &PixelHit,
     projector: &Projector<'_>,
     correlated: &ValueNoise,
     normal: &mut Normal,

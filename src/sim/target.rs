@@ -3,8 +3,9 @@
 //! One before each camera. Where they stand is known as a pointer touched them: a little off.
 
 use super::board::BoardPrint;
+use super::cell::Cell;
 use super::noise::{Normal, Purpose};
-use super::{Cell, scene};
+use super::scene;
 use crate::geometry::{Base, Board, Flange, Frame, GrayPicture, PinholeCamera, Point, Rigid};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 

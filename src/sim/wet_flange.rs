@@ -4,7 +4,7 @@
 //! hang over it by a part of their radius.
 
 use super::appearance::dry_and_wet;
-use super::cast::{Sight, View};
+use super::cast::{PixelHit, View};
 use super::noise::{LEVEL, PixelNoise, Purpose, Seed, to_bytes};
 use crate::geometry::ColorPicture;
 use rand::RngExt;
@@ -33,7 +33,7 @@ pub(super) fn capture(view: &View<'_>, pixels: &PixelNoise, shot: Seed) -> Color
 }
 
 /// The colour with the drop that lies there, if one does.
-fn dropped(color: [u16; 3], sight: &Sight, shot: Seed) -> [u16; 3] {
+fn dropped(color: [u16; 3], sight: &PixelHit, shot: Seed) -> [u16; 3] {
     let Some(panel) = sight.panel else { return color };
     let cell = panel.place.map(|mm| (mm / SQUARE_MM).floor() as i64);
     for (i, j) in (-1..=1).flat_map(|j| (-1..=1).map(move |i| (i, j))) {

@@ -8,10 +8,8 @@ use super::film_spec::FilmSpec;
 use super::noise::{Purpose, Seed, ValueNoise};
 use super::runoff::Runoff;
 use super::spots::{Spot, SpotKind};
+use super::timing::SPRAY_FROM_S;
 use rand::RngExt;
-
-/// When the spray begins, s.
-pub const SPRAY_FROM_S: f64 = 1.0;
 
 /// How long the front takes from the panel's top to its bottom, s, and how unevenly it comes.
 const FRONT_S: f64 = 2.3;

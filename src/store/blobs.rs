@@ -1,7 +1,6 @@
 //! Files named by their content.
 
 use super::error::StoreError;
-use super::reserve::Fullness;
 use crate::files::content_hash;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
@@ -11,30 +10,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Parts begun by this process: two threads may keep the same content at once.
 static PARTS: AtomicU64 = AtomicU64::new(0);
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Blobs {
     folder: PathBuf,
 }
 
-/// Keeps files for a store's writer.
-#[derive(Debug)]
-pub struct BlobWriter(Blobs, Fullness);
-
-impl BlobWriter {
-    /// As [`Store::put_picture`](super::Store::put_picture).
-    ///
-    /// # Errors
-    /// Where the file cannot be written but for a full disk, or is there already and damaged.
-    pub fn put_picture(&self, bytes: &[u8]) -> Result<Option<String>, StoreError> {
-        self.1.put_picture(&self.0, bytes)
-    }
-}
-
 impl Blobs {
-    pub fn writer(&self, fullness: &Fullness) -> BlobWriter {
-        BlobWriter(Blobs { folder: self.folder.clone() }, fullness.clone())
-    }
-
     /// For reading: nothing is made.
     pub fn at(store: &Path) -> Self {
         Blobs { folder: store.join("blobs") }

@@ -23,16 +23,16 @@ pub(super) type Hash = [u8; 32];
 
 /// A place in the chain: link 0 is before the first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Place {
+pub(super) struct ChainPosition {
     pub link: i64,
     pub hash: Hash,
 }
 
-impl Place {
-    pub const BEGIN: Place = Place { link: 0, hash: [0; 32] };
+impl ChainPosition {
+    pub const BEGIN: ChainPosition = ChainPosition { link: 0, hash: [0; 32] };
 
     /// The place after a link to this row.
-    pub fn followed_by(&self, part: &str, row_key: i64, row_hash: &Hash) -> Place {
+    pub fn followed_by(&self, part: &str, row_key: i64, row_hash: &Hash) -> ChainPosition {
         let link = self.link + 1;
         let mut hasher = Sha256::new();
         hasher.update(self.hash);
@@ -40,7 +40,7 @@ impl Place {
         text(&mut hasher, part);
         hasher.update(row_key.to_be_bytes());
         hasher.update(row_hash);
-        Place { link, hash: hasher.finalize().into() }
+        ChainPosition { link, hash: hasher.finalize().into() }
     }
 }
 
@@ -144,12 +144,12 @@ pub(super) fn part(name: &str) -> Option<&'static Part> {
 }
 
 /// The last link of a database; the beginning where it has none.
-pub(super) fn last(connection: &Connection) -> Result<Place, rusqlite::Error> {
+pub(super) fn last(connection: &Connection) -> Result<ChainPosition, rusqlite::Error> {
     let last = connection
         .prepare_cached("SELECT link, hash FROM chain ORDER BY link DESC LIMIT 1")?
-        .query_row([], |row| Ok(Place { link: row.get(0)?, hash: row.get(1)? }))
+        .query_row([], |row| Ok(ChainPosition { link: row.get(0)?, hash: row.get(1)? }))
         .optional()?;
-    Ok(last.unwrap_or(Place::BEGIN))
+    Ok(last.unwrap_or(ChainPosition::BEGIN))
 }
 
 /// The hash of what a row has in these columns; `None` where there is no such row.
@@ -209,10 +209,10 @@ fn sized(hasher: &mut Sha256, bytes: &[u8]) {
 /// Adds the link to what was just written to a row; where the chain then is comes back.
 pub(super) fn add(
     connection: &Connection,
-    last: Place,
+    last: ChainPosition,
     part: &Part,
     row_key: i64,
-) -> Result<Place, rusqlite::Error> {
+) -> Result<ChainPosition, rusqlite::Error> {
     let row_hash = row_hash(connection, part, row_key)?.ok_or(rusqlite::Error::QueryReturnedNoRows)?;
     let place = last.followed_by(part.name, row_key, &row_hash);
     connection
@@ -222,8 +222,8 @@ pub(super) fn add(
 }
 
 /// Takes every row of a store of an earlier program into its chain.
-pub(super) fn adopt(connection: &Connection) -> Result<Place, rusqlite::Error> {
-    let mut place = Place::BEGIN;
+pub(super) fn adopt(connection: &Connection) -> Result<ChainPosition, rusqlite::Error> {
+    let mut place = ChainPosition::BEGIN;
     for part in &PARTS {
         let Part { table, key, written, .. } = part;
         let sql = format!("SELECT {key} FROM {table} WHERE {written} ORDER BY 1");

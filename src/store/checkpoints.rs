@@ -2,10 +2,10 @@
 //!
 //! One is used where the same version of the program wrote it and the journal's line is still the one that it names.
 
-use super::Store;
 use super::commit::{Failed, Writing};
+use super::database::Store;
 use super::error::StoreError;
-use super::motions::Settled;
+use super::fold::JournalFold;
 use rusqlite::{OptionalExtension, params};
 
 pub(super) const TABLES: &str = "
@@ -26,7 +26,7 @@ pub(super) const TAIL: i64 = 2_000;
 pub(super) struct Checkpoint {
     pub sequence: i64,
     pub journal_chain: String,
-    pub settled: Settled,
+    pub settled: JournalFold,
 }
 
 /// Writes one.

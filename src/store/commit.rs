@@ -1,15 +1,17 @@
 //! A transaction: rows, their links in the chain, and the head outside, all or nothing.
 
-use super::chain::{self, Place};
+use super::chain::{self, ChainPosition};
+use super::database::Store;
 use super::error::StoreError;
-use super::{Store, reserve};
+use super::reserve;
+use super::steps::Step;
 use rusqlite::{Connection, Transaction, TransactionBehavior};
 use std::ops::Deref;
 
 /// A transaction under way.
 pub(super) struct Writing<'t> {
     transaction: Transaction<'t>,
-    last: Place,
+    last: ChainPosition,
 }
 
 impl Deref for Writing<'_> {
@@ -103,37 +105,5 @@ impl Store {
             Failed::Head(error) => error.kind() == std::io::ErrorKind::StorageFull,
             Failed::Unfit(error) => matches!(error, StoreError::Full { .. }),
         }
-    }
-}
-
-/// Moments at which a process may end.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Step {
-    Prepared,
-    Committed,
-    Settled,
-}
-
-/// Tests look at the files at each step; the program does not.
-#[derive(Default)]
-pub(super) struct Steps {
-    #[cfg(test)]
-    pub told: Option<Box<dyn Fn(Step)>>,
-}
-
-impl std::fmt::Debug for Steps {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("Steps")
-    }
-}
-
-impl Steps {
-    #[cfg_attr(not(test), expect(clippy::unused_self, reason = "only tests look"))]
-    fn reach(&self, step: Step) {
-        #[cfg(test)]
-        if let Some(told) = &self.told {
-            told(step);
-        }
-        let _ = step;
     }
 }

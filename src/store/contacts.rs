@@ -1,8 +1,8 @@
 //! Contact paths: what each works on, committed with its motion, and how many of its waypoints were permitted to be
 //! sent, committed before they are. What was abraded, or may have been, follows from that after any end.
 
+use super::database::{Store, unix_ms};
 use super::error::StoreError;
-use super::{Store, unix_ms};
 use crate::cycle::{Event, Id, Motion, Report};
 use crate::record::{
     Abraded, Clock, Contact, ContactPath, CycleId, EarlierPass, Finding, MotionRecord, PASSES_USED, RecordingFile,

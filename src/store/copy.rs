@@ -1,10 +1,12 @@
 //! A copy of the database by SQLite's online backup, while a service writes to it: for a backup, and before the tables of
 //! an earlier program are changed.
 
-use super::chain::{self, Place};
+use super::chain::{self, ChainPosition};
+use super::database::{DATABASE, Store};
+use super::database_files::file_hash;
 use super::error::StoreError;
 use super::head::{self, HeadFile};
-use super::{DATABASE, Store, opening, prune, schema};
+use super::{prune, schema};
 use rusqlite::Connection;
 use rusqlite::backup::{Backup, StepResult};
 use rustix::fs::{CWD, RenameFlags, renameat_with};
@@ -45,7 +47,7 @@ impl Store {
             return Err(StoreError::Older { path: folder.to_owned(), found, known: schema::SCHEMA });
         }
         // A transaction for reading: from here on the rows stand still for this connection, beside the head of that moment.
-        let begin = || -> Result<Place, rusqlite::Error> {
+        let begin = || -> Result<ChainPosition, rusqlite::Error> {
             store.connection.execute_batch("BEGIN")?;
             chain::last(&store.connection)
         };
@@ -67,7 +69,7 @@ impl Store {
         fs::create_dir_all(to).map_err(at("create", to))?;
         copy_database(&store.connection, &copy).map_err(|error| StoreError::database("write", &copy, &error))?;
         let write_head = || {
-            let hash = opening::file_hash(&copy)?;
+            let hash = file_hash(&copy)?;
             HeadFile::open(to)?.close(last, Some(hash))
         };
         write_head().map_err(at("write the head in", to))?;
@@ -130,7 +132,7 @@ fn kept_at_a_free_name(
 ) -> Result<PathBuf, StoreError> {
     copy_database(connection, part).map_err(|error| StoreError::database("copy", part, &error))?;
     File::open(part).and_then(|file| file.sync_all()).map_err(at("flush", part))?;
-    let hash = |file: &Path| opening::file_hash(file).map_err(at("read", file));
+    let hash = |file: &Path| file_hash(file).map_err(at("read", file));
     let copied = hash(part)?;
     let mut number = 1;
     let [database, head] = loop {

@@ -1,6 +1,6 @@
 //! Cycles: what each ran with, what its phases found, how it ended.
 
-use super::Store;
+use super::database::Store;
 use super::error::StoreError;
 use crate::record::{Budget, CycleId, CycleRecord, Finding, KeptFile, RecordingFile};
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -123,7 +123,7 @@ impl Store {
         self.writable()?;
         let finite = |number: Option<f64>| number.is_none_or(f64::is_finite);
         if let Some(bad) =
-            finding.numbers.iter().find(|number| !finite(number.value) || !finite(number.limit.bound()))
+            finding.checks.iter().find(|number| !finite(number.value) || !finite(number.limit.bound()))
         {
             return Err(StoreError::NotFinite { name: bad.name.clone() });
         }

@@ -1,6 +1,6 @@
 //! What the disc in use has worn: what it swept, path by path, and when a new one was mounted.
 
-use super::Store;
+use super::database::Store;
 use super::error::StoreError;
 use crate::record::CycleId;
 use rusqlite::params;

@@ -6,7 +6,7 @@
 //! in place: a full disk keeps nobody from writing it. When the store is closed the file also keeps the SHA-256 of the
 //! database's file.
 
-use super::chain::{Hash, Place, hex};
+use super::chain::{ChainPosition, Hash, hex};
 use crate::files::content_hash;
 use std::fmt::Write as _;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -26,16 +26,16 @@ const PATIENCE: Duration = Duration::from_secs(5);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Head {
     /// Where the chain is.
-    pub at: Place,
+    pub at: ChainPosition,
     /// Where it is once the transaction under way is committed.
-    pub next: Option<Place>,
+    pub next: Option<ChainPosition>,
     /// SHA-256 of the database's file, where it was closed.
     pub database: Option<Hash>,
 }
 
 impl Head {
     /// Whether a database may be here.
-    pub fn explains(&self, place: Place) -> bool {
+    pub fn explains(&self, place: ChainPosition) -> bool {
         place == self.at || Some(place) == self.next
     }
 }
@@ -100,18 +100,18 @@ impl HeadFile {
     }
 
     /// Says on the disk where the chain is and will be.
-    pub fn prepare(&self, at: Place, next: Place) -> Result<(), Error> {
+    pub fn prepare(&self, at: ChainPosition, next: ChainPosition) -> Result<(), Error> {
         self.write(Head { at, next: Some(next), database: None })?;
         self.file.sync_data()
     }
 
     /// Says where the chain is. Until this is on the disk the file says the same with one word more.
-    pub fn settle(&self, at: Place) -> Result<(), Error> {
+    pub fn settle(&self, at: ChainPosition) -> Result<(), Error> {
         self.write(Head { at, next: None, database: None })
     }
 
     /// Says where the chain is in a database that is closed.
-    pub fn close(&self, at: Place, database: Option<Hash>) -> Result<(), Error> {
+    pub fn close(&self, at: ChainPosition, database: Option<Hash>) -> Result<(), Error> {
         self.write(Head { at, next: None, database })?;
         self.file.sync_data()
     }
@@ -161,7 +161,7 @@ fn read_from(file: &File) -> Result<Option<Read>, Error> {
 }
 
 fn written(head: &Head, count: u64) -> Vec<u8> {
-    let place = |place: &Place| format!("{} {}", place.link, hex(&place.hash));
+    let place = |place: &ChainPosition| format!("{} {}", place.link, hex(&place.hash));
     let mut text = format!("{MARK}\ncount {count}\nat {}\n", place(&head.at));
     // Writing to a text cannot fail.
     let _ = writeln!(text, "next {}", head.next.as_ref().map_or("none".to_owned(), place));
@@ -194,9 +194,9 @@ fn optional<T>(text: &str, parse: impl Fn(&str) -> Option<T>) -> Option<Option<T
     if text == "none" { Some(None) } else { parse(text).map(Some) }
 }
 
-fn place(text: &str) -> Option<Place> {
+fn place(text: &str) -> Option<ChainPosition> {
     let (link, hash) = text.split_once(' ')?;
-    Some(Place { link: link.parse().ok()?, hash: bytes(hash)? })
+    Some(ChainPosition { link: link.parse().ok()?, hash: bytes(hash)? })
 }
 
 fn bytes(text: &str) -> Option<Hash> {

@@ -1,6 +1,6 @@
 //! What was found changed behind the program's back, kept as evidence of its own.
 
-use super::Store;
+use super::database::Store;
 use super::error::StoreError;
 use rusqlite::params;
 

@@ -5,9 +5,9 @@
 
 use super::checkpoints;
 use super::commit::{Failed, Writing};
+use super::database::{Store, unix_ms};
 use super::error::StoreError;
-use super::motions::Settled;
-use super::{Store, unix_ms};
+use super::fold::JournalFold;
 use crate::cycle::{Event, Report, State};
 use crate::files::content_hash;
 use crate::record::CycleId;
@@ -134,10 +134,10 @@ impl Store {
     }
 
     /// Folds the journal from the last checkpoint on; its last line and how many were read come with it.
-    fn folded(&self) -> Result<(Settled, (i64, String), i64), StoreError> {
+    fn folded(&self) -> Result<(JournalFold, (i64, String), i64), StoreError> {
         let (mut settled, from) = match self.checkpoint()? {
             Some(checkpoint) => (checkpoint.settled, (checkpoint.sequence, checkpoint.journal_chain)),
-            None => (Settled::NEW, (0, BEGIN.to_owned())),
+            None => (JournalFold::NEW, (0, BEGIN.to_owned())),
         };
         let first = from.0;
         let last = self.each_event(from, |event, cycle| settled.step(event, cycle))?;

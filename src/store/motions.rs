@@ -3,13 +3,13 @@
 //! The journal knows the same, since intents are effects of its events. A process that ends between an event and its
 //! effects leaves a row behind; the next one writes it from the journal.
 
-use super::Store;
+use super::database::Store;
 use super::error::StoreError;
-use crate::cycle::{Effect, Event, Motion, Outcome, Path, Report, State, step};
+use super::fold::JournalFold;
+use crate::cycle::{Motion, Outcome, Path};
 use crate::record::{ContactPath, CycleId, MotionRecord};
 use crate::verdict::{Judgement, Reason, Verdict};
 use rusqlite::{OptionalExtension, Row, params};
-use serde::{Deserialize, Serialize};
 
 /// `one_open_motion` holds at most one row: a second motion is refused by the database itself.
 pub(super) const TABLES: &str = "
@@ -23,46 +23,6 @@ pub(super) const TABLES: &str = "
     CREATE UNIQUE INDEX one_open_motion ON motions ((outcome IS NULL)) WHERE outcome IS NULL;
     CREATE INDEX motions_by_cycle ON motions (cycle_id);
 ";
-
-/// How a motion ended.
-type Closed = (Motion, Outcome, u32);
-
-/// What a journal says of motions and cycles, as far as it was read.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Settled {
-    state: State,
-    closed: Option<Closed>,
-    concluded: Option<(Option<CycleId>, Verdict)>,
-    cycle: Option<CycleId>,
-}
-
-impl Settled {
-    pub const NEW: Settled = Settled { state: State::NEW, closed: None, concluded: None, cycle: None };
-
-    pub fn step(&mut self, event: Event, cycle: Option<CycleId>) {
-        let (state, effects) = step(self.state, event);
-        self.state = state;
-        self.cycle = cycle;
-        for effect in effects {
-            match effect {
-                Effect::CloseIntent { motion, outcome, done } => self.closed = Some((motion, outcome, done)),
-                Effect::Conclude { verdict } => self.concluded = Some((cycle, verdict)),
-                _ => {}
-            }
-        }
-    }
-
-    /// The state as the journal leaves it.
-    pub fn state(&self) -> State {
-        self.state
-    }
-
-    /// The state after the start that follows.
-    pub fn rested(&self) -> State {
-        step(self.state, Event::Told(Report::Boot)).0
-    }
-}
 
 impl Store {
     /// Commits that this motion may begin.
@@ -117,7 +77,7 @@ impl Store {
     }
 
     /// Writes the rows that the last process did not come to: those of the effects of its last event.
-    pub(super) fn settle(&mut self, settled: &Settled) -> Result<(), StoreError> {
+    pub(super) fn settle(&mut self, settled: &JournalFold) -> Result<(), StoreError> {
         let expected = settled.state.intent.map(|intent| intent.motion);
         let mut open = self.open_motion()?;
         if let Some(motion) = open.filter(|motion| Some(*motion) != expected) {

@@ -1,18 +1,18 @@
 //! Opening and closing a store.
 
 use super::blobs::Blobs;
-use super::chain::{self, Hash, Place};
-use super::commit::Steps;
+use super::chain::{self, ChainPosition};
+use super::database::{DATABASE, Store};
+use super::database_files::{file_hash, log_of};
 use super::error::StoreError;
+use super::fullness::Fullness;
 use super::head::{self, Head, HeadFile};
 use super::lease::Lease;
-use super::reserve::{self, Fullness, Reserve};
-use super::{DATABASE, Store, copy, schema};
+use super::reserve::{self, Reserve};
+use super::steps::Steps;
+use super::{copy, schema};
 use rusqlite::{Connection, OpenFlags, TransactionBehavior};
-use sha2::{Digest, Sha256};
-use std::fs::File;
-use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::SystemTime;
 
 impl Store {
@@ -109,10 +109,10 @@ impl Store {
     }
 
     /// Brings the tables up to date; where the chain was before comes back: at its beginning where there was none.
-    fn raise(&mut self, version: i64) -> Result<Result<Place, std::io::Error>, rusqlite::Error> {
-        let Some(head) = &self.head else { return Ok(Ok(Place::BEGIN)) };
+    fn raise(&mut self, version: i64) -> Result<Result<ChainPosition, std::io::Error>, rusqlite::Error> {
+        let Some(head) = &self.head else { return Ok(Ok(ChainPosition::BEGIN)) };
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        let before = if version < schema::CHAINED { Place::BEGIN } else { chain::last(&transaction)? };
+        let before = if version < schema::CHAINED { ChainPosition::BEGIN } else { chain::last(&transaction)? };
         let Some(after) = schema::raise(&transaction)? else { return Ok(Ok(before)) };
         // A head that says more than nothing is looked at before it is written over.
         let is_new = matches!(head::read(self.blobs.store()), Ok(None));
@@ -128,7 +128,7 @@ impl Store {
     fn unexplained(
         &self,
         told: Result<Option<head::Read>, std::io::Error>,
-        found: Place,
+        found: ChainPosition,
     ) -> Result<Vec<String>, StoreError> {
         let mut changed = self.contradictions(told, found)?;
         changed.extend(self.changed_lately()?);
@@ -137,7 +137,7 @@ impl Store {
         Ok(changed)
     }
 
-    fn settle_head(&self, found: Place) -> Result<(), std::io::Error> {
+    fn settle_head(&self, found: ChainPosition) -> Result<(), std::io::Error> {
         let Some(head) = &self.head else { return Ok(()) };
         let _turn = head.take_turn()?;
         // A verification may have been kept beside meanwhile.
@@ -161,24 +161,6 @@ impl Drop for Store {
         let database = if log_of(&path).exists() { None } else { file_hash(&path).ok() };
         // Without it the head says the same of the chain.
         let _ = head.take_turn().and_then(|_turn| head.close(last, database));
-    }
-}
-
-/// SQLite's log beside a database.
-pub(super) fn log_of(database: &Path) -> PathBuf {
-    let mut log = database.as_os_str().to_owned();
-    log.push("-wal");
-    PathBuf::from(log)
-}
-
-/// SHA-256 of a file.
-pub(super) fn file_hash(path: &Path) -> Result<Hash, std::io::Error> {
-    let (mut file, mut hasher, mut buffer) = (File::open(path)?, Sha256::new(), vec![0; 1 << 20]);
-    loop {
-        match file.read(&mut buffer)? {
-            0 => return Ok(hasher.finalize().into()),
-            count => hasher.update(&buffer[..count]),
-        }
     }
 }
 

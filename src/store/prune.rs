@@ -1,6 +1,6 @@
 //! What is removed when it is old: clips and scans of cycles that are over. Pages and records stay for ever.
 
-use super::Store;
+use super::database::Store;
 use super::error::StoreError;
 use crate::cell::Keep;
 use crate::record::{CycleId, Finding};

@@ -3,8 +3,8 @@
 //! What the table decides about stands in the journal too, before its effects. Where the program ended between the two,
 //! the journal alone has it: who asked and what came of it was then not recorded, and the record says so.
 
+use super::database::{Store, unix_ms};
 use super::error::StoreError;
-use super::{Store, unix_ms};
 use crate::cycle::Event;
 use crate::record::{Asked, CycleId, Wanted};
 use rusqlite::params;

@@ -1,71 +1,20 @@
-//! A full disk: pictures are dropped first, then a file that was kept for this is given up, so that the journal goes on
-//! until the cell rests.
+//! The reserve: a file that is given up when the disk is full, so that the journal goes on until the cell rests.
 
-use super::Store;
-use super::blobs::{self, Blobs};
+use super::blobs;
 use super::error::StoreError;
 use rusqlite::ErrorCode;
 use std::fs::{self, File, OpenOptions};
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// The file's name.
 pub(super) const FILE: &str = "panelprep.reserve";
 /// Its size. A line of the journal takes at most 16 kB of the database's log: the reserve is good for 2,000 lines, where a
 /// retract, a hold and a stop take less than 100.
 pub(super) const MB: u64 = 32;
-/// Free disk below which no picture is written any more, MB: the rest is the journal's.
-const PICTURES_MB: u64 = 64;
 /// Free disk below which no program starts on a store without a reserve, MB: its journal would end before the cell rests.
 const JOURNAL_MB: u64 = 8;
 /// Free disk at which an error that may have other causes is one of the full disk, bytes.
 const NOTHING_BYTES: u64 = 1_000_000;
-
-/// Whether the disk is full, as the store's writers found it. Clones are the same one.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Fullness(Arc<Found>);
-
-#[derive(Debug, Default)]
-struct Found {
-    is_full: AtomicBool,
-    /// Pictures that found no place since they were last asked for.
-    dropped: AtomicU64,
-}
-
-impl Fullness {
-    pub fn fill(&self) {
-        self.0.is_full.store(true, Ordering::Relaxed);
-    }
-
-    pub fn is_full(&self) -> bool {
-        self.0.is_full.load(Ordering::Relaxed)
-    }
-
-    pub fn is_over(&self) {
-        self.0.is_full.store(false, Ordering::Relaxed);
-    }
-
-    /// Keeps a picture, or drops it where the disk is full: the rest of it is the journal's.
-    pub fn put_picture(&self, blobs: &Blobs, bytes: &[u8]) -> Result<Option<String>, StoreError> {
-        if !self.is_full() && is_too_full_for_pictures(blobs.store()) {
-            self.fill();
-        }
-        let kept = if self.is_full() { Ok(None) } else { blobs.put(bytes).map(Some) };
-        let kept = match kept {
-            Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::StorageFull => {
-                self.fill();
-                Ok(None)
-            }
-            kept => kept,
-        };
-        if matches!(kept, Ok(None)) {
-            self.0.dropped.fetch_add(1, Ordering::Relaxed);
-        }
-        kept
-    }
-}
 
 /// The file that is given up when the disk is full.
 #[derive(Debug)]
@@ -124,48 +73,6 @@ pub(super) fn nothing_left(folder: &Path) -> bool {
 /// Whether the journal finds no place here.
 pub(super) fn is_too_full_for_the_journal(folder: &Path) -> bool {
     blobs::free_mb(folder).is_ok_and(|free| free < JOURNAL_MB)
-}
-
-/// Whether pictures find no place here.
-pub(super) fn is_too_full_for_pictures(folder: &Path) -> bool {
-    blobs::free_mb(folder).is_ok_and(|free| free < PICTURES_MB)
-}
-
-impl Store {
-    /// Whether the disk was found full since [`Store::has_room`] last found it otherwise.
-    pub fn is_disk_full(&self) -> bool {
-        self.fullness.is_full()
-    }
-
-    /// Keeps a picture as [`Store::put_blob`] does; `None` where the disk is full: it is dropped, and the room that is left is
-    /// the journal's.
-    ///
-    /// # Errors
-    /// As [`Store::put_blob`], but for a full disk.
-    pub fn put_picture(&self, bytes: &[u8]) -> Result<Option<String>, StoreError> {
-        self.writable()?;
-        self.fullness.put_picture(&self.blobs, bytes)
-    }
-
-    /// How many pictures were dropped since this was last asked.
-    pub fn dropped_pictures(&self) -> u64 {
-        self.fullness.0.dropped.swap(0, Ordering::Relaxed)
-    }
-
-    /// Whether there is room for the reserve and pictures again; where there is, the reserve is taken.
-    pub fn has_room(&mut self) -> bool {
-        let free = self.blobs.free_mb().unwrap_or(0);
-        let has_room = free >= MB + PICTURES_MB && self.reserve.take().is_ok();
-        if has_room {
-            self.fullness.is_over();
-        }
-        has_room
-    }
-
-    /// The disk is full, and what to delete.
-    pub fn full(&self) -> StoreError {
-        full(self.folder())
-    }
 }
 
 /// The disk of this store is full, and what to delete.

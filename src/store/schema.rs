@@ -1,6 +1,6 @@
 //! The tables' version: looked at before anything is written, raised step by step.
 
-use super::chain::Place;
+use super::chain::ChainPosition;
 use super::error::StoreError;
 use super::{chain, checkpoints, contacts, cycles, discs, incidents, journal, motions};
 use super::{prune, requests, teaching, verifications};
@@ -59,7 +59,7 @@ pub(super) fn prepare(connection: &Connection) -> Result<(), rusqlite::Error> {
 
 /// Brings the tables up to date and takes what a store without a chain holds into one, where that is not done yet; the
 /// chain's end, where something was. Part of a transaction.
-pub(super) fn raise(transaction: &Connection) -> Result<Option<Place>, rusqlite::Error> {
+pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, rusqlite::Error> {
     let (found, _) = read(transaction)?;
     if found == SCHEMA {
         return Ok(None);

@@ -1,7 +1,7 @@
 //! Taught panels as immutable, content-hashed versions.
 
-use super::Store;
 use super::commit::{Failed, Writing};
+use super::database::Store;
 use super::error::StoreError;
 use crate::config::nearest;
 use crate::files::{content_hash, read_flange, write_pose};

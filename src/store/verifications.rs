@@ -1,9 +1,9 @@
 //! Verifications of calibrations: each is kept, none is changed. One that says nothing can be struck out: it stays, with
 //! who did so and why.
 
+use super::database::{DATABASE, Store};
 use super::error::StoreError;
 use super::head::HeadFile;
-use super::{DATABASE, Store};
 use crate::calib::health::{Strike, Verification};
 use crate::files::content_hash;
 use rusqlite::{Connection, OpenFlags, params};

@@ -1,8 +1,10 @@
 //! Is everything in the store what was written? Names what was changed, deleted, put in, reordered or rolled back.
 
-use super::chain::{self, Hash, PARTS, Part, Place, hex};
+use super::chain::{self, ChainPosition, Hash, PARTS, Part, hex};
+use super::database::{DATABASE, Store};
+use super::database_files::{file_hash, log_of};
 use super::error::StoreError;
-use super::{DATABASE, Store, head, opening, prune, schema};
+use super::{head, prune, schema};
 use rusqlite::{Connection, Row};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -29,7 +31,7 @@ pub struct Verified {
 
 /// What is wrong with a row, or with a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Wrong {
+enum RowFault {
     Changed,
     Missing,
     PutIn,
@@ -40,7 +42,7 @@ enum Wrong {
 /// What was read of the chain.
 #[derive(Default)]
 struct Walk {
-    wrong: Vec<(&'static str, Wrong, i64)>,
+    wrong: Vec<(&'static str, RowFault, i64)>,
     links: Vec<String>,
     /// Of rows that were changed: what was written to them, and what they hold.
     changed: Vec<(&'static str, i64, Hash, Hash)>,
@@ -58,8 +60,8 @@ impl Store {
     pub fn verify(folder: &Path, files: bool) -> Result<Verified, StoreError> {
         let path = folder.join(DATABASE);
         // Before a connection is open: closing a file takes the locks of one along.
-        let log = std::fs::metadata(opening::log_of(&path)).map_or(0, |log| log.len());
-        let hash = if log == 0 { opening::file_hash(&path).ok() } else { None };
+        let log = std::fs::metadata(log_of(&path)).map_or(0, |log| log.len());
+        let hash = if log == 0 { file_hash(&path).ok() } else { None };
         let store = match Store::open(folder) {
             Ok(store) => store,
             Err(StoreError::Damaged { problem, .. }) => {
@@ -72,7 +74,7 @@ impl Store {
         if found < schema::SCHEMA {
             return Err(StoreError::Older { path: folder.to_owned(), found, known: schema::SCHEMA });
         }
-        let begin = || -> Result<Place, rusqlite::Error> {
+        let begin = || -> Result<ChainPosition, rusqlite::Error> {
             store.connection.execute_batch("BEGIN")?;
             chain::last(&store.connection)
         };
@@ -94,13 +96,13 @@ impl Store {
 
     fn verify_rows(
         &self,
-        (told, last): (Result<Option<head::Read>, std::io::Error>, Place),
+        (told, last): (Result<Option<head::Read>, std::io::Error>, ChainPosition),
         hash: Option<Hash>,
         verified: &mut Verified,
     ) -> Result<(), StoreError> {
         let database = told.as_ref().ok().copied().flatten().and_then(|read| read.head.database);
         verified.found.extend(self.contradictions(told, last)?);
-        let (found, links) = self.contradicted(Place::BEGIN, true);
+        let (found, links) = self.contradicted(ChainPosition::BEGIN, true);
         verified.found.extend(found);
         verified.links = links;
         verified
@@ -172,11 +174,11 @@ impl Store {
     pub(super) fn contradictions(
         &self,
         told: Result<Option<head::Read>, std::io::Error>,
-        last: Place,
+        last: ChainPosition,
     ) -> Result<Vec<String>, StoreError> {
         let read = match told {
             Ok(Some(read)) => read,
-            Ok(None) if last == Place::BEGIN => return Ok(vec![]),
+            Ok(None) if last == ChainPosition::BEGIN => return Ok(vec![]),
             Ok(None) => return Ok(vec![format!("the head of the chain, {}, is missing", head::FILE)]),
             Err(error) => {
                 return Ok(vec![format!("the head of the chain, {}, cannot be read: {error}", head::FILE)]);
@@ -190,7 +192,7 @@ impl Store {
         if read.head.explains(last) {
             return Ok(found);
         }
-        let here = if at.link == 0 { Ok(Some(Place::BEGIN.hash)) } else { self.link_hash(at.link) };
+        let here = if at.link == 0 { Ok(Some(ChainPosition::BEGIN.hash)) } else { self.link_hash(at.link) };
         found.push(match here {
             _ if at.link > end => format!(
                 "rolled back: {} writings at the end of the chain are gone, links {} to {}; the head outside is {}",
@@ -224,17 +226,17 @@ impl Store {
         let read = |error: rusqlite::Error| self.failed("read the chain of", &error);
         let last = chain::last(&self.connection).map_err(read)?;
         if last.link <= AT_START {
-            return Ok(self.contradicted(Place::BEGIN, true).0);
+            return Ok(self.contradicted(ChainPosition::BEGIN, true).0);
         }
         let sql = "SELECT max(0, link - 1) FROM chain WHERE part = 'checkpoints' ORDER BY link DESC LIMIT 1";
         let from: i64 = self.connection.query_row(sql, [], |row| row.get(0)).unwrap_or(last.link - AT_START);
-        let hash = self.link_hash(from).map_err(read)?.unwrap_or(Place::BEGIN.hash);
-        Ok(self.contradicted(Place { link: from, hash }, false).0)
+        let hash = self.link_hash(from).map_err(read)?.unwrap_or(ChainPosition::BEGIN.hash);
+        Ok(self.contradicted(ChainPosition { link: from, hash }, false).0)
     }
 
     /// What contradicts the chain after this place, in words, and the number of links that were read. `whole`: rows without
     /// a link are looked for too.
-    fn contradicted(&self, from: Place, whole: bool) -> (Vec<String>, u64) {
+    fn contradicted(&self, from: ChainPosition, whole: bool) -> (Vec<String>, u64) {
         let mut walk = Walk::default();
         let walked = walk
             .chain(&self.connection, from)
@@ -252,7 +254,7 @@ impl Store {
 
 impl Walk {
     /// Reads the chain after this place, and the rows that its links name.
-    fn chain(&mut self, connection: &Connection, from: Place) -> Result<(), rusqlite::Error> {
+    fn chain(&mut self, connection: &Connection, from: ChainPosition) -> Result<(), rusqlite::Error> {
         let sql = "SELECT link, part, row_key, row_hash, hash FROM chain WHERE link > ?1 ORDER BY link";
         let mut statement = connection.prepare(sql)?;
         let mut rows = statement.query([from.link])?;
@@ -268,14 +270,19 @@ impl Walk {
         Ok(())
     }
 
-    fn link(&mut self, connection: &Connection, before: Place, row: &Row<'_>) -> Result<Place, rusqlite::Error> {
+    fn link(
+        &mut self,
+        connection: &Connection,
+        before: ChainPosition,
+        row: &Row<'_>,
+    ) -> Result<ChainPosition, rusqlite::Error> {
         let (link, name, key): (i64, String, i64) = (row.get(0)?, row.get(1)?, row.get(2)?);
         let (row_hash, hash): (Hash, Hash) = (row.get(3)?, row.get(4)?);
         self.count += 1;
         if link != before.link + 1 {
             self.links.push(format!("links {} to {} of the chain are missing", before.link + 1, link - 1));
         }
-        let expected = Place { link: link - 1, ..before }.followed_by(&name, key, &row_hash);
+        let expected = ChainPosition { link: link - 1, ..before }.followed_by(&name, key, &row_hash);
         if expected.hash != hash {
             self.links
                 .push(format!("link {link} of the chain is not what was written, or not where it was written"));
@@ -291,7 +298,7 @@ impl Walk {
                 self.row(connection, (part, key), row_hash);
             }
         }
-        Ok(Place { link, hash })
+        Ok(ChainPosition { link, hash })
     }
 
     fn row(&mut self, connection: &Connection, (part, key): (&'static Part, i64), row_hash: Hash) {
@@ -299,10 +306,10 @@ impl Walk {
             Ok(Some(found)) if found == row_hash => return,
             Ok(Some(found)) => {
                 self.changed.push((part.name, key, row_hash, found));
-                Wrong::Changed
+                RowFault::Changed
             }
-            Ok(None) => Wrong::Missing,
-            Err(_) => Wrong::Unreadable,
+            Ok(None) => RowFault::Missing,
+            Err(_) => RowFault::Unreadable,
         };
         self.wrong.push((part.name, wrong, key));
     }
@@ -314,7 +321,7 @@ impl Walk {
             written.sort_unstable();
             if !part.is_replaced {
                 let twice = written.windows(2).filter(|pair| pair[0] == pair[1]).map(|pair| pair[0]);
-                self.wrong.extend(twice.map(|key| (part.name, Wrong::Twice, key)));
+                self.wrong.extend(twice.map(|key| (part.name, RowFault::Twice, key)));
             }
             let Part { table, key, written: condition, .. } = part;
             // Read by the table, not by an index, which may be damaged by itself.
@@ -324,7 +331,7 @@ impl Walk {
             while let Some(row) = rows.next()? {
                 let key: i64 = row.get(0)?;
                 if written.binary_search(&key).is_err() {
-                    self.wrong.push((part.name, Wrong::PutIn, key));
+                    self.wrong.push((part.name, RowFault::PutIn, key));
                 }
             }
         }
@@ -366,11 +373,11 @@ impl Walk {
             let range =
                 if first == last { format!("{words} {first}") } else { format!("{words} {first} to {last}") };
             told.push(match wrong {
-                Wrong::Changed => format!("changed: {range} is not what was written"),
-                Wrong::Missing => format!("deleted: {range} is missing"),
-                Wrong::PutIn => format!("put in: {range} was not written by this program"),
-                Wrong::Unreadable => format!("damaged: {range} cannot be read"),
-                Wrong::Twice => format!("changed: {range} was written a second time"),
+                RowFault::Changed => format!("changed: {range} is not what was written"),
+                RowFault::Missing => format!("deleted: {range} is missing"),
+                RowFault::PutIn => format!("put in: {range} was not written by this program"),
+                RowFault::Unreadable => format!("damaged: {range} cannot be read"),
+                RowFault::Twice => format!("changed: {range} was written a second time"),
             });
         }
         told

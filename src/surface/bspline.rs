@@ -7,6 +7,7 @@
 //! handedness of (u, v), and the tool's Z and the retract would turn with it. Points in the panel's frame, mm.
 
 use super::basis::{Basis, KnotVector};
+use super::derivatives::{Derivatives, Parameter, Tangents};
 use super::spans::SpanSurface;
 use crate::geometry::{Panel, Point, Vector};
 use nalgebra::Vector3;
@@ -14,46 +15,6 @@ use std::ops::RangeInclusive;
 
 /// Sine of the angle between S_u and S_v below which a place has no normal.
 const DEGENERATE_SINE: f64 = 1e-6;
-
-/// A place on a surface by its parameters; no unit.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Parameter {
-    /// Along the columns of the region, 0…1 inside of it.
-    pub u: f64,
-    /// Along the rows of the region, 0…1 inside of it.
-    pub v: f64,
-}
-
-/// A point of a surface with its first derivatives.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Tangents {
-    /// S, mm.
-    pub point: Point<Panel>,
-    /// S_u, mm.
-    pub s_u: Vector<Panel>,
-    /// S_v, mm.
-    pub s_v: Vector<Panel>,
-}
-
-impl Tangents {
-    /// |S_u × S_v|: the surface that a unit of u and v stands for, mm².
-    pub fn area_mm2(&self) -> f64 {
-        self.s_u.mm.cross(&self.s_v.mm).norm()
-    }
-}
-
-/// A point of a surface with its first and second derivatives, all mm.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Derivatives {
-    /// S, S_u, S_v.
-    pub tangents: Tangents,
-    /// S_uu.
-    pub s_uu: Vector<Panel>,
-    /// S_uv.
-    pub s_uv: Vector<Panel>,
-    /// S_vv.
-    pub s_vv: Vector<Panel>,
-}
 
 /// Why control points make no surface.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -9,8 +9,7 @@
 //! Source of (2): Craven & Wahba, Numer. Math. 31, 1979, for a known σ.
 
 use super::banded::BandMatrix;
-use super::basis::{KnotVector, SpanFunctions};
-use super::fit::DEGREE;
+use super::basis::{DEGREE, KnotVector, SpanFunctions};
 use super::samples::{Sample, Samples};
 use nalgebra::Vector3;
 use rayon::prelude::*;

@@ -12,21 +12,19 @@
 //! allows is an error, and so are a fold and a poor fit.
 //! Source of the weights: Beaton & Tukey, Technometrics 16(2), 1974.
 
-use super::basis::{KnotError, KnotVector};
-use super::bspline::{BSplineSurface, SurfaceError};
+use super::basis::KnotVector;
+use super::bspline::BSplineSurface;
 use super::equations::{Equations, Solution};
+use super::error::{FitError, MIN_PIXELS};
 use super::map::{DeviationMap, MapPixel};
 use super::samples::{Sample, Samples, knots, sides_mm};
 use super::thesis;
 use crate::geometry::{Panel, Pixel, Point, median};
 use crate::panel::{Region, TaughtPanel};
 use crate::recipe::{self, FitMethod};
-use crate::words::{apart, fixed};
 use nalgebra::{Point2, Vector3};
 use rayon::prelude::*;
 
-/// Degree along u and v.
-pub(super) const DEGREE: usize = 3;
 /// Tukey's constant: 95 % as efficient as plain least squares on normal noise.
 const TUKEY: f64 = 4.685;
 /// Median of |x| to σ of normal noise.
@@ -37,8 +35,6 @@ const MIN_SCALE_MM: f64 = 0.001;
 const MAX_ROUNDS: usize = 4;
 /// σ has settled when a round lowers it by less than this share.
 const SETTLED: f64 = 0.9;
-/// Fewer pixels in a pair of spans do not determine it.
-const MIN_PIXELS: usize = (DEGREE + 1) * (DEGREE + 1);
 
 /// How far the scan lies from the surface, along its normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -84,92 +80,6 @@ pub struct Refusal {
     pub map: Option<DeviationMap>,
 }
 
-/// Why a scan gives no surface.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum FitError {
-    /// No point of the panel in the region.
-    #[error("the region has no scan points; scan again or move the region")]
-    NoPoints,
-    /// The control points are closer than the scan's.
-    #[error(
-        "a span of {spacing_mm} mm has only {pixels} pixels at ({:.0}, {:.0}) px, needed are {MIN_PIXELS}; raise \
-         [surface] control_spacing_mm", at.u, at.v
-    )]
-    TooFine {
-        /// The recipe's spacing, mm.
-        spacing_mm: f64,
-        /// Pixels in the poorest span.
-        pixels: usize,
-        /// Its middle in the taught picture.
-        at: Pixel,
-    },
-    /// A hole.
-    #[error(
-        "the scan has a hole of {} mm at ({:.0}, {:.0}) px, [surface] max_hole_mm allows {}; scan again or move the region",
-        apart(*size_mm, *limit_mm, 1)[0], at.u, at.v, apart(*size_mm, *limit_mm, 1)[1]
-    )]
-    Hole {
-        /// The middle of the largest square without a point, in the taught picture.
-        at: Pixel,
-        /// Its side, mm.
-        size_mm: f64,
-        /// Side allowed, mm.
-        limit_mm: f64,
-    },
-    /// The thesis's way needs a point where there is none.
-    #[error(
-        "the scan has no point at ({:.0}, {:.0}) px to be a control point; scan again, or set [surface] method = \
-         \"least-squares\"", at.u, at.v
-    )]
-    NoControlPoint {
-        /// Where, in the taught picture.
-        at: Pixel,
-    },
-    /// Too much is missing.
-    #[error(
-        "{} % of the region have no point that fits the surface, [surface] max_missing_percent allows {}",
-        apart(*percent, *limit_percent, 1)[0], apart(*percent, *limit_percent, 1)[1]
-    )]
-    Missing {
-        /// Share found, percent.
-        percent: f64,
-        /// Share allowed, percent.
-        limit_percent: f64,
-    },
-    /// The points do not determine a control point.
-    #[error("the scan does not determine the surface near ({:.0}, {:.0}) px; scan again", at.u, at.v)]
-    Undetermined {
-        /// The control point's place in the taught picture.
-        at: Pixel,
-    },
-    /// The surface turns its back to the camera.
-    #[error("the surface folds at ({:.0}, {:.0}) px: its normal turns away from the camera", at.u, at.v)]
-    Fold {
-        /// Where, in the taught picture.
-        at: Pixel,
-    },
-    /// The deviation is too large.
-    #[error(
-        "the scan lies {} mm rms off the surface, [surface] max_rms_mm allows {}; its noise is {} mm, and a smaller \
-         control_spacing_mm follows a rougher panel", apart(*rms_mm, *limit_mm, 3)[0], apart(*rms_mm, *limit_mm, 3)[1],
-        fixed(*noise_mm, 3)
-    )]
-    PoorFit {
-        /// Deviation, mm.
-        rms_mm: f64,
-        /// Deviation allowed, mm.
-        limit_mm: f64,
-        /// White noise of the scan, mm.
-        noise_mm: f64,
-    },
-    /// The control points make no surface.
-    #[error(transparent)]
-    Surface(#[from] SurfaceError),
-    /// The region makes no knots.
-    #[error(transparent)]
-    Knots(#[from] KnotError),
-}
-
 /// Fits the surface of the panel's region.
 ///
 /// # Errors
@@ -190,7 +100,7 @@ pub fn examine(panel: &TaughtPanel, settings: &recipe::Surface) -> Result<Fit, B
         FitMethod::Thesis => thesis::knots(sides_mm, settings.control_spacing_mm()),
     };
     let samples = Samples::gather(panel, &knots.map_err(|error| early(error.into()))?);
-    let look = Look {
+    let look = FitInputs {
         samples: &samples,
         region: &panel.region,
         viewer: panel.panel_from_camera.origin(),
@@ -202,7 +112,7 @@ pub fn examine(panel: &TaughtPanel, settings: &recipe::Surface) -> Result<Fit, B
 }
 
 /// What one fit looks at.
-struct Look<'a> {
+struct FitInputs<'a> {
     samples: &'a Samples,
     region: &'a Region,
     viewer: Point<Panel>,
@@ -210,7 +120,7 @@ struct Look<'a> {
     settings: &'a recipe::Surface,
 }
 
-impl Look<'_> {
+impl FitInputs<'_> {
     fn fit(&self, panel: &TaughtPanel, seen: &DeviationMap) -> Result<Fit, (FitError, Option<DeviationMap>)> {
         let early = |error| (error, None);
         self.refuse_missing(0).map_err(early)?;

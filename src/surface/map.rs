@@ -1,6 +1,6 @@
 //! The deviation of a fit as a map: where the scan lies before and behind the surface, and where it has holes.
 
-use super::bspline::Parameter;
+use super::derivatives::Parameter;
 use super::samples::Window;
 use crate::geometry::Pixel;
 use crate::panel::Region;

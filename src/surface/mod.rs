@@ -2,12 +2,15 @@
 //!
 //! Raw scan points as control points, as the thesis has it, keep the camera's noise and miss the surface; here the
 //! control points are those whose surface deviates least from the scan, and the deviation is stated. The thesis's own way
-//! can be chosen, to compare. Does not know tools or paths.
+//! can be chosen, to compare. What a disc did to the surface is told of poses alone (`dwell`). Does not know how paths are planned.
 
 mod banded;
 mod basis;
 mod bspline;
+mod derivatives;
+pub mod dwell;
 mod equations;
+mod error;
 mod fit;
 mod map;
 mod patch;
@@ -15,12 +18,16 @@ mod samples;
 #[cfg(test)]
 pub(crate) mod scene;
 mod spans;
+mod spread;
 #[cfg(test)]
 mod tests;
 mod thesis;
 
 pub use basis::{Basis, KnotError, KnotVector, Local, MAX_DEGREE, SpanFunctions};
-pub use bspline::{BSplineSurface, Derivatives, Parameter, SurfaceError, Tangents};
-pub use fit::{Deviation, Fit, FitError, Refusal, examine, fit};
+pub use bspline::{BSplineSurface, SurfaceError};
+pub use derivatives::{Derivatives, Parameter, Tangents};
+pub use error::FitError;
+pub use fit::{Deviation, Fit, Refusal, examine, fit};
 pub use map::{DeviationMap, Holes, MapPixel};
 pub use patch::Patch;
+pub use spread::Spread;

@@ -1,7 +1,7 @@
 //! A grid as a patch of the region's one surface: a box of parameters. Neighbouring grids meet as smoothly as the
 //! surface is, which a surface for each grid, as in the thesis's Fig. 4.22, would not give.
 
-use super::bspline::Parameter;
+use super::derivatives::Parameter;
 use crate::panel::{GridId, Region};
 
 /// A box of parameters.

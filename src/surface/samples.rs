@@ -4,9 +4,9 @@
 //! its ray, hence not its parameter. The knots begin a little outside of the region, so that points beyond its
 //! border, where there are any, hold the surface's edge as well as its middle.
 
-use super::basis::{KnotError, KnotVector, SpanFunctions};
-use super::bspline::Parameter;
-use super::fit::{DEGREE, FitError};
+use super::basis::{DEGREE, KnotError, KnotVector, SpanFunctions};
+use super::derivatives::Parameter;
+use super::error::FitError;
 use crate::geometry::{Pixel, Point};
 use crate::panel::{Region, TaughtPanel};
 use nalgebra::{Point2, Vector3};

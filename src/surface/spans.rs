@@ -5,7 +5,7 @@
 //! stand side by side, as a processor adds them. Serves degrees up to 3.
 
 use super::basis::{KnotVector, SpanFunctions};
-use super::bspline::{Derivatives, Parameter, Tangents};
+use super::derivatives::{Derivatives, Parameter, Tangents};
 use crate::geometry::{Panel, Point, Vector};
 use nalgebra::Vector3;
 

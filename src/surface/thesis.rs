@@ -3,8 +3,8 @@
 //! The scan is too dense for a control point each, so every control point is the scan's point nearest to its Greville
 //! abscissa: the surface then follows the scan, keeps its noise, and cuts every bulge. It is here to compare with.
 
-use super::basis::{KnotError, KnotVector};
-use super::fit::{DEGREE, FitError};
+use super::basis::{DEGREE, KnotError, KnotVector};
+use super::error::FitError;
 use crate::panel::TaughtPanel;
 use nalgebra::{Point2, Vector3};
 

@@ -108,7 +108,7 @@ fn lenses<A: Side>(
             let (own, others) = all.split_at(POSES);
             let found = boards::calibrated_lens(&camera, own);
             let within = |corners: &panelprep::calib::detect::Corners| {
-                let seen = panelprep::calib::Seen::<A::From>::Pixels(corners.clone());
+                let seen = panelprep::calib::BoardObservation::<A::From>::Pixels(corners.clone());
                 let pose = panelprep::calib::board_pose(&found.camera, &seen).expect("a pose").camera_from_board;
                 let off = |&(q, at): &(_, panelprep::geometry::Pixel)| {
                     found.camera.project(pose * q).map(|p| p.distance_px(at))

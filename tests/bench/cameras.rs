@@ -36,7 +36,7 @@ fn expose(pictures: &[Vec<u8>], exposure: u64, pixels: &mut [u8]) {
 fn run(span: Duration) -> Result<(), String> {
     let cell = sim::Cell::new(1, sim::Scene::Good, 1);
     let views = cell.corner_views();
-    let render = |view: &sim::CornerView| cell.flange_picture(&view.base_from_flange, sim::Place::Nominal);
+    let render = |view: &sim::CornerView| cell.flange_picture(&view.base_from_flange, sim::PanelPosition::Nominal);
     let pictures: Vec<Vec<u8>> = views.iter().map(|view| mosaic(&render(view), FORMAT)).collect();
     let size_px = [cell.flange_camera().width_px, cell.flange_camera().height_px];
     println!(

@@ -1,12 +1,15 @@
-//! The water-break test on rendered clips of many seeds with everything that makes a film hard to read, on damaged clips,
-//! its speed and its memory. `cargo bench --bench inspect -- [clips] [damage] [speed] [memory] [seeds=1-64] [reduction=1]
-//! [observed_s=20] [kind=clean]`: no part named is all of them.
+//! The water-break test on rendered clips of many seeds with everything that makes a film hard to read, on clips of a second
+//! renderer, by optics, on damaged clips, its speed and its memory. `cargo bench --bench inspect -- [clips] [optics] [damage]
+//! [speed] [memory] [seeds=1-64] [reduction=1] [observed_s=20] [kind=clean]`: no part named is all of them; optics takes seeds
+//! 1 to 60 where none are given.
 //! `INSPECT` holds more lines for the recipe's table, `PICTURES` a folder for what was found.
 
 #[path = "inspect/clips.rs"]
 mod clips;
 #[path = "inspect/damage.rs"]
 mod damage;
+#[path = "inspect/optics/mod.rs"]
+mod optics;
 #[path = "inspect/speed.rs"]
 mod speed;
 #[path = "inspect/tally.rs"]
@@ -20,10 +23,14 @@ fn main() {
     let [first, last] = [first, last].map(|seed| seed.parse::<u64>().expect("a seed"));
     let (reduction, observed_s) = (number("reduction", 1.0) as usize, number("observed_s", 20.0));
     let named = |part: &str| arguments.iter().any(|argument| argument == part);
-    let all = !["clips", "damage", "speed", "memory"].into_iter().any(named);
+    let all = !["clips", "optics", "damage", "speed", "memory"].into_iter().any(named);
     if all || named("clips") {
         let kind = value("kind").map(str::to_owned);
         clips::run(&clips::Extent { seeds: first..=last, reduction, observed_s, kind });
+    }
+    if all || named("optics") {
+        let seeds = if value("seeds").is_some() { first..=last } else { 1..=60 };
+        optics::run(seeds, reduction, observed_s, value("kind"));
     }
     if all || named("damage") {
         damage::run(last.min(4), reduction);

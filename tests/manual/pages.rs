@@ -123,7 +123,7 @@ fn the_pages_name_no_command_that_is_not_there() {
             && wrong("panelprep shoot --fast", &program).is_some()
     );
     let (mut seen, mut found) = (0, Vec::new());
-    for name in names().iter().map(String::as_str).chain(["README.md"]) {
+    for name in names().iter().map(String::as_str).chain(["README.md", "../trial.md"]) {
         let text = fs::read_to_string(folder().join(name)).expect("a page");
         let typed = steps(&text).into_iter().filter_map(|step| match step {
             Step::Command(line) => Some(line),

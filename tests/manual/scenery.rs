@@ -123,7 +123,7 @@ impl Scenery {
                 let shot = BoardShot { index: number, base_from_flange: flange, camera_from_board };
                 self.targets.picture(&camera, &shot).to_color()
             }
-            Stands::Nominal => self.nominal.flange_picture(&flange, sim::Place::Nominal),
+            Stands::Nominal => self.nominal.flange_picture(&flange, sim::PanelPosition::Nominal),
             Stands::Panel(world) => {
                 let taken = self.cameras(world).and_then(|mut cameras| cameras.1.capture().ok());
                 taken.map_or_else(|| black().to_color(), |taken| taken.picture)

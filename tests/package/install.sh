@@ -60,7 +60,7 @@ owner=$(awk -F: '$1 == "panelprep" { print $3 ":" $4 }' "$root/etc/passwd")
 grep -q 'panelprep new cell' "$root/told" || wrong 'nobody is told what to do next'
 for file in usr/bin/panelprep usr/lib/systemd/system/panelprep.service usr/share/panelprep/cell-example.toml \
     usr/share/panelprep/kuka/cell_submit.src usr/share/panelprep/kuka/CELLCMD.xml usr/share/man/man1/panelprep-restore.1.gz \
-    usr/share/doc/panelprep/manual/install.md usr/share/doc/panelprep/manual/drawing.png \
+    usr/share/doc/panelprep/trial.md usr/share/doc/panelprep/manual/install.md usr/share/doc/panelprep/manual/drawing.png \
     usr/share/bash-completion/completions/panelprep usr/share/doc/panelprep/copyright; do
     [ -s "$root/$file" ] || wrong "no $file"
 done

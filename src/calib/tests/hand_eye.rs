@@ -1,6 +1,6 @@
 //! Many poses, both mounts, on synthetic corners.
 
-use crate::calib::{Arrangement, Board, Fault, HandEye, Seen, Station, hand_eye::hand_eye};
+use crate::calib::{Arrangement, Board, BoardObservation, Fault, HandEye, Station, hand_eye::hand_eye};
 use crate::cell::{FlangeCameraMount, LensCovariance, ScannerMount};
 use crate::geometry::{Camera, Flange, FlangeCamera, KukaPose, PinholeCamera, Point, Rigid};
 use crate::sim::{BoardCell, BoardPrint, BoardShot, RobotNoise};
@@ -26,7 +26,7 @@ fn stations<C: crate::geometry::Frame>(
         .map(|shot| Station {
             name: format!("{:02}.png", shot.index + 1),
             base_from_flange: shot.base_from_flange,
-            seen: Seen::Pixels(cell.corners(camera, shot, NOISE_PX)),
+            seen: BoardObservation::Pixels(cell.corners(camera, shot, NOISE_PX)),
         })
         .collect()
 }
@@ -105,7 +105,7 @@ fn a_pose_within_an_arms_own_scatter_is_not_wrong() {
     let suspects = |off_mm: f64| {
         let mut stations = fixed(&cell, 12);
         for (station, shot) in stations.iter_mut().zip(cell.fixed_shots(12)) {
-            station.seen = Seen::Pixels(cell.corners(&camera, &shot, 0.004));
+            station.seen = BoardObservation::Pixels(cell.corners(&camera, &shot, 0.004));
         }
         let off = nalgebra::Isometry3::translation(off_mm, 0.0, 0.0);
         stations[7].base_from_flange = stations[7].base_from_flange * Rigid::<Flange, Flange>::claim(off);
@@ -191,7 +191,7 @@ fn swapped_pictures_name_each_other() {
 fn a_board_seen_upside_down_is_named() {
     let cell = cell(6, GOOD_ROBOT);
     let mut stations = fixed(&cell, 15);
-    let Seen::Pixels(corners) = &mut stations[9].seen else { panic!("pixels") };
+    let BoardObservation::Pixels(corners) = &mut stations[9].seen else { panic!("pixels") };
     let mut pixels: Vec<_> = corners.iter().map(|(_, pixel)| *pixel).collect();
     pixels.reverse();
     corners.iter_mut().zip(pixels).for_each(|(corner, pixel)| corner.1 = pixel);
@@ -257,7 +257,7 @@ fn measured_points_give_a_second_result() {
             Station {
                 name: shot.index.to_string(),
                 base_from_flange: shot.base_from_flange,
-                seen: Seen::Points(corners.iter().map(point).enumerate().map(off).collect()),
+                seen: BoardObservation::Points(corners.iter().map(point).enumerate().map(off).collect()),
             }
         })
         .collect();

@@ -113,7 +113,7 @@ fn new_pictures_lie_within_what_is_stated() {
         let found = calibrate(size(&lens), &views, Options::default()).expect("a lens");
         for view in pictures(&lens, seed + 100, 10, 0.5, 700.0) {
             let corners = &view.corners;
-            let seen = crate::calib::Seen::<Camera>::Pixels(corners.clone());
+            let seen = crate::calib::BoardObservation::<Camera>::Pixels(corners.clone());
             let pose = crate::calib::board_pose(&found.camera, &seen).expect("a pose").camera_from_board;
             for (q, pixel) in corners {
                 let off_px = found.camera.project(pose * *q).expect("in front").distance_px(*pixel);

@@ -1,7 +1,7 @@
 //! Three touched points, both mounts.
 
 use crate::calib::three_points::{Touched, three_points};
-use crate::calib::{Board, CalibError, Seen, gate};
+use crate::calib::{Board, BoardObservation, CalibError, gate};
 use crate::cell::{FlangeCameraMount, ScannerMount};
 use crate::geometry::{Base, Board as BoardFrame, Point, Rigid};
 use crate::sim::{BoardCell, BoardPrint, RobotNoise};
@@ -38,7 +38,7 @@ fn the_mount_comes_back() {
     let cell = cell();
     let (camera, shot) = (cell.scanner(), cell.fixed_shots(1)[0]);
     let base_from_board = cell.base_from_camera() * shot.camera_from_board;
-    let seen = Seen::Pixels(cell.corners(&camera, &shot, 0.0));
+    let seen = BoardObservation::Pixels(cell.corners(&camera, &shot, 0.0));
     for corners in [board().corners_to_touch(), [(8, 5), (0, 4), (3, 0), (0, 0)]] {
         let touched = touched(&cell, &base_from_board, &corners, 0.0);
         let found = three_points::<ScannerMount>(&camera, &board(), &seen, &touched, None).expect("calibrated");
@@ -48,7 +48,7 @@ fn the_mount_comes_back() {
         assert_eq!(gate::three_points(&found, None).verdict, Verdict::Accept);
     }
     let (camera, shot) = (cell.flange_camera(), cell.flange_shots(1)[0]);
-    let seen = Seen::Pixels(cell.corners(&camera, &shot, 0.0));
+    let seen = BoardObservation::Pixels(cell.corners(&camera, &shot, 0.0));
     let touched = touched(&cell, &cell.base_from_board(), &board().corners_to_touch()[..3], 0.0);
     let flange = Some(shot.base_from_flange);
     let found = three_points::<FlangeCameraMount>(&camera, &board(), &seen, &touched, flange).expect("calibrated");
@@ -64,7 +64,7 @@ fn a_wrong_origin_shows_in_the_rough_mount_and_a_wrong_corner_in_the_distances()
     let cell = cell();
     let (camera, shot) = (cell.scanner(), cell.fixed_shots(1)[0]);
     let base_from_board = cell.base_from_camera() * shot.camera_from_board;
-    let seen = Seen::Pixels(cell.corners(&camera, &shot, 0.0));
+    let seen = BoardObservation::Pixels(cell.corners(&camera, &shot, 0.0));
     let mut turned = touched(&cell, &base_from_board, &[(8, 5), (0, 5), (0, 0)], 0.0);
     for (touched, corner) in turned.iter_mut().zip([(0, 0), (8, 0), (8, 5)]) {
         touched.corner = corner;
@@ -88,7 +88,7 @@ fn points_that_make_no_frame_are_refused() {
     let cell = cell();
     let (camera, shot) = (cell.scanner(), cell.fixed_shots(1)[0]);
     let base_from_board = cell.base_from_camera() * shot.camera_from_board;
-    let seen = Seen::Pixels(cell.corners(&camera, &shot, 0.0));
+    let seen = BoardObservation::Pixels(cell.corners(&camera, &shot, 0.0));
     let refused = |corners: &[(usize, usize)]| {
         let touched = touched(&cell, &base_from_board, corners, 0.0);
         let error = three_points::<ScannerMount>(&camera, &board(), &seen, &touched, None).expect_err("refused");

@@ -11,7 +11,7 @@ use super::{date, files, keep, provenance};
 use crate::calib::detect::Detected;
 use crate::calib::hand_eye::{MIN_STATIONS, hand_eye};
 use crate::calib::turned::same_way_round;
-use crate::calib::{Arrangement, Board, CalibError, HandEye, Seen, Station, gate, next_pose};
+use crate::calib::{Arrangement, Board, BoardObservation, CalibError, HandEye, Station, gate, next_pose};
 use crate::cell::{Cell, FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
 use crate::geometry::{Base, Camera, Frame, KukaPose, PinholeCamera, Point, Rigid};
 use crate::verdict::{Judgement, Reason};
@@ -26,7 +26,7 @@ pub trait Mounted: Arrangement {
     fn rough(cell: &Cell) -> Option<Rigid<Self::To, Self::From>>;
 
     /// Points of a 3D camera as this mount's camera sees them.
-    fn points(seen: Seen<Camera>) -> Option<Seen<Self::From>>;
+    fn points(seen: BoardObservation<Camera>) -> Option<BoardObservation<Self::From>>;
 
     /// A point of the base as the camera sees it, where the camera stands still.
     fn seen_from(mount: &Rigid<Self::To, Self::From>, point: Point<Base>) -> Option<Point<Self::From>>;
@@ -37,7 +37,7 @@ impl Mounted for ScannerMount {
         cell.rough().base_from_camera
     }
 
-    fn points(seen: Seen<Camera>) -> Option<Seen<Camera>> {
+    fn points(seen: BoardObservation<Camera>) -> Option<BoardObservation<Camera>> {
         Some(seen)
     }
 
@@ -51,7 +51,7 @@ impl Mounted for FlangeCameraMount {
         cell.rough().flange_from_camera
     }
 
-    fn points(_: Seen<Camera>) -> Option<Seen<Self::From>> {
+    fn points(_: BoardObservation<Camera>) -> Option<BoardObservation<Self::From>> {
         None
     }
 
@@ -102,7 +102,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         looks.iter_mut().map(|look| (look.base_from_flange, &mut look.detected.corners)).collect();
     same_way_round::<A>(&camera, &board, &mut pictures).map_err(Fault::stage)?;
     let stations: Vec<Station<A::From>> =
-        looks.iter().map(|look| station(look, Seen::Pixels(look.detected.corners.clone()))).collect();
+        looks.iter().map(|look| station(look, BoardObservation::Pixels(look.detected.corners.clone()))).collect();
     progress("mount");
     let calibrated =
         |stations: &[Station<A::From>], at| hand_eye::<A>(&camera, &board, stations, at).map_err(Fault::stage);
@@ -177,9 +177,9 @@ fn refused(error: &CalibError, out: &Path) -> Outcome {
 }
 
 /// The corners as the 3D camera measured them, where it measured most of them.
-fn points_of<A: Mounted>(look: &Look, camera: &PinholeCamera) -> Option<Seen<A::From>> {
+fn points_of<A: Mounted>(look: &Look, camera: &PinholeCamera) -> Option<BoardObservation<A::From>> {
     let seen = look.sight.measured(camera, &look.detected)?;
-    let Seen::Points(points) = &seen else { return None };
+    let BoardObservation::Points(points) = &seen else { return None };
     if 2 * points.len() < look.detected.corners.len() {
         return None;
     }
@@ -190,7 +190,7 @@ fn pose_of<A: Arrangement>(found: &HandEye<A>) -> KukaPose {
     KukaPose::from_rigid(&found.adjusted.to_from_camera)
 }
 
-fn station<C: Frame>(look: &Look, seen: Seen<C>) -> Station<C> {
+fn station<C: Frame>(look: &Look, seen: BoardObservation<C>) -> Station<C> {
     Station { name: look.sight.name.clone(), base_from_flange: look.base_from_flange, seen }
 }
 

@@ -3,7 +3,7 @@
 //! A rejected calibration writes nothing; one under review is written, with its doubts told.
 
 pub mod args;
-mod date;
+pub mod date;
 mod files;
 mod hand_eye;
 mod history;

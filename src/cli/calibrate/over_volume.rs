@@ -12,8 +12,8 @@ use super::in_use::InUse;
 use super::sight::Sight;
 use super::target::Target;
 use super::{files, verify};
-use crate::calib::health::{self, Look};
-use crate::calib::{CalibError, Seen, board_pose};
+use crate::calib::health::{self, BoardMeasurement};
+use crate::calib::{BoardObservation, CalibError, board_pose};
 use crate::geometry::FlangeCamera;
 use crate::report::{self, Left};
 use rayon::prelude::*;
@@ -62,12 +62,12 @@ pub fn run(
         {
             return aside(reason.message);
         }
-        let found = match board_pose::<FlangeCamera>(&lens.value, &Seen::Pixels(detected.corners)) {
+        let found = match board_pose::<FlangeCamera>(&lens.value, &BoardObservation::Pixels(detected.corners)) {
             Ok(found) => found,
             Err(error) => return aside(error.to_string()),
         };
         let base_from_board = base_from_flange * mount.value * found.camera_from_board;
-        let look = Look { base_from_board, pnp_rms_px: found.rms, measured_square_mm: None };
+        let look = BoardMeasurement { base_from_board, pnp_rms_px: found.rms, measured_square_mm: None };
         if let Some(reason) = health::no_look_at(&target.base_from_board, &look, &target.board) {
             return aside(reason.message);
         }

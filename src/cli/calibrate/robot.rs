@@ -12,7 +12,7 @@ use crate::calib::robot::{
     self, ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, Touched,
 };
 use crate::calib::turned::same_way_round;
-use crate::calib::{Arrangement, CalibError, Seen, Station, arm_errors, board_pose, gate, robot_next};
+use crate::calib::{Arrangement, BoardObservation, CalibError, Station, arm_errors, board_pose, gate, robot_next};
 use crate::cell::{ArmGeometry, Cell, FlangeCameraMount, RobotCorrection, ScannerMount};
 use crate::geometry::{Camera, PinholeCamera};
 use rayon::prelude::*;
@@ -138,7 +138,7 @@ fn touches(args: &Args, file: &Path, data: &RobotData, cameras: &[PinholeCamera]
                     None => {
                         let sight = Sight::read(&folder.join(&image), &cameras[rig])?;
                         let found = sight.detect(&board, super::window(&args.board)).map_err(Fault::stage)?;
-                        let seen = board_pose::<Camera>(&cameras[rig], &Seen::Pixels(found.corners));
+                        let seen = board_pose::<Camera>(&cameras[rig], &BoardObservation::Pixels(found.corners));
                         let seen = seen.map_err(Fault::stage)?.camera_from_board;
                         looked.insert(image, seen);
                         seen
@@ -202,7 +202,7 @@ fn start<A: Arrangement>(
         .map(|look| Station {
             name: look.sight.name.clone(),
             base_from_flange: look.pose.base_from_flange,
-            seen: Seen::Pixels(look.corners.clone()),
+            seen: BoardObservation::Pixels(look.corners.clone()),
         })
         .collect();
     if stations.len() < MIN_STATIONS {

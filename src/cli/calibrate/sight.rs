@@ -3,7 +3,7 @@
 use super::super::disk;
 use super::super::fault::Fault;
 use crate::calib::detect::{self, Detected};
-use crate::calib::{Board, CalibError, Seen};
+use crate::calib::{Board, BoardObservation, CalibError};
 use crate::files;
 use crate::geometry::{Camera, ColorPicture, GrayPicture, OrganizedCloud, PinholeCamera};
 use std::path::Path;
@@ -63,7 +63,7 @@ impl Sight {
     }
 
     /// The corners as the 3D camera measured them; `None` for a picture.
-    pub fn measured(&self, camera: &PinholeCamera, detected: &Detected) -> Option<Seen<Camera>> {
+    pub fn measured(&self, camera: &PinholeCamera, detected: &Detected) -> Option<BoardObservation<Camera>> {
         self.cloud.as_ref().map(|cloud| detect::measured(cloud, camera, &detected.corners))
     }
 

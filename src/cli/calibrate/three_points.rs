@@ -11,7 +11,7 @@ use super::in_use::InUse;
 use super::sight::Sight;
 use super::{date, files, keep, provenance};
 use crate::calib::three_points::{ThreePoints, three_points};
-use crate::calib::{CalibError, Seen, gate};
+use crate::calib::{BoardObservation, CalibError, gate};
 use crate::cell::{FlangeCameraMount, MountedPose, ScannerMount};
 use crate::geometry::KukaPose;
 use crate::report;
@@ -64,7 +64,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         outcome.put("corners", json!(to_touch));
         return Ok(outcome);
     };
-    let seen = Seen::Pixels(detected.corners.clone());
+    let seen = BoardObservation::Pixels(detected.corners.clone());
     let found = three_points::<A>(&camera, &board, &seen, &points.touched, points.base_from_flange);
     let found = found.map_err(Fault::stage)?;
     let rough = cell(common)?.as_ref().and_then(A::rough);

@@ -10,8 +10,8 @@ use super::over_volume;
 use super::sight::Sight;
 use super::target::Target;
 use super::{date, files, provenance, taught_corner, tips};
-use crate::calib::health::{self, Demands, Look, Verification};
-use crate::calib::{Board, CalibError, Seen, board_pose};
+use crate::calib::health::{self, BoardMeasurement, Demands, Verification};
+use crate::calib::{Board, BoardObservation, CalibError, board_pose};
 use crate::cell::{BoardSize, MountedPose, TargetMount};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose};
 use crate::report::{self, Left};
@@ -23,7 +23,7 @@ use std::path::Path;
 
 /// What a picture of the board says, through the calibrations in use.
 struct Looked {
-    look: Look,
+    look: BoardMeasurement,
     /// Why nothing may be measured where it shows the board.
     outside: Option<Reason>,
     picture_hash: String,
@@ -58,11 +58,13 @@ fn look(
     let outside = health::outside_of_lens(&camera.extent, seen.iter().map(|(_, pixel)| *pixel));
     let (base_from_board, pnp_rms_px) = match base_from_flange {
         None => {
-            let pose = board_pose::<Camera>(&camera.value, &Seen::Pixels(seen)).map_err(Fault::stage)?;
+            let pose =
+                board_pose::<Camera>(&camera.value, &BoardObservation::Pixels(seen)).map_err(Fault::stage)?;
             (files.base_from_camera()?.value * pose.camera_from_board, pose.rms)
         }
         Some(base_from_flange) => {
-            let pose = board_pose::<FlangeCamera>(&camera.value, &Seen::Pixels(seen)).map_err(Fault::stage)?;
+            let pose =
+                board_pose::<FlangeCamera>(&camera.value, &BoardObservation::Pixels(seen)).map_err(Fault::stage)?;
             (base_from_flange * files.flange_from_camera()?.value * pose.camera_from_board, pose.rms)
         }
     };
@@ -72,7 +74,7 @@ fn look(
         CameraName::Scanner => calibration_hash(&texts),
         CameraName::FlangeCamera => files.hash_with_arm(&texts),
     };
-    let look = Look { base_from_board, pnp_rms_px, measured_square_mm };
+    let look = BoardMeasurement { base_from_board, pnp_rms_px, measured_square_mm };
     Ok(Looked { look, outside, picture_hash: sight.hash, calibration_hash })
 }
 

@@ -12,7 +12,7 @@ use crate::files;
 use crate::geometry::{Base, ColorPicture, Flange, Rigid};
 use crate::page::Local;
 use crate::page::drawing::{self, Sheet};
-use crate::sim::{self, Place};
+use crate::sim::{self, PanelPosition};
 use std::path::{Path, PathBuf};
 
 /// The same command with files that are there: those that it names, or those that were taken.
@@ -135,5 +135,5 @@ fn corners(
 fn seen(world: &sim::Cell, index: usize) -> Result<(ColorPicture, Option<Rigid<Base, Flange>>), Fault> {
     let views = world.corner_views();
     let view = views.get(index).ok_or(Fault::NoWorld)?;
-    Ok((world.flange_picture(&view.base_from_flange, Place::Nominal), Some(view.base_from_flange)))
+    Ok((world.flange_picture(&view.base_from_flange, PanelPosition::Nominal), Some(view.base_from_flange)))
 }

@@ -1,7 +1,8 @@
 //! Cameras that the service has, as a command uses them.
 
-use super::super::protocol::{Reply, Wish};
-use super::{AT_WORK, Sent, ShotWish};
+use super::super::protocol::{Reply, request_line};
+use super::super::request::What;
+use super::{AT_WORK, Sent, ShotRequest};
 use crate::devices::cameras::{
     CameraError, Conditions, FlangeCamera, FlangePicture, Picture, Scanner, Shot, Which,
 };
@@ -55,13 +56,11 @@ fn failed(problem: impl std::fmt::Display) -> CameraError {
 }
 
 /// Asks for shots.
-fn ask(socket: &PathBuf, shot: ShotWish) -> Result<Connection, CameraError> {
+fn ask(socket: &PathBuf, shot: ShotRequest) -> Result<Connection, CameraError> {
     let mut stream = UnixStream::connect(socket).map_err(failed)?;
     stream.set_read_timeout(Some(PATIENCE)).map_err(failed)?;
     stream.set_write_timeout(Some(PATIENCE)).map_err(failed)?;
-    let mut line = serde_json::to_vec(&Wish::Shoot { shot }).map_err(failed)?;
-    line.push(b'\n');
-    stream.write_all(&line).map_err(failed)?;
+    stream.write_all(request_line(&What::Shoot(shot)).map_err(failed)?.as_bytes()).map_err(failed)?;
     Ok(BufReader::new(stream))
 }
 
@@ -121,7 +120,7 @@ fn unexpected(sent: &Sent) -> CameraError {
 impl Scanner for BorrowedScanner {
     fn capture_3d(&mut self) -> Result<Shot, CameraError> {
         self.film = None;
-        let mut connection = ask(&self.socket, ShotWish::Scan)?;
+        let mut connection = ask(&self.socket, ShotRequest::Scan)?;
         match head(&mut connection)? {
             Sent::Scan { bytes, time_s, conditions } => {
                 self.conditions = conditions;
@@ -135,7 +134,7 @@ impl Scanner for BorrowedScanner {
 
     fn capture_2d(&mut self) -> Result<Picture, CameraError> {
         self.film = None;
-        let mut connection = ask(&self.socket, ShotWish::Picture)?;
+        let mut connection = ask(&self.socket, ShotRequest::Picture)?;
         match head(&mut connection)? {
             Sent::Picture { width_px, height_px, time_s, conditions } => {
                 self.conditions = conditions;
@@ -147,7 +146,7 @@ impl Scanner for BorrowedScanner {
 
     fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError> {
         self.film = None;
-        let mut connection = ask(&self.socket, ShotWish::Film { pictures_per_second })?;
+        let mut connection = ask(&self.socket, ShotRequest::Film { pictures_per_second })?;
         match head(&mut connection)? {
             Sent::Began { time_s } => {
                 self.film = Some(connection);
@@ -192,7 +191,7 @@ impl Scanner for BorrowedScanner {
 
 impl FlangeCamera for BorrowedFlangeCamera {
     fn capture(&mut self) -> Result<FlangePicture, CameraError> {
-        let mut connection = ask(&self.socket, ShotWish::Corner)?;
+        let mut connection = ask(&self.socket, ShotRequest::Corner)?;
         match head(&mut connection)? {
             Sent::Picture { width_px, height_px, time_s, conditions } => {
                 self.conditions = conditions;

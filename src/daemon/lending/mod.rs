@@ -37,7 +37,7 @@ use std::time::{Duration, Instant};
 /// What may be asked of the cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
-pub enum ShotWish {
+pub enum ShotRequest {
     /// A scan of the 3D camera.
     Scan,
     /// A colour picture of the 3D camera.
@@ -51,14 +51,14 @@ pub enum ShotWish {
     },
 }
 
-impl ShotWish {
+impl ShotRequest {
     /// What is asked for, in a word.
     pub fn word(self) -> &'static str {
         match self {
-            ShotWish::Scan => "a scan",
-            ShotWish::Picture => "a picture",
-            ShotWish::Corner => "a picture of the flange camera",
-            ShotWish::Film { .. } => "a film",
+            ShotRequest::Scan => "a scan",
+            ShotRequest::Picture => "a picture",
+            ShotRequest::Corner => "a picture of the flange camera",
+            ShotRequest::Film { .. } => "a film",
         }
     }
 }

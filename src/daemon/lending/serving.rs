@@ -1,6 +1,6 @@
 //! One connection that asks for shots.
 
-use super::{Lent, Sent, SharedCameras, ShotWish};
+use super::{Lent, Sent, SharedCameras, ShotRequest};
 use crate::devices::cameras::{CameraError, Conditions};
 use crate::files;
 use crate::geometry::ColorPicture;
@@ -43,7 +43,7 @@ impl From<CameraError> for Broken {
 }
 
 /// Takes what is asked for and sends it, until the client has enough or the cell no longer rests.
-pub fn serve(mut stream: UnixStream, wish: ShotWish, cameras: &SharedCameras) {
+pub fn serve(mut stream: UnixStream, wish: ShotRequest, cameras: &SharedCameras) {
     let sent = shots(&mut stream, wish, cameras);
     if let Err(Broken::Told(reasons)) = sent {
         // Whoever hung up does not want to know.
@@ -51,13 +51,13 @@ pub fn serve(mut stream: UnixStream, wish: ShotWish, cameras: &SharedCameras) {
     }
 }
 
-fn shots(stream: &mut UnixStream, wish: ShotWish, cameras: &SharedCameras) -> Result<(), Broken> {
+fn shots(stream: &mut UnixStream, wish: ShotRequest, cameras: &SharedCameras) -> Result<(), Broken> {
     stream.set_nonblocking(false)?;
     stream.set_write_timeout(Some(CLIENT_PATIENCE))?;
     stream.set_read_timeout(Some(GLANCE))?;
     let lent = cameras.lend()?;
     match wish {
-        ShotWish::Scan => {
+        ShotRequest::Scan => {
             let (shot, conditions) = {
                 let cameras = &mut lent.cameras()?.cameras;
                 (cameras.scanner.capture_3d()?, cameras.scanner.conditions())
@@ -66,21 +66,21 @@ fn shots(stream: &mut UnixStream, wish: ShotWish, cameras: &SharedCameras) -> Re
             head(stream, &Sent::Scan { bytes: pcd.len(), time_s: shot.time_s, conditions })?;
             stream.write_all(&pcd)?;
         }
-        ShotWish::Picture => {
+        ShotRequest::Picture => {
             let (shot, conditions) = {
                 let cameras = &mut lent.cameras()?.cameras;
                 (cameras.scanner.capture_2d()?, cameras.scanner.conditions())
             };
             picture(stream, &shot.picture, (shot.time_s, conditions))?;
         }
-        ShotWish::Corner => {
+        ShotRequest::Corner => {
             let (shot, conditions) = {
                 let cameras = &mut lent.cameras()?.cameras;
                 (cameras.flange.capture()?, cameras.flange.conditions())
             };
             picture(stream, &shot.picture, (shot.time_s, conditions))?;
         }
-        ShotWish::Film { pictures_per_second } => film(stream, pictures_per_second, &lent)?,
+        ShotRequest::Film { pictures_per_second } => film(stream, pictures_per_second, &lent)?,
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! Both ends of a connection that asks for shots, between them a real socket.
 
-use super::super::protocol::Wish;
+use super::super::protocol::read_request;
+use super::super::request::What;
 use super::super::tests::standing_state;
 use super::*;
 use crate::cycle::{At, Phase, State};
@@ -103,7 +104,7 @@ impl Bench {
                 let stream = stream.expect("a connection");
                 let mut line = String::new();
                 BufReader::new(&stream).read_line(&mut line).expect("a line");
-                let Ok(Wish::Shoot { shot }) = Wish::read(line.as_bytes()) else { panic!("{line}") };
+                let Ok(What::Shoot(shot)) = read_request(line.as_bytes()) else { panic!("{line}") };
                 let cameras = cameras.clone();
                 thread::spawn(move || serve(stream, shot, &cameras));
             }

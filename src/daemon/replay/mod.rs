@@ -5,6 +5,7 @@
 //! answers each call with what came then, and notes where the loop now does something else (`difference`).
 
 mod difference;
+mod form;
 mod player;
 mod queue;
 mod taped;
@@ -17,7 +18,7 @@ pub use difference::Difference;
 pub use player::{Played, Player};
 pub use queue::{RECORDING_FLOOR_MB, Recorded, Recording, Stands, too_full};
 pub use taped::Taped;
-pub use taping::{Taping, ToRecord, free_mb, recording_file, recordings};
+pub use taping::{RecordingPlan, RecordingSwitch, free_mb, recording_file, recordings};
 
 use super::ports::{Kept, SightError};
 use crate::cycle::{Motion, Outcome};

@@ -6,16 +6,18 @@
 //! makes another call, or none, the two have parted, and the replay ends there.
 
 use super::super::ports::{
-    Ask, Eyes, Figure, Finding, Journal, Kept, Picture2d, Record, RecordError, Requests, Robot, SightError,
+    Eyes, Figure, Finding, Journal, Kept, Picture2d, Record, RecordError, Requests, Robot, SightError,
 };
+use super::super::request::{Request, What};
 use super::difference::{Difference, differences, short};
 use super::{Blind, Seen, told};
-use crate::cycle::{Event, Id, Motion, Outcome, Refusal, Request, State};
+use crate::cycle::{self, Event, Id, Motion, Outcome, Refusal, State};
 use crate::eki::{Command, CommandId, Epoch, MoveLin, QueueError, Report, Time};
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use crate::phase::Phase;
-use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass};
+use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass, Front, Who};
 use crate::store::CycleStart;
+use crate::supervision::ThreadFault;
 use crate::tape::{Entry, Shot, TapeError, Topic};
 use crate::verdict::{Reason, Verdict};
 use serde::de::DeserializeOwned;
@@ -197,7 +199,10 @@ impl Deck<'_> {
         }
         let entry = self.take(cameras)?;
         let (recorded, now) = match topic {
-            Topic::Finding => (super::timeless(entry.said.clone()), super::timeless(said.clone())),
+            Topic::Finding => {
+                let now = super::form::in_form_of(&entry.said, said.clone());
+                (super::timeless(entry.said.clone()), super::timeless(now))
+            }
             _ => (entry.said.clone(), said.clone()),
         };
         let at_s = self.at_s();
@@ -437,7 +442,8 @@ impl Journal for Player<'_> {
 }
 
 impl Requests for Player<'_> {
-    fn next(&mut self, _: &State) -> Ask {
+    fn next(&mut self, _: &State) -> Result<Option<Request>, ThreadFault> {
+        let request = |what| Ok(Some(Request::new(what, Who::by(Front::Program))));
         {
             let mut deck = self.0.borrow_mut();
             deck.rounds += 1;
@@ -446,17 +452,17 @@ impl Requests for Player<'_> {
             }
             if deck.parted {
                 // Its journal refuses it, and so ends the loop.
-                return Ask::For(Request::Abort);
+                return request(What::Table(cycle::Request::Abort));
             }
         }
         match self.heard::<Value>(Topic::Request) {
-            None => Ask::Nothing,
-            Some(Value::String(word)) if word == "leave" => Ask::Leave,
-            Some(Value::String(word)) if word == "new_disc" => Ask::NewDisc,
+            None => Ok(None),
+            Some(Value::String(word)) if word == "leave" => request(What::Leave),
+            Some(Value::String(word)) if word == "new_disc" => request(What::NewDisc),
             Some(mut asked) => {
-                let request = asked.get_mut("for").map(Value::take).unwrap_or_default();
-                let mut deck = self.0.borrow_mut();
-                deck.understood(Topic::Request, request).map_or(Ask::Nothing, Ask::For)
+                let asked = asked.get_mut("for").map(Value::take).unwrap_or_default();
+                let asked = self.0.borrow_mut().understood(Topic::Request, asked);
+                asked.map_or(Ok(None), |asked| request(What::Table(asked)))
             }
         }
     }
@@ -472,7 +478,7 @@ impl Requests for Player<'_> {
         taken.is_some()
     }
 
-    fn refused(&mut self, request: Request, refusal: Refusal) {
+    fn refused(&mut self, request: cycle::Request, refusal: Refusal) {
         let said = json!({ "refused": [told(&request), told(&refusal)] });
         let _: Option<Value> = self.call(Topic::Request, said);
     }

@@ -1,15 +1,17 @@
 //! The ports with a tape beside them: each call goes through as it is, and is written down while there is taping.
 
 use super::super::ports::{
-    Ask, Eyes, Figure, Finding, Journal, Kept, Picture2d, Record, RecordError, Requests, Robot, SightError,
+    Eyes, Figure, Finding, Journal, Kept, Picture2d, Record, RecordError, Requests, Robot, SightError,
 };
-use super::{Blind, Seen, Taping, told};
-use crate::cycle::{Event, Id, Motion, Outcome, Refusal, Request, State};
+use super::super::request::{Request, What};
+use super::{Blind, RecordingSwitch, Seen, told};
+use crate::cycle::{self, Event, Id, Motion, Outcome, Refusal, State};
 use crate::eki::{Command, CommandId, Epoch, MoveLin, QueueError, Report, Time};
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use crate::phase::Phase;
-use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass, Who};
+use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass};
 use crate::store::CycleStart;
+use crate::supervision::ThreadFault;
 use crate::tape::{Begin, Entry, Shot, Topic};
 use crate::verdict::{Reason, Verdict};
 use serde::Serialize;
@@ -20,12 +22,12 @@ use std::sync::Arc;
 /// A port that can be taped.
 pub struct Taped<P> {
     port: P,
-    taping: Taping,
+    taping: RecordingSwitch,
 }
 
 impl<P> Taped<P> {
     /// This port, taped while there is taping.
-    pub fn new(port: P, taping: Taping) -> Self {
+    pub fn new(port: P, taping: RecordingSwitch) -> Self {
         Taped { port, taping }
     }
 
@@ -332,29 +334,27 @@ impl<P: DerefMut<Target: Journal>> Journal for Taped<P> {
 }
 
 impl<P: DerefMut<Target: Requests>> Requests for Taped<P> {
-    fn next(&mut self, state: &State) -> Ask {
+    fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         self.taping.listens();
-        let mut ask = self.port.next(state);
-        let heard = match &mut ask {
-            Ask::Nothing | Ask::Refused(..) | Ask::GiveUp(_) => return ask,
-            Ask::For(request) => json!({ "for": request }),
+        let mut request = self.port.next(state)?;
+        let heard = match request.as_mut().map(|request| &mut request.what) {
+            Some(What::Table(request)) => json!({ "for": request }),
             // What the table refuses is a request like any other; what it takes begins a recording of its own.
-            Ask::Begin(order) => {
-                self.taping.wants(order.record.take(), order.request, state);
-                json!({ "for": order.request })
+            Some(What::Begin(prepared)) => {
+                self.taping.wants(prepared.recording.take(), prepared.request, state);
+                json!({ "for": prepared.request })
             }
-            Ask::NewDisc => json!("new_disc"),
-            Ask::Leave => json!("leave"),
+            Some(What::NewDisc) => json!("new_disc"),
+            Some(What::Leave) => json!("leave"),
+            Some(What::Unprepared { .. } | What::State | What::Start(_) | What::Shoot(_)) | None => {
+                return Ok(request);
+            }
         };
         self.put(Topic::Request, || (Value::Null, heard));
-        ask
+        Ok(request)
     }
 
-    fn who(&self) -> Who {
-        self.port.who()
-    }
-
-    fn refused(&mut self, request: Request, refusal: Refusal) {
+    fn refused(&mut self, request: cycle::Request, refusal: Refusal) {
         self.put(Topic::Request, || (json!({ "refused": [told(&request), told(&refusal)] }), Value::Null));
         self.port.refused(request, refusal);
     }

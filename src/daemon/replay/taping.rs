@@ -24,7 +24,7 @@ const LONGEST_SILENCE: Duration = Duration::from_secs(20);
 
 /// What a recording begins with, and where it goes.
 #[derive(Debug, Clone)]
-pub struct ToRecord {
+pub struct RecordingPlan {
     /// A new file; none where the store names it by the cycle's number.
     pub file: Option<PathBuf>,
     /// The files that the cycle works by, by their names in the recording.
@@ -35,14 +35,14 @@ pub struct ToRecord {
 
 /// Whether what passes through the ports is recorded now. Clones are the same one.
 #[derive(Debug, Clone)]
-pub struct Taping(Arc<Mutex<Inside>>);
+pub struct RecordingSwitch(Arc<Mutex<Inside>>);
 
 #[derive(Debug)]
 struct Inside {
     store: PathBuf,
     lock_step: bool,
     /// What the order that is being taken asks for, how the table is asked, and where that was.
-    wanted: Option<(ToRecord, Request, State)>,
+    wanted: Option<(RecordingPlan, Request, State)>,
     recorder: Option<Recorder>,
     /// The cycle is over; what still waits to be heard belongs to it.
     is_over: bool,
@@ -64,10 +64,10 @@ pub fn recording_file(store: &Path, cycle: CycleId) -> PathBuf {
     recordings(store).join(format!("cycle-{:06}.mcap", cycle.0))
 }
 
-impl Taping {
+impl RecordingSwitch {
     /// Nothing is recorded yet; recordings without a name of their own go where this store has them.
     pub fn new(store: &Path, lock_step: bool) -> Self {
-        Taping(Arc::new(Mutex::new(Inside {
+        RecordingSwitch(Arc::new(Mutex::new(Inside {
             store: store.to_owned(),
             lock_step,
             wanted: None,
@@ -84,11 +84,11 @@ impl Taping {
         self.lock().supervisor = supervisor.clone();
     }
 
-    /// Records from now on in this file, which is new, until [`Taping::finish`].
+    /// Records from now on in this file, which is new, until [`RecordingSwitch::finish`].
     ///
     /// # Errors
     /// Where there is such a file already, or the disk refuses.
-    pub fn begin(&self, file: &Path, to: ToRecord, state: State) -> io::Result<()> {
+    pub fn begin(&self, file: &Path, to: RecordingPlan, state: State) -> io::Result<()> {
         let out = OpenOptions::new().write(true).create_new(true).open(file)?;
         self.lock().start((file, to), state, Begin::Boot, move || Ok(out))
     }
@@ -120,7 +120,7 @@ impl Taping {
     }
 
     /// An order comes to the loop.
-    pub(super) fn wants(&self, to: Option<ToRecord>, request: Request, state: &State) {
+    pub(super) fn wants(&self, to: Option<RecordingPlan>, request: Request, state: &State) {
         let mut inside = self.lock();
         if inside.recorder.is_none() {
             inside.wanted = to.map(|to| (to, request, *state));
@@ -169,12 +169,12 @@ impl Taping {
 impl Inside {
     fn start(
         &mut self,
-        (file, to): (&Path, ToRecord),
+        (file, to): (&Path, RecordingPlan),
         state: State,
         begin: Begin,
         open: impl FnOnce() -> io::Result<File> + Send + 'static,
     ) -> io::Result<()> {
-        let ToRecord { files, calibrations, .. } = to;
+        let RecordingPlan { files, calibrations, .. } = to;
         let start = Start {
             program: env!("CARGO_PKG_VERSION").to_owned(),
             unix_ns: unix_ns(),

@@ -1,12 +1,13 @@
 //! The queue when nobody empties it, and what a player says when the loop does something else.
 
-use super::super::ports::{Ask, Record, Requests, Robot};
+use super::super::ports::{Record, Requests, Robot};
+use super::super::request::{Request, What};
 use super::queue::{Bounds, RECORDING_FLOOR_MB, Recorder, Recording};
 use super::*;
 use crate::cycle::{Id, State};
 use crate::eki::{Command, CommandId, QueueError, Report};
 use crate::geometry::{ColorPicture, KukaPose};
-use crate::record::{Finding, Kind, Number};
+use crate::record::{Check, Finding, Kind};
 use crate::tape::{Begin, Entry, Shot, Start, TapeError, Topic, Writer, check};
 use crate::verdict::Judgement;
 use std::io::{self, Write};
@@ -266,19 +267,25 @@ fn another_number_is_a_difference_and_the_replay_goes_on() {
     assert_eq!(difference.to_string(), "0.000 s, /robot/command send.set_base.x_mm: recorded 1.5, now 1.75");
 }
 
+/// Whether something is asked of the table, by which a replay that has parted ends the loop.
+fn asks(player: &mut Player) -> bool {
+    let next = Requests::next(player, &State::NEW).expect("no thread is lost");
+    matches!(next, Some(Request { what: What::Table(_), .. }))
+}
+
 #[test]
 fn another_call_or_none_parts_them() {
     let abort = || line(Topic::Command, json!("abort"), json!({ "Ok": null }));
     let mut other = player(vec![abort()]);
     assert!(other.send(ended("same")).is_err());
-    assert!(Robot::next(&mut other).is_none() && matches!(Requests::next(&mut other, &State::NEW), Ask::For(_)));
+    assert!(Robot::next(&mut other).is_none() && asks(&mut other));
     let played = other.played();
     assert!(!played.to_the_end && played.differences.len() == 1, "{played:?}");
     assert!(played.differences[0].now.starts_with("/robot/command {\"send\""), "{played:?}");
 
     let mut waiting = player(vec![abort()]);
-    let asks: Vec<Ask> = (0..10).map(|_| Requests::next(&mut waiting, &State::NEW)).collect();
-    assert!(matches!(asks.last(), Some(Ask::For(_))), "it does not wait for ever");
+    let asked: Vec<bool> = (0..10).map(|_| asks(&mut waiting)).collect();
+    assert_eq!(asked.last(), Some(&true), "it does not wait for ever");
     assert!(waiting.played().differences[0].now.contains("waits"));
 
     let left = player(vec![abort()]).played();
@@ -317,7 +324,7 @@ fn a_result_waits_for_its_turn() {
 #[test]
 fn a_stop_watch_is_no_finding_but_its_limit_is() {
     let found = |ms: f64, mm: f64| {
-        let numbers = [Number::new(name::SCAN_TO_VERDICT, "ms", ms), Number::new("residual", "mm", mm)];
+        let numbers = [Check::new(name::SCAN_TO_VERDICT, "ms", ms), Check::new("residual", "mm", mm)];
         Finding::new(Kind::Locate, 0, Judgement::of(vec![], vec![])).with(numbers)
     };
     let recorded = || line(Topic::Finding, told(&found(10.0, 0.25)), json!({ "Ok": null }));

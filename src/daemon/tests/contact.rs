@@ -36,7 +36,7 @@ fn no_waypoint_in_contact_comes_before_its_permission() {
 fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
     let cell = Fake::new(Scene::Good).slow().whose_link_is_lost_in_contact();
     let aborted = |state: &State| matches!(state.at, At::Aborted { .. }) && state.facts.robot == Condition::Ready;
-    let mut script = Script::default().reset().start(&cell).when(aborted, Ask::For(Request::Clear));
+    let mut script = Script::default().reset().start(&cell).when(aborted, What::Table(cycle::Request::Clear));
     script = script.leave_when(|state| state.at == At::Stopped && state.facts.standing);
     let record = cell.serve(|eyes| eyes, vec![], &mut script);
     assert_eq!(script.verdicts, [Verdict::Aborted]);
@@ -51,7 +51,7 @@ fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
 /// An abort in contact, whose end the robot tells: what was done of it is booked.
 #[test]
 fn an_abort_in_contact_is_booked_with_its_motion() {
-    let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle().with(contact, Request::Abort));
+    let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle().with(contact, cycle::Request::Abort));
     let (motion, outcome, done) = story.motions(Path::Contact)[0];
     assert!(outcome == Outcome::Aborted && done > 2 && done < motion.waypoints, "{story}");
     let found = story.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("its end was told");
@@ -90,21 +90,21 @@ fn what_may_have_been_abraded_before_counts() {
 #[test]
 fn each_request_is_kept_with_its_answer() {
     let works = |state: &State| matches!(state.at, At::Execute(_));
-    let story = Fake::new(Scene::Clean).run(Asks::one_cycle().with(works, Request::Accept));
-    assert_eq!(story.refusals, [(Request::Accept, Refusal::NotNow)]);
+    let story = Fake::new(Scene::Clean).run(Asks::one_cycle().with(works, cycle::Request::Accept));
+    assert_eq!(story.refusals, [(cycle::Request::Accept, Refusal::NotNow)]);
     let kept: Vec<(Wanted, Option<Answer>, usize)> = story
         .asked
         .iter()
         .map(|Asked { wanted, answer, reasons, .. }| (wanted.clone(), *answer, reasons.len()))
         .collect();
     let wanted = |request, answer, reasons| (Wanted::For(request), Some(answer), reasons);
-    let start = Request::Start { max_passes: 2, max_moves: 3 };
+    let start = cycle::Request::Start { max_passes: 2, max_moves: 3 };
     assert_eq!(
         kept,
         [
-            wanted(Request::Reset, Answer::Done, 0),
+            wanted(cycle::Request::Reset, Answer::Done, 0),
             wanted(start, Answer::Done, 0),
-            wanted(Request::Accept, Answer::Refused, 1)
+            wanted(cycle::Request::Accept, Answer::Refused, 1)
         ]
     );
     assert!(story.asked[2].reasons[0].message.contains("accept is not possible in state execute"));

@@ -3,8 +3,9 @@
 
 use super::*;
 use crate::cell::CorrectionNumbers;
-use crate::daemon::routes::{self, Standing};
+use crate::path::approach::Approach;
 use crate::path::reach::Obstacles;
+use crate::path::routes::{self, Standing};
 use crate::path::{self, Kinematics, Plan, panel_reach};
 use std::sync::Arc;
 
@@ -92,7 +93,7 @@ fn no_plan_is_sent_that_its_gate_rejects() {
     let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).expect("in reach");
     let plan = panel_reach::turned(&plan, reached.spin);
     let joints = reached.travel.joints[0];
-    let standing = Standing { limits: job.limits, arm: job.arm, flange_from_tool, joints, things: None };
+    let standing = Standing { limits: job.limits, arm: job.arm, flange_from_tool, joints, obstacles: None };
     let first = plan.paths[0].waypoints[0].as_sent();
     let gated = |plan: &Plan| routes::contact(&standing, place, (first, plan), recipe.path());
     assert!(gated(&plan).is_good(), "{:?}", gated(&plan).judgement);
@@ -119,7 +120,7 @@ fn what_was_executed_is_looked_at() {
     assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
     let abraded = story.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("abraded");
     let shares: Vec<f64> = abraded
-        .numbers
+        .checks
         .iter()
         .filter(|number| number.name.ends_with("under the disc"))
         .filter_map(|number| number.value)
@@ -158,17 +159,17 @@ fn a_press_in_without_a_known_error_is_rejected_before_the_panel_is_wet() {
     assert_eq!(codes(&story, Kind::Reach), ["pad_stroke"], "{story}");
 }
 
-/// What is looked at is the arm that will move: over the corners that hold the place and in their order, beside the same things.
+/// What is looked at is the arm that will move: over the corners that hold the place and in their order, beside the same obstacles.
 #[test]
 fn the_arm_stands_where_its_own_corners_lead() {
     let fake = Fake::new(Scene::Good);
     let (cell, recipe, (panel, corners), calibrations) = fake.files();
     let job = Job::new(&cell, &recipe, (&panel, &corners), calibrations).expect("complete");
     let (arm, place) = (Kinematics::new(cell.arm()), crate::panel::panel_from_base_at_teaching().inverse());
-    let at = |corners: &[usize], things: Option<&Arc<Obstacles>>| {
-        stand(&job, &arm, &Approached { base_from_panel: place, corners, things })
+    let at = |corners: &[usize], obstacles: Option<&Arc<Obstacles>>| {
+        job.tour().stand(&arm, &Approach { base_from_panel: place, corners, obstacles })
     };
-    assert_eq!(corners_in_reach(&job, &arm, place).expect("in reach"), [0, 1]);
+    assert_eq!(job.tour().corners_in_reach(&arm, place, 2).expect("in reach"), [0, 1]);
     for (chosen, last) in [(&[0, 1][..], 1), (&[0], 0)] {
         let joints = at(chosen, None).expect("in reach").from.expect("known");
         let camera = arm.base_from_flange(&joints).expect("finite") * calibrations.flange_from_camera;
@@ -184,8 +185,8 @@ fn the_arm_stands_where_its_own_corners_lead() {
     assert_eq!(at(&[], None).expect_err("no corner").code, "no_corner");
     // A thing where the camera would look from.
     let eye = (place * corners[1].teaching.panel_from_camera).origin();
-    let things = Arc::new(Obstacles::default().with("what the scan saw", [eye]));
-    let refused = at(&[0, 1], Some(&things)).expect_err("in the way");
+    let obstacles = Arc::new(Obstacles::default().with("what the scan saw", [eye]));
+    let refused = at(&[0, 1], Some(&obstacles)).expect_err("in the way");
     assert_eq!(refused.code, "out_of_reach");
     assert!(
         refused.message.contains("corner 2") && refused.message.contains("what the scan saw"),
@@ -218,7 +219,7 @@ fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
         let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).expect("in reach");
         let plan = panel_reach::turned(&plan, reached.spin);
         let joints = reached.travel.joints[0];
-        let standing = Standing { limits: job.limits, arm: job.arm, flange_from_tool, joints, things: None };
+        let standing = Standing { limits: job.limits, arm: job.arm, flange_from_tool, joints, obstacles: None };
         let from = plan.paths[0].waypoints[0].as_sent();
         let contact = routes::contact(&standing, place, (from, &plan), recipe.path());
         let [here, there] = [0, 1].map(|index| place * plan.paths[0].waypoints[index].as_sent());

@@ -2,9 +2,10 @@
 
 use super::fake::{Cell as Fake, FakeEyes};
 use super::*;
-use crate::cycle::{Act, Answer, Event, Hold, Refusal, Report, State, Trouble, Why};
+use crate::cycle::{self, Act, Answer, Event, Hold, Refusal, Report, State, Trouble, Why};
 use crate::geometry::{ColorPicture, OrganizedCloud};
-use crate::record::{CycleId, Kind};
+use crate::record::{CycleId, Front, Kind, Who};
+use crate::supervision::ThreadFault;
 use crate::verdict::Reason;
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -16,8 +17,8 @@ type When = Box<dyn FnMut(&State) -> bool>;
 /// Asks each thing when its time has come, then leaves.
 #[derive(Default)]
 pub struct Script {
-    steps: VecDeque<(When, Ask)>,
-    refusals: Vec<(Request, Refusal)>,
+    steps: VecDeque<(When, What)>,
+    refusals: Vec<(cycle::Request, Refusal)>,
     pub verdicts: Vec<Verdict>,
     cycles: Vec<CycleId>,
     noted: Vec<Reason>,
@@ -25,8 +26,8 @@ pub struct Script {
 }
 
 impl Script {
-    pub fn when(mut self, when: impl FnMut(&State) -> bool + 'static, ask: Ask) -> Self {
-        self.steps.push_back((Box::new(when), ask));
+    pub fn when(mut self, when: impl FnMut(&State) -> bool + 'static, what: What) -> Self {
+        self.steps.push_back((Box::new(when), what));
         self
     }
 
@@ -35,25 +36,25 @@ impl Script {
             state.at == At::Stopped && state.facts.robot == crate::cycle::Robot::Ready
                 || matches!(state.at, At::Complete { .. })
         };
-        self.when(ready, Ask::For(Request::Reset))
+        self.when(ready, What::Table(cycle::Request::Reset))
     }
 
     pub fn start(self, cell: &Fake) -> Self {
-        self.when(|state| state.at == At::Idle, Ask::Begin(Box::new(cell.order())))
+        self.when(|state| state.at == At::Idle, What::Begin(Box::new(cell.prepared())))
     }
 
     pub fn leave_when(self, when: impl FnMut(&State) -> bool + 'static) -> Self {
-        self.when(when, Ask::Leave)
+        self.when(when, What::Leave)
     }
 }
 
 impl Requests for Script {
-    fn next(&mut self, state: &State) -> Ask {
+    fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         let next = self.steps.pop_front_if(|(when, _)| when(state));
-        next.map_or(Ask::Nothing, |(_, ask)| ask)
+        Ok(next.map(|(_, what)| Request::new(what, Who::by(Front::Socket))))
     }
 
-    fn refused(&mut self, request: Request, refusal: Refusal) {
+    fn refused(&mut self, request: cycle::Request, refusal: Refusal) {
         self.refusals.push((request, refusal));
     }
 
@@ -97,9 +98,9 @@ fn a_new_disc_goes_on_after_a_review() {
     let mut script = Script::default()
         .reset()
         .start(&cell)
-        .when(|state| matches!(state.at, At::Execute(_)), Ask::NewDisc)
-        .when(held, Ask::NewDisc)
-        .when(held, Ask::For(Request::Accept))
+        .when(|state| matches!(state.at, At::Execute(_)), What::NewDisc)
+        .when(held, What::NewDisc)
+        .when(held, What::Table(cycle::Request::Accept))
         .leave_when(complete);
     let record = cell.serve(|eyes| eyes, vec![], &mut script);
     assert_eq!(script.verdicts, [Verdict::Pass]);
@@ -206,8 +207,8 @@ fn a_stop_does_not_wait_for_a_computation() {
     let mut script = Script::default()
         .reset()
         .start(&cell)
-        .when(locates, Ask::For(Request::Stop))
-        .when(stopped, Ask::For(Request::Reset))
+        .when(locates, What::Table(cycle::Request::Stop))
+        .when(stopped, What::Table(cycle::Request::Reset))
         .start(&cell)
         .leave_when(complete);
     let record = cell.serve(|eyes| Odd { go_on: Some(go_on), ..Odd::new(eyes) }, vec![], &mut script);
@@ -217,7 +218,7 @@ fn a_stop_does_not_wait_for_a_computation() {
     let located = record.findings.iter().filter(|finding| finding.kind == Kind::Locate).count();
     assert_eq!(located, 1, "the scan of the cycle that was stopped leaves nothing");
     let graded = |event: &&Event| matches!(event, Event::Told(Report::Answered { answer: Answer::Graded(_), .. }));
-    let stop = record.events.iter().position(|event| *event == Event::Asked(Request::Stop)).expect("asked");
+    let stop = record.events.iter().position(|event| *event == Event::Asked(cycle::Request::Stop)).expect("asked");
     assert_eq!(record.events[..stop].iter().filter(graded).count(), 0, "it was under way");
 }
 
@@ -225,7 +226,7 @@ fn a_stop_does_not_wait_for_a_computation() {
 #[test]
 fn an_order_out_of_turn_begins_nothing() {
     let cell = Fake::new(Scene::Clean);
-    let early = Ask::Begin(Box::new(cell.order()));
+    let early = What::Begin(Box::new(cell.prepared()));
     let heard = |state: &State| state.facts.robot == crate::cycle::Robot::Ready;
     let mut script = Script::default().when(heard, early).leave_when(|_| true);
     cell.serve(|eyes| eyes, vec![], &mut script);
@@ -236,7 +237,7 @@ fn an_order_out_of_turn_begins_nothing() {
 /// Each thing that is wrong is a reason, and the reset ends in Stopped.
 #[test]
 fn a_self_test_names_all_that_is_wrong() {
-    let failed = |script: &Script| matches!(script.refusals[..], [(Request::Reset, Refusal::Failed(_))]);
+    let failed = |script: &Script| matches!(script.refusals[..], [(cycle::Request::Reset, Refusal::Failed(_))]);
     let codes = |script: &Script| script.noted.iter().map(|reason| reason.code.to_string()).collect::<Vec<_>>();
     let until = |mut seen: bool| {
         move |state: &State| {
@@ -267,9 +268,9 @@ fn a_full_disk_holds_the_cell_until_there_is_room() {
     let mut script = Script::default()
         .reset()
         .start(&cell)
-        .when(held, Ask::For(Request::Unhold { dried: true }))
-        .when(held, Ask::For(Request::Unhold { dried: true }))
-        .when(|state| matches!(state.at, At::Unholding { .. } | At::Execute(_)), Ask::For(Request::Stop))
+        .when(held, What::Table(cycle::Request::Unhold { dried: true }))
+        .when(held, What::Table(cycle::Request::Unhold { dried: true }))
+        .when(|state| matches!(state.at, At::Unholding { .. } | At::Execute(_)), What::Table(cycle::Request::Stop))
         .leave_when(|state| state.at == At::Stopped);
     let record = cell.serve(|eyes| eyes, vec![], &mut script);
     assert_eq!(

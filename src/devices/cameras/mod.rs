@@ -11,6 +11,7 @@
 
 mod bayer;
 mod boards;
+mod capture;
 mod error;
 #[cfg(feature = "gige")]
 mod gige;
@@ -20,173 +21,13 @@ mod simulated;
 
 pub use bayer::BayerFlangeCamera;
 pub use boards::{BoardView, SimulatedBoards};
+pub use capture::{Conditions, FlangeCamera, FlangePicture, Picture, Scanner, Shot};
 pub use error::{CameraError, FileError, Which};
 #[cfg(feature = "gige")]
 pub use gige::{GigeFlangeCamera, LoopbackFlangeCamera};
 pub use quality::{PictureQuality, ScanQuality};
 pub use recorded::{RecordedFlangeCamera, RecordedScanner};
 pub use simulated::{Arm, SimulatedFlangeCamera, SimulatedScanner, simulated};
-
-use crate::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
-use serde::{Deserialize, Serialize};
-
-/// A shot of the 3D camera.
-#[derive(Debug, Clone)]
-pub struct Shot {
-    /// Points and colours.
-    pub cloud: OrganizedCloud<Camera>,
-    /// When, s.
-    pub time_s: f64,
-}
-
-/// A colour picture of the fixed camera.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Picture {
-    /// The picture.
-    pub picture: ColorPicture,
-    /// When, s.
-    pub time_s: f64,
-}
-
-/// A picture of the flange camera.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FlangePicture {
-    /// The picture.
-    pub picture: ColorPicture,
-    /// Where the flange was at that instant, where the camera's source knows it; a camera alone does not.
-    pub base_from_flange: Option<Rigid<Base, Flange>>,
-    /// When, s.
-    pub time_s: f64,
-}
-
-/// What a camera tells about its last shot, each where it tells it.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Conditions {
-    /// How long it was exposed, µs; of several exposures all together.
-    pub exposure_us: Option<f64>,
-    /// The temperature of its lens or, where it has no such sensor, of its housing, °C.
-    pub camera_c: Option<f64>,
-    /// How long the camera paused before the shot because it is hot, ms.
-    pub throttled_ms: Option<f64>,
-}
-
-/// The fixed 3D camera.
-pub trait Scanner: Send {
-    /// Points and colours of the scene, by the camera's own light.
-    ///
-    /// # Errors
-    /// Where the camera does not deliver.
-    fn capture_3d(&mut self) -> Result<Shot, CameraError>;
-
-    /// A colour picture by the cell's light, as of the film.
-    ///
-    /// # Errors
-    /// Where the camera does not deliver.
-    fn capture_2d(&mut self) -> Result<Picture, CameraError>;
-
-    /// Begins a clip: such pictures one after the other, at most so many a second. Any other capture ends it. Gives the time,
-    /// on the clock of the pictures: what is missing from then on is missing in the clip.
-    ///
-    /// # Errors
-    /// Where the camera does not begin.
-    fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError>;
-
-    /// The clip's next picture; none where none is due yet. A camera that takes them by itself is waited for, and drops
-    /// the oldest of those that nobody takes over in time: what the times say is when each was taken.
-    ///
-    /// # Errors
-    /// Where the camera does not deliver, or no clip is being taken.
-    fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError>;
-
-    /// Ends the clip; how many of its pictures were dropped.
-    ///
-    /// # Errors
-    /// Where the camera does not say so, or no clip is being taken.
-    fn end_clip(&mut self) -> Result<u64, CameraError>;
-
-    /// Whether the camera would deliver. Takes no shot that a cycle needs.
-    ///
-    /// # Errors
-    /// Where it would not.
-    fn check(&mut self) -> Result<(), CameraError>;
-
-    /// Waits while the camera is being started, which may take minutes; how it stands then is for [`Scanner::check`].
-    fn warm(&mut self) {}
-
-    /// What it tells about its last shot.
-    fn conditions(&self) -> Conditions {
-        Conditions::default()
-    }
-}
-
-/// The colour camera on the flange, with a lamp of its own.
-pub trait FlangeCamera: Send {
-    /// A picture from where the flange is.
-    ///
-    /// # Errors
-    /// Where the camera does not deliver.
-    fn capture(&mut self) -> Result<FlangePicture, CameraError>;
-
-    /// Whether the camera would deliver. Takes no shot that a cycle needs.
-    ///
-    /// # Errors
-    /// Where it would not.
-    fn check(&mut self) -> Result<(), CameraError>;
-
-    /// What it tells about its last shot.
-    fn conditions(&self) -> Conditions {
-        Conditions::default()
-    }
-}
-
-impl<S: Scanner + ?Sized> Scanner for Box<S> {
-    fn capture_3d(&mut self) -> Result<Shot, CameraError> {
-        (**self).capture_3d()
-    }
-
-    fn capture_2d(&mut self) -> Result<Picture, CameraError> {
-        (**self).capture_2d()
-    }
-
-    fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError> {
-        (**self).begin_clip(pictures_per_second)
-    }
-
-    fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
-        (**self).next_of_clip()
-    }
-
-    fn end_clip(&mut self) -> Result<u64, CameraError> {
-        (**self).end_clip()
-    }
-
-    fn check(&mut self) -> Result<(), CameraError> {
-        (**self).check()
-    }
-
-    fn warm(&mut self) {
-        (**self).warm();
-    }
-
-    fn conditions(&self) -> Conditions {
-        (**self).conditions()
-    }
-}
-
-impl<C: FlangeCamera + ?Sized> FlangeCamera for Box<C> {
-    fn capture(&mut self) -> Result<FlangePicture, CameraError> {
-        (**self).capture()
-    }
-
-    fn check(&mut self) -> Result<(), CameraError> {
-        (**self).check()
-    }
-
-    fn conditions(&self) -> Conditions {
-        (**self).conditions()
-    }
-}
 
 #[cfg(test)]
 pub mod conform;

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::files;
-use crate::geometry::{KukaPose, PinholeCamera};
+use crate::geometry::{ColorPicture, KukaPose, OrganizedCloud, PinholeCamera};
 use std::fs;
 use std::path::Path;
 

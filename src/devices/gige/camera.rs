@@ -6,14 +6,13 @@
 
 use super::acceptance::{Acceptance, Expected, Facts, Gaps, Refused};
 use super::configure::{configure, found};
-use super::error::GigeError;
+use super::error::{GigeError, whole_ms};
 use super::format::PixelFormat;
 use super::settings::{Exposing, Settings};
 use super::sockets::{rmem_max, socket_buffer_bytes};
 use super::statistics::Statistics;
 use super::still::{self, NoStill, Shutter, TRIES};
 use super::streaming::Streaming;
-use super::whole_ms;
 use aravis::GvStreamOption;
 use aravis::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -119,3 +119,9 @@ pub enum GigeError {
         last: Refused,
     },
 }
+
+/// For messages.
+#[cfg(feature = "gige")]
+pub(super) fn whole_ms(time: std::time::Duration) -> u64 {
+    u64::try_from(time.as_millis()).unwrap_or(u64::MAX)
+}

@@ -5,11 +5,10 @@
 //! that is known to be away.
 
 use super::camera::{Connected, Frame, WARM_UP};
-use super::error::GigeError;
+use super::error::{GigeError, whole_ms};
 use super::settings::{Exposing, Settings};
 use super::statistics::Statistics;
 use super::still::TRIES;
-use super::whole_ms;
 use crate::devices::UNKNOWN_PX;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
@@ -39,7 +38,7 @@ pub enum Standing {
 }
 
 /// What is asked of the thread.
-enum Ask {
+enum CameraRequest {
     /// A still, or of a free running camera its next picture.
     Picture { asked: Instant, reply: Sender<Result<Frame, GigeError>> },
 }
@@ -54,7 +53,7 @@ struct Shared {
 /// A GigE Vision camera that looks after its own connection.
 #[derive(Debug)]
 pub struct GigeCamera {
-    asks: Option<Sender<Ask>>,
+    asks: Option<Sender<CameraRequest>>,
     shared: Arc<Mutex<Shared>>,
     opened: Instant,
     /// Which camera, in words.
@@ -104,7 +103,7 @@ impl GigeCamera {
         let lost = || GigeError::Lost { why: "its thread has ended".to_owned() };
         let (reply, answer) = mpsc::channel();
         let asked = Instant::now();
-        self.asks.as_ref().ok_or_else(lost)?.send(Ask::Picture { asked, reply }).map_err(|_| lost())?;
+        self.asks.as_ref().ok_or_else(lost)?.send(CameraRequest::Picture { asked, reply }).map_err(|_| lost())?;
         loop {
             match answer.recv_timeout(TICK) {
                 Ok(picture) => return picture,
@@ -201,13 +200,13 @@ struct Link {
 }
 
 impl Link {
-    fn serve(&mut self, asked: &Receiver<Ask>) {
+    fn serve(&mut self, asked: &Receiver<CameraRequest>) {
         loop {
             if self.connected.is_none() && Instant::now() >= self.next_search {
                 self.search();
             }
             match asked.recv_timeout(TICK) {
-                Ok(Ask::Picture { asked, reply }) if asked.elapsed() < self.longest => {
+                Ok(CameraRequest::Picture { asked, reply }) if asked.elapsed() < self.longest => {
                     let picture = self.picture();
                     if let Some(why) = picture.as_ref().err().filter(|_| self.connected.is_some()) {
                         self.lost(why.clone());
@@ -219,7 +218,7 @@ impl Link {
                         self.let_go();
                     }
                 }
-                Ok(Ask::Picture { .. }) => {}
+                Ok(CameraRequest::Picture { .. }) => {}
                 Err(RecvTimeoutError::Timeout) => {
                     if let Some(why) = self.connected.as_ref().and_then(|connected| connected.check().err()) {
                         self.lost(why);

@@ -51,11 +51,5 @@ pub use statistics::Statistics;
 pub use still::{NoStill, Shutter, TRIES, take};
 pub use subnet::{Subnet, out_of_reach, subnets};
 
-/// For messages.
-#[cfg(feature = "gige")]
-fn whole_ms(time: std::time::Duration) -> u64 {
-    u64::try_from(time.as_millis()).unwrap_or(u64::MAX)
-}
-
 #[cfg(all(test, feature = "gige"))]
 pub(super) mod tests;

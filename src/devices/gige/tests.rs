@@ -101,7 +101,7 @@ fn wait_for(what: &str, mut there: impl FnMut() -> bool) {
 fn flange_pictures() -> Vec<ColorPicture> {
     let cell = sim::Cell::new(1, sim::Scene::Good, 4);
     let views = cell.corner_views();
-    views.iter().map(|view| cell.flange_picture(&view.base_from_flange, sim::Place::Nominal)).collect()
+    views.iter().map(|view| cell.flange_picture(&view.base_from_flange, sim::PanelPosition::Nominal)).collect()
 }
 
 /// Each exposure shows another one of these, with its own number in its first eight bytes.

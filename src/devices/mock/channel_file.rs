@@ -18,7 +18,7 @@ pub(super) enum Kind {
 
 /// Which entry of a memory is read first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Order {
+pub(super) enum ReadOrder {
     /// The oldest.
     Fifo,
     /// The newest.
@@ -44,7 +44,7 @@ pub(super) struct Element {
     /// `None` where the element only sets a flag.
     pub(super) kind: Option<Kind>,
     /// Where it differs from the channel's.
-    pub(super) order: Option<Order>,
+    pub(super) order: Option<ReadOrder>,
     /// $FLAG and $OUT that are set when it has arrived.
     pub(super) set_flag: Option<u16>,
     pub(super) set_out: Option<u16>,
@@ -74,7 +74,7 @@ pub struct ChannelFile {
     /// Most entries of a tag's memory; one more closes the connection.
     pub(super) limit_entries: usize,
     /// Which entry is read first, where a tag does not say otherwise.
-    pub(super) order: Order,
+    pub(super) order: ReadOrder,
     /// Most bytes that may wait for the end of their document.
     pub(super) limit_bytes: usize,
     /// The port that the controller listens on.
@@ -102,7 +102,7 @@ impl ChannelFile {
         // The controller's defaults: 16 entries, 16384 bytes, port 54600.
         let mut file = ChannelFile {
             limit_entries: 16,
-            order: Order::Fifo,
+            order: ReadOrder::Fifo,
             limit_bytes: 16_384,
             port: 54_600,
             environment: Environment::Program,
@@ -184,11 +184,11 @@ fn count<N: std::str::FromStr>(node: &BytesStart<'_>, name: &str) -> Result<Opti
     attribute(node, name)?.map(|text| number(name, &text)).transpose()
 }
 
-fn order(node: &BytesStart<'_>) -> Result<Option<Order>, FileProblem> {
+fn order(node: &BytesStart<'_>) -> Result<Option<ReadOrder>, FileProblem> {
     match attribute(node, "Mode")?.as_deref() {
         None => Ok(None),
-        Some("FIFO") => Ok(Some(Order::Fifo)),
-        Some("LIFO") => Ok(Some(Order::Lifo)),
+        Some("FIFO") => Ok(Some(ReadOrder::Fifo)),
+        Some("LIFO") => Ok(Some(ReadOrder::Lifo)),
         Some(other) => Err(word("Mode", other, "FIFO or LIFO")),
     }
 }

@@ -1,47 +1,13 @@
 //! The two channels: who is connected, what came, what is to go, which flags that sets.
 
-use super::channel_file::{ChannelFile, Environment};
+use super::channel_file::Environment;
+use super::channel_link::Link;
 use super::error::EkiFault;
-use super::memory::{Memory, Raised};
+use super::memory::Raised;
 use super::model::Controller;
-use super::setup::Clock;
+use super::options::Clock;
 use super::submit::REOPEN_MS;
 use super::wire::Channel;
-
-/// One channel: what came, what is to go.
-#[derive(Debug)]
-pub(super) struct Link {
-    pub(super) memory: Memory,
-    pub(super) out: Vec<u8>,
-    pub(super) connected: bool,
-    pub(super) fault: Option<EkiFault>,
-    /// The program opens the channel again at this time.
-    pub(super) listens_at_ms: u64,
-    pub(super) environment: Environment,
-    listens_for_ms: Option<u64>,
-    /// $FLAG and $OUT that are true while connected.
-    alive: (Option<u16>, Option<u16>),
-    /// Flags and outputs that its elements set.
-    raises: Vec<Raised>,
-}
-
-impl Link {
-    pub(super) fn new(memory: Memory, file: &ChannelFile) -> Self {
-        let flags = file.received.iter().filter_map(|element| element.set_flag.map(Raised::Flag));
-        let outputs = file.received.iter().filter_map(|element| element.set_out.map(Raised::Output));
-        Link {
-            memory,
-            out: Vec::new(),
-            connected: false,
-            fault: None,
-            listens_at_ms: 0,
-            environment: file.environment,
-            listens_for_ms: file.listens_for_ms,
-            alive: file.alive,
-            raises: flags.chain(outputs).collect(),
-        }
-    }
-}
 
 impl Controller {
     /// A client wants to connect: the channel is opened afresh. False where it has a client already, or does not listen.

@@ -3,7 +3,7 @@
 //! In contact from the start of a move to a contact point until an air point is reached: landing and leaving count.
 
 use super::corner::Pose;
-use super::mover::{Lin, Move};
+use super::moves::{Lin, Move};
 use crate::geometry::{Flange, Rigid, Tool, Vector};
 
 /// How far a retract goes along the tool's −Z, mm.

@@ -13,7 +13,7 @@ pub(super) struct Framer {
     start: usize,
     /// Bytes of `buffer` that were looked at.
     seen: usize,
-    place: Place,
+    place: ParserState,
     depth: usize,
     /// First byte of the open tag's inside.
     tag_start: usize,
@@ -22,7 +22,7 @@ pub(super) struct Framer {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Place {
+enum ParserState {
     Between,
     Text,
     Tag,
@@ -33,7 +33,7 @@ enum Place {
 impl Framer {
     pub(super) fn new(limit_bytes: usize) -> Self {
         let (start, seen, depth, tag_start) = (0, 0, 0, 0);
-        Framer { buffer: Vec::new(), start, seen, place: Place::Between, depth, tag_start, limit_bytes }
+        Framer { buffer: Vec::new(), start, seen, place: ParserState::Between, depth, tag_start, limit_bytes }
     }
 
     pub(super) fn push(&mut self, bytes: &[u8]) {
@@ -48,12 +48,12 @@ impl Framer {
     fn skip(&mut self) {
         let rest = &self.buffer[self.seen..];
         let plain = match self.place {
-            Place::Text => rest.iter().position(|&byte| byte == b'<'),
-            Place::Quoted(quote) => rest.iter().position(|&byte| byte == quote),
-            Place::Tag if self.seen > self.tag_start => {
+            ParserState::Text => rest.iter().position(|&byte| byte == b'<'),
+            ParserState::Quoted(quote) => rest.iter().position(|&byte| byte == quote),
+            ParserState::Tag if self.seen > self.tag_start => {
                 rest.iter().position(|byte| matches!(byte, b'"' | b'\'' | b'>'))
             }
-            Place::Tag | Place::Between | Place::Prolog => Some(0),
+            ParserState::Tag | ParserState::Between | ParserState::Prolog => Some(0),
         };
         self.seen += plain.unwrap_or(rest.len());
     }
@@ -66,19 +66,23 @@ impl Framer {
             let Some(&byte) = self.buffer.get(at) else { break };
             self.seen += 1;
             match self.place {
-                Place::Between => self.between(byte, at)?,
-                Place::Text if byte == b'<' => self.open_tag(),
-                Place::Tag if self.seen - 1 == self.tag_start && byte == b'!' => return Err(EkiFault::Malformed),
-                Place::Tag if self.seen - 1 == self.tag_start && byte == b'?' => self.place = Place::Prolog,
-                Place::Tag if byte == b'"' || byte == b'\'' => self.place = Place::Quoted(byte),
-                Place::Tag if byte == b'>' => {
+                ParserState::Between => self.between(byte, at)?,
+                ParserState::Text if byte == b'<' => self.open_tag(),
+                ParserState::Tag if self.seen - 1 == self.tag_start && byte == b'!' => {
+                    return Err(EkiFault::Malformed);
+                }
+                ParserState::Tag if self.seen - 1 == self.tag_start && byte == b'?' => {
+                    self.place = ParserState::Prolog
+                }
+                ParserState::Tag if byte == b'"' || byte == b'\'' => self.place = ParserState::Quoted(byte),
+                ParserState::Tag if byte == b'>' => {
                     if self.close_tag(at)? {
                         return Ok(Some(self.cut()));
                     }
                 }
-                Place::Quoted(quote) if byte == quote => self.place = Place::Tag,
-                Place::Prolog if byte == b'>' && self.buffer[at - 1] == b'?' => self.end_prolog(),
-                Place::Text | Place::Tag | Place::Quoted(_) | Place::Prolog => {}
+                ParserState::Quoted(quote) if byte == quote => self.place = ParserState::Tag,
+                ParserState::Prolog if byte == b'>' && self.buffer[at - 1] == b'?' => self.end_prolog(),
+                ParserState::Text | ParserState::Tag | ParserState::Quoted(_) | ParserState::Prolog => {}
             }
         }
         if self.buffer.len() - self.start > self.limit_bytes { Err(EkiFault::TooLong) } else { Ok(None) }
@@ -97,7 +101,7 @@ impl Framer {
     }
 
     fn open_tag(&mut self) {
-        self.place = Place::Tag;
+        self.place = ParserState::Tag;
         self.tag_start = self.seen;
     }
 
@@ -110,12 +114,12 @@ impl Framer {
             (_, Some(b'/')) => {}
             _ => self.depth += 1,
         }
-        self.place = if self.depth == 0 { Place::Between } else { Place::Text };
+        self.place = if self.depth == 0 { ParserState::Between } else { ParserState::Text };
         Ok(self.depth == 0)
     }
 
     fn end_prolog(&mut self) {
-        self.place = if self.depth == 0 { Place::Between } else { Place::Text };
+        self.place = if self.depth == 0 { ParserState::Between } else { ParserState::Text };
     }
 
     fn cut(&mut self) -> Vec<u8> {

@@ -7,16 +7,16 @@ use std::time::{Duration, Instant};
 
 /// One direction of one connection.
 #[derive(Debug)]
-pub(super) struct Way {
+pub(super) struct DelayedStream {
     delay_ms: Option<(u64, u64)>,
     fragment: bool,
     draw: Pcg64,
     pieces: VecDeque<(Instant, Vec<u8>)>,
 }
 
-impl Way {
+impl DelayedStream {
     pub(super) fn new(delay_ms: Option<(u64, u64)>, fragment: bool, seed: u64) -> Self {
-        Way { delay_ms, fragment, draw: Pcg64::seed_from_u64(seed), pieces: VecDeque::new() }
+        DelayedStream { delay_ms, fragment, draw: Pcg64::seed_from_u64(seed), pieces: VecDeque::new() }
     }
 
     /// Bytes set out.
@@ -51,7 +51,7 @@ mod tests {
     /// 100 bytes with 5 to 15 ms of delay: none before 5 ms, all at 15, in order, in more than one piece.
     #[test]
     fn bytes_come_late_in_order_and_in_pieces() {
-        let mut way = Way::new(Some((5, 15)), true, 1);
+        let mut way = DelayedStream::new(Some((5, 15)), true, 1);
         let (now, bytes): (Instant, Vec<u8>) = (Instant::now(), (0..100).collect());
         way.put(now, &bytes);
         assert_eq!(way.take(now + Duration::from_millis(4)), None);

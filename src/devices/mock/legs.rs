@@ -1,13 +1,7 @@
-//! The way ahead of a tool on its lines: straight legs and blended corners up to the next stop, and how fast it may be.
+//! Legs of a path: straight lines and blended corners.
 
-use super::corner::{Bend, Corner, Pose, between, measure_mm};
-use super::mover::{Lin, Move, Mover, Override, Place, ROUNDING_MM};
-use super::ramp::Limits;
-
-/// $VEL.ORI1: how fast the tool may turn.
-const TURN_DEG_S: f64 = 200.0;
-/// BRAKE on a line, at least.
-const BRAKE_MM_S2: f64 = 5000.0;
+use super::corner::{Corner, Pose, between};
+use super::moves::Lin;
 
 #[derive(Debug, Clone)]
 pub(super) enum Leg {
@@ -45,74 +39,6 @@ impl Leg {
             Leg::Line { from, to, length_mm, .. } => between(from, to, gone_mm / length_mm),
             Leg::Corner { corner, .. } => corner.pose_at(gone_mm),
         }
-    }
-}
-
-impl Mover {
-    pub(super) fn line_limits(&self, legs: &[Leg], allowed: Override, step_s: f64) -> Limits {
-        let acceleration = legs.iter().map(|leg| leg.lin().acceleration_mm_s2).fold(f64::INFINITY, f64::min);
-        let (mut ahead_mm, mut speed) = (-self.gone, f64::INFINITY);
-        for leg in legs {
-            // Slow enough here, one step on, to be down to that leg's speed where it begins.
-            let from_mm = (ahead_mm - self.speed * step_s).max(0.0);
-            let own_mm_s = (leg.lin().speed_mm_s * allowed.share).min(allowed.tool_mm_s);
-            speed = speed.min((own_mm_s * own_mm_s + 2.0 * acceleration * from_mm).sqrt());
-            ahead_mm += leg.length_mm();
-        }
-        if self.braking {
-            return Limits { to_stop: ahead_mm, speed: 0.0, acceleration: acceleration.max(BRAKE_MM_S2) };
-        }
-        Limits { to_stop: ahead_mm, speed, acceleration }
-    }
-
-    /// The present leg and those behind it, up to the next stop.
-    pub(super) fn legs(&self) -> Vec<Leg> {
-        let lins: Vec<Lin> = self
-            .planned
-            .iter()
-            .map_while(|step| match step {
-                Move::Lin(lin) => Some(*lin),
-                Move::Ptp(_) => None,
-            })
-            .collect();
-        let (mut legs, mut gone_mm) = (Vec::with_capacity(8), self.gone);
-        let (mut from, mut whole_mm) = match &self.place {
-            Place::Line { from, whole_mm } => (*from, *whole_mm),
-            Place::Corner { corner, .. } => {
-                gone_mm = 0.0;
-                legs.extend(lins.first().map(|&lin| Leg::Corner { corner: corner.clone(), lin }));
-                (corner.end, corner.whole_out_mm)
-            }
-            Place::Standing | Place::Axes { .. } => return legs,
-        };
-        for (index, &lin) in lins.iter().enumerate() {
-            let mm_per_deg = lin.speed_mm_s / TURN_DEG_S;
-            let corner = lins.get(index + 1).and_then(|next| {
-                let (vertex, next) = (lin.target, next.target);
-                Corner::new(&Bend { from, whole_in_mm: whole_mm, vertex, next, blend_mm: lin.blend_mm, mm_per_deg })
-            });
-            let line = |to: Pose, stops: bool| Leg::Line {
-                from,
-                to,
-                length_mm: measure_mm(&from, &to, mm_per_deg),
-                lin,
-                stops,
-            };
-            let blended = corner.map(|corner| (line(corner.start, false), corner));
-            match blended {
-                // A blend whose start was passed already is none.
-                Some((to_blend, corner)) if gone_mm <= to_blend.length_mm() + ROUNDING_MM => {
-                    (from, whole_mm) = (corner.end, corner.whole_out_mm);
-                    legs.extend([to_blend, Leg::Corner { corner: Box::new(corner), lin }]);
-                }
-                _ => {
-                    legs.push(line(lin.target, true));
-                    break;
-                }
-            }
-            gone_mm = 0.0;
-        }
-        legs
     }
 }
 

@@ -5,7 +5,7 @@
 //! sees that. One value more than BUFFERING allows is stored and closes the connection. The program reads with the
 //! functions below, which are `EKI_CheckBuffer`, `EKI_Get…` and `EKI_ClearBuffer`: an empty memory is an error at once.
 
-use super::channel_file::{ChannelFile, Kind, Order};
+use super::channel_file::{ChannelFile, Kind, ReadOrder};
 use super::codec::{Value, decode};
 use super::error::{EkiError, EkiFault, FileProblem};
 use super::framer::Framer;
@@ -27,22 +27,22 @@ struct Entry {
 
 #[derive(Debug)]
 struct TagMemory {
-    order: Order,
+    order: ReadOrder,
     entries: VecDeque<Entry>,
 }
 
 impl TagMemory {
     fn next(&self) -> Option<&Entry> {
         match self.order {
-            Order::Fifo => self.entries.front(),
-            Order::Lifo => self.entries.back(),
+            ReadOrder::Fifo => self.entries.front(),
+            ReadOrder::Lifo => self.entries.back(),
         }
     }
 
     fn pop(&mut self) {
         match self.order {
-            Order::Fifo => self.entries.pop_front(),
-            Order::Lifo => self.entries.pop_back(),
+            ReadOrder::Fifo => self.entries.pop_front(),
+            ReadOrder::Lifo => self.entries.pop_back(),
         };
     }
 }

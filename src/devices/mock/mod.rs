@@ -5,11 +5,12 @@
 //!
 //! - bytes: `framer` (stream to documents), `channel_file` and `codec` (documents to values and back), `memory`
 //!   (what waits), `wire` (what the numbers mean)
-//! - the arm: `kinematics`, `ramp`, `corner` and `legs` (speed and shape of a path), `mover` (the main run)
-//! - the programs: `model` (one tick), `channels` (who is connected), `submit` (intake, watchdog, stop), `epoch`,
-//!   `program` (advance run), `contact` (retract), `outputs` (what goes off by itself), `answer` (what is told)
+//! - the arm: `kinematics`, `ramp`, `corner`, `legs` and `lookahead` (speed and shape of a path), `moves` (what is planned),
+//!   `mover` (the main run)
+//! - the programs: `model` (one tick), `channels` and `channel_link` (who is connected), `submit` (intake, watchdog, stop), `epoch`,
+//!   `program` (advance run), `contact` (retract), `outputs` (what goes off by itself), `answer` and `telling` (what is told)
 //! - the programs themselves instead: `interpreted` executes the files that ship
-//! - around it: `setup`, `safety` (people, keys, the program's start), `world` (inputs and outputs), `fault` (what goes
+//! - around it: `setup`, `options`, `safety` and `operator` (people, keys, the program's start), `world` (inputs and outputs), `fault` (what goes
 //!   wrong, and when), `log` and `view` (what happened, what is), `server` (TCP) with `late` (slow ways)
 //!
 //! As the programs do it, a `move_j` stops exactly: approximated PTP is refused. Not modelled: RAW channels and UDP,
@@ -17,6 +18,7 @@
 
 mod answer;
 mod channel_file;
+mod channel_link;
 mod channels;
 mod codec;
 mod contact;
@@ -30,9 +32,13 @@ mod kinematics;
 mod late;
 mod legs;
 mod log;
+mod lookahead;
 mod memory;
 mod model;
 mod mover;
+mod moves;
+mod operator;
+mod options;
 mod outputs;
 mod program;
 mod ramp;
@@ -40,6 +46,7 @@ mod safety;
 mod server;
 mod setup;
 mod submit;
+mod telling;
 mod view;
 mod wire;
 mod world;
@@ -54,7 +61,8 @@ pub use interpreted::{Programs, RobotState};
 pub use kinematics::{Arm, Unreachable};
 pub use log::{Executed, Sample, Stop, StopCause};
 pub use model::Controller;
+pub use options::{CHECKSUM, Clock, Mode, Rule};
 pub use server::{MockHandle, MockServer, Ports};
-pub use setup::{CHECKSUM, Clock, Mode, Rule, Setup};
+pub use setup::Setup;
 pub use wire::{Channel, Refusal};
 pub use world::{Unwired, World};

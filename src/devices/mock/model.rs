@@ -6,7 +6,7 @@
 //! read in that time, so that the result does not depend on when bytes arrive.
 
 use super::answer::Answers;
-use super::channels::Link;
+use super::channel_link::Link;
 use super::codec::Template;
 use super::contact::Contact;
 use super::epoch::Epoch;
@@ -16,8 +16,9 @@ use super::interpreted::Running;
 use super::log::{Executed, Sample, Stop};
 use super::memory::Memory;
 use super::mover::Mover;
+use super::options::Clock;
 use super::safety::Safety;
-use super::setup::{Clock, Setup};
+use super::setup::Setup;
 use super::wire::{CommandPlaces, RequestPlaces};
 use super::world::World;
 use std::collections::{BTreeMap, BTreeSet};

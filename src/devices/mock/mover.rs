@@ -9,72 +9,10 @@
 use super::corner::{Corner, Pose, distance_mm};
 use super::kinematics::{Arm, Unreachable, angles_deg, joints};
 use super::legs::{Leg, pose_ahead};
+use super::moves::{Key, Lin, Move, Override, Ptp, ROUNDING_MM};
 use super::ramp::{self, Limits};
 use crate::geometry::{Base, Flange, Joints, Rigid, Tool};
 use std::collections::VecDeque;
-
-/// Which command a move is for; a retract is for none.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Key {
-    pub(super) epoch: i32,
-    pub(super) id: i32,
-}
-
-/// A straight move of the tool.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Lin {
-    pub(super) key: Option<Key>,
-    pub(super) target: Pose,
-    pub(super) flange_from_tool: Rigid<Flange, Tool>,
-    /// 0 for an exact stop.
-    pub(super) blend_mm: f64,
-    pub(super) contact: bool,
-    /// An output that is switched with its end.
-    pub(super) switches: Option<(u16, bool)>,
-    /// Points still to come on this path.
-    pub(super) to_come: i32,
-    pub(super) speed_mm_s: f64,
-    pub(super) acceleration_mm_s2: f64,
-}
-
-/// A move of the axes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Ptp {
-    pub(super) key: Option<Key>,
-    pub(super) target: Joints,
-    /// Of each axis's highest speed, 0…1.
-    pub(super) speed_share: f64,
-    /// Of each axis's highest acceleration, 0…1.
-    pub(super) acceleration_share: f64,
-    /// An output that is switched with its end.
-    pub(super) switches: Option<(u16, bool)>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Move {
-    Lin(Lin),
-    Ptp(Ptp),
-}
-
-impl Move {
-    pub(super) fn key(&self) -> Option<Key> {
-        match self {
-            Move::Lin(lin) => lin.key,
-            Move::Ptp(ptp) => ptp.key,
-        }
-    }
-
-    pub(super) fn contact(&self) -> bool {
-        matches!(self, Move::Lin(lin) if lin.contact)
-    }
-
-    pub(super) fn switches(&self) -> Option<(u16, bool)> {
-        match self {
-            Move::Lin(lin) => lin.switches,
-            Move::Ptp(ptp) => ptp.switches,
-        }
-    }
-}
 
 /// A move that was executed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -94,19 +32,8 @@ pub(super) enum Blocked {
     AxisSpeed(usize),
 }
 
-/// What the mode allows.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Override {
-    pub(super) tool_mm_s: f64,
-    pub(super) axis_share: f64,
-    /// $OV_PRO, of every programmed speed, 0…1.
-    pub(super) share: f64,
-}
-
 /// An axis reaches its highest speed in this time.
 const AXIS_RAMP_S: f64 = 0.2;
-/// Lengths closer than this are one.
-pub(super) const ROUNDING_MM: f64 = 1e-9;
 /// How often the step is halved for an axis that is too slow.
 const HALVINGS: i32 = 7;
 
@@ -117,7 +44,7 @@ pub(super) struct Mover {
     joints: Joints,
     /// The front one is being executed.
     pub(super) planned: VecDeque<Move>,
-    pub(super) place: Place,
+    pub(super) place: MotionState,
     /// Gone on the present leg, mm or degrees of the leading axis.
     pub(super) gone: f64,
     /// Along the path, mm/s or degrees/s of the leading axis.
@@ -128,7 +55,7 @@ pub(super) struct Mover {
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Place {
+pub(super) enum MotionState {
     Standing,
     Line { from: Pose, whole_mm: f64 },
     Corner { corner: Box<Corner>, passing: Option<Lin> },
@@ -137,7 +64,7 @@ pub(super) enum Place {
 
 impl Mover {
     pub(super) fn new(arm: Arm, joints: Joints) -> Self {
-        let place = Place::Standing;
+        let place = MotionState::Standing;
         Mover { arm, joints, planned: VecDeque::new(), place, gone: 0.0, speed: 0.0, braking: false, ahead: None }
     }
 
@@ -156,7 +83,7 @@ impl Mover {
 
     /// Nothing planned and nothing in motion.
     pub(super) fn stands(&self) -> bool {
-        self.place == Place::Standing && self.planned.is_empty()
+        self.place == MotionState::Standing && self.planned.is_empty()
     }
 
     /// The arm is on its way.
@@ -167,7 +94,7 @@ impl Mover {
     /// Stands, and the only motion planned is one that is to be blended into the next.
     pub(super) fn waits_for_next(&self) -> bool {
         let is_blended = matches!(self.planned.front(), Some(Move::Lin(lin)) if lin.blend_mm > 0.0);
-        self.place == Place::Standing && self.planned.len() == 1 && is_blended
+        self.place == MotionState::Standing && self.planned.len() == 1 && is_blended
     }
 
     /// Slowing down to a stop that forgets what is left.
@@ -182,7 +109,7 @@ impl Mover {
 
     /// What is being executed.
     pub(super) fn front(&self) -> Option<&Move> {
-        if self.place == Place::Standing { None } else { self.planned.front() }
+        if self.place == MotionState::Standing { None } else { self.planned.front() }
     }
 
     /// One of the planned moves, the present one included, ends in contact.
@@ -193,7 +120,7 @@ impl Mover {
     /// The oldest move that is not executed.
     pub(super) fn oldest(&self) -> Option<Key> {
         let passing = match &self.place {
-            Place::Corner { passing, .. } => passing.and_then(|lin| lin.key),
+            MotionState::Corner { passing, .. } => passing.and_then(|lin| lin.key),
             _ => None,
         };
         passing.or_else(|| self.planned.front().and_then(Move::key))
@@ -231,24 +158,26 @@ impl Mover {
     pub(super) fn freeze(&mut self) {
         self.planned.clear();
         self.ahead = None;
-        self.place = Place::Standing;
+        self.place = MotionState::Standing;
         self.speed = 0.0;
         self.braking = false;
     }
 
     /// One step. Reports moves whose end was reached or passed, and where it cannot go on.
     pub(super) fn step(&mut self, allowed: Override, step_s: f64) -> (Vec<Done>, Option<Blocked>) {
-        if self.place == Place::Standing {
+        if self.place == MotionState::Standing {
             self.begin();
         }
         let mut done = Vec::new();
         let blocked = match (&self.place, self.planned.front()) {
-            (Place::Axes { from }, Some(&Move::Ptp(ptp))) => {
+            (MotionState::Axes { from }, Some(&Move::Ptp(ptp))) => {
                 let from = *from;
                 done.extend(self.step_axes(from, ptp, allowed, step_s));
                 None
             }
-            (Place::Line { .. } | Place::Corner { .. }, _) => self.step_lines(allowed, step_s, &mut done).err(),
+            (MotionState::Line { .. } | MotionState::Corner { .. }, _) => {
+                self.step_lines(allowed, step_s, &mut done).err()
+            }
             _ => None,
         };
         if blocked.is_some() {
@@ -265,9 +194,9 @@ impl Mover {
             None => {}
             Some(Move::Lin(lin)) => {
                 let from = self.base_from_flange() * lin.flange_from_tool;
-                self.place = Place::Line { from, whole_mm: distance_mm(&from, &lin.target) };
+                self.place = MotionState::Line { from, whole_mm: distance_mm(&from, &lin.target) };
             }
-            Some(Move::Ptp(_)) => self.place = Place::Axes { from: angles_deg(&self.joints) },
+            Some(Move::Ptp(_)) => self.place = MotionState::Axes { from: angles_deg(&self.joints) },
         }
     }
 
@@ -295,7 +224,7 @@ impl Mover {
         }
         self.joints = ptp.target;
         self.planned.pop_front();
-        self.place = Place::Standing;
+        self.place = MotionState::Standing;
         Some(Done { step: Move::Ptp(ptp), joints: self.joints, starved: self.planned.is_empty() })
     }
 
@@ -346,7 +275,7 @@ impl Mover {
             match leg {
                 Leg::Line { lin, stops: true, .. } => {
                     self.planned.pop_front();
-                    (self.place, self.gone, self.speed) = (Place::Standing, 0.0, 0.0);
+                    (self.place, self.gone, self.speed) = (MotionState::Standing, 0.0, 0.0);
                     let starved = self.is_starved(lin);
                     done.push(Done { step: Move::Lin(*lin), joints: self.joints, starved });
                     return Ok(false);
@@ -354,11 +283,11 @@ impl Mover {
                 Leg::Line { lin, .. } => {
                     self.planned.pop_front();
                     if let Some(Leg::Corner { corner, .. }) = legs.get(index + 1) {
-                        self.place = Place::Corner { corner: corner.clone(), passing: Some(*lin) };
+                        self.place = MotionState::Corner { corner: corner.clone(), passing: Some(*lin) };
                     }
                 }
                 Leg::Corner { corner, .. } => {
-                    self.place = Place::Line { from: corner.end, whole_mm: corner.whole_out_mm };
+                    self.place = MotionState::Line { from: corner.end, whole_mm: corner.whole_out_mm };
                 }
             }
         }
@@ -377,7 +306,7 @@ impl Mover {
 
     /// A blended move counts as executed in the middle of its corner.
     fn pass_middle(&mut self, leg: &Leg, done: &mut Vec<Done>) -> Result<(), Unreachable> {
-        let Place::Corner { corner, passing } = &mut self.place else { return Ok(()) };
+        let MotionState::Corner { corner, passing } = &mut self.place else { return Ok(()) };
         if self.gone < corner.length_mm / 2.0 {
             return Ok(());
         }

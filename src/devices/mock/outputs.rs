@@ -1,7 +1,7 @@
 //! The outputs: what commands switch, and what the end of an epoch switches off by the controller's own clock.
 
 use super::model::Controller;
-use super::setup::Rule;
+use super::options::Rule;
 
 /// So long an output that went off after an epoch's end is switched off again.
 const OFF_AGAIN_MS: u64 = 1_000;

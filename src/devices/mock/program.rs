@@ -7,8 +7,9 @@ use super::epoch::ActiveTool;
 use super::kinematics;
 use super::log::{Executed, Sample, StopCause, words};
 use super::model::{Controller, TICK_MS};
-use super::mover::{Blocked, Done, Key, Lin, Move, Override, Ptp};
-use super::setup::Mode;
+use super::mover::{Blocked, Done};
+use super::moves::{Key, Lin, Move, Override, Ptp};
+use super::options::Mode;
 use super::wire::{self, Command, Refusal};
 use crate::geometry::{Base, KukaPose, Panel, Rigid, Tool};
 

@@ -4,9 +4,9 @@
 //! the controller makes it say is written before the next call, acknowledgements first.
 
 use super::error::MockError;
-use super::late::Way;
+use super::late::DelayedStream;
 use super::model::{Controller, TICK_MS};
-use super::setup::Clock;
+use super::options::Clock;
 use super::wire::Channel;
 use crate::geometry::{Base, Flange, Rigid};
 use std::io::{ErrorKind, Read, Write};
@@ -44,8 +44,8 @@ struct Shared {
     command: Option<TcpStream>,
     state: Option<TcpStream>,
     /// Slow ways in and out, by channel.
-    ways_in: [Way; 2],
-    ways_out: [Way; 2],
+    ways_in: [DelayedStream; 2],
+    ways_out: [DelayedStream; 2],
 }
 
 impl Shared {
@@ -144,7 +144,7 @@ impl MockServer {
         let (command, command_address) = listen(SocketAddr::new(ports.host, ports.command))?;
         let (state, state_address) = listen(SocketAddr::new(ports.host, ports.state))?;
         let (delay_ms, fragment, seed) = controller.wire_faults();
-        let way = |index: u64| Way::new(delay_ms, fragment, seed.wrapping_add(index));
+        let way = |index: u64| DelayedStream::new(delay_ms, fragment, seed.wrapping_add(index));
         let (ways_in, ways_out) = ([way(0), way(1)], [way(2), way(3)]);
         let shared = Shared { controller, command: None, state: None, ways_in, ways_out };
         let handle = MockHandle { shared: Arc::new(Mutex::new(shared)) };

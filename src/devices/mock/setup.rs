@@ -4,53 +4,10 @@ use super::channel_file::ChannelFile;
 use super::fault::FaultSpec;
 use super::interpreted::Programs;
 use super::kinematics::Arm;
+use super::options::{CHECKSUM, Clock, Rule};
 use crate::geometry::Joints;
 use crate::sim::RealArm;
 use std::collections::BTreeMap;
-
-/// What makes the controller's time pass.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Clock {
-    /// Whoever calls [`Controller::advance_ms`](super::Controller::advance_ms), as the server does by the wall clock.
-    Free,
-    /// The client: each heartbeat grants 100 ms, once every command up to the one that it names has arrived.
-    LockStep,
-}
-
-/// The mode switch.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mode {
-    /// Manual, at most 250 mm/s; moves only while the start key is held.
-    T1 = 1,
-    /// Manual at full speed; moves only while the start key is held.
-    T2 = 2,
-    /// Automatic.
-    Aut = 3,
-    /// Automatic, started from outside.
-    Ext = 4,
-}
-
-/// A rule that the controller's programs keep. One can be left out, to see that the tests notice.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Rule {
-    /// Commands of ended epochs are dropped.
-    EpochCheck,
-    /// Silence stops what is queued, and closes the channels.
-    Watchdog,
-    /// A lost connection ends the epoch.
-    LinkLoss,
-    /// A stop discards what is queued.
-    Discard,
-    /// A stop in contact retracts.
-    Retract,
-    /// The end of an epoch switches outputs off.
-    OutputsOff,
-    /// The epoch is raised by a step at most.
-    EpochStep,
-}
-
-/// The checksum of programs that a mock controller tells; no KRL program has it.
-pub const CHECKSUM: i32 = 1;
 
 /// A mock controller's configuration.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,7 +4,7 @@ use super::epoch::{Epoch, RING};
 use super::error::EkiFault;
 use super::log::{Stop, StopCause};
 use super::model::Controller;
-use super::setup::{Clock, Rule};
+use super::options::{Clock, Rule};
 use super::wire::{self, Channel, Command, Refusal, Request};
 
 /// Commands read in one tick, at most.

@@ -2,7 +2,7 @@
 
 use super::log::{Executed, Sample, Stop};
 use super::model::Controller;
-use super::setup::Clock;
+use super::options::Clock;
 use crate::geometry::{Base, Flange, Joints, Rigid};
 use std::collections::BTreeMap;
 

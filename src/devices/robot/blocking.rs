@@ -1,6 +1,7 @@
 //! The link for callers without a runtime, such as a command that does one thing.
 
-use super::{Address, RobotLink, StartError};
+use super::address::Address;
+use super::link::{RobotLink, StartError};
 use crate::eki::{Command, CommandId, Epoch, LinkLimits, MoveLin, Pace, QueueError, Report};
 use crate::supervision::Watched;
 use std::time::Duration;

@@ -1,6 +1,6 @@
 //! Two TCP connections, set up so that a dead controller is noticed.
 
-use super::Address;
+use super::address::Address;
 use crate::eki::{Channel, LinkLoss};
 use socket2::{SockRef, TcpKeepalive};
 use std::io::{Error as IoError, ErrorKind};

@@ -6,7 +6,7 @@ use tokio::sync::oneshot;
 type Reply<T> = oneshot::Sender<Result<T, QueueError>>;
 
 #[derive(Debug)]
-pub(super) enum Order {
+pub(super) enum LinkRequest {
     Queue(Command, Reply<CommandId>),
     QueuePath(Vec<MoveLin>, Reply<CommandId>),
     /// A path of which only so many points are sent before more are permitted.

@@ -1,9 +1,9 @@
 //! The link's thread: connects, moves bytes between sockets and session, obeys orders, lets time pass.
 
+use super::address::Address;
 use super::connect::{connect, failed};
-use super::order::Order;
+use super::order::LinkRequest;
 use super::queue::ReportQueue;
-use super::{Address, is_same};
 use crate::eki::{Channel, LinkLoss, Pace, Report, Session, StopCause, Time};
 use crate::supervision::Supervised;
 use std::io::{Error as IoError, ErrorKind};
@@ -29,7 +29,7 @@ pub(super) struct Link {
     address: Address,
     session: Session,
     pace: Pace,
-    orders: mpsc::UnboundedReceiver<Order>,
+    orders: mpsc::UnboundedReceiver<LinkRequest>,
     reports: Arc<ReportQueue>,
     started: Instant,
     /// The controller's time, as last heard; in lock step only.
@@ -64,7 +64,7 @@ impl Link {
         address: Address,
         session: Session,
         pace: Pace,
-        (orders, reports): (mpsc::UnboundedReceiver<Order>, Arc<ReportQueue>),
+        (orders, reports): (mpsc::UnboundedReceiver<LinkRequest>, Arc<ReportQueue>),
         sign: Supervised,
     ) -> Self {
         Link {
@@ -230,23 +230,23 @@ impl Link {
         }
     }
 
-    fn obey(&mut self, order: Order) {
+    fn obey(&mut self, order: LinkRequest) {
         self.reports.attended();
         // Whoever asked and does not wait for the answer does not want it.
         match order {
-            Order::Queue(command, reply) => drop(reply.send(self.session.queue(command))),
-            Order::QueuePath(points, reply) => drop(reply.send(self.session.queue_path(&points))),
-            Order::QueuePathWithin(points, permitted, reply) => {
+            LinkRequest::Queue(command, reply) => drop(reply.send(self.session.queue(command))),
+            LinkRequest::QueuePath(points, reply) => drop(reply.send(self.session.queue_path(&points))),
+            LinkRequest::QueuePathWithin(points, permitted, reply) => {
                 drop(reply.send(self.session.queue_path_within(&points, permitted)));
             }
-            Order::Permit(last, reply) => drop(reply.send(self.session.permit(last))),
-            Order::OpenEpoch(above, reply) => drop(reply.send(self.session.open_epoch_above(above))),
-            Order::Abort(reply) => drop(reply.send(self.session.abort())),
+            LinkRequest::Permit(last, reply) => drop(reply.send(self.session.permit(last))),
+            LinkRequest::OpenEpoch(above, reply) => drop(reply.send(self.session.open_epoch_above(above))),
+            LinkRequest::Abort(reply) => drop(reply.send(self.session.abort())),
             // With an answer under way, or a report that the asker has not seen, no more time may pass.
-            Order::Grant { told } if told == self.reports.told() && !self.session.awaits_answer() => {
+            LinkRequest::Grant { told } if told == self.reports.told() && !self.session.awaits_answer() => {
                 self.session.heartbeat(self.now());
             }
-            Order::Grant { .. } => {}
+            LinkRequest::Grant { .. } => {}
         }
     }
 
@@ -318,4 +318,9 @@ fn write(stream: &TcpStream, bytes: &mut Vec<u8>) -> Result<(), IoError> {
         Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(()),
         Err(error) => Err(error),
     }
+}
+
+/// Whether two losses are the same trouble, so that it is told once.
+fn is_same(one: &LinkLoss, other: &LinkLoss) -> bool {
+    std::mem::discriminant(one) == std::mem::discriminant(other)
 }

@@ -2,10 +2,14 @@
 
 use super::*;
 use crate::devices::mock::{self, MockServer};
-use crate::eki::{Channel, MoveJ, SetAccSpeed, SetTcp, TcpKind};
+use crate::eki::{
+    CELLCMD, CELLSTAT, Channel, Command, CommandId, LinkLimits, LinkLoss, MoveJ, MoveLin, Pace, QueueError, Report,
+    SetAccSpeed, SetTcp, TcpKind,
+};
 use crate::geometry::{Base, Flange, Joints, KukaPose, Tool};
 use std::io::Write;
 use std::net::TcpListener;
+use std::time::Duration;
 
 fn address(command: &TcpListener, state: &TcpListener) -> Address {
     let port = |listener: &TcpListener| listener.local_addr().expect("bound").port();

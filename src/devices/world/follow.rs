@@ -8,7 +8,7 @@
 //! millimetres under a disc of 20 mm and more. Where messages were late, nothing is taken for granted: only the places that
 //! were told count.
 
-use super::SimulatedWorld;
+use super::simulated_world::{Moment, SimulatedWorld};
 use crate::cell::{Cell, Output};
 use crate::devices::mock::{self, Sample};
 use crate::eki::State;
@@ -26,26 +26,26 @@ const STEP_MM: f64 = 1.0;
 pub struct Follower {
     world: SimulatedWorld,
     cell: Arc<Cell>,
-    told: Arc<Mutex<Told>>,
+    told: Arc<Mutex<ReceivedStates>>,
 }
 
 /// What was told.
 #[derive(Default)]
-struct Told {
-    last: Option<Heard>,
+struct ReceivedStates {
+    last: Option<ReceivedState>,
     outputs: Vec<(u16, bool)>,
     trace: Vec<Sample>,
 }
 
 /// A message, when it came, and the time since the first controller's start: one that starts again counts from zero.
 #[derive(Clone, Copy)]
-struct Heard {
+struct ReceivedState {
     state: State,
     at: Instant,
     before_ms: u64,
 }
 
-impl Heard {
+impl ReceivedState {
     fn time_ms(&self) -> u64 {
         self.before_ms + u64::from(self.state.time_ms)
     }
@@ -83,7 +83,7 @@ impl Follower {
                 Some(last) => last.before_ms,
                 None => 0,
             };
-            let heard = Heard { state: *state, at: Instant::now(), before_ms };
+            let heard = ReceivedState { state: *state, at: Instant::now(), before_ms };
             let changed = self.changed(&mut told.outputs, state);
             if self.tool_is_on(state) {
                 let way = told.last.map_or(vec![], |last| way(&last, &heard, self.tool_is_on(&last.state)));
@@ -113,9 +113,9 @@ impl Follower {
     }
 
     /// The arm at this time; `None` before the first message.
-    pub fn moment(&self) -> Option<super::Moment> {
+    pub fn moment(&self) -> Option<Moment> {
         let told = self.lock().last?;
-        Some(super::Moment {
+        Some(Moment {
             time_ms: told.now_ms(),
             joints: told.state.joints,
             base_from_flange: told.base_from_flange(),
@@ -128,13 +128,13 @@ impl Follower {
         self.lock().trace.iter().filter(|sample| sample.time_ms <= until_ms).copied().collect()
     }
 
-    fn lock(&self) -> MutexGuard<'_, Told> {
+    fn lock(&self) -> MutexGuard<'_, ReceivedStates> {
         self.told.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// The places from one message to the next, while the tool ran.
-fn way(from: &Heard, to: &Heard, ran: bool) -> Vec<Sample> {
+fn way(from: &ReceivedState, to: &ReceivedState, ran: bool) -> Vec<Sample> {
     let sample = |base_from_tool: Rigid<Base, Tool>| Sample {
         time_ms: to.time_ms(),
         base_from_flange: base_from_tool * to.state.flange_from_tool.to_rigid::<Flange, Tool>().inverse(),

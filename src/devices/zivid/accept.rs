@@ -1,12 +1,12 @@
 //! Is what came the shot that was asked for? Pure: each doubt is a fault, nothing is repaired.
 
 use super::fault::ZividFault;
-use super::message::{SettingsHash, Size, Taken};
+use super::message::{SettingsHash, ShotInfo, Size};
 use super::sensor::Planes;
 
 /// What a shot is held against.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Asked {
+pub struct ExpectedShot {
     /// What was asked for, in words.
     pub what: &'static str,
     /// By which settings.
@@ -35,7 +35,7 @@ pub const MOST_THROTTLED_MS: f64 = 500.0;
 ///
 /// # Errors
 /// Where it is another camera's, of another size, by other settings, old, or the same as before.
-pub fn accept(taken: &Taken, sum: u32, asked: &Asked) -> Result<(), ZividFault> {
+pub fn accept(taken: &ShotInfo, sum: u32, asked: &ExpectedShot) -> Result<(), ZividFault> {
     if taken.serial != asked.serial {
         let (found, expected) = (taken.serial.clone(), asked.serial.clone());
         return Err(ZividFault::WrongCamera { found, expected });
@@ -57,7 +57,7 @@ pub fn accept(taken: &Taken, sum: u32, asked: &Asked) -> Result<(), ZividFault> 
         && taken.exposed_ns <= taken.ready_ns
         && taken.ready_ns <= asked.until_ns;
     if !in_order {
-        let Taken { begun_ns, exposed_ns, ready_ns, .. } = taken;
+        let ShotInfo { begun_ns, exposed_ns, ready_ns, .. } = taken;
         let (from_ns, until_ns) = (asked.from_ns, asked.until_ns);
         return Err(ZividFault::Frozen(format!(
             "a shot begun at {begun_ns} ns, exposed until {exposed_ns} and ready at {ready_ns} does not lie between \
@@ -99,7 +99,7 @@ pub fn accept_points(planes: &Planes) -> Result<(), ZividFault> {
 ///
 /// # Errors
 /// Where it paused for too long.
-pub fn accept_pause(taken: &Taken, during: &'static str) -> Result<(), ZividFault> {
+pub fn accept_pause(taken: &ShotInfo, during: &'static str) -> Result<(), ZividFault> {
     let (paused_ms, allowed_ms, lens_c) = (taken.throttled_ms, MOST_THROTTLED_MS, taken.lens_c);
     match paused_ms <= allowed_ms {
         true => Ok(()),
@@ -113,8 +113,8 @@ mod tests {
 
     const SIZE: Size = Size { width: 4, height: 2 };
 
-    fn asked() -> Asked {
-        Asked {
+    fn asked() -> ExpectedShot {
+        ExpectedShot {
             what: "a 3D shot",
             settings: "abc".to_owned(),
             serial: "12".to_owned(),
@@ -126,8 +126,8 @@ mod tests {
         }
     }
 
-    fn taken() -> Taken {
-        Taken {
+    fn taken() -> ShotInfo {
+        ShotInfo {
             size: SIZE,
             settings: "abc".to_owned(),
             serial: "12".to_owned(),
@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn each_doubt_has_its_row() {
-        let row = |change: &dyn Fn(&mut Taken)| {
+        let row = |change: &dyn Fn(&mut ShotInfo)| {
             let mut taken = taken();
             change(&mut taken);
             accept(&taken, 2, &asked()).map_err(|fault| fault.row())
@@ -163,11 +163,11 @@ mod tests {
         assert_eq!(row(&|taken| taken.ready_ns = 201), Err("C9"));
         assert_eq!(row(&|taken| taken.number = 6), Err("C9"));
         assert_eq!(accept(&taken(), 1, &asked()).map_err(|fault| fault.row()), Err("C9"));
-        assert_eq!(accept(&taken(), 1, &Asked { last_sum: None, ..asked() }), Ok(()), "a file camera");
-        let hot = Taken { throttled_ms: 500.1, ..taken() };
+        assert_eq!(accept(&taken(), 1, &ExpectedShot { last_sum: None, ..asked() }), Ok(()), "a file camera");
+        let hot = ShotInfo { throttled_ms: 500.1, ..taken() };
         let words = accept_pause(&hot, "a picture").expect_err("hot").to_string();
         assert!(words.starts_with("C3 the 3D camera is hot") && words.contains("its lens has 41 °C"), "{words}");
-        assert!(accept_pause(&Taken { throttled_ms: f64::NAN, ..taken() }, "a picture").is_err());
+        assert!(accept_pause(&ShotInfo { throttled_ms: f64::NAN, ..taken() }, "a picture").is_err());
     }
 
     /// By hand: 1 of 100 points is 1 %, and enough; 0 is not.

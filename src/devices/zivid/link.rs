@@ -1,7 +1,7 @@
 //! The daemon's end of the socket: one request, one answer, each by its deadline.
 
 use super::clock::now_ns;
-use super::message::{Hello, Reply, Request, Size, Taken};
+use super::message::{Hello, Reply, Request, ShotInfo, Size};
 use super::sensor::Planes;
 use super::wire::{self, Kind, Opened, WireError};
 use std::io::{ErrorKind, Read, Write};
@@ -24,16 +24,16 @@ pub enum Answer {
     /// Words alone.
     Words(Reply),
     /// A 3D shot.
-    Scan(Came, Planes),
+    Scan(Delivery, Planes),
     /// A picture.
-    Picture(Came, Vec<[u8; 3]>),
+    Picture(Delivery, Vec<[u8; 3]>),
 }
 
 /// How a shot came.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Came {
+pub struct Delivery {
     /// How it was taken.
-    pub taken: Taken,
+    pub taken: ShotInfo,
     /// The checksum of its payload.
     pub sum: u32,
     /// When it had come whole, ns of the monotonic clock.
@@ -77,7 +77,7 @@ impl Link {
                 opened.holds(bytes(taken.size, 3))?;
                 let mut rgb = vec![[0; 3]; taken.size.pixels()];
                 let sum = opened.payload(&mut timed, &mut [rgb.as_flattened_mut()])?;
-                Ok(Answer::Picture(Came { taken, sum, came_ns: now_ns() }, rgb))
+                Ok(Answer::Picture(Delivery { taken, sum, came_ns: now_ns() }, rgb))
             }
             words => {
                 opened.without_payload(&mut timed)?;
@@ -98,7 +98,7 @@ fn bytes(size: Size, each: usize) -> usize {
     size.pixels().saturating_mul(each)
 }
 
-fn scan(opened: Opened, timed: &mut Timed<'_>, taken: Taken) -> Result<Answer, WireError> {
+fn scan(opened: Opened, timed: &mut Timed<'_>, taken: ShotInfo) -> Result<Answer, WireError> {
     opened.holds(bytes(taken.size, SCAN_BYTES))?;
     // Read where it stays.
     let mut planes = Planes::of(taken.size);
@@ -108,7 +108,7 @@ fn scan(opened: Opened, timed: &mut Timed<'_>, taken: Taken) -> Result<Answer, W
         bytemuck::cast_slice_mut(planes.snr.as_mut_slice()),
     ];
     let sum = opened.payload(timed, into)?;
-    Ok(Answer::Scan(Came { taken, sum, came_ns: now_ns() }, planes))
+    Ok(Answer::Scan(Delivery { taken, sum, came_ns: now_ns() }, planes))
 }
 
 /// How often is looked whether the program ends.

@@ -112,9 +112,9 @@ pub enum Reply {
     Settings(Size),
     /// A 3D shot: its payload is x, y, z of each point as f32, mm; then red, green, blue; then the signal to noise
     /// ratio as f32.
-    Scan(Taken),
+    Scan(ShotInfo),
     /// A picture: its payload is red, green, blue.
-    Picture(Taken),
+    Picture(ShotInfo),
     /// The clip goes on.
     ClipBegun,
     /// The clip is over.
@@ -159,7 +159,7 @@ impl Size {
 /// What is told of a shot or picture.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Taken {
+pub struct ShotInfo {
     /// Its size.
     pub size: Size,
     /// The settings that it was taken with.

@@ -2,9 +2,9 @@
 
 use super::clock::now_ns;
 use super::fault::ZividFault;
-use super::host::{Ask, Found, Host, Order, Patience, Setup, Shared, Stage, TRIES};
-use super::link::Came;
-use super::message::{ClipEnd, Lens, Light, Size, Taken, Temperatures};
+use super::host::{CameraAnswer, CameraRequest, Host, Patience, QueuedRequest, Setup, Shared, Stage, TRIES};
+use super::link::Delivery;
+use super::message::{ClipEnd, Lens, Light, ShotInfo, Size, Temperatures};
 use super::process::Launcher;
 use super::warmth::{Warmth, warmth};
 use crate::cell::ZividSettings;
@@ -24,7 +24,7 @@ pub struct ZividShot {
     /// Signal to noise ratio of each point.
     pub snr: Vec<f32>,
     /// How it was taken.
-    pub taken: Taken,
+    pub taken: ShotInfo,
     /// From there in the worker to here, checked, ms.
     pub crossed_ms: f64,
 }
@@ -35,12 +35,12 @@ pub struct ZividPicture {
     /// The picture.
     pub picture: ColorPicture,
     /// How it was taken; of a clip also how many were dropped so far.
-    pub taken: Taken,
+    pub taken: ShotInfo,
 }
 
 /// The fixed camera behind its worker.
 pub struct ZividScanner {
-    orders: Sender<Order>,
+    orders: Sender<QueuedRequest>,
     shared: Arc<Shared>,
     patience: Patience,
     size: Size,
@@ -128,29 +128,30 @@ impl ZividScanner {
         warmth(self.shared.status().temperatures.make_contiguous(), now_ns() as f64 * 1e-9)
     }
 
-    fn told(&mut self, taken: &Taken, exposure_us: Option<f64>) {
+    fn told(&mut self, taken: &ShotInfo, exposure_us: Option<f64>) {
         let throttled_ms = Some(taken.throttled_ms);
         self.conditions = Conditions { exposure_us, camera_c: taken.lens_c, throttled_ms };
     }
 
-    fn ask(&self, ask: Ask) -> Result<Found, ZividFault> {
-        if ask != Ask::Check {
+    fn ask(&self, ask: CameraRequest) -> Result<CameraAnswer, ZividFault> {
+        if ask != CameraRequest::Check {
             // Nobody waits for a start.
             self.ready(Duration::ZERO)?;
         }
         let is_given_up = Arc::new(AtomicBool::new(false));
         let (answer, answered) = mpsc::channel();
-        let order = Order { ask, is_given_up: is_given_up.clone(), answer };
+        let order = QueuedRequest { ask, is_given_up: is_given_up.clone(), answer };
         let gone = || ZividFault::NoWorker("the thread that keeps it has ended".to_owned());
         self.orders.send(order).map_err(|_| gone())?;
         let begun = Instant::now();
-        let most = if ask == Ask::Check { CHECK_PATIENCE } else { TRIES * self.patience.of(ask) + ENDING };
+        let most =
+            if ask == CameraRequest::Check { CHECK_PATIENCE } else { TRIES * self.patience.of(ask) + ENDING };
         loop {
             match answered.recv_timeout(LOOK) {
                 Ok(found) => return found,
                 Err(RecvTimeoutError::Disconnected) => return Err(gone()),
                 // It was lost before it was asked, and is being started: that may take minutes.
-                Err(RecvTimeoutError::Timeout) if ask != Ask::Check => {
+                Err(RecvTimeoutError::Timeout) if ask != CameraRequest::Check => {
                     if let Stage::Starting(since) = self.shared.status().stage {
                         is_given_up.store(true, Ordering::Relaxed);
                         // Of a worker that was lost by this very question the answer is on its way.
@@ -167,7 +168,7 @@ impl ZividScanner {
     }
 
     /// Why there is no answer yet, by how the camera stands.
-    fn silent(&self, ask: Ask, waited: Duration) -> ZividFault {
+    fn silent(&self, ask: CameraRequest, waited: Duration) -> ZividFault {
         match self.shared.status().stage.clone() {
             Stage::NoCamera(fault) | Stage::Down(fault) => fault,
             Stage::Starting(since) => self.starting(since),
@@ -180,8 +181,8 @@ impl ZividScanner {
     /// # Errors
     /// Where the camera gives none that can be accepted; likewise for the others.
     pub fn shot(&mut self) -> Result<ZividShot, ZividFault> {
-        match self.ask(Ask::Scan)? {
-            Found::Scan(Came { taken, came_ns, .. }, planes) => {
+        match self.ask(CameraRequest::Scan)? {
+            CameraAnswer::Scan(Delivery { taken, came_ns, .. }, planes) => {
                 let Size { width, height } = taken.size;
                 self.told(&taken, self.exposures_us[0]);
                 let crossed_ms = came_ns.saturating_sub(taken.ready_ns) as f64 * 1e-6;
@@ -198,7 +199,7 @@ impl ZividScanner {
     /// # Errors
     /// As [`ZividScanner::shot`].
     pub fn photo(&mut self) -> Result<ZividPicture, ZividFault> {
-        self.picture_of(Ask::Picture)
+        self.picture_of(CameraRequest::Picture)
     }
 
     /// Begins to take pictures one after the other, at most so many a second; another shot ends that.
@@ -206,7 +207,7 @@ impl ZividScanner {
     /// # Errors
     /// As [`ZividScanner::shot`].
     pub fn begin_clip(&mut self, pictures_per_second: f64) -> Result<(), ZividFault> {
-        self.ask(Ask::BeginClip(pictures_per_second)).map(drop)
+        self.ask(CameraRequest::BeginClip(pictures_per_second)).map(drop)
     }
 
     /// The next picture of the clip. Those that are not taken over in time are dropped, the oldest first, and counted.
@@ -214,7 +215,7 @@ impl ZividScanner {
     /// # Errors
     /// As [`ZividScanner::shot`].
     pub fn next_of_clip(&mut self) -> Result<ZividPicture, ZividFault> {
-        self.picture_of(Ask::NextPicture)
+        self.picture_of(CameraRequest::NextPicture)
     }
 
     /// Ends the clip.
@@ -222,8 +223,8 @@ impl ZividScanner {
     /// # Errors
     /// As [`ZividScanner::shot`].
     pub fn end_clip(&mut self) -> Result<ClipEnd, ZividFault> {
-        match self.ask(Ask::EndClip)? {
-            Found::Clip(end) => Ok(end),
+        match self.ask(CameraRequest::EndClip)? {
+            CameraAnswer::Clip(end) => Ok(end),
             _ => Err(unexpected(&"something else came")),
         }
     }
@@ -233,8 +234,8 @@ impl ZividScanner {
     /// # Errors
     /// As [`ZividScanner::shot`].
     pub fn intrinsics(&mut self) -> Result<Lens, ZividFault> {
-        match self.ask(Ask::Intrinsics)? {
-            Found::Lens(lens) => Ok(lens),
+        match self.ask(CameraRequest::Intrinsics)? {
+            CameraAnswer::Lens(lens) => Ok(lens),
             _ => Err(unexpected(&"something else came")),
         }
     }
@@ -248,8 +249,8 @@ impl ZividScanner {
         if let Stage::Starting(since) = self.shared.settled(CHECK_PATIENCE) {
             return Err(self.starting(since));
         }
-        match self.ask(Ask::Check)? {
-            Found::State(temperatures) => Ok(temperatures),
+        match self.ask(CameraRequest::Check)? {
+            CameraAnswer::State(temperatures) => Ok(temperatures),
             _ => Err(unexpected(&"something else came")),
         }
     }
@@ -259,15 +260,15 @@ impl ZividScanner {
     /// # Errors
     /// As [`ZividScanner::shot`].
     pub fn light(&mut self) -> Result<Light, ZividFault> {
-        match self.ask(Ask::Light)? {
-            Found::Light(light) => Ok(light),
+        match self.ask(CameraRequest::Light)? {
+            CameraAnswer::Light(light) => Ok(light),
             _ => Err(unexpected(&"something else came")),
         }
     }
 
-    fn picture_of(&mut self, ask: Ask) -> Result<ZividPicture, ZividFault> {
+    fn picture_of(&mut self, ask: CameraRequest) -> Result<ZividPicture, ZividFault> {
         match self.ask(ask)? {
-            Found::Picture(Came { taken, .. }, rgb) => {
+            CameraAnswer::Picture(Delivery { taken, .. }, rgb) => {
                 self.told(&taken, self.exposures_us[1]);
                 let Size { width, height } = self.size;
                 Ok(ZividPicture { picture: ColorPicture { width, height, rgb }, taken })
@@ -292,7 +293,7 @@ impl Drop for ZividScanner {
 }
 
 /// When the exposure began, s of the machine's monotonic clock.
-fn time_s(taken: &Taken) -> f64 {
+fn time_s(taken: &ShotInfo) -> f64 {
     taken.begun_ns as f64 * 1e-9
 }
 

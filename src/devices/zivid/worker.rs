@@ -6,7 +6,7 @@
 //! takes them too late loses the oldest, which are counted.
 
 use super::clock::now_ns;
-use super::message::{ClipEnd, Hello, Refusal, Reply, Request, SettingsHash, Size, Source, Taken, Trouble, Use};
+use super::message::{ClipEnd, Hello, Refusal, Reply, Request, SettingsHash, ShotInfo, Size, Source, Trouble, Use};
 use super::sensor::{Exposed, Planes, Sensor, Slot};
 use super::wire::{self, Kind, WireError};
 use sha2::{Digest, Sha256};
@@ -43,8 +43,8 @@ pub enum WorkerError {
 /// An answer with the payload that goes with it.
 enum Answer {
     Words(Reply),
-    Scan(Taken, Planes),
-    Picture(Taken, Vec<[u8; 3]>),
+    Scan(ShotInfo, Planes),
+    Picture(ShotInfo, Vec<[u8; 3]>),
 }
 
 /// Settings that were read.
@@ -216,7 +216,7 @@ impl Camera {
         &mut self,
         settings: &SettingsHash,
         shot: impl FnOnce(&mut dyn Sensor) -> Result<(Exposed, T), Refusal>,
-    ) -> Result<(Taken, T), Refusal> {
+    ) -> Result<(ShotInfo, T), Refusal> {
         let closed = || Refusal { trouble: Trouble::OutOfOrder, message: "no camera is open".to_owned() };
         let serial = self.serial.clone().ok_or_else(closed)?;
         let begun_ns = now_ns();
@@ -224,7 +224,7 @@ impl Camera {
         self.taken += 1;
         let Exposed { size, exposed_ns, throttled_ms, lens_c } = exposed;
         let settings = settings.clone();
-        let taken = Taken {
+        let taken = ShotInfo {
             size,
             settings,
             serial,
@@ -249,7 +249,7 @@ fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-type Photo = (Taken, Vec<[u8; 3]>);
+type Photo = (ShotInfo, Vec<[u8; 3]>);
 
 /// What the clip's thread and the worker share.
 #[derive(Default)]
@@ -390,7 +390,7 @@ mod tests {
 
     fn photo(number: u64) -> Photo {
         let size = Size { width: 1, height: 1 };
-        let taken = Taken {
+        let taken = ShotInfo {
             size,
             settings: String::new(),
             serial: String::new(),

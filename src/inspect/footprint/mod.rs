@@ -110,7 +110,7 @@ impl Footprint {
         let samples = region_samples(taught, masked_px);
         let mean_mm2 = mean_areas(&samples, taught.grids.len());
         let [mut whole_mm2, mut seen_mm2, mut masked_mm2] = [(); 3].map(|()| vec![0.0; mean_mm2.len()]);
-        let mut held: Vec<(Place, Patch)> = Vec::with_capacity(samples.len());
+        let mut held: Vec<(PixelPosition, Patch)> = Vec::with_capacity(samples.len());
         for Sample { grid, point, area_mm2, masked } in samples {
             let area_mm2 = area_mm2.unwrap_or(mean_mm2[grid]);
             whole_mm2[grid] += area_mm2;
@@ -121,7 +121,7 @@ impl Footprint {
             let pixel = point.and_then(|point| camera.project(camera_from_panel * point)); // Eq. 4.6, 4.7, 3.11
             if let Some((column, row)) = pixel.and_then(|px| px.whole(camera.width_px, camera.height_px)) {
                 seen_mm2[grid] += area_mm2;
-                held.push((Place { row, column }, Patch { grid: grid as u32, area_mm2: area_mm2 as f32 }));
+                held.push((PixelPosition { row, column }, Patch { grid: grid as u32, area_mm2: area_mm2 as f32 }));
             }
         }
         held.sort_by_key(|(place, _)| *place);
@@ -289,12 +289,12 @@ impl Footprint {
 
 /// A pixel of the picture; sorted row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Place {
+struct PixelPosition {
     row: usize,
     column: usize,
 }
 
-fn window_around(held: &[(Place, Patch)], camera: &PinholeCamera, margin_px: usize) -> Option<Window> {
+fn window_around(held: &[(PixelPosition, Patch)], camera: &PinholeCamera, margin_px: usize) -> Option<Window> {
     let (top, bottom) = (held.first()?.0.row, held.last()?.0.row);
     let left = held.iter().map(|(place, _)| place.column).min()?;
     let right = held.iter().map(|(place, _)| place.column).max()?;
@@ -304,7 +304,7 @@ fn window_around(held: &[(Place, Patch)], camera: &PinholeCamera, margin_px: usi
     Some(Window { left, top, width, height })
 }
 
-fn starts_of(held: &[(Place, Patch)], window: &Window) -> Vec<u32> {
+fn starts_of(held: &[(PixelPosition, Patch)], window: &Window) -> Vec<u32> {
     let mut starts = vec![0u32; window.width * window.height + 1];
     for (place, _) in held {
         starts[(place.row - window.top) * window.width + place.column - window.left + 1] += 1;

@@ -1,6 +1,6 @@
 //! One row of tiles while it is judged: the light on its cells, and where glints make a dry look doubtful.
 
-use super::judging::{Past, Rule, Seen, judge, stirred};
+use super::judging::{BlockObservation, Past, Rule, judge, stirred};
 use super::kernel::{self, BLOCK_PX, Block, CELL_PX, CELLS, NEW};
 use super::light::Light;
 use std::ops::Range;
@@ -48,7 +48,7 @@ impl Band<'_> {
         let (doubtful, _) = doubtful.as_chunks::<CELLS>();
         let mut broke = Vec::new();
         for at in found {
-            let seen = Seen {
+            let seen = BlockObservation {
                 light: &self.light[at],
                 before: &self.before[at],
                 dry: &self.dry[at],

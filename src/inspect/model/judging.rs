@@ -23,7 +23,7 @@ const STEADY_MARGIN: u16 = 5 * LEVEL / 2;
 
 /// One block of pixels as a picture shows it.
 #[derive(Debug, Clone, Copy)]
-pub struct Seen<'a> {
+pub struct BlockObservation<'a> {
     pub light: &'a Block,
     /// The picture before.
     pub before: &'a Block,
@@ -94,9 +94,9 @@ pub fn stirred(first: usize, [light, dry, kept, gain_q12]: [&[Block]; 4], film_q
 
 /// Judges one block; says whether a pixel of it broke now.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
-pub fn judge(seen: Seen<'_>, kept: &mut Block, past: &mut Past, rule: Rule) -> bool {
+pub fn judge(seen: BlockObservation<'_>, kept: &mut Block, past: &mut Past, rule: Rule) -> bool {
     // Copies, which nothing else can point at: else the loop is not turned into vectors.
-    let Seen { light, before, dry, gain_q12, doubtful } = seen;
+    let BlockObservation { light, before, dry, gain_q12, doubtful } = seen;
     let (light, before, dry, gain_q12, doubtful) = (*light, *before, *dry, *gain_q12, *doubtful);
     let (mut state, Past { mut since, mut until, mut off, mut unseen }) = (*kept, *past);
     let counts = u16::from(rule.notes > 0);
@@ -170,7 +170,7 @@ mod tests {
             let mut found = Vec::new();
             let row = [&light, &[DRY; BLOCK_PX], &self.kept, &gain_q12].map(std::slice::from_ref);
             stirred(0, row, rule.film_q16, &mut found);
-            let seen = Seen {
+            let seen = BlockObservation {
                 light: &light,
                 before: &before,
                 dry: &[DRY; BLOCK_PX],

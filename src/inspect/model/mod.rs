@@ -13,6 +13,7 @@ mod band;
 mod judging;
 mod kernel;
 mod light;
+mod preparation;
 mod region;
 #[cfg(test)]
 mod tests;
@@ -25,7 +26,7 @@ use judging::{Past, Rule};
 use kernel::{Adding, BLOCK_PX, BROKE, Block, INSIDE, LEVEL, NEW, OPEN, Sum};
 use light::{Light, TILE_PX};
 use rayon::prelude::*;
-use region::Region;
+use region::{HIDDEN_EVERY, LIGHT_EVERY, Region};
 use std::ops::Range;
 pub use wetting::FILM_ASSUMED;
 use wetting::Wetting;
@@ -34,17 +35,15 @@ use wetting::Wetting;
 const WIDE_Q10: [u16; 2] = [512, 1331];
 /// … and then what lies about the first mean.
 const ABOUT: [f64; 2] = [0.86, 1.16];
-/// One row in so many tells the first mean, the light, and how much is hidden: thousands of pixels are left.
+/// One row in so many tells the first mean: thousands of pixels are left.
 const MEAN_EVERY: usize = 4;
-const LIGHT_EVERY: usize = 2;
-const HIDDEN_EVERY: usize = 4;
 
 /// More pictures than these are not counted.
 pub const MOST_PICTURES: usize = u16::MAX as usize;
 
 /// What one picture says of itself.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Look {
+pub struct PictureMeasurement {
     /// The light against the dry picture's; the region's median.
     pub light: f64,
     /// The share of the region whose light is as its state lets expect.
@@ -133,7 +132,7 @@ impl Model {
     }
 
     /// Looks at a picture of the wet panel, and judges nothing yet.
-    pub fn look(&mut self, picture: &ColorPicture) -> Look {
+    pub fn look(&mut self, picture: &ColorPicture) -> PictureMeasurement {
         let (frozen, sums) = if self.watching {
             self.read(picture, WIDE_Q10)
         } else {
@@ -143,7 +142,7 @@ impl Model {
             (false, self.sums(WIDE_Q10))
         };
         let light = self.light.found(&sums, &self.region.inside);
-        let look = Look {
+        let look = PictureMeasurement {
             light: light.global,
             told: light.share,
             hidden: self.hidden_under(light.global),

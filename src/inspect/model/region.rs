@@ -2,8 +2,11 @@
 
 use super::kernel::{Block, INSIDE};
 use super::light::TILE_PX;
-use super::{HIDDEN_EVERY, LIGHT_EVERY};
 use std::ops::Range;
+
+/// One row in so many tells the light, and one in so many how much is hidden: thousands of pixels are left.
+pub(super) const LIGHT_EVERY: usize = 2;
+pub(super) const HIDDEN_EVERY: usize = 4;
 
 /// The region in a window's blocks.
 #[derive(Debug)]

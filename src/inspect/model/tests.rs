@@ -19,7 +19,7 @@ fn watching() -> Model {
 }
 
 /// Shows one more picture; what it says of itself, and how many pixels broke by it.
-fn show(model: &mut Model, level: impl Fn(usize, usize) -> u8) -> (Look, usize) {
+fn show(model: &mut Model, level: impl Fn(usize, usize) -> u8) -> (PictureMeasurement, usize) {
     let look = model.look(&picture(level));
     let since_wet_s = model.times_s.len() as f64;
     (look, model.follow(since_wet_s).len())

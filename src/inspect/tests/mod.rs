@@ -6,6 +6,7 @@ mod pipeline;
 use super::*;
 use crate::geometry::{Camera, ColorPicture, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Rigid};
 use crate::panel::TaughtPanel;
+use crate::phase::Phase;
 use crate::recipe::{self, Recipe};
 use crate::verdict::Verdict;
 use nalgebra::{Isometry3, Translation3};
@@ -84,7 +85,13 @@ const SHARP: &str = "method = \"thesis\"\nmedian_px = 3\nmedian_passes = 1\npers
 const FILM: &str = "method = \"film\"";
 
 fn demands() -> Demands {
-    Demands { observation_s: 5.0, frames_per_second: 1.0, min_break_mm2: MIN_BREAK_MM2, persist_s: 1.0 }
+    Demands {
+        observation_s: 5.0,
+        frames_per_second: 1.0,
+        min_break_mm2: MIN_BREAK_MM2,
+        persist_s: 1.0,
+        by_cell: ByCell::default(),
+    }
 }
 
 fn watch(x_mm: f64, settings: &str) -> Watch {

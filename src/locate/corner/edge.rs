@@ -4,7 +4,7 @@
 //! picture is read across the edge, from the panel's side to the other; the edge is where it crosses the middle between
 //! what it is on both sides. A robust line through these places is the edge; it is read once more from there.
 
-use super::CornerError;
+use super::error::CornerError;
 use crate::geometry::{GrayPicture, Pixel, median};
 use nalgebra::{Matrix2, Vector2};
 

@@ -2,9 +2,9 @@
 //! Every corner is held to its limit by itself and named by its number among the taught ones; what is not a number keeps none.
 
 use super::super::gate::exceeds;
-use super::{CornerReport, Refined};
+use super::correction::{CornerReport, Refined};
 use crate::recipe;
-use crate::verdict::{Judgement, Reason};
+use crate::verdict::{Check, Judgement, SetBy, Severity};
 use crate::words::{apart, fixed};
 
 /// After the correction the corners of one rigid panel stand where they are seen within this, mm.
@@ -12,72 +12,113 @@ pub const MAX_LEFT_MM: f64 = 0.3;
 
 /// Judges a correction by the recipe's limit.
 pub fn judge(refined: &Refined, limits: &recipe::Corner) -> Judgement {
+    Judgement::of_checks(&checks(refined, limits))
+}
+
+/// How far each corner asks the panel to be moved, and what is left after the correction of all of them; each time the
+/// most first.
+pub fn checks(refined: &Refined, limits: &recipe::Corner) -> Vec<Check> {
     let allowed_mm = limits.max_correction_mm();
-    let too_far = beyond(refined, (CornerReport::asked_mm, allowed_mm), "correction_limit", |corner, asked_mm| {
-        let [asked, allowed] = apart(asked_mm, allowed_mm, 2);
-        format!(
-            "stands {asked} mm ({} px) from where the 3D scan puts it, allowed are {allowed} mm; has the panel moved since the \
-             scan, is the flange pose the picture's?",
-            fixed(corner.error_px, 1)
-        )
+    let asked = by_size(refined, CornerReport::asked_mm).into_iter().flat_map(|(corner, asked_mm)| {
+        let words = || {
+            let [asked, allowed] = apart(asked_mm, allowed_mm, 2);
+            format!(
+                "{} stands {asked} mm ({} px) from where the 3D scan puts it, allowed are {allowed} mm; has the panel moved \
+                 since the scan, is the flange pose the picture's?",
+                name(corner),
+                fixed(corner.error_px, 1)
+            )
+        };
+        [
+            Check::new(format!("{} from where the scan puts it", name(corner)), "mm", asked_mm)
+                .at_most(allowed_mm, SetBy::recipe("corner.max_correction_mm"))
+                .rejects("correction_limit", words),
+            Check::new(format!("{} from there in the picture", name(corner)), "px", corner.error_px),
+        ]
     });
-    let unlike = beyond(refined, (|corner| corner.left_mm, MAX_LEFT_MM), "corners_disagree", |_, left_mm| {
-        let [left, allowed] = apart(left_mm, MAX_LEFT_MM, 2);
-        format!(
-            "still stands {left} mm from where it is seen with the best correction of all corners, allowed are {allowed} mm; is \
-             each picture of its own corner, are the flange poses theirs?"
-        )
+    let several = refined.corners.len() > 1;
+    let left = by_size(refined, |corner| corner.left_mm).into_iter().enumerate();
+    let left = left.map(|(index, (corner, left_mm))| {
+        let is_told = several.then_some(left_mm);
+        let check = Check::new(format!("{} off after the correction", name(corner)), "mm", is_told)
+            .at_most(MAX_LEFT_MM, SetBy::Program)
+            .broken(exceeds(left_mm, MAX_LEFT_MM), Severity::Review, "corners_disagree", || {
+                let [left, allowed] = apart(left_mm, MAX_LEFT_MM, 2);
+                format!(
+                    "{} still stands {left} mm from where it is seen with the best correction of all corners, allowed are \
+                     {allowed} mm; is each picture of its own corner, are the flange poses theirs?",
+                    name(corner)
+                )
+            });
+        // What is left is left of all of them together.
+        if index == 0 { check } else { check.without_consequence() }
     });
-    // What is left is left of all of them together.
-    Judgement::of(too_far, unlike.into_iter().take(1).collect())
+    asked.chain(left).collect()
 }
 
 /// Judges whether the corners still stand where they should, just before contact.
 pub fn judge_stands(seen: &Refined, limits: &recipe::Corner) -> Judgement {
-    let allowed_mm = limits.verify_mm();
-    let moved = beyond(seen, (CornerReport::asked_mm, allowed_mm), "moved", |_, off_mm| {
-        let [off, allowed] = apart(off_mm, allowed_mm, 2);
-        format!(
-            "stands {off} mm from where the localization puts it, allowed are {allowed} mm, [corner] verify_mm; has the panel \
-             moved?"
-        )
-    });
-    Judgement::of(moved, vec![])
+    Judgement::of_checks(&checks_of_stand(seen, limits))
 }
+
+/// How far each corner stands from where the localization puts it, the most first.
+pub fn checks_of_stand(seen: &Refined, limits: &recipe::Corner) -> Vec<Check> {
+    let allowed_mm = limits.verify_mm();
+    let checks = by_size(seen, CornerReport::asked_mm).into_iter().flat_map(|(corner, off_mm)| {
+        let [x_mm, y_mm] = corner.shift_mm;
+        let words = || {
+            let [off, allowed] = apart(off_mm, allowed_mm, 2);
+            format!(
+                "{} stands {off} mm from where the localization puts it, allowed are {allowed} mm, [corner] verify_mm; has \
+                 the panel moved?",
+                name(corner)
+            )
+        };
+        [
+            Check::new(format!("{} from where the localization puts it", name(corner)), "mm", off_mm)
+                .at_most(allowed_mm, SetBy::recipe("corner.verify_mm"))
+                .rejects("moved", words),
+            Check::new(format!("{} along the camera's x", name(corner)), "mm", x_mm),
+            Check::new(format!("{} along the camera's y", name(corner)), "mm", y_mm),
+        ]
+    });
+    checks.collect()
+}
+
+/// The number that [`disagreement`] judges.
+pub const FARTHEST: &str = "farthest corner, against what scan, corner and calibrations claim";
 
 /// A corner's own error in the plane of its camera, 95 %: edges to a tenth of a pixel, taught and found, mm.
 const CORNER_CLAIM_MM: f64 = 0.05;
 
 /// Where a corner stands farther from where the 3D scan puts it than both claim, that is a finding and not a mean; of
-/// several the farthest. `claims_mm` are what else is claimed, 95 % each: the localization's and both calibrations'.
-pub fn disagreement(refined: &Refined, claims_mm: &[f64]) -> Option<Reason> {
+/// several the farthest. `claims_mm` are what else is claimed, 95 % each: the localization's and both calibrations'. None
+/// where there is no corner.
+pub fn disagreement(refined: &Refined, claims_mm: &[f64]) -> Option<Check> {
     let claimed_mm = claims_mm.iter().map(|mm| mm * mm).sum::<f64>().sqrt().hypot(CORNER_CLAIM_MM);
     // Twice what 95 % stay below: one in ten thousand is beyond it by chance.
-    let beyond = beyond(refined, (CornerReport::asked_mm, 2.0 * claimed_mm), "corner_disagrees", |_, asked_mm| {
-        let [asked, allowed] = apart(asked_mm, 2.0 * claimed_mm, 2);
+    let allowed_mm = 2.0 * claimed_mm;
+    let (corner, asked_mm) = by_size(refined, CornerReport::asked_mm).into_iter().next()?;
+    let check = Check::new(FARTHEST, "mm", asked_mm).at_most(allowed_mm, SetBy::Program);
+    Some(check.reviews("corner_disagrees", || {
+        let [asked, allowed] = apart(asked_mm, allowed_mm, 2);
         format!(
-            "stands {asked} mm from where the 3D scan puts it; scan, corner and calibrations together claim {} mm (95 %), and \
-             allowed is twice as much, {allowed} mm: one of them is wrong, verify the calibrations",
+            "{} stands {asked} mm from where the 3D scan puts it; scan, corner and calibrations together claim {} mm (95 %), \
+             and allowed is twice as much, {allowed} mm: one of them is wrong, verify the calibrations",
+            name(corner),
             fixed(claimed_mm, 2)
         )
-    });
-    beyond.into_iter().next()
+    }))
 }
 
-/// A reason for each corner of which something is more than allowed, the most first; `words` go on after its name.
-fn beyond(
-    refined: &Refined,
-    (measured, allowed): (fn(&CornerReport) -> f64, f64),
-    code: &'static str,
-    words: impl Fn(&CornerReport, f64) -> String,
-) -> Vec<Reason> {
+/// The corners with something that was measured of each, the most first.
+fn by_size(refined: &Refined, measured: impl Fn(&CornerReport) -> f64) -> Vec<(&CornerReport, f64)> {
     // Without its sign what is not a number counts as the most.
-    let measured = |corner| (corner, measured(corner).abs());
-    let mut beyond: Vec<(&CornerReport, f64)> = refined.corners.iter().map(measured).collect();
-    beyond.retain(|(_, measured)| exceeds(*measured, allowed));
-    beyond.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let reason = |(corner, measured): (&CornerReport, f64)| {
-        Reason::new(code, format!("corner {} {}", corner.corner + 1, words(corner, measured)))
-    };
-    beyond.into_iter().map(reason).collect()
+    let mut corners: Vec<_> = refined.corners.iter().map(|corner| (corner, measured(corner).abs())).collect();
+    corners.sort_by(|a, b| b.1.total_cmp(&a.1));
+    corners
+}
+
+fn name(corner: &CornerReport) -> String {
+    format!("corner {}", corner.corner + 1)
 }

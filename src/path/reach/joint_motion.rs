@@ -58,7 +58,7 @@ mod tests {
         Joints { a1_deg, a2_deg: -90.0, a3_deg: 90.0, a5_deg: 30.0, ..Joints::default() }
     }
 
-    /// A post beside the arm, 45° to the right (A1 = 45, as KUKA counts): a swing from 0 to 90° sweeps over it, one
+    /// A post beside the arm, 45° to the right (A1 = 45, as KUKA counts): a turn from 0 to 90° sweeps over it, one
     /// to the left does not. By hand: the wrist goes round at 25 + 365 = 390 mm from axis 1.
     #[test]
     fn a_swing_sweeps_what_stands_between() {
@@ -74,9 +74,9 @@ mod tests {
         assert_eq!(joint_motion(&arm, tool, &turn(0.0), &turn(f64::NAN)), Err(Infeasibility::NotFinite));
     }
 
-    /// The same swing over a thing that a scan saw where the post stood: by hand, at 45° the forearm passes over it.
+    /// The same turn over a thing that a scan saw where the post stood: by hand, at 45° the forearm passes over it.
     #[test]
-    fn a_swing_keeps_clear_what_the_scan_saw() {
+    fn a_joint_motion_keeps_clear_of_what_the_scan_saw() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
         let obstacles = Obstacles::default()
             .with("what the scan saw", (0..45).map(|k| Point::at(275.0, -275.0, f64::from(20 * k))));

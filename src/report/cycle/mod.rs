@@ -2,17 +2,17 @@
 
 mod happened;
 
+use super::checks::{NOT_MEASURED, check_row, shown};
 use super::page::{Figure, Page, Row, Section};
 use crate::geometry::KukaPose;
-use crate::record::{Clock, CycleRecord, Finding, Kind, Limit, Number, name};
+use crate::record::{Check, Clock, CycleRecord, Finding, Kind, name};
 use crate::verdict::{Judgement, Reason, Verdict};
-use crate::words::{apart, fixed, plain, utc};
+use crate::words::utc;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
 /// What a person fills in by hand.
 const BLANK: &str = "……………………………………";
-const NOT_MEASURED: &str = "not measured";
 const AIR_RUN: &str = "This was an air-run: the path was run above the panel with water and tool off. The panel was neither \
                        tested nor abraded, and this page does not release it. ";
 
@@ -62,8 +62,8 @@ impl Times {
     }
 
     /// What is added to a time, so that nobody takes one for the other.
-    fn beside(self, kind: Kind, number: &Number) -> &'static str {
-        match (self, number.unit.as_str()) {
+    fn beside(self, kind: Kind, check: &Check) -> &'static str {
+        match (self, check.unit.as_str()) {
             // No clock measured it.
             (_, "s") if kind == Kind::Plan => ", planned",
             (Times::Simulated, "s") => " of simulated time",
@@ -131,7 +131,7 @@ fn section(finding: &Finding, pictures: &BTreeMap<String, Vec<u8>>, times: Times
             Err(row) => missing.push(row),
         }
     }
-    let numbers = finding.numbers.iter().flat_map(|number| {
+    let numbers = finding.checks.iter().flat_map(|number| {
         let to_execute = Some(number).filter(|number| finding.kind == Kind::Plan && number.name == name::PLANNED);
         let to_execute = to_execute.and_then(|number| number.value).map(|all| {
             let words =
@@ -161,44 +161,8 @@ fn words(value: &Value) -> String {
     }
 }
 
-fn row(number: &Number, kind: Kind, times: Times) -> Row {
-    let with_unit = |text: String| format!("{text} {}", number.unit).trim_end().to_owned();
-    let beside = times.beside(kind, number);
-    let (sign, limit) = match number.limit {
-        Limit::Unlimited => ("", None),
-        Limit::AtMost(limit) => ("≤ ", Some(limit)),
-        Limit::AtLeast(limit) => ("≥ ", Some(limit)),
-        Limit::Below(limit) => ("< ", Some(limit)),
-    };
-    let (mut value, mut allowed) = (number.value.map(shown), limit.map(shown));
-    let is_beyond = number.value.is_some_and(|value| !number.limit.allows(value));
-    if let (true, Some(found), Some(limit)) = (is_beyond && value == allowed, number.value, limit) {
-        let [found, limit] = apart(found, limit, decimals(limit));
-        (value, allowed) = (Some(found), Some(limit));
-    }
-    let value = match value {
-        None => NOT_MEASURED.to_owned(),
-        Some(value) if is_beyond => format!("{}{beside}, not allowed", with_unit(value)),
-        Some(value) => format!("{}{beside}", with_unit(value)),
-    };
-    Row::new(&number.name, value, allowed.map_or(String::new(), |limit| format!("{sign}{}", with_unit(limit))))
-}
-
-/// Four significant digits, or all before the point; the store has the rest.
-fn shown(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() || value.fract() == 0.0 {
-        return plain(value);
-    }
-    let text = fixed(value, decimals(value)).to_string();
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
-}
-
-/// Digits after the point that make four significant ones.
-fn decimals(value: f64) -> usize {
-    if value == 0.0 || !value.is_finite() {
-        return 0;
-    }
-    (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize
+fn row(check: &Check, kind: Kind, times: Times) -> Row {
+    check_row(check, times.beside(kind, check))
 }
 
 fn budget(record: &CycleRecord) -> Section {
@@ -245,11 +209,11 @@ fn used(record: &CycleRecord) -> Section {
 }
 
 fn signature(record: &CycleRecord, times: Times) -> Section {
-    let film = |number: &&Number| number.name == name::WATCHED;
+    let film = |number: &&Check| number.name == name::WATCHED;
     let inspections = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
     let films = inspections.map(|finding| {
         let seconds = finding
-            .numbers
+            .checks
             .iter()
             .find(film)
             .map_or(NOT_MEASURED.to_owned(), |number| row(number, Kind::Inspect, times).value);

@@ -1,11 +1,11 @@
 use super::*;
 use crate::cycle::{Id, Motion, Outcome, Path, Request};
 use crate::record::{
-    Answer, Asked, Budget, Contact, ContactPath, CycleId, Front, KeptFile, MotionRecord, Picture, Reached, Wanted,
-    Who,
+    Answer, Asked, Budget, Contact, ContactPath, CycleId, Front, KeptFile, Limit, MotionRecord, Picture, Reached,
+    SetBy, Wanted, Who,
 };
 
-fn finding(kind: Kind, pass: u8, numbers: Vec<Number>) -> Finding {
+fn finding(kind: Kind, pass: u8, numbers: Vec<Check>) -> Finding {
     let judgement = Judgement { verdict: Verdict::Accept, reasons: vec![] };
     Finding::new(kind, pass, judgement).with(numbers)
 }
@@ -20,9 +20,9 @@ fn asked(wanted: Wanted, answer: Option<Answer>) -> Asked {
 }
 
 fn record() -> CycleRecord {
-    let rms = Number::new("residual", "mm", 0.123456).within(Limit::AtMost(0.25));
-    let overlap = Number::new("overlap", "", 0.85).within(Limit::AtLeast(0.9));
-    let mut located = finding(Kind::Locate, 0, vec![rms, overlap, Number::new("drift", "mm", None)]);
+    let rms = Check::new("residual", "mm", 0.123456).within(Limit::AtMost(0.25), SetBy::Program);
+    let overlap = Check::new("overlap", "", 0.85).within(Limit::AtLeast(0.9), SetBy::Program);
+    let mut located = finding(Kind::Locate, 0, vec![rms, overlap, Check::new("drift", "mm", None)]);
     let pose = KukaPose { x_mm: 1.5, a_deg: -3.0, ..KukaPose::default() };
     located.details.insert("base_from_panel".to_owned(), serde_json::json!(pose));
     located.shots.push(KeptFile { name: "scan".to_owned(), hash: "f00d".to_owned() });
@@ -32,7 +32,7 @@ fn record() -> CycleRecord {
         hash: hash.to_owned(),
     };
     located.pictures = vec![picture("outline", "aa"), picture("grids", "bb")];
-    let watched = |seconds: f64| vec![Number::new(name::WATCHED, "s", seconds)];
+    let watched = |seconds: f64| vec![Check::new(name::WATCHED, "s", seconds)];
     let part = finding(Kind::Abrade, 2, vec![]).detail("grids", vec!["r1c1"]).detail("grids_in_part", vec!["r2c4"]);
     let motion = Motion { epoch: 3, path: Path::Contact, plan: 0xAB, waypoints: 200 };
     CycleRecord {
@@ -139,7 +139,7 @@ fn cut_short() -> CycleRecord {
     let motion = Motion { epoch: 3, path: Path::Contact, plan: 0xAB, waypoints: 101 };
     let contact = Some(Contact { path, told: 3, permitted: 16 });
     let motions = vec![MotionRecord { motion, outcome: None, done: 0, contact }];
-    let findings = vec![finding(Kind::Inspect, 0, vec![Number::new(name::WATCHED, "s", 61.4)])];
+    let findings = vec![finding(Kind::Inspect, 0, vec![Check::new(name::WATCHED, "s", 61.4)])];
     CycleRecord { motions, findings, ..record() }
 }
 
@@ -171,9 +171,9 @@ fn simulated_time_and_wall_time_are_told_apart() {
     let simulated = |ms: u64| Some(Clock::Simulated { at_ms: ms });
     let mut record = CycleRecord { clocks: [simulated(500), simulated(192_700)], ..cut_short() };
     record.findings[0]
-        .numbers
-        .extend([Number::new(name::SCAN_TO_VERDICT, "ms", 136.0), Number::new("residual", "mm", 0.1)]);
-    record.findings.push(finding(Kind::Plan, 1, vec![Number::new("time at the recipe's feed", "s", 12.5)]));
+        .checks
+        .extend([Check::new(name::SCAN_TO_VERDICT, "ms", 136.0), Check::new("residual", "mm", 0.1)]);
+    record.findings.push(finding(Kind::Plan, 1, vec![Check::new("time at the recipe's feed", "s", 12.5)]));
     let html = cycle_page(&record, &BTreeMap::new()).html();
     for part in [
         "Simulated time: 192.2 s. Wall time: 2023-11-14 22:13:20 UTC to 2023-11-14 22:14:50 UTC, 90 s.",
@@ -193,9 +193,9 @@ fn simulated_time_and_wall_time_are_told_apart() {
 /// By hand: of 102 waypoints 101 are the path's, which is what is executed; the first is where the approach ends.
 #[test]
 fn planned_and_executed_waypoints_agree() {
-    let executed = Number::new(name::EXECUTED, "", 101.0).within(Limit::AtLeast(101.0));
+    let executed = Check::new(name::EXECUTED, "", 101.0).within(Limit::AtLeast(101.0), SetBy::Program);
     let findings = vec![
-        finding(Kind::Plan, 1, vec![Number::new(name::PLANNED, "", 102.0)]),
+        finding(Kind::Plan, 1, vec![Check::new(name::PLANNED, "", 102.0)]),
         finding(Kind::Abrade, 1, vec![executed]),
     ];
     let html = cycle_page(&CycleRecord { findings, ..record() }, &BTreeMap::new()).html();
@@ -211,7 +211,7 @@ fn planned_and_executed_waypoints_agree() {
 #[test]
 fn a_number_that_is_not_allowed_differs_from_its_limit() {
     let shown = |value: f64, limit: Limit| {
-        let row = row(&Number::new("n", "%", value).within(limit), Kind::Locate, Times::Wall);
+        let row = row(&Check::new("n", "%", value).within(limit, SetBy::Program), Kind::Locate, Times::Wall);
         [row.value, row.allowed]
     };
     assert_eq!(shown(8.000_4, Limit::AtMost(8.0)), ["8.0004 %, not allowed", "≤ 8 %"]);

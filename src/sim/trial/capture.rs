@@ -1,11 +1,11 @@
 //! A trial's scan: the panel among things, with glints, water or smear.
 
 use super::Trial;
-use super::held::Patches;
+use super::contents::SceneContents;
 use crate::geometry::{Base, Camera, OrganizedCloud, Panel, Rigid};
 use crate::sim::appearance::dry_and_wet;
-use crate::sim::cast::{Sight, View};
-use crate::sim::clutter::{Met, Slab};
+use crate::sim::cast::{PixelHit, View};
+use crate::sim::clutter::Met;
 use crate::sim::fixture::Background;
 use crate::sim::noise::{LEVEL, Normal, Purpose, ValueNoise, to_bytes};
 use crate::sim::projector::Projector;
@@ -14,22 +14,12 @@ use crate::sim::shape::Shape;
 use rand::RngExt;
 use rayon::prelude::*;
 
-/// What there is besides the panel.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Things<'a> {
-    pub slabs: &'a [Slab],
-    pub glints: &'a [([f64; 2], f64)],
-    pub wet: bool,
-    pub smear_px: usize,
-    pub patches: Option<&'a Patches>,
-}
-
 impl Trial {
     pub(super) fn capture(
         &self,
         panel: Option<(&Shape, &Rigid<Base, Panel>)>,
         base_from_camera: &Rigid<Base, Camera>,
-        Things { slabs, glints, wet, smear_px, patches }: Things<'_>,
+        SceneContents { slabs, glints, wet, smear_px, patches }: SceneContents<'_>,
         shot: u64,
     ) -> OrganizedCloud<Camera> {
         let view = View::new(&self.camera, &self.rays, base_from_camera, panel);
@@ -101,7 +91,7 @@ fn smeared(line: &[[u16; 3]], column: usize, smear_px: usize) -> [u16; 3] {
 }
 
 /// What a pixel sees with slabs before and behind the panel; and the share that the nearest slab before it fills.
-fn among(mut sight: Sight, met: &[Met]) -> (Sight, Option<f64>) {
+fn among(mut sight: PixelHit, met: &[Met]) -> (PixelHit, Option<f64>) {
     let panel_mm = sight.panel.map_or(f64::INFINITY, |panel| panel.depth_mm);
     let paint = |under: [f64; 3], slab: &Met| {
         std::array::from_fn(|channel| under[channel] + slab.share * (slab.color[channel] - under[channel]))
@@ -138,6 +128,7 @@ fn among(mut sight: Sight, met: &[Met]) -> (Sight, Option<f64>) {
 mod tests {
     use super::*;
     use crate::geometry::{Pixel, Point};
+    use crate::sim::clutter::Slab;
     use crate::sim::projector::tests::before_the_plate;
     use nalgebra::{Point3, Vector3};
 
@@ -154,7 +145,12 @@ mod tests {
     fn a_thing_before_a_wall_throws_a_shadow_away_from_the_projector() {
         let trial = Trial::good(1, 1);
         let thing = Slab::facing(Point3::new(565.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);
-        let scan = trial.capture(None, &before_the_plate(), Things { slabs: &[thing], ..Things::default() }, 0);
+        let scan = trial.capture(
+            None,
+            &before_the_plate(),
+            SceneContents { slabs: &[thing], ..SceneContents::default() },
+            0,
+        );
         let pixel = |x: f64, y: f64, z: f64| -> Pixel {
             trial.camera.project(Point::<Camera>::at(x, y, z)).expect("before the lens")
         };

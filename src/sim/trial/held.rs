@@ -5,7 +5,8 @@
 //! whole corners, and the adapter at the upper edge made no step of depth.
 
 use super::Trial;
-use super::placement::lattice;
+use super::contents::MissingPatches;
+use super::space::lattice;
 use crate::geometry::{Base, Panel, Pixel, Rigid};
 use crate::sim::clutter::Slab;
 use crate::sim::noise::{Normal, Purpose, ValueNoise};
@@ -29,19 +30,6 @@ const PATCH_MM: f64 = 55.0;
 /// A person draws a corner of the outline this far off, px, one standard deviation.
 const DRAWN_PX: f64 = 1.0;
 
-/// Where points are missing on the panel.
-#[derive(Debug, Clone)]
-pub(super) struct Patches {
-    noise: ValueNoise,
-    below: f64,
-}
-
-impl Patches {
-    pub fn has(&self, place: [f64; 2]) -> bool {
-        self.noise.at(place) < self.below
-    }
-}
-
 /// A straight side of the panel's outline on its sheet: the middle, the directions along it and outwards, and its length, mm.
 struct Side {
     middle: Vector2<f64>,
@@ -61,7 +49,7 @@ impl Trial {
     }
 
     /// Where points are missing in a scan.
-    pub(super) fn patches(&self, shot: u64) -> Option<Patches> {
+    pub(super) fn patches(&self, shot: u64) -> Option<MissingPatches> {
         if self.missing <= 0.0 {
             return None;
         }
@@ -69,7 +57,7 @@ impl Trial {
         let mut levels: Vec<f64> = lattice(&self.taught).into_iter().map(|at| noise.at(at)).collect();
         levels.sort_by(f64::total_cmp);
         let below = *levels.get((self.missing * levels.len() as f64) as usize)?;
-        Some(Patches { noise, below })
+        Some(MissingPatches { noise, below })
     }
 
     /// The holder of a panel that stands here.

@@ -5,11 +5,14 @@
 //! at most 20 % without points: behind things, in their shadow, outside of the camera's picture or the projector's. Glints leave points out and overexpose the picture.
 
 mod capture;
+mod contents;
 mod held;
 mod placement;
+mod space;
+mod spoil;
 mod wrong;
 
-pub use placement::TRIAL_BOX_MM;
+pub use space::TRIAL_BOX_MM;
 pub use wrong::Wrong;
 
 use super::cast::Rays;
@@ -20,8 +23,8 @@ use super::shape::Shape;
 use super::truth::PlacementError;
 use super::variety::{self, generator};
 use crate::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamera, Pixel, Rigid};
-use capture::Things;
-use placement::lattice;
+use contents::SceneContents;
+use space::lattice;
 
 /// A scene with known truth.
 #[derive(Debug, Clone)]
@@ -146,8 +149,8 @@ impl Trial {
         let taught = Some((&self.taught, &scene::nominal()));
         let holder: Vec<Slab> = self.holder(&scene::nominal()).into_iter().collect();
         let patches = self.patches(0);
-        let things = Things { slabs: &holder, patches: patches.as_ref(), ..Things::default() };
-        self.capture(taught, &scene::base_from_camera(), things, 0)
+        let contents = SceneContents { slabs: &holder, patches: patches.as_ref(), ..SceneContents::default() };
+        self.capture(taught, &scene::base_from_camera(), contents, 0)
     }
 
     /// The scan of the scene.
@@ -155,14 +158,14 @@ impl Trial {
         let present = self.present.as_ref().map(|shape| (shape, &self.place));
         let slabs: Vec<Slab> = self.slabs.iter().copied().chain(self.holder(&self.place)).collect();
         let patches = self.patches(1);
-        let things = Things {
+        let contents = SceneContents {
             slabs: &slabs,
             glints: &self.glints,
             wet: self.wet,
             smear_px: self.smear_px,
             patches: patches.as_ref(),
         };
-        self.capture(present, &self.camera_now, things, 1)
+        self.capture(present, &self.camera_now, contents, 1)
     }
 }
 

@@ -1,17 +1,16 @@
 //! Where a trial's panel stands: in the box, before the fixture, among things, and seen as far as it should be.
 
-use super::{Trial, Wrong};
+use super::Trial;
+use super::space::{TRIAL_BOX_MM, lattice};
+use super::wrong::Wrong;
 use crate::geometry::{Base, Panel, Rigid};
 use crate::sim::clutter::Slab;
 use crate::sim::projector::Projector;
 use crate::sim::scene;
-use crate::sim::shape::{CENTRE_MM, Shape};
-use nalgebra::{Isometry3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector2, Vector3};
+use crate::sim::shape::CENTRE_MM;
+use nalgebra::{Isometry3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
-
-/// The box in which a trial's panel stands, mm in the base frame; the fixture lies behind it.
-pub const TRIAL_BOX_MM: [[f64; 3]; 2] = [[250.0, -420.0, 10.0], [640.0, 420.0, 720.0]];
 
 /// The panel's points stay this far before the fixture, mm.
 const FARTHEST_X_MM: f64 = 628.0;
@@ -145,10 +144,4 @@ fn beside(random: &mut Pcg64, place: &Rigid<Base, Panel>) -> Vec<Slab> {
             Slab::facing(centre, normal.normalize(), random.random_range(0.0..3.0), half, [gray, gray, 0.9 * gray])
         })
         .collect()
-}
-
-/// Places of the sheet on the panel, 8 mm apart.
-pub(super) fn lattice(shape: &Shape) -> Vec<[f64; 2]> {
-    let places = (-26..=26).flat_map(|j| (-26..=26).map(move |i| [f64::from(i) * 8.0, f64::from(j) * 8.0]));
-    places.filter(|&at| shape.outline().distance(Vector2::from(at)).0 < 0.0).collect()
 }

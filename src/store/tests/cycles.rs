@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::cycle::{Event, Motion, Outcome, Path as MotionPath, Request};
-use crate::record::{Budget, CycleId, Finding, KeptFile, Kind, Limit, MotionRecord, Number, Picture, Wanted};
+use crate::record::{Budget, Check, CycleId, Finding, KeptFile, Kind, Limit, MotionRecord, Picture, SetBy, Wanted};
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::collections::BTreeMap;
 
@@ -20,13 +20,13 @@ pub fn start() -> CycleStart {
 }
 
 fn finding(picture: &str) -> Finding {
-    let number = Number::new("residual", "mm", 0.1 + 0.2).within(Limit::AtMost(1.0 / 3.0));
+    let number = Check::new("residual", "mm", 0.1 + 0.2).within(Limit::AtMost(1.0 / 3.0), SetBy::Program);
     let reasons = vec![Reason::new("overlap", "0.85 of the panel, allowed 0.9")];
     Finding {
         kind: Kind::Locate,
         pass: 0,
         judgement: Judgement { verdict: Verdict::Review, reasons },
-        numbers: vec![number, Number::new("drift", "mm", None)],
+        checks: vec![number, Check::new("drift", "mm", None)],
         details: BTreeMap::from([("base_from_panel".to_owned(), serde_json::json!({"x_mm": 1e-17}))]),
         pictures: vec![Picture {
             name: "located".to_owned(),
@@ -85,9 +85,9 @@ fn what_does_not_fit_is_refused() {
     let id = store.begin_cycle(&start()).expect("begun");
     let picture = store.put_blob(b"jpeg").expect("kept");
     let mut spoilt = finding(&picture);
-    spoilt.numbers[0].value = Some(f64::NAN);
+    spoilt.checks[0].value = Some(f64::NAN);
     assert!(store.note(id, &spoilt).expect_err("NaN").to_string().contains("'residual'"));
-    spoilt.numbers[0] = Number::new("shift", "mm", 1.0).within(Limit::Below(f64::INFINITY));
+    spoilt.checks[0] = Check::new("shift", "mm", 1.0).within(Limit::Below(f64::INFINITY), SetBy::Program);
     assert!(store.note(id, &spoilt).is_err());
     assert!(store.note(id, &finding(&"0".repeat(64))).is_err(), "a picture that is not there");
     assert!(store.note(CycleId(9), &finding(&picture)).is_err(), "no such cycle");

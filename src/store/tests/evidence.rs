@@ -1,8 +1,8 @@
 //! What is changed behind the program's back is found; what a crash leaves is no alarm.
 
 use super::super::chain::{self, PARTS};
-use super::super::commit::Step;
 use super::super::head;
+use super::super::steps::Step;
 use super::journal::progress;
 use super::*;
 use crate::cycle::{At, Cause, Event, Motion, Outcome, Path as MotionPath, Report, Request};
@@ -164,7 +164,7 @@ fn a_chain_that_was_written_anew_contradicts_its_head() {
         rows.collect::<Result<_, _>>().expect("read")
     };
     connection.execute("DELETE FROM chain", []).expect("forged");
-    let mut place = chain::Place::BEGIN;
+    let mut place = chain::ChainPosition::BEGIN;
     for (part, key) in links {
         place = chain::add(&connection, place, chain::part(&part).expect("ours"), key).expect("forged");
     }

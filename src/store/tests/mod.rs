@@ -11,9 +11,12 @@ mod prune;
 mod requests;
 mod verifications;
 
+use super::database::{DATABASE, unix_ms};
 use super::*;
 use crate::geometry::KukaPose;
+use rusqlite::Connection;
 use std::fs;
+use std::path::Path;
 use tempfile::TempDir;
 
 fn new_store() -> (TempDir, Store) {

@@ -2,7 +2,7 @@
 
 use crate::tally::Tally;
 use panelprep::geometry::{Camera, ColorPicture, Mask, Panel, Rigid};
-use panelprep::inspect::{Demands, Footprint, Inspection, Watch, score, score_within};
+use panelprep::inspect::{ByCell, Demands, Footprint, Inspection, Watch, score, score_within};
 use panelprep::panel::TaughtPanel;
 use panelprep::phase::Phase;
 use panelprep::recipe::Recipe;
@@ -53,7 +53,13 @@ impl Bench {
         // No less than what pixels of this size show surely, also of a panel that was displaced.
         let limit_mm2 = Footprint::taught_detection_limit_mm2(&self.taught, settings).expect("in view");
         let (min_break_mm2, persist_s) = ((1.2 * limit_mm2).max(5.0), settings.persist_s());
-        Demands { observation_s, frames_per_second: FRAMES_PER_SECOND, min_break_mm2, persist_s }
+        Demands {
+            observation_s,
+            frames_per_second: FRAMES_PER_SECOND,
+            min_break_mm2,
+            persist_s,
+            by_cell: ByCell::default(),
+        }
     }
 
     pub fn watch(&self, recipe: &Recipe, observation_s: f64) -> Watch {

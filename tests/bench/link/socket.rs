@@ -4,8 +4,8 @@ use super::peer::Peer;
 use crate::clients::harass;
 use panelprep::cell::Cell;
 use panelprep::daemon::{
-    self, Beside, Desk, Eyes, LinkedRobot, Picture2d, Service, SightError, Site, Socket, StoreRecord, Taping,
-    WrittenPage,
+    self, Eyes, Gateway, LinkedRobot, Picture2d, RecordingSwitch, Request, RequestHandler, Service, ServiceParts,
+    SightError, Site, Socket, StoreRecord, WrittenPage,
 };
 use panelprep::devices::robot::{Address, BlockingLink, link_limits};
 use panelprep::eki::Pace;
@@ -86,9 +86,10 @@ pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
     let (command_port, state_port) = peer.ports();
     let address = Address { host: "127.0.0.1".to_owned(), command_port, state_port };
     let link = BlockingLink::start(address, link_limits(&cell), Pace::Wall).expect("a link");
-    let (letters, inbox) = daemon::letters();
+    let (sender, queue) = daemon::request_queue();
     let loader: Arc<daemon::Loader> = Arc::new(|_| Err(vec![]));
-    let _socket = Socket::listen(&socket, letters.clone(), (loader, None), &supervisor).expect("a socket");
+    let gateway = Gateway::new(sender.clone(), loader, None);
+    let _socket = Socket::listen(&socket, gateway, &supervisor).expect("a socket");
     let service = {
         let supervisor = supervisor.clone();
         std::thread::spawn(move || {
@@ -98,8 +99,8 @@ pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
             let keep = daemon::keeper(&store).expect("writable");
             let mut record = StoreRecord::new(&mut store, None);
             let (pages, _) = mpsc::channel();
-            let beside = Beside {
-                taping: Taping::new(&store_folder, false),
+            let parts = ServiceParts {
+                recording: RecordingSwitch::new(&store_folder, false),
                 supervisor: supervisor.clone(),
                 pages,
                 written: WrittenPage::default(),
@@ -111,7 +112,7 @@ pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
                 readable: Box::new(Vec::new),
                 keep,
                 record: &mut record,
-                requests: &mut Desk::new(inbox, None, beside),
+                requests: &mut RequestHandler::new(queue, None, parts),
                 supervisor,
             };
             daemon::serve(Site::new(&cell).expect("whole"), service, panelprep::cycle::State::NEW).map(drop)
@@ -137,7 +138,7 @@ pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
         }
         ends.store(true, Ordering::Relaxed);
     });
-    letters.send(daemon::Letter::Signal).expect("it serves");
+    sender.send(Request::signal()).expect("it serves");
     service.join().expect("no panic").expect("no fault");
     (found, done.load(Ordering::Relaxed))
 }

@@ -5,7 +5,7 @@ use panelprep::locate::corner;
 use panelprep::locate::refine::{CornerView, Refined, refine};
 use panelprep::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use panelprep::recipe::Recipe;
-use panelprep::sim::{Cell, Place, SEARCH_BOX_MM, Scene};
+use panelprep::sim::{Cell, PanelPosition, SEARCH_BOX_MM, Scene};
 use std::ops::RangeInclusive;
 
 /// Moves of this length are found, and of this length raise no alarm, mm.
@@ -73,7 +73,7 @@ fn recipe(cell: &Cell) -> Recipe {
 
 fn corners(cell: &Cell, panel: &TaughtPanel, recipe: &Recipe) -> Vec<Corner> {
     let teach = |(index, view): (usize, panelprep::sim::CornerView)| {
-        let picture = cell.flange_picture(&view.base_from_flange, Place::Nominal).to_gray();
+        let picture = cell.flange_picture(&view.base_from_flange, PanelPosition::Nominal).to_gray();
         let px_per_mm = cell.flange_camera().px_per_mm_at(235.0).0;
         let settings = recipe.corner();
         let found = corner::find(&picture, settings, settings.which().of(index), px_per_mm).expect("a corner");

@@ -14,7 +14,7 @@ use super::super::super::output::tell_line as tell;
 use super::super::args::HandEye;
 use super::session::{Asked, Session};
 use super::view::{self, View};
-use crate::calib::{Board, Seen, board_pose, detect};
+use crate::calib::{Board, BoardObservation, board_pose, detect};
 use crate::cell::RobotKind;
 use crate::daemon::{Single, SingleError};
 use crate::devices::cameras::BoardView;
@@ -166,7 +166,7 @@ fn distance_mm(
     let sight = super::super::sight::Sight::read(first, camera)?;
     let found =
         detect::detect(&sight.name, &sight.gray, board, super::super::window(&args.board)).map_err(Fault::stage)?;
-    let seen: Seen<geometry::FlangeCamera> = Seen::Pixels(found.corners);
+    let seen: BoardObservation<geometry::FlangeCamera> = BoardObservation::Pixels(found.corners);
     let posed = board_pose(camera, &seen).map_err(Fault::stage)?;
     Ok((posed.camera_from_board * board.middle()).mm.z)
 }

@@ -14,13 +14,13 @@ use robot::FakeRobot;
 
 use super::super::*;
 use crate::cell;
-use crate::cycle::{Event, Motion, Outcome, Path, Refusal, Request};
+use crate::cycle::{self, Event, Motion, Outcome, Path, Refusal};
 use crate::devices::mock::Arm;
 use crate::eki::{Command, Report, SetTcp};
 use crate::geometry::{Base, KukaPose};
 use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
 use crate::record::{Asked, Budget, Clock, ContactPath, EarlierPass, Kind};
-use crate::sim::{self, Place, SEARCH_BOX_MM, Scene, Truth};
+use crate::sim::{self, PanelPosition, SEARCH_BOX_MM, Scene, Truth};
 use crate::store::CycleStart;
 use crate::tape::{Entries, check};
 use crate::verdict::Reason;
@@ -123,7 +123,7 @@ pub struct Story {
     pub budget: Budget,
     pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
     pub events: Vec<Event>,
-    pub refusals: Vec<(Request, Refusal)>,
+    pub refusals: Vec<(cycle::Request, Refusal)>,
     pub contact_points: usize,
     pub lines: usize,
     /// Of the lines that bring a feed of their own: the feed, m/s, and the rounding, mm.
@@ -159,7 +159,7 @@ impl std::fmt::Display for Story {
             writeln!(f, "{event:?}")?;
         }
         for finding in &self.findings {
-            writeln!(f, "{:?} {:?} {:?}", finding.kind, finding.judgement, finding.numbers)?;
+            writeln!(f, "{:?} {:?} {:?}", finding.kind, finding.judgement, finding.checks)?;
         }
         Ok(())
     }
@@ -277,6 +277,11 @@ impl Cell {
         (cell, recipe, taught, calibrations)
     }
 
+    /// The scan that its 3D camera gives.
+    pub fn scan(&self) -> crate::geometry::OrganizedCloud<crate::geometry::Camera> {
+        self.world.borrow().sim.scan()
+    }
+
     /// Serves until `asks` leaves; `eyes` may stand before the cell's own.
     pub fn serve<E: Eyes + Send + 'static>(
         &self,
@@ -292,7 +297,7 @@ impl Cell {
             earlier: self.earlier.clone(),
             ..Memory::default_of(&self.world)
         };
-        let taping = Taping::new("store".as_ref(), !self.by_the_wall);
+        let taping = RecordingSwitch::new("store".as_ref(), !self.by_the_wall);
         let mut robot = FakeRobot { world: self.world.clone(), by_the_wall: self.by_the_wall };
         let service = Service {
             robot: &mut Taped::new(&mut robot, taping.clone()),
@@ -334,7 +339,7 @@ impl Cell {
     }
 
     /// A cycle to begin.
-    pub fn order(&self) -> Order {
+    pub fn prepared(&self) -> PreparedCycle {
         let (_, recipe, taught, calibrations) = self.files();
         let start = CycleStart {
             panel: "p".to_owned(),
@@ -343,9 +348,11 @@ impl Cell {
             file_texts: Vec::new(),
             recording: None,
         };
-        let request = Request::Start { max_passes: 2, max_moves: 3 };
-        let record = self.record.clone().map(|file| ToRecord { file: Some(file), files: vec![], calibrations });
-        Order { request, task: Task::new(recipe, taught, calibrations).expect("a corner"), start, record }
+        let request = cycle::Request::Start { max_passes: 2, max_moves: 3 };
+        let recording =
+            self.record.clone().map(|file| RecordingPlan { file: Some(file), files: vec![], calibrations });
+        let setup = CycleSetup::new(recipe, taught, calibrations).expect("a corner");
+        PreparedCycle { request, setup, start, recording }
     }
 
     fn tried(self, mut asks: Asks) -> Result<Story, DaemonError> {
@@ -402,7 +409,7 @@ fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
     let panel = TaughtPanel::learn(&sim.taught_scan(), *sim.scanner(), base_from_camera, &recipe).expect("a panel");
     let camera = sim.flange_camera();
     let teach = |(index, view): (usize, sim::CornerView)| {
-        let picture = sim.flange_picture(&view.base_from_flange, Place::Nominal).to_gray();
+        let picture = sim.flange_picture(&view.base_from_flange, PanelPosition::Nominal).to_gray();
         let panel_from_camera =
             panel_from_base_at_teaching() * view.base_from_flange * sim.calibrated_flange_from_camera();
         let depth_mm = (panel_from_camera.inverse() * view.corner).mm.z;

@@ -1,98 +1,11 @@
 //! Makes faults happen to a controller, and ends them.
 
 use super::super::model::Controller;
-use super::super::setup::Mode;
-use super::super::wire::{Channel, Command, Refusal, SET_BASE, SET_TCP};
-use super::{Fault, Planned, Side, When};
+use super::super::options::Mode;
+use super::super::wire::{Channel, Refusal, SET_BASE, SET_TCP};
+use super::plan::{Fault, Side, When};
 
 const REBOOT_MS: u64 = 3_000;
-/// How far off a wrong base is, mm.
-const WRONG_MM: f64 = 1.0;
-
-/// The faults of a controller: what is still to come, and what lasts.
-#[derive(Debug, Default)]
-pub(in super::super) struct Troubles {
-    planned: Vec<Planned>,
-    commands_arrived: u64,
-    /// What ends by itself, and when.
-    ends: Vec<(u64, Fault)>,
-    unplugged: bool,
-    mute: bool,
-    no_acks: bool,
-    stalled: bool,
-    pub(in super::super) slow_share: Option<f64>,
-    /// Of the next `set_base` or `set_tcp`.
-    lost: Option<i32>,
-    wrong_base: bool,
-    refusal: Option<Refusal>,
-    skips_state: bool,
-    /// Bytes and hang-ups that wait for the cable, by channel.
-    pub(in super::super) behind_cable: [Vec<u8>; 2],
-    pub(in super::super) hung_up: [bool; 2],
-}
-
-impl Troubles {
-    pub(in super::super) fn new(planned: Vec<Planned>) -> Self {
-        Troubles { planned, ..Troubles::default() }
-    }
-
-    /// The cable is out.
-    pub(in super::super) fn unplugged(&self) -> bool {
-        self.unplugged
-    }
-
-    /// Nothing is told on this channel.
-    pub(in super::super) fn silences(&self, channel: Channel) -> bool {
-        self.mute || (self.no_acks && channel == Channel::Command)
-    }
-
-    /// The submit interpreter stands still.
-    pub(in super::super) fn stalled(&self) -> bool {
-        self.stalled
-    }
-
-    /// A reason to refuse the next command.
-    pub(in super::super) fn take_refusal(&mut self) -> Option<Refusal> {
-        self.refusal.take()
-    }
-
-    /// One more, where a state's number is to be left out.
-    pub(in super::super) fn take_skip(&mut self) -> i32 {
-        i32::from(std::mem::take(&mut self.skips_state))
-    }
-
-    /// What becomes of a frame that is being set; `None` where it has no effect.
-    pub(in super::super) fn spoil(&mut self, command: &Command) -> Option<[f64; 6]> {
-        let mut numbers = command.p;
-        if self.lost == Some(command.operation) {
-            self.lost = None;
-            return None;
-        }
-        if command.operation == SET_BASE && std::mem::take(&mut self.wrong_base) {
-            numbers[0] += WRONG_MM;
-        }
-        Some(numbers)
-    }
-}
-
-impl Troubles {
-    /// What becomes of `$BASE` or `$TOOL` that a program sets; `None` where it has no effect. A null frame is the
-    /// program's own, at an epoch's start.
-    pub(in super::super) fn spoil_frame(&mut self, is_base: bool, mut frame: [f32; 6]) -> Option<[f32; 6]> {
-        let operation = if is_base { SET_BASE } else { SET_TCP };
-        if frame == [0.0; 6] {
-            return Some(frame);
-        }
-        if self.lost == Some(operation) {
-            self.lost = None;
-            return None;
-        }
-        if is_base && std::mem::take(&mut self.wrong_base) {
-            frame[0] += WRONG_MM as f32;
-        }
-        Some(frame)
-    }
-}
 
 impl Controller {
     /// Makes this happen now.

@@ -1,7 +1,7 @@
 //! A fault specification from text.
 
-use super::super::setup::Mode;
-use super::{Fault, FaultSpec, Planned, Side, When};
+use super::super::options::Mode;
+use super::plan::{Fault, FaultSpec, Planned, Side, When};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::str::FromStr;

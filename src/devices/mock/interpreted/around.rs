@@ -2,10 +2,12 @@
 
 use super::super::log::words;
 use super::super::model::Controller;
-use super::super::mover::{Blocked, Key, Lin, Move, Ptp};
+use super::super::mover::Blocked;
+use super::super::moves::{Key, Lin, Move, Ptp};
 use super::super::{kinematics, wire};
-use super::values::{self, Values};
-use crate::geometry::{Base, Flange, KukaPose, Panel, Rigid, Tool};
+use super::values::{Values, frame};
+use super::variables;
+use crate::geometry::{Base, Flange, Panel, Rigid, Tool};
 use crate::krl::{Approximation, Builtin, Caller, Cell, EkiAnswer, Host, Meaning, Motion, MotionRequest};
 use std::collections::VecDeque;
 
@@ -20,11 +22,11 @@ pub(super) struct Around<'a> {
 
 impl Host for Around<'_> {
     fn read(&mut self, variable: u16, offset: u32) -> Result<Cell, String> {
-        values::read(self.controller, self.values, variable, offset)
+        variables::read(self.controller, self.values, variable, offset)
     }
 
     fn write(&mut self, variable: u16, offset: u32, value: Cell) -> Result<(), String> {
-        values::write(self.controller, self.values, variable, offset, value)
+        variables::write(self.controller, self.values, variable, offset, value)
     }
 
     fn now_ms(&self) -> u64 {
@@ -148,8 +150,8 @@ impl Around<'_> {
             return Err("LIN before $BASE and $TOOL were set".to_owned());
         };
         let command = command.filter(|command| command.operation == wire::MOVE_LIN);
-        let flange_from_tool: Rigid<Flange, Tool> = pose(tool).to_rigid();
-        let target = pose(base).to_rigid::<Base, Panel>() * pose(request.target).to_rigid::<Panel, Tool>();
+        let flange_from_tool: Rigid<Flange, Tool> = frame(tool).to_rigid();
+        let target = frame(base).to_rigid::<Base, Panel>() * frame(request.target).to_rigid::<Panel, Tool>();
         let mover = &self.controller.mover;
         let reached = self.controller.setup.arm.nearest(&(target * flange_from_tool.inverse()), &mover.joints());
         reached.map_err(|why| words(&Blocked::Unreachable(why)))?;
@@ -168,18 +170,4 @@ impl Around<'_> {
             acceleration_mm_s2: f64::from(self.values.acceleration) * 1000.0,
         }))
     }
-}
-
-fn pose(numbers: [f32; 6]) -> KukaPose {
-    let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = numbers.map(f64::from);
-    KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }
-}
-
-/// $POS_ACT: the tool in the active base.
-pub(super) fn tcp(controller: &Controller, values: &Values) -> [f64; 6] {
-    let base = pose(values.base.now.unwrap_or_default()).to_rigid::<Base, Panel>();
-    let tool: Rigid<Flange, Tool> = pose(values.tool.now.unwrap_or_default()).to_rigid();
-    let found: Rigid<Panel, Tool> = base.inverse() * controller.mover.base_from_flange() * tool;
-    let KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg } = KukaPose::from_rigid(&found);
-    [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg]
 }

@@ -5,13 +5,11 @@
 //! only those are handed over. So the result does not depend on when bytes arrive: a client hears of what a grant has
 //! brought before it says anything more, the answer last.
 
-use super::super::codec::{Value, decode};
-use super::super::error::EkiFault;
 use super::super::framer::Framer;
 use super::super::model::{Controller, TICK_MS};
-use super::super::setup::{Clock, Setup};
+use super::super::options::Clock;
 use super::super::wire::{self, Channel};
-use std::collections::VecDeque;
+use super::held::Document;
 
 /// Time that a heartbeat grants.
 const GRANT_MS: u64 = 100;
@@ -19,66 +17,6 @@ const GRANT_MS: u64 = 100;
 const BOOT_MS: u64 = 600;
 /// So long an answer, or a channel that is to be opened, is waited for.
 const PATIENCE_MS: u64 = 10_000;
-
-/// A document and what it says of itself; `None` where it does not.
-#[derive(Debug)]
-struct Document {
-    bytes: Vec<u8>,
-    epoch: Option<i32>,
-    id: Option<i32>,
-    operation: Option<i32>,
-    number: Option<i32>,
-}
-
-/// What waits.
-#[derive(Debug)]
-pub(super) struct Held {
-    framers: [Framer; 2],
-    commands: VecDeque<Document>,
-    requests: VecDeque<Document>,
-    /// Epoch and id of the newest command that arrived.
-    arrived: (i32, i32),
-    /// Commands that a heartbeat names may still arrive: their channel was not lost.
-    awaits_commands: bool,
-    /// A request is being served.
-    pub(super) serves: bool,
-}
-
-impl Held {
-    pub(super) fn new(setup: &Setup) -> Self {
-        Held {
-            framers: [&setup.commands, &setup.states].map(|file| Framer::new(file.limit_bytes)),
-            commands: VecDeque::new(),
-            requests: VecDeque::new(),
-            arrived: (0, 0),
-            awaits_commands: true,
-            serves: false,
-        }
-    }
-
-    fn of(&mut self, channel: Channel) -> &mut VecDeque<Document> {
-        match channel {
-            Channel::Command => &mut self.commands,
-            Channel::State => &mut self.requests,
-        }
-    }
-
-    fn is_delivered(&self, heartbeat: &Document, epoch: i32) -> bool {
-        let (Some(of), Some(last)) = (heartbeat.epoch, heartbeat.number) else { return true };
-        last <= 0 || !self.awaits_commands || of < epoch || self.arrived >= (of, last)
-    }
-
-    /// The commands up to the one that a heartbeat names.
-    fn up_to(&mut self, heartbeat: &Document) -> Vec<Document> {
-        let named = heartbeat.epoch.zip(heartbeat.number);
-        let is_later = |command: &Document| match (command.epoch.zip(command.id), named) {
-            (Some(key), Some(named)) => key > named,
-            _ => false,
-        };
-        let count = self.commands.iter().position(is_later).unwrap_or(self.commands.len());
-        self.commands.drain(..count).collect()
-    }
-}
 
 impl Controller {
     /// What arrives is held back.
@@ -192,21 +130,5 @@ impl Controller {
                 running.held.serves = false;
             }
         }
-    }
-}
-
-impl Document {
-    fn new(bytes: Vec<u8>, elements: &[super::super::channel_file::Element]) -> Self {
-        let arrived: Result<_, EkiFault> = decode(elements, &bytes);
-        let arrived = arrived.unwrap_or_default();
-        let int = |ending: &str| {
-            arrived.iter().find_map(|arrival| {
-                match (&arrival.value, elements[arrival.element].tag.ends_with(ending)) {
-                    (Some(Value::Int(number)), true) => Some(*number),
-                    _ => None,
-                }
-            })
-        };
-        Document { epoch: int("/@Ep"), id: int("/@Id"), operation: int("/@Op"), number: int("/@N1"), bytes }
     }
 }

@@ -3,19 +3,11 @@
 use super::super::log::Executed;
 use super::super::model::{Controller, TICK_MS};
 use super::super::mover::Done;
-use super::Running;
 use super::around::Around;
-use super::states::RobotState;
+use super::robot_state::RobotState;
+use super::running::{Running, SchedulerBias};
 use crate::krl::Pause;
 use rand::RngExt;
-
-/// What the scheduler does to the interpreters.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Mood {
-    Fair,
-    StarvesSubmit,
-    StarvesRobot,
-}
 
 /// Statements of one tick: so many that a cycle of the submit interpreter ends, and a loop of the robot's goes round.
 const SUBMIT_STATEMENTS: u32 = 2_000;
@@ -82,22 +74,24 @@ impl Running {
         }
         self.mood_until_ms = now_ms + self.draw.random_range(30..1_500);
         self.mood = match self.draw.random_range(0..8) {
-            0 => Mood::StarvesSubmit,
-            1 => Mood::StarvesRobot,
-            _ => Mood::Fair,
+            0 => SchedulerBias::StarvesSubmit,
+            1 => SchedulerBias::StarvesRobot,
+            _ => SchedulerBias::Fair,
         };
     }
 
     fn turns(&mut self, controller: &Controller) -> [Turn; 2] {
         let submit_runs = controller.now_ms >= self.boots_at_ms && !controller.troubles.stalled();
         let submit = match self.mood {
-            Mood::StarvesSubmit => self.draw.random_range(40..200),
+            SchedulerBias::StarvesSubmit => self.draw.random_range(40..200),
             _ if self.programs.busy_submit => BUSY_SUBMIT_STATEMENTS,
             _ => SUBMIT_STATEMENTS,
         };
         let robot = match self.mood {
-            Mood::StarvesRobot if self.draw.random_bool(0.5) => return [submit_turn(submit_runs, submit), IDLE],
-            Mood::StarvesRobot => self.draw.random_range(10..ROBOT_STATEMENTS),
+            SchedulerBias::StarvesRobot if self.draw.random_bool(0.5) => {
+                return [submit_turn(submit_runs, submit), IDLE];
+            }
+            SchedulerBias::StarvesRobot => self.draw.random_range(10..ROBOT_STATEMENTS),
             _ => ROBOT_STATEMENTS,
         };
         let robot_runs = self.values.state == RobotState::Active && !self.robot.is_idle();

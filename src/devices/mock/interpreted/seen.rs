@@ -1,7 +1,7 @@
 //! What can be seen of the programs from outside.
 
 use super::super::model::Controller;
-use super::Running;
+use super::running::Running;
 use crate::krl::Cell;
 
 impl Controller {

@@ -3,25 +3,11 @@
 use super::super::contact::Contact;
 use super::super::log::{Stop, StopCause};
 use super::super::model::{Controller, TICK_MS};
-use super::super::setup::Mode;
+use super::super::options::Mode;
 use super::super::wire::Channel;
-use super::Running;
+use super::robot_state::RobotState;
+use super::running::Running;
 use rand::RngExt;
-
-/// `$PRO_STATE1`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RobotState {
-    /// No program is selected.
-    Free,
-    /// Selected, at its first line.
-    Reset,
-    /// It runs.
-    Active,
-    /// It was stopped, and Start goes on with it.
-    Stopped,
-    /// It has come to its end.
-    Ended,
-}
 
 /// So long after a reset the cell's PLC starts the program again.
 const RESTART_MS: u64 = 300;

@@ -1,25 +1,20 @@
-//! System variables: what they hold, and what writing one does.
+//! What the system variables hold.
 
-use super::super::model::Controller;
-use super::super::setup::{Mode, Setup};
-use super::states::RobotState;
-use crate::geometry::Joints;
-use crate::krl::{Cell, SYSTEM_VARIABLES};
-use std::sync::LazyLock;
-
-/// Highest $VEL.CP, m/s, and $ACC.CP, m/s²; a larger value stops the program.
-const MOST: [f32; 2] = [2.0, 10.0];
+use super::super::setup::Setup;
+use super::robot_state::RobotState;
+use crate::geometry::{Joints, KukaPose};
+use crate::krl::Cell;
 
 /// A timer that counts ms.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Timer {
-    value: i64,
-    set_ms: u64,
-    runs: bool,
+    pub(super) value: i64,
+    pub(super) set_ms: u64,
+    pub(super) runs: bool,
 }
 
 impl Timer {
-    fn value(&self, now_ms: u64) -> i64 {
+    pub(super) fn value(&self, now_ms: u64) -> i64 {
         if self.runs { self.value + (now_ms - self.set_ms) as i64 } else { self.value }
     }
 }
@@ -28,15 +23,15 @@ impl Timer {
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct WrittenFrame {
     pub(super) now: Option<[f32; 6]>,
-    parts: [f32; 6],
+    pub(super) parts: [f32; 6],
 }
 
 /// What $POS_ACT depends on.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct PoseOf {
-    joints: Joints,
-    base: Option<[f32; 6]>,
-    tool: Option<[f32; 6]>,
+pub(super) struct PoseOf {
+    pub(super) joints: Joints,
+    pub(super) base: Option<[f32; 6]>,
+    pub(super) tool: Option<[f32; 6]>,
 }
 
 /// A channel as the program sees it.
@@ -64,10 +59,10 @@ pub(in super::super) struct Values {
     pub(super) distance: f32,
     pub(super) axis_velocity: [i32; 6],
     pub(super) axis_acceleration: [i32; 6],
-    timers: [Timer; 65],
-    words: [u16; 2],
+    pub(super) timers: [Timer; 65],
+    pub(super) words: [u16; 2],
     /// What a program writes and nothing here acts on.
-    others: std::collections::BTreeMap<(u16, u32), Cell>,
+    pub(super) others: std::collections::BTreeMap<(u16, u32), Cell>,
     pub(super) channels: [ChannelState; 2],
     /// Until then EKI_Init and EKI_Open fail.
     pub(super) channels_fail_until_ms: u64,
@@ -85,7 +80,7 @@ pub(in super::super) struct Values {
     /// Told in place of the programs' own.
     pub(super) checksum: Option<i32>,
     /// The last $POS_ACT that was asked for.
-    pose: Option<(PoseOf, [f64; 6])>,
+    pub(super) pose: Option<(PoseOf, [f64; 6])>,
 }
 
 impl Values {
@@ -133,252 +128,8 @@ impl Values {
     }
 }
 
-/// A system variable that is modelled.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Known {
-    Flag,
-    Output,
-    Input,
-    Timer,
-    TimerFlag,
-    TimerStop,
-    DrivesReady,
-    NoAlarm,
-    GuardClosed,
-    Mode,
-    RobotState,
-    Active,
-    CouldStart,
-    Moves,
-    StopMessage,
-    Uptime,
-    Advance,
-    NullFrame,
-    Base,
-    Tool,
-    MeasuredAxes,
-    Pose,
-    Velocity,
-    Acceleration,
-    Approximation,
-    AxisVelocity,
-    AxisAcceleration,
-    Date,
-    Command,
-    Interpolation,
-    Orientation,
-    Override,
-    /// Holds what a program writes.
-    Other,
-}
-
-/// Beside each entry of [`SYSTEM_VARIABLES`]: names are not compared while a program runs.
-static KNOWN: LazyLock<Vec<Known>> =
-    LazyLock::new(|| SYSTEM_VARIABLES.iter().map(|variable| known(variable.name)).collect());
-
-fn known(name: &str) -> Known {
-    match name {
-        "$FLAG" => Known::Flag,
-        "$OUT" => Known::Output,
-        "$IN" => Known::Input,
-        "$TIMER" => Known::Timer,
-        "$TIMER_FLAG" => Known::TimerFlag,
-        "$TIMER_STOP" => Known::TimerStop,
-        "$PERI_RDY" => Known::DrivesReady,
-        "$ALARM_STOP" | "$ALARM_STOP_INTERN" => Known::NoAlarm,
-        "$USER_SAF" => Known::GuardClosed,
-        "$MODE_OP" => Known::Mode,
-        "$PRO_STATE1" | "$PRO_STATE" => Known::RobotState,
-        "$PRO_ACT" => Known::Active,
-        "$COULD_START_MOTION" => Known::CouldStart,
-        "$PRO_MOVE" => Known::Moves,
-        "$STOPMESS" => Known::StopMessage,
-        "$ROB_TIMER" => Known::Uptime,
-        "$ADVANCE" => Known::Advance,
-        "$NULLFRAME" | "$WORLD" | "$ROBROOT" => Known::NullFrame,
-        "$BASE" => Known::Base,
-        "$TOOL" => Known::Tool,
-        "$AXIS_ACT_MEAS" | "$AXIS_ACT" => Known::MeasuredAxes,
-        "$POS_ACT" | "$POS_ACT_MES" => Known::Pose,
-        "$VEL" => Known::Velocity,
-        "$ACC" => Known::Acceleration,
-        "$APO" => Known::Approximation,
-        "$VEL_AXIS" => Known::AxisVelocity,
-        "$ACC_AXIS" => Known::AxisAcceleration,
-        "$DATE" => Known::Date,
-        "$CMD" => Known::Command,
-        "$IPO_MODE" => Known::Interpolation,
-        "$ORI_TYPE" => Known::Orientation,
-        "$OV_PRO" => Known::Override,
-        _ => Known::Other,
-    }
-}
-
-fn bool(value: bool) -> Result<Cell, String> {
-    Ok(Cell::Bool(value))
-}
-
-fn int(value: i64) -> Result<Cell, String> {
-    Ok(Cell::Int(value.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32))
-}
-
-fn real(value: f64) -> Result<Cell, String> {
-    Ok(Cell::Real(value as f32))
-}
-
-/// $POS_ACT. Programs read its components one by one while neither arm nor frames change.
-fn pose(controller: &Controller, values: &mut Values) -> [f64; 6] {
-    let of = PoseOf { joints: controller.mover.joints(), base: values.base.now, tool: values.tool.now };
-    match values.pose {
-        Some((known, pose)) if known == of => pose,
-        _ => {
-            let pose = super::around::tcp(controller, values);
-            values.pose = Some((of, pose));
-            pose
-        }
-    }
-}
-
-pub(super) fn read(
-    controller: &Controller,
-    values: &mut Values,
-    variable: u16,
-    offset: u32,
-) -> Result<Cell, String> {
-    let at = offset as usize;
-    let number = u16::try_from(offset + 1).unwrap_or(u16::MAX);
-    let safety = &controller.safety;
-    let name = || SYSTEM_VARIABLES[variable as usize].name;
-    match KNOWN[variable as usize] {
-        Known::Flag => bool(controller.flags.get(&number).copied().unwrap_or(false)),
-        Known::Output => bool(controller.outputs.get(&number).copied().unwrap_or(false)),
-        Known::Input => bool(controller.inputs.get(&number).copied().unwrap_or(number == 1025)),
-        Known::Timer => int(values.timers[at].value(controller.now_ms)),
-        Known::TimerFlag => bool(values.timers[at].value(controller.now_ms) > 0),
-        Known::TimerStop => bool(!values.timers[at].runs),
-        Known::DrivesReady => bool(safety.drives_on),
-        Known::NoAlarm => bool(!safety.e_stop),
-        Known::GuardClosed => bool(safety.guard_closed),
-        Known::Mode => Ok(Cell::Word(match safety.mode {
-            Mode::T1 => 0,
-            Mode::T2 => 1,
-            Mode::Aut => 2,
-            Mode::Ext => 3,
-        })),
-        Known::RobotState => Ok(Cell::Word(values.state as u16)),
-        Known::Active => bool(values.state == RobotState::Active),
-        Known::CouldStart => bool(safety.may_start()),
-        Known::Moves => bool(controller.mover.is_in_motion()),
-        Known::StopMessage => bool(values.stop_message),
-        // Turns over as an INT of 32 bits does.
-        Known::Uptime => Ok(Cell::Int((controller.now_ms - controller.started_ms + values.uptime_ms) as i32)),
-        Known::Advance => int(i64::from(values.advance)),
-        Known::NullFrame => real(0.0),
-        Known::Base => values.base.now.map_or(Ok(Cell::Unset), |frame| Ok(Cell::Real(frame[at]))),
-        Known::Tool => values.tool.now.map_or(Ok(Cell::Unset), |frame| Ok(Cell::Real(frame[at]))),
-        Known::MeasuredAxes => {
-            real(super::super::kinematics::angles_deg(&controller.mover.joints()).get(at).copied().unwrap_or(0.0))
-        }
-        Known::Pose => {
-            if !values.knows_tcp() {
-                return Err(format!("{} has no value: no program has set $BASE and $TOOL", name()));
-            }
-            match at {
-                0..6 => real(pose(controller, values)[at]),
-                6..8 => int(0),
-                _ => real(0.0),
-            }
-        }
-        Known::Velocity => Ok(Cell::Real(values.velocity)),
-        Known::Acceleration => Ok(Cell::Real(values.acceleration)),
-        Known::Approximation => Ok(Cell::Real(values.distance)),
-        Known::AxisVelocity => int(values.axis_velocity.get(at).copied().map_or(100, i64::from)),
-        Known::AxisAcceleration => int(values.axis_acceleration.get(at).copied().map_or(100, i64::from)),
-        Known::Date => int(date(i64::from(controller.setup.boot), at)),
-        Known::Command => int(1),
-        Known::Interpolation => Ok(Cell::Word(values.words[0])),
-        Known::Orientation => Ok(Cell::Word(values.words[1])),
-        Known::Override => int(100),
-        Known::Other => {
-            let written = values.others.get(&(variable, offset)).copied();
-            written.ok_or_else(|| format!("{} is not modelled", name()))
-        }
-    }
-}
-
-/// CSEC, SEC, MIN, HOUR, DAY, MONTH, YEAR: a second later at each start.
-fn date(boot: i64, component: usize) -> i64 {
-    match component {
-        1 => boot.rem_euclid(60),
-        2 => boot.div_euclid(60).rem_euclid(60),
-        3 => boot.div_euclid(3600).rem_euclid(24),
-        4 | 5 => 1,
-        6 => 2030,
-        _ => 0,
-    }
-}
-
-pub(super) fn write(
-    controller: &mut Controller,
-    values: &mut Values,
-    variable: u16,
-    offset: u32,
-    value: Cell,
-) -> Result<(), String> {
-    let name = SYSTEM_VARIABLES[variable as usize].name;
-    let at = offset as usize;
-    let number = u16::try_from(offset + 1).unwrap_or(u16::MAX);
-    values.changed = true;
-    let now_ms = controller.now_ms;
-    match (KNOWN[variable as usize], value) {
-        (_, Cell::Unset) => return Err(format!("an invalid value cannot be written to {name}")),
-        (Known::Flag, Cell::Bool(value)) => drop(controller.flags.insert(number, value)),
-        (Known::Output, Cell::Bool(value)) => controller.set_output(number, value),
-        (Known::Timer, Cell::Int(value)) => {
-            let timer = &mut values.timers[at];
-            (timer.value, timer.set_ms) = (i64::from(value), now_ms);
-        }
-        (Known::TimerStop, Cell::Bool(stops)) => {
-            let timer = &mut values.timers[at];
-            (timer.value, timer.set_ms, timer.runs) = (timer.value(now_ms), now_ms, !stops);
-        }
-        (Known::Advance, Cell::Int(count)) if (0..=5).contains(&count) => values.advance = count,
-        (Known::Advance, _) => return Err("$ADVANCE is 0 to 5".to_owned()),
-        (Known::Base | Known::Tool, Cell::Real(part)) => {
-            let is_base = name == "$BASE";
-            let frame = if is_base { &mut values.base } else { &mut values.tool };
-            frame.parts[at] = part;
-            if at == 5 {
-                let whole = frame.parts;
-                // A frame that is set again as it is takes no fault: the client sets it once, and hears it back.
-                if frame.now != Some(whole) {
-                    frame.now = controller.troubles.spoil_frame(is_base, whole).or(frame.now);
-                }
-            }
-        }
-        (Known::Velocity, Cell::Real(speed)) if at == 0 => values.velocity = in_range(name, speed, MOST[0])?,
-        (Known::Acceleration, Cell::Real(rate)) if at == 0 => values.acceleration = in_range(name, rate, MOST[1])?,
-        (Known::Approximation, Cell::Real(distance)) if at == 0 => values.distance = distance,
-        (Known::AxisVelocity | Known::AxisAcceleration, Cell::Int(percent)) => {
-            if !(1..=100).contains(&percent) {
-                return Err(format!("{name} is 1 to 100 percent, not {percent}"));
-            }
-            let list = if name == "$VEL_AXIS" { &mut values.axis_velocity } else { &mut values.axis_acceleration };
-            if let Some(axis) = list.get_mut(at) {
-                *axis = percent;
-            }
-        }
-        (Known::Interpolation, Cell::Word(word)) => values.words[0] = word,
-        (Known::Orientation, Cell::Word(word)) => values.words[1] = word,
-        _ => drop(values.others.insert((variable, offset), value)),
-    }
-    Ok(())
-}
-
-fn in_range(name: &str, value: f32, most: f32) -> Result<f32, String> {
-    if value > 0.0 && value <= most {
-        Ok(value)
-    } else {
-        Err(format!("{name}.CP is above 0 and at most {most}, not {value}"))
-    }
+/// The six numbers of a frame.
+pub(super) fn frame(numbers: [f32; 6]) -> KukaPose {
+    let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = numbers.map(f64::from);
+    KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }
 }

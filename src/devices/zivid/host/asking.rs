@@ -1,31 +1,14 @@
 //! One question to a camera that is ready, and what its answer is held against.
 
-use super::losing::{Loss, name};
-use super::{Ask, Found, Host};
-use crate::devices::zivid::accept::{self, Asked};
+use super::outcome::{Failed, Loss, TRIES, name};
+use super::{CameraAnswer, CameraRequest, Host};
+use crate::devices::zivid::accept::{self, ExpectedShot};
 use crate::devices::zivid::clock::now_ns;
 use crate::devices::zivid::fault::ZividFault;
-use crate::devices::zivid::link::{Answer, Came};
+use crate::devices::zivid::link::{Answer, Delivery};
 use crate::devices::zivid::message::{Refusal, Reply, Request, Source, Trouble};
 use crate::devices::zivid::wire::WireError;
 use std::time::{Duration, Instant};
-
-/// How often a shot that the camera did not give is asked for again: once and two more.
-pub(in crate::devices::zivid) const TRIES: u32 = 3;
-
-/// Why the worker did not do what was asked.
-pub(super) enum Failed {
-    /// It is lost.
-    Lost(WireError),
-    /// It says why.
-    Refused(Refusal),
-}
-
-impl From<WireError> for Failed {
-    fn from(error: WireError) -> Self {
-        Failed::Lost(error)
-    }
-}
 
 impl Host {
     pub(super) fn ask(&mut self, request: &Request, within: Duration) -> Result<Answer, Failed> {
@@ -37,29 +20,30 @@ impl Host {
     }
 
     /// Asks a camera that is ready.
-    pub(super) fn asked(&mut self, ask: Ask) -> Result<Found, ZividFault> {
+    pub(super) fn asked(&mut self, ask: CameraRequest) -> Result<CameraAnswer, ZividFault> {
         let (scan, picture) = (self.scan.hash.clone(), self.picture.hash.clone());
         let within = self.setup.patience.of(ask);
         let request = match ask {
-            Ask::Scan => Request::Scan { settings: scan },
-            Ask::Picture => Request::Picture { settings: picture },
-            Ask::BeginClip(pictures_per_second) => {
+            CameraRequest::Scan => Request::Scan { settings: scan },
+            CameraRequest::Picture => Request::Picture { settings: picture },
+            CameraRequest::BeginClip(pictures_per_second) => {
                 self.clip_from_ns = now_ns();
                 Request::BeginClip { settings: picture, pictures_per_second }
             }
-            Ask::NextPicture => Request::NextPicture,
-            Ask::EndClip => Request::EndClip,
-            Ask::Intrinsics => Request::Intrinsics { settings: scan },
-            Ask::Check => Request::State,
-            Ask::Light => Request::Light,
+            CameraRequest::NextPicture => Request::NextPicture,
+            CameraRequest::EndClip => Request::EndClip,
+            CameraRequest::Intrinsics => Request::Intrinsics { settings: scan },
+            CameraRequest::Check => Request::State,
+            CameraRequest::Light => Request::Light,
         };
         // All but its next picture ends a clip.
-        self.takes_clip = matches!(ask, Ask::BeginClip(_)) || self.takes_clip && ask == Ask::NextPicture;
+        self.takes_clip =
+            matches!(ask, CameraRequest::BeginClip(_)) || self.takes_clip && ask == CameraRequest::NextPicture;
         let during = ask.words();
         let mut tries = 0;
         loop {
             tries += 1;
-            let from_ns = if ask == Ask::NextPicture { self.clip_from_ns } else { now_ns() };
+            let from_ns = if ask == CameraRequest::NextPicture { self.clip_from_ns } else { now_ns() };
             let message = match self.ask(&request, within) {
                 Ok(answer) => match self.checked(ask, from_ns, answer) {
                     // The camera's own buffer may have given the shot before once more.
@@ -83,9 +67,9 @@ impl Host {
     }
 
     /// What a refusal means; none where asking again may help.
-    fn refused(&mut self, ask: Ask, refusal: &Refusal) -> Option<ZividFault> {
+    fn refused(&mut self, ask: CameraRequest, refusal: &Refusal) -> Option<ZividFault> {
         let (during, message) = (ask.words(), refusal.message.clone());
-        let is_shot = matches!(ask, Ask::Scan | Ask::Picture);
+        let is_shot = matches!(ask, CameraRequest::Scan | CameraRequest::Picture);
         match refusal.trouble {
             Trouble::Gone | Trouble::NotFound | Trouble::Firmware | Trouble::InUse | Trouble::OutOfReach => {
                 let fault = ZividFault::Lost { during, message };
@@ -105,44 +89,51 @@ impl Host {
     }
 
     /// Holds an answer against what was asked.
-    fn checked(&mut self, ask: Ask, from_ns: u64, answer: Answer) -> Result<Found, ZividFault> {
+    fn checked(&mut self, ask: CameraRequest, from_ns: u64, answer: Answer) -> Result<CameraAnswer, ZividFault> {
         match (ask, answer) {
-            (Ask::Scan, Answer::Scan(came, planes)) => {
+            (CameraRequest::Scan, Answer::Scan(came, planes)) => {
                 self.accepted(ask, from_ns, &came, false)?;
                 accept::accept_points(&planes)?;
                 if came.taken.throttled_ms > 0.0 {
                     tracing::warn!("the 3D camera paused for {:.0} ms to cool", came.taken.throttled_ms);
                 }
-                Ok(Found::Scan(came, planes))
+                Ok(CameraAnswer::Scan(came, planes))
             }
-            (Ask::Picture | Ask::NextPicture, Answer::Picture(came, rgb)) => {
+            (CameraRequest::Picture | CameraRequest::NextPicture, Answer::Picture(came, rgb)) => {
                 // Of a scene that is black or white every picture is the same; who looks at it tells that.
                 let is_plain = rgb.windows(2).all(|two| two[0] == two[1]);
                 self.accepted(ask, from_ns, &came, is_plain)?;
                 accept::accept_pause(&came.taken, ask.words())?;
-                Ok(Found::Picture(came, rgb))
+                Ok(CameraAnswer::Picture(came, rgb))
             }
-            (Ask::BeginClip(_), Answer::Words(Reply::ClipBegun)) => Ok(Found::Done),
-            (Ask::EndClip, Answer::Words(Reply::ClipEnded(end))) => Ok(Found::Clip(end)),
-            (Ask::Intrinsics, Answer::Words(Reply::Intrinsics(lens))) => Ok(Found::Lens(lens)),
-            (Ask::Check, Answer::Words(Reply::State(temperatures))) => {
+            (CameraRequest::BeginClip(_), Answer::Words(Reply::ClipBegun)) => Ok(CameraAnswer::Done),
+            (CameraRequest::EndClip, Answer::Words(Reply::ClipEnded(end))) => Ok(CameraAnswer::Clip(end)),
+            (CameraRequest::Intrinsics, Answer::Words(Reply::Intrinsics(lens))) => Ok(CameraAnswer::Lens(lens)),
+            (CameraRequest::Check, Answer::Words(Reply::State(temperatures))) => {
                 self.shared.felt(now_ns(), temperatures.lens_c);
-                Ok(Found::State(temperatures))
+                Ok(CameraAnswer::State(temperatures))
             }
-            (Ask::Light, Answer::Words(Reply::Light(light))) => Ok(Found::Light(light)),
+            (CameraRequest::Light, Answer::Words(Reply::Light(light))) => Ok(CameraAnswer::Light(light)),
             (_, other) => Err(self.lost(ask.words(), Loss::Damaged(name(&other)))),
         }
     }
 
-    fn accepted(&mut self, ask: Ask, from_ns: u64, came: &Came, may_repeat: bool) -> Result<(), ZividFault> {
+    fn accepted(
+        &mut self,
+        ask: CameraRequest,
+        from_ns: u64,
+        came: &Delivery,
+        may_repeat: bool,
+    ) -> Result<(), ZividFault> {
         let is_file = matches!(self.setup.source, Source::File(_));
         let (size, last_number) = (self.setup.size, self.last_number);
         let serial = self.camera.as_ref().map(|camera| camera.serial.clone()).unwrap_or_default();
-        let taking = if ask == Ask::Scan { &mut self.scan } else { &mut self.picture };
+        let taking = if ask == CameraRequest::Scan { &mut self.scan } else { &mut self.picture };
         let last_sum = taking.last_sum.filter(|_| !is_file && !may_repeat);
         let settings = taking.hash.clone();
         let until_ns = came.came_ns;
-        let asked = Asked { what: ask.words(), settings, serial, size, from_ns, until_ns, last_number, last_sum };
+        let asked =
+            ExpectedShot { what: ask.words(), settings, serial, size, from_ns, until_ns, last_number, last_sum };
         accept::accept(&came.taken, came.sum, &asked)?;
         taking.last_sum = Some(came.sum);
         self.last_number = came.taken.number;

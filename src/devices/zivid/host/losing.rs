@@ -1,13 +1,11 @@
 //! Workers that are lost: each is ended, named, and started again where the budget allows.
 
+use super::outcome::Loss;
 use super::{FAREWELL, Host, Stage, Worker};
 use crate::devices::zivid::budget::{Restarts, Verdict};
 use crate::devices::zivid::fault::{Next, ZividFault};
-use crate::devices::zivid::link::Answer;
-use crate::devices::zivid::wire::WireError;
-use std::io::ErrorKind;
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 impl Host {
     /// The worker is lost: it is ended, and started again where the budget allows.
@@ -68,38 +66,5 @@ impl Host {
         peer.kill();
         self.shared.status().worker = None;
         how
-    }
-}
-
-/// How a worker was lost.
-pub(super) enum Loss {
-    /// It had ended already.
-    Ended(String),
-    /// It closed its end of the socket.
-    HungUp,
-    /// It does not answer.
-    Stalled(Duration),
-    /// What it says cannot be read.
-    Damaged(String),
-}
-
-impl Loss {
-    pub(super) fn of(error: WireError, waited: Duration) -> Self {
-        match error {
-            WireError::Ended | WireError::Cut { .. } => Loss::HungUp,
-            WireError::Io(error) if error.kind() == ErrorKind::BrokenPipe => Loss::HungUp,
-            WireError::Io(error) if error.kind() == ErrorKind::ConnectionReset => Loss::HungUp,
-            WireError::Io(error) if error.kind() == ErrorKind::TimedOut => Loss::Stalled(waited),
-            WireError::Stalled { .. } => Loss::Stalled(waited),
-            other => Loss::Damaged(other.to_string()),
-        }
-    }
-}
-
-pub(super) fn name(answer: &Answer) -> String {
-    match answer {
-        Answer::Words(_) => "it answered something else".to_owned(),
-        Answer::Scan(..) => "it answered by a 3D shot".to_owned(),
-        Answer::Picture(..) => "it answered by a picture".to_owned(),
     }
 }

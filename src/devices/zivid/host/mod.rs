@@ -11,11 +11,12 @@
 //! fault is kept in words: none is mended in silence. A camera that nobody asks anything of tells its temperature now and
 //! then, from which [`warmth`](super::warmth) is judged.
 //!
-//! - `shared`: what it is set up with, how it stands, what may be asked · `opening` · `asking` · `losing`
+//! - `shared`: what it is set up with, how it stands, what may be asked · `opening` · `asking` · `losing` · `outcome`
 
 mod asking;
 mod losing;
 mod opening;
+mod outcome;
 mod shared;
 
 use super::budget::{Budget, Verdict};
@@ -25,15 +26,14 @@ use super::link::Link;
 use super::message::{Identity, SettingsHash};
 use super::process::{Launcher, Peer};
 use super::worker::settings_hash;
-use asking::Failed;
-use losing::Loss;
+use outcome::Loss;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-pub(super) use asking::TRIES;
-pub use shared::{Ask, Found, Order, Patience, Setup, Shared, Stage, Status};
+pub(super) use outcome::TRIES;
+pub use shared::{CameraAnswer, CameraRequest, Patience, QueuedRequest, Setup, Shared, Stage, Status};
 
 /// How often an idle worker is looked after.
 const LOOK: Duration = Duration::from_millis(50);
@@ -103,7 +103,7 @@ impl Host {
     }
 
     /// Serves until nobody asks any more.
-    pub fn run(mut self, orders: &Receiver<Order>) {
+    pub fn run(mut self, orders: &Receiver<QueuedRequest>) {
         loop {
             self.look_after();
             match orders.recv_timeout(LOOK) {
@@ -139,23 +139,23 @@ impl Host {
             self.open();
         } else if self.camera.is_some() && !self.takes_clip && self.shared.is_temperature_due(now_ns()) {
             // Whether the camera is warm shows in how its temperature goes on; a fault is told as any.
-            drop(self.asked(Ask::Check));
+            drop(self.asked(CameraRequest::Check));
         }
     }
 
-    fn perform(&mut self, ask: Ask) -> Result<Found, ZividFault> {
+    fn perform(&mut self, ask: CameraRequest) -> Result<CameraAnswer, ZividFault> {
         let stage = self.shared.status().stage.clone();
         match (stage, ask) {
             (Stage::Ready(_), _) => self.asked(ask),
             (Stage::Starting(since), _) => {
                 Err(ZividFault::Starting { since: since.elapsed(), most: self.setup.patience.start() })
             }
-            (Stage::NoCamera(_), Ask::Check) => {
+            (Stage::NoCamera(_), CameraRequest::Check) => {
                 self.open();
                 self.looked()
             }
             (Stage::NoCamera(fault), _) => Err(fault),
-            (Stage::Down(fault), Ask::Check) => self.revived(fault),
+            (Stage::Down(fault), CameraRequest::Check) => self.revived(fault),
             (Stage::Down(fault), _) => Err(self.as_of_now(fault)),
         }
     }
@@ -172,7 +172,7 @@ impl Host {
     }
 
     /// A person asks for a worker that stays down.
-    fn revived(&mut self, fault: ZividFault) -> Result<Found, ZividFault> {
+    fn revived(&mut self, fault: ZividFault) -> Result<CameraAnswer, ZividFault> {
         // What is not for the budget, such as a missing library, may be mended at any time.
         let by_budget = matches!(fault, ZividFault::Down { .. });
         if by_budget && self.budget.asked(self.began.elapsed()) == Verdict::StayDown {
@@ -183,10 +183,10 @@ impl Host {
     }
 
     /// What a person who asked hears after an attempt to open the camera.
-    fn looked(&mut self) -> Result<Found, ZividFault> {
+    fn looked(&mut self) -> Result<CameraAnswer, ZividFault> {
         let stage = self.shared.status().stage.clone();
         match stage {
-            Stage::Ready(_) => self.asked(Ask::Check),
+            Stage::Ready(_) => self.asked(CameraRequest::Check),
             Stage::Starting(since) => {
                 Err(ZividFault::Starting { since: since.elapsed(), most: self.setup.patience.start() })
             }

@@ -1,7 +1,7 @@
 //! From nothing to a camera that is warm.
 
-use super::losing::{Loss, name};
-use super::{Failed, Host, LONGEST_SEARCH, Stage, Worker};
+use super::outcome::{Failed, Loss, name};
+use super::{Host, LONGEST_SEARCH, Stage, Worker};
 use crate::devices::zivid::fault::ZividFault;
 use crate::devices::zivid::link::{Answer, Link};
 use crate::devices::zivid::message::{Identity, Refusal, Reply, Request, Size, Source, Trouble, Use};

@@ -2,7 +2,7 @@
 
 use crate::devices::zivid::budget::Restarts;
 use crate::devices::zivid::fault::ZividFault;
-use crate::devices::zivid::link::Came;
+use crate::devices::zivid::link::Delivery;
 use crate::devices::zivid::message::{ClipEnd, Identity, Lens, Light, Size, Source, Temperatures};
 use crate::devices::zivid::sensor::Planes;
 use crate::devices::zivid::warmth::{self, Reading};
@@ -72,14 +72,17 @@ impl Patience {
     }
 
     /// For the answer to this, each time it is asked.
-    pub fn of(&self, ask: Ask) -> Duration {
+    pub fn of(&self, ask: CameraRequest) -> Duration {
         match ask {
-            Ask::Scan => self.scan,
+            CameraRequest::Scan => self.scan,
             // At a clip's end the picture that is being taken is waited for.
-            Ask::Picture | Ask::BeginClip(_) | Ask::NextPicture | Ask::EndClip => self.picture,
-            Ask::Intrinsics | Ask::Check => self.words,
+            CameraRequest::Picture
+            | CameraRequest::BeginClip(_)
+            | CameraRequest::NextPicture
+            | CameraRequest::EndClip => self.picture,
+            CameraRequest::Intrinsics | CameraRequest::Check => self.words,
             // It exposes for a while.
-            Ask::Light => self.scan,
+            CameraRequest::Light => self.scan,
         }
     }
 }
@@ -186,7 +189,7 @@ impl Shared {
 
 /// What is asked of the camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Ask {
+pub enum CameraRequest {
     /// A 3D shot.
     Scan,
     /// A picture.
@@ -205,29 +208,29 @@ pub enum Ask {
     Light,
 }
 
-impl Ask {
+impl CameraRequest {
     /// In words.
     pub fn words(self) -> &'static str {
         match self {
-            Ask::Scan => "a 3D shot",
-            Ask::Picture => "a picture",
-            Ask::BeginClip(_) => "the begin of a clip",
-            Ask::NextPicture => "a picture of a clip",
-            Ask::EndClip => "the end of a clip",
-            Ask::Intrinsics => "a look at its lens",
-            Ask::Check => "a look at its temperatures",
-            Ask::Light => "a look at the light around it",
+            CameraRequest::Scan => "a 3D shot",
+            CameraRequest::Picture => "a picture",
+            CameraRequest::BeginClip(_) => "the begin of a clip",
+            CameraRequest::NextPicture => "a picture of a clip",
+            CameraRequest::EndClip => "the end of a clip",
+            CameraRequest::Intrinsics => "a look at its lens",
+            CameraRequest::Check => "a look at its temperatures",
+            CameraRequest::Light => "a look at the light around it",
         }
     }
 }
 
 /// What came of it.
 #[derive(Debug)]
-pub enum Found {
+pub enum CameraAnswer {
     /// A 3D shot.
-    Scan(Came, Planes),
+    Scan(Delivery, Planes),
     /// A picture.
-    Picture(Came, Vec<[u8; 3]>),
+    Picture(Delivery, Vec<[u8; 3]>),
     /// Done.
     Done,
     /// A clip is over.
@@ -242,11 +245,11 @@ pub enum Found {
 
 /// A question, and where its answer goes.
 #[derive(Debug)]
-pub struct Order {
+pub struct QueuedRequest {
     /// What is asked.
-    pub ask: Ask,
+    pub ask: CameraRequest,
     /// Who asked has gone.
     pub is_given_up: Arc<AtomicBool>,
     /// Where the answer goes.
-    pub answer: Sender<Result<Found, ZividFault>>,
+    pub answer: Sender<Result<CameraAnswer, ZividFault>>,
 }

@@ -21,7 +21,7 @@ pub struct Plan {
     pub missing: Vec<u64>,
     pub infinite: Vec<u64>,
     pub half: Vec<u64>,
-    /// Taken before it was asked for.
+    /// ShotInfo before it was asked for.
     pub old: Vec<u64>,
     pub frozen: Vec<u64>,
     pub gone: Vec<u64>,

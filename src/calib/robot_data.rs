@@ -1,0 +1,134 @@
+//! What is measured to calibrate an arm: rigs of camera and board, pictures, and touches.
+
+use super::adjust::scaled_inverse;
+use super::arrangement::Twist;
+use super::chain::BoardObservation;
+use super::detect::Corners;
+use super::error::CalibError;
+use super::lens_gram::LensGram;
+use super::pose::board_pose;
+use super::robot_correction::ArmPose;
+use crate::cell::ArmGeometry;
+use crate::geometry::{Board, Camera, PinholeCamera, Point, Rigid};
+use nalgebra::{Isometry3, Matrix6};
+
+/// Which of camera and board moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RigKind {
+    /// The camera stands, the board is on the flange.
+    EyeToHand,
+    /// The camera is on the flange, the board stands.
+    EyeInHand,
+}
+
+/// A camera with the board that it looks at, and where both are about.
+#[derive(Debug, Clone)]
+pub struct Rig {
+    /// Which moves.
+    pub kind: RigKind,
+    /// Where the camera sits: on the base, or on the flange.
+    pub mount: Isometry3<f64>,
+    /// Where the board sits: on the flange, or on the base.
+    pub board: Isometry3<f64>,
+}
+
+/// A picture.
+#[derive(Debug, Clone)]
+pub struct ArmView {
+    /// Its name in messages.
+    pub name: String,
+    /// Which rig took it.
+    pub rig: usize,
+    /// Where the robot was.
+    pub pose: ArmPose,
+    /// Where it shows the board.
+    pub camera_from_board: Isometry3<f64>,
+    /// The information of that pose: the inverse of its covariance, in rad and mm.
+    pub information: Matrix6<f64>,
+    /// How far off its corners are, rms, px.
+    pub rms_px: f64,
+}
+
+/// The robot comes back to a pose to so many mm, and degrees in rad.
+pub(super) const REPEAT_MM: f64 = 0.03;
+const REPEAT_RAD: f64 = 5e-5;
+/// Corners are never better than so many px.
+const LEAST_PX: f64 = 0.02;
+
+impl ArmView {
+    /// From the corners that a picture shows.
+    ///
+    /// # Errors
+    /// Where they determine no pose.
+    pub fn seen(
+        name: String,
+        rig: usize,
+        pose: ArmPose,
+        camera: &PinholeCamera,
+        corners: &Corners,
+    ) -> Result<Self, CalibError> {
+        let found = board_pose::<Camera>(camera, &BoardObservation::Pixels(corners.clone()))?;
+        let unsettled = CalibError::NotSettled { what: "the board's pose" };
+        let information = information(camera, corners, &found.camera_from_board, found.rms).ok_or(unsettled)?;
+        let camera_from_board = *found.camera_from_board.isometry();
+        Ok(ArmView { name, rig, pose, camera_from_board, information, rms_px: found.rms })
+    }
+}
+
+/// The information of the board's pose in a picture whose corners are this far off.
+pub(super) fn information(
+    camera: &PinholeCamera,
+    corners: &Corners,
+    camera_from_board: &Rigid<Camera, Board>,
+    rms_px: f64,
+) -> Option<Matrix6<f64>> {
+    let gram = LensGram::of(camera, corners, camera_from_board)?;
+    let of_corners = scaled_inverse(&gram.pose)? * rms_px.max(LEAST_PX).powi(2);
+    let far_mm = camera_from_board.origin().mm.coords.norm();
+    let (turn, shift) = (REPEAT_RAD.powi(2), REPEAT_MM.powi(2) + (far_mm * REPEAT_RAD).powi(2));
+    let of_robot = Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift));
+    scaled_inverse(&(of_corners + of_robot))
+}
+
+/// What the tip touches.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Touched {
+    /// A spot by its number, which stands still and is not known; touches of one spot share it.
+    Spot(usize),
+    /// A corner of the board that stands still before the camera on the flange.
+    Corner {
+        /// The rig of that board.
+        rig: usize,
+        /// The corner.
+        place: Point<Board>,
+    },
+    /// A place that the fixed camera sees.
+    Seen {
+        /// The rig of that camera.
+        rig: usize,
+        /// The place.
+        place: Point<Camera>,
+    },
+}
+
+/// A touch of the tool's tip.
+#[derive(Debug, Clone)]
+pub struct ArmTouch {
+    /// What it touches.
+    pub at: Touched,
+    /// Where the robot was.
+    pub pose: ArmPose,
+}
+
+/// What is measured.
+#[derive(Debug, Clone)]
+pub struct RobotData {
+    /// The arm, as drawn.
+    pub geometry: ArmGeometry,
+    /// The rigs.
+    pub rigs: Vec<Rig>,
+    /// The pictures.
+    pub views: Vec<ArmView>,
+    /// The touches.
+    pub touches: Vec<ArmTouch>,
+}

@@ -1,0 +1,42 @@
+//! What a calibration of an arm found.
+
+use super::robot_correction::Correction;
+use super::robot_data::Rig;
+use super::robot_settle::State;
+use nalgebra::{DMatrix, Vector3};
+
+/// One number of the correction.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Number {
+    /// What it is, with its unit.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+    /// How far off it may be, 95 %.
+    pub uncertainty: f64,
+    /// Its deviation after by that before: 1 where the data say nothing, 0 where they say all.
+    pub untold: f64,
+}
+
+/// What was found.
+#[derive(Debug, Clone)]
+pub struct RobotFound {
+    /// The correction.
+    pub correction: Correction,
+    /// Its numbers.
+    pub numbers: Vec<Number>,
+    /// The rigs as they come out with it.
+    pub rigs: Vec<Rig>,
+    /// The tip on the flange, where there were touches, mm.
+    pub tip_mm: Option<Vector3<f64>>,
+    /// How far pictures that were left out put the board from where it should be, rms, mm: with mounts and boards alone.
+    pub left_out_before_mm: f64,
+    /// The same with the correction.
+    pub left_out_after_mm: f64,
+    pub(super) plain: State,
+    pub(super) state: State,
+    pub(super) covariance: DMatrix<f64>,
+    pub(super) variance: f64,
+    /// What is left of a single pose that no number of the arm tells, each way, mm.
+    pub(super) scatter_mm: f64,
+}

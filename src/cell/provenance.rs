@@ -1,0 +1,74 @@
+//! Where a calibration's numbers come from: the program, the pictures, and what each of them left.
+
+use crate::config::{Section, Setting};
+use std::fmt::Write;
+use std::ops::RangeInclusive;
+use toml::de::DeValue;
+
+/// Where a calibration's numbers come from; every key may be absent.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Provenance {
+    /// The program that made it, with its version.
+    pub program: Option<String>,
+    /// SHA-256 of each picture or points file that was used.
+    pub pictures: Vec<String>,
+    /// The residual of each of them, in their order: px for intrinsics, mm for a mount.
+    pub residuals: Vec<f64>,
+}
+
+impl Provenance {
+    pub(super) fn take(section: &Section<'_, '_>, residuals: &'static str) -> Option<Self> {
+        let program = section.take("program", (), Some(None));
+        let pictures = section.take("pictures", (), Some(Texts::default()));
+        let residuals = section.take(residuals, (), Some(Numbers::default()));
+        Some(Provenance { program: program?, pictures: pictures?.0, residuals: residuals?.0 })
+    }
+
+    pub(super) fn write(&self, text: &mut String, residuals: &str) {
+        line(text, "program", self.program.as_ref().map(|program| toml::Value::from(program.as_str())));
+        if !self.pictures.is_empty() {
+            line(text, "pictures", Some(toml::Value::from(self.pictures.clone())));
+        }
+        if !self.residuals.is_empty() {
+            line(text, residuals, Some(format!("{:?}", self.residuals)));
+        }
+    }
+}
+
+/// A list of texts.
+#[derive(Default)]
+pub(super) struct Texts(pub(super) Vec<String>);
+
+impl Setting for Texts {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        let list = value.as_array().map(|list| list.iter().map(|item| String::parse(item.get_ref(), &())));
+        let list = list.ok_or_else(|| "allowed is a list of texts".to_owned())?;
+        list.collect::<Result<_, _>>().map(Texts)
+    }
+}
+
+/// A list of residuals.
+#[derive(Default)]
+struct Numbers(Vec<f64>);
+
+impl Setting for Numbers {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        let list = value.as_array().map(|list| list.iter().map(|item| f64::parse(item.get_ref(), &RESIDUALS)));
+        let list = list.ok_or_else(|| "allowed is a list of numbers".to_owned())?;
+        list.collect::<Result<_, _>>().map(Numbers)
+    }
+}
+
+/// A picture that was set aside may be far off.
+const RESIDUALS: RangeInclusive<f64> = 0.0..=100_000.0;
+
+pub(super) fn line(text: &mut String, key: &str, value: Option<impl std::fmt::Display>) {
+    if let Some(value) = value {
+        // Writing to a `String` cannot fail.
+        let _ = writeln!(text, "{key} = {value}");
+    }
+}

@@ -1,0 +1,102 @@
+//! `panelprep label`: a person marks what broke in a clip, on a page in a browser; it is kept beside the clip.
+
+mod keeping;
+
+use super::args::{Common, Label};
+use super::disk;
+use super::fault::Fault;
+use super::inspect::Placed;
+use super::labels::{clip_hash, read_clip};
+use super::load::{self, CellFiles};
+use super::outcome::Outcome;
+use super::output::tell_line;
+use crate::files::{self, ClipEntry};
+use crate::geometry::PinholeCamera;
+use crate::labels::{ClipFrame, LABELS};
+use crate::page::Local;
+use crate::page::label::{self, GridOutline, Sheet};
+use crate::phase::Phase;
+use crate::verdict::{Judgement, Verdict};
+use keeping::Keeping;
+use serde_json::json;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Serves the page until the person is done, and says what was kept.
+///
+/// # Errors
+/// Where the folder holds no clip, labels or a draft in it are not what they must be, recipe and panel do not fit, or the page cannot
+/// be served.
+pub fn run(args: &Label, common: &Common) -> Result<Outcome, Fault> {
+    if !args.clip.join("clip.csv").exists() {
+        return Err(Fault::NoClip { folder: args.clip.clone() });
+    }
+    let clip = read_clip(&args.clip)?;
+    let (grids, camera) = match &args.recipe {
+        Some(recipe) => {
+            let (grids, camera) = grids(recipe, args, common)?;
+            (grids, Some(camera))
+        }
+        None => (Vec::new(), None),
+    };
+    let size_px = size_px(&args.clip, clip.shots(), camera.as_ref())?;
+    let wet = clip.shots().iter().filter(|shot| shot.phase == Phase::Wet);
+    let frame = ClipFrame { size_px, wet_times_s: wet.map(|shot| shot.time_s).collect() };
+    let keeping = Arc::new(Keeping::new(&args.clip, clip_hash(&args.clip, &clip)?, frame));
+    let found = keeping.now()?;
+    if let Some(note) = &found.note {
+        tell_line(note);
+    }
+    let sheet =
+        Sheet { folder: args.clip.clone(), shots: clip.shots().to_vec(), size_px, grids, keep: keeping.clone() };
+    let local = Local::listen(args.listen).map_err(Fault::stage)?;
+    tell_line(&format!("Mark where the film broke: open {} in a browser on this computer.", local.url()));
+    let saved = label::serve(local, sheet).map_err(Fault::stage)?;
+    told(&keeping, &args.clip, saved)
+}
+
+/// The size of the clip's pictures, as its first one says; with a recipe it must be the calibrated camera's.
+fn size_px(folder: &Path, shots: &[ClipEntry], camera: Option<&PinholeCamera>) -> Result<[usize; 2], Fault> {
+    let Some(first) = shots.first() else { return Err(Fault::stage(files::ClipError::Empty)) };
+    let file = folder.join(&first.file);
+    let picture = match camera {
+        Some(camera) => load::picture(&file, camera)?,
+        None => files::read_color(&disk::read(&file)?).map_err(|error| Fault::file(&file, error))?,
+    };
+    Ok([picture.width, picture.height])
+}
+
+/// The grids as the camera sees them, and the camera.
+fn grids(recipe_file: &Path, args: &Label, common: &Common) -> Result<(Vec<GridOutline>, PinholeCamera), Fault> {
+    let cell_files = CellFiles::read(common)?;
+    let recipe = load::recipe(recipe_file)?;
+    let placed = Placed::read(&cell_files, args.located.as_ref())?;
+    let taught = load::taught(&cell_files, recipe_file, &recipe)?;
+    let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
+    let outline = |grid: &crate::panel::Grid| {
+        let seen = grid.edge.iter().filter_map(|&point| placed.camera.project(camera_from_panel * point));
+        GridOutline { id: grid.id.to_string(), edge_px: seen.map(|pixel| [pixel.u, pixel.v]).collect() }
+    };
+    Ok((taught.panel.grids.iter().map(outline).collect(), placed.camera))
+}
+
+/// What is kept now.
+fn told(keeping: &Keeping, folder: &Path, saved: u32) -> Result<Outcome, Fault> {
+    let found = keeping.now()?;
+    let file = folder.join(LABELS);
+    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    outcome.words.clear();
+    let said = match (found.saved_at.is_some(), &found.said) {
+        _ if saved == 0 => "nothing was saved".to_owned(),
+        (true, said) if said.clean => "saved: the clip is clean".to_owned(),
+        (_, said) => format!("saved, breaks: {}", said.breaks.len()),
+    };
+    outcome.say(format!("{}: {said}", file.display()));
+    if found.is_draft {
+        outcome.say("what was drawn after that is kept and shown again by the same command; it is not saved yet");
+    }
+    outcome.put("labels", json!(found.saved_at.is_some().then_some(file)));
+    outcome.put("saved", json!(saved));
+    outcome.put("unsaved", json!(found.is_draft));
+    Ok(outcome)
+}

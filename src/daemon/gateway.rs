@@ -1,0 +1,90 @@
+//! The service as its fronts see it: a front hands over what is requested and by whom, and waits for one reply.
+
+use super::caller;
+use super::lending::SharedCameras;
+use super::protocol::{Exit, Reply};
+use super::request::{PreparedCycle, Request, StartRequest, What};
+use super::request_queue::{NotTaken, RequestSender};
+use super::words;
+use crate::record::Who;
+use crate::verdict::Reason;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::oneshot;
+use tokio::time::timeout;
+
+/// The loop replies within this time, or something is wrong with it.
+const LOOP_PATIENCE: Duration = Duration::from_secs(5);
+
+/// Reads and checks the files of a cycle that is requested, or says why it cannot begin.
+pub type Loader = dyn Fn(StartRequest) -> Result<PreparedCycle, Vec<Reason>> + Send + Sync;
+
+/// Where fronts hand over their requests. Clones are the same one.
+#[derive(Clone)]
+pub struct Gateway {
+    queue: RequestSender,
+    loader: Arc<Loader>,
+    /// The cameras, once the service has opened them.
+    pub(super) cameras: Option<SharedCameras>,
+}
+
+impl Gateway {
+    /// Requests go to this queue; starts are prepared by this loader; these cameras are lent while the cell rests.
+    pub fn new(queue: RequestSender, loader: Arc<Loader>, cameras: Option<SharedCameras>) -> Self {
+        Gateway { queue, loader, cameras }
+    }
+
+    /// Has a request answered. It runs on a runtime of tokio that has a blocking thread for the loader.
+    pub async fn request(&self, what: What, who: Who) -> Reply {
+        let (what, who) = match what {
+            // The state is asked for many times a second, and the user's name is read from a file.
+            What::State => (What::State, who),
+            What::Start(start) => {
+                let (recipe, who) = (start.recipe.clone(), caller::named(who));
+                match self.prepare(start).await {
+                    Ok(prepared) => (What::Begin(Box::new(prepared)), who),
+                    Err(refused) => {
+                        let what = What::Unprepared { recipe, reasons: refused.reasons.clone() };
+                        // Where it is not taken, the service has ended, or this user has too many requests waiting.
+                        let _ = self.queue.send(Request::new(what, who));
+                        return refused;
+                    }
+                }
+            }
+            What::Shoot(_) => {
+                let message = "the service has not opened its cameras yet; ask for the state";
+                return Reply::refused(Exit::Refused, vec![Reason::new("not_now", message)]);
+            }
+            what => (what, caller::named(who)),
+        };
+        let in_log = (!matches!(what, What::State)).then(|| (words::what(&what), caller::in_log(&who)));
+        let (reply, answer) = oneshot::channel();
+        let failed = |code, message: &str| Reply::refused(Exit::Fault, vec![Reason::new(code, message)]);
+        if let Err(error) = self.queue.send(Request { what, who, reply: Some(reply) }) {
+            let code = if error == NotTaken::Ended { "ended" } else { "busy" };
+            return failed(code, &error.to_string());
+        }
+        if let Some((what, who)) = in_log {
+            tracing::info!("{who} asks: {what}");
+        }
+        match timeout(LOOP_PATIENCE, answer).await {
+            Ok(Ok(reply)) => reply,
+            Ok(Err(_)) => failed("ended", "the service ended before it could answer"),
+            Err(_) => {
+                failed("silent", "the service's loop does not answer; ask for the state, and look at its log")
+            }
+        }
+    }
+
+    /// Reads what a cycle needs, on a thread of its own: the disk may be slow.
+    async fn prepare(&self, start: StartRequest) -> Result<PreparedCycle, Reply> {
+        let loader = self.loader.clone();
+        match tokio::task::spawn_blocking(move || loader(start)).await {
+            Ok(prepared) => prepared.map_err(|reasons| Reply::refused(Exit::Refused, reasons)),
+            Err(error) => {
+                let message = format!("the recipe could not be read: {error}");
+                Err(Reply::refused(Exit::Fault, vec![Reason::new("fault", message)]))
+            }
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! The form of a finding in recordings of earlier programs.
+//!
+//! They kept name, value, unit and limit of each number, in an order of their own, and not every number by which a gate
+//! decides. What this program finds is brought into that form before the two are compared: of each number what such a
+//! recording has of it, in the recording's order. Nothing that a recording holds is left out of the comparison.
+
+use crate::record::name;
+use crate::verdict::SINCE_CHECKS;
+use serde_json::Value;
+
+/// A finding of this program in the form that the recorded one has.
+pub(super) fn in_form_of(recorded: &Value, mut now: Value) -> Value {
+    let empty = Vec::new();
+    let kept = recorded["numbers"].as_array().unwrap_or(&empty);
+    let is_of_today = kept.iter().any(|number| SINCE_CHECKS.iter().any(|key| number.get(key).is_some()));
+    let Some(found) = now["numbers"].as_array_mut().filter(|_| !is_of_today) else { return now };
+    for number in found.iter_mut().filter_map(Value::as_object_mut) {
+        for key in SINCE_CHECKS {
+            number.remove(key);
+        }
+    }
+    // What an earlier program did not tell at all.
+    found.retain(|number| {
+        let is_new =
+            number["name"].as_str().is_some_and(|name| name::SINCE_CHECKS.iter().any(|new| name.starts_with(new)));
+        !is_new || kept.iter().any(|other| other["name"] == number["name"])
+    });
+    let place = |number: &Value| kept.iter().position(|other| other["name"] == number["name"]);
+    // Stable: what the recording does not have comes last and is a difference.
+    found.sort_by_key(|number| place(number).unwrap_or(usize::MAX));
+    now
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::difference::differences;
+    use super::*;
+    use crate::record::{Check, Finding, Kind, SetBy};
+    use crate::verdict::{Judgement, Verdict};
+    use serde_json::json;
+
+    fn found(checks: impl IntoIterator<Item = Check>) -> Value {
+        let judgement = Judgement { verdict: Verdict::Accept, reasons: vec![] };
+        json!(Finding::new(Kind::Inspect, 1, judgement).with(checks))
+    }
+
+    fn rms(mm: f64, allowed_mm: f64) -> Check {
+        let check = Check::new("residual", "mm", mm).at_most(allowed_mm, SetBy::recipe("locate.max_rms_mm"));
+        check.rejects("poor_fit", || "too much".to_owned())
+    }
+
+    fn shift() -> Check {
+        Check::new("shift", "mm", 12.5)
+    }
+
+    /// As an earlier program wrote it: another order, and of each number four values alone.
+    fn earlier() -> Value {
+        let mut recorded = found([]);
+        recorded["numbers"] = json!([
+            {"name": "shift", "value": 12.5, "unit": "mm", "limit": "unlimited"},
+            {"name": "residual", "value": 0.1, "unit": "mm", "limit": {"at_most": 0.25}},
+        ]);
+        recorded
+    }
+
+    fn differing(recorded: &Value, now: Value) -> Vec<String> {
+        let now = in_form_of(recorded, now);
+        differences(recorded, &now).into_iter().map(|(place, ..)| place).collect()
+    }
+
+    #[test]
+    fn what_is_the_same_is_the_same_in_an_earlier_form() {
+        let dry = Check::new(name::SINCE_CHECKS[0], "", 1.0);
+        assert_eq!(differing(&earlier(), found([rms(0.1, 0.25), dry, shift()])), Vec::<String>::new());
+    }
+
+    #[test]
+    fn another_number_limit_or_verdict_is_a_difference_in_an_earlier_form() {
+        assert_eq!(differing(&earlier(), found([rms(0.11, 0.25), shift()])), ["numbers.residual.value"]);
+        assert_eq!(differing(&earlier(), found([rms(0.1, 0.26), shift()])), ["numbers.residual.limit.at_most"]);
+        let unlimited = Check::new("residual", "mm", 0.1);
+        assert_eq!(differing(&earlier(), found([unlimited, shift()])), ["numbers.residual.limit"]);
+        let mut rejected = found([rms(0.1, 0.25), shift()]);
+        rejected["judgement"]["verdict"] = json!("reject");
+        assert_eq!(differing(&earlier(), rejected), ["judgement.verdict"]);
+        assert_eq!(differing(&earlier(), found([rms(0.1, 0.25)])), ["numbers"], "one is missing");
+        let more = Check::new("another", "mm", 1.0);
+        assert_eq!(differing(&earlier(), found([rms(0.1, 0.25), shift(), more])), ["numbers"], "one is added");
+    }
+
+    /// A recording of this program is compared whole, order, codes and all.
+    #[test]
+    fn a_recording_of_today_is_compared_whole() {
+        let recorded = found([rms(0.1, 0.25), shift()]);
+        assert_eq!(differing(&recorded, found([rms(0.1, 0.25), shift()])), Vec::<String>::new());
+        let other_code = rms(0.1, 0.25).reviews("poor_fit", String::new);
+        assert_eq!(differing(&recorded, found([other_code, shift()])), ["numbers.residual.severity"]);
+        let dry = Check::new(name::SINCE_CHECKS[0], "", 1.0);
+        assert_eq!(differing(&recorded, found([rms(0.1, 0.25), shift(), dry])), ["numbers"]);
+        assert_ne!(differing(&recorded, found([shift(), rms(0.1, 0.25)])), Vec::<String>::new(), "another order");
+    }
+}

@@ -1,0 +1,132 @@
+//! The one request: what every front hands to the service, and what the loop takes up.
+//!
+//! A front (the socket today) says what is requested and by whom; [`super::Gateway`] prepares a start, queues the request and
+//! waits for the reply. Signals and scripted runs hand over the same type. What the table of the cycle decides about is a
+//! [`cycle::Request`] inside of it.
+
+use super::lending::ShotRequest;
+use super::protocol::Reply;
+use super::replay::RecordingPlan;
+use super::{CycleSetup, words};
+use crate::cycle;
+use crate::record::{Front, Who};
+use crate::store::CycleStart;
+use crate::verdict::Reason;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use tokio::sync::oneshot;
+
+/// One request, on its way from a front to the loop.
+#[derive(Debug)]
+pub struct Request {
+    /// What is requested.
+    pub what: What,
+    /// Who requests it, and through which front.
+    pub who: Who,
+    /// Where the reply goes; `None` where nobody waits for one.
+    pub reply: Option<oneshot::Sender<Reply>>,
+}
+
+impl Request {
+    /// A request whose reply nobody waits for.
+    pub fn new(what: What, who: Who) -> Self {
+        Request { what, who, reply: None }
+    }
+
+    /// SIGTERM or SIGINT. The first one stops the cell, the second one aborts; the service ends once the cell is at rest.
+    pub fn signal() -> Self {
+        Request::new(What::Leave, Who::by(Front::Signal))
+    }
+}
+
+/// What is requested.
+pub enum What {
+    /// The present state. It is answered at once.
+    State,
+    /// A cycle, as a front names it. The loop sees it as `Begin` or `Unprepared`.
+    Start(StartRequest),
+    /// A cycle whose files were read.
+    Begin(Box<PreparedCycle>),
+    /// A cycle that was refused when its files were read. The loop only records it.
+    Unprepared {
+        /// The recipe's file as the front named it.
+        recipe: String,
+        /// Why the cycle cannot begin.
+        reasons: Vec<Reason>,
+    },
+    /// To record that a new disc was mounted. Possible where the cell rests.
+    NewDisc,
+    /// What the table of the cycle decides about.
+    Table(cycle::Request),
+    /// Pictures of the cell's cameras, while the cell rests without a cycle.
+    Shoot(ShotRequest),
+    /// To end the program, where the cell rests.
+    Leave,
+}
+
+impl std::fmt::Debug for What {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&words::what(self))
+    }
+}
+
+impl What {
+    /// Whether it must reach the loop before everything else, however much waits.
+    pub(super) fn is_urgent(&self) -> bool {
+        matches!(self, What::Leave | What::Table(cycle::Request::Stop | cycle::Request::Abort))
+    }
+}
+
+/// A cycle that is requested. The recipe comes as text, so that a front needs no file that the service can read.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StartRequest {
+    /// The recipe's name in messages.
+    pub recipe: String,
+    /// Its text.
+    pub text: String,
+    /// Where the cycle is recorded, where it is.
+    #[serde(default)]
+    pub record: Option<RecordIn>,
+    /// The part in the cell, with its work order and operator.
+    #[serde(default)]
+    pub part: Option<PartNames>,
+}
+
+/// Which part a cycle is about, as far as it is known.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartNames {
+    /// The part's serial number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub serial: Option<String>,
+    /// The work order.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub order: Option<String>,
+    /// Who operates the cell, as that person was named.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub operator: Option<String>,
+}
+
+/// Where a cycle is recorded.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RecordIn {
+    /// In the store, under the cycle's number.
+    Store,
+    /// In this new file, given by its absolute path.
+    File(PathBuf),
+}
+
+/// A cycle whose files were read and checked; the loop can begin it.
+#[derive(Debug)]
+pub struct PreparedCycle {
+    /// How the table is asked to begin.
+    pub request: cycle::Request,
+    /// Recipe, taught panel and calibrations.
+    pub setup: CycleSetup,
+    /// What the cycle's record begins with.
+    pub start: CycleStart,
+    /// How it is recorded, where it is.
+    pub recording: Option<RecordingPlan>,
+}

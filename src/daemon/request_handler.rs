@@ -1,0 +1,351 @@
+//! What the service does with requests: it hands them to the loop, answers who waits, and tells systemd how the cell stands.
+//!
+//! The loop calls it each time it comes round. It then also asks the supervisor about the other threads, so that what systemd
+//! hears (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT stops the cell, a second one aborts; the service ends
+//! from Stopped or Aborted only.
+
+use super::lending::SharedCameras;
+use super::ports::Requests;
+use super::protocol::{Exit, Reply};
+use super::replay::{Recording, RecordingSwitch};
+use super::request::{Request, What};
+use super::request_queue::RequestQueue;
+use super::words;
+use crate::cycle::{self, At, Path as PathKind, Phase, Refusal, State};
+use crate::record::{CycleId, Front, Who};
+use crate::supervision::{Supervised, Supervisor, ThreadFault, supervised};
+use crate::tape::Begin;
+use crate::verdict::{Reason, Verdict};
+use sd_notify::NotifyState;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::Sender;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use tokio::sync::oneshot;
+
+/// A cycle that has ended.
+#[derive(Debug)]
+pub struct EndedCycle {
+    /// Which.
+    pub id: CycleId,
+    /// Its recording, which may still be written.
+    pub recording: Option<Recording>,
+}
+
+/// The parts of the service beside its loop that requests have to do with.
+#[derive(Debug)]
+pub struct ServiceParts {
+    /// Which cycle is recorded.
+    pub recording: RecordingSwitch,
+    /// Asks all threads whether they work.
+    pub supervisor: Supervisor,
+    /// Where the page of a cycle that has ended is ordered.
+    pub pages: Sender<EndedCycle>,
+    /// The page that was written last.
+    pub written: WrittenPage,
+    /// The cameras, which are lent while the cell rests.
+    pub cameras: Option<SharedCameras>,
+}
+
+/// The page that was written last, and whose it is. Clones are the same one.
+#[derive(Debug, Clone, Default)]
+pub struct WrittenPage(Arc<Mutex<Option<(CycleId, PathBuf)>>>);
+
+impl WrittenPage {
+    /// This cycle's page was written.
+    pub fn is(&self, cycle: CycleId, page: &Path) {
+        *self.lock() = Some((cycle, page.to_owned()));
+    }
+
+    fn of(&self, cycle: CycleId) -> Option<PathBuf> {
+        self.lock().as_ref().filter(|(written, _)| *written == cycle).map(|(_, page)| page.clone())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<(CycleId, PathBuf)>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The phase inside Execute, and the one in which a cycle that is held goes on.
+fn phase(at: At) -> Option<Phase> {
+    match at {
+        At::Execute(phase) => Some(phase),
+        At::Holding(hold) | At::Held(hold) => Some(hold.resume),
+        At::Unholding { resume, .. } => Some(resume),
+        _ => None,
+    }
+}
+
+/// How long the loop waits for a request while the cell rests.
+const REST: Duration = Duration::from_millis(20);
+
+/// So many requests for the state are answered in one round of the loop.
+const MOST_ANSWERED: usize = 64;
+
+/// Handles the requests of the service.
+#[derive(Debug)]
+pub struct RequestHandler {
+    queue: RequestQueue,
+    /// Where the reply to the request that the loop has taken goes.
+    waiting: Option<oneshot::Sender<Reply>>,
+    signals: u8,
+    /// For how many of the signals the table was asked.
+    obeyed: u8,
+    /// The state that systemd was told last.
+    told: Option<At>,
+    /// How often systemd wants to hear from the loop, and when it last did.
+    watchdog: Option<(Duration, Instant)>,
+    parts: ServiceParts,
+    /// The loop's own sign of life.
+    sign: Supervised,
+    cycle: Option<CycleId>,
+    verdict: Option<Verdict>,
+    /// The panel of the cycle, and of the start that the loop has taken.
+    panel: Option<String>,
+    ordered: Option<String>,
+    /// Seconds of the film that is under way.
+    film_s: Option<f64>,
+    /// What was done, for the reply.
+    done: Option<String>,
+    /// The cycle whose page is due once the cell rests.
+    ended: Option<CycleId>,
+    /// What was last found wrong, and what was found before something new was requested.
+    noted: Vec<Reason>,
+    set_aside: Vec<Reason>,
+    /// As the loop last showed it.
+    state: State,
+}
+
+impl RequestHandler {
+    /// Handles the requests of this queue. `left` is the cycle that an earlier process did not end. It tells systemd that the
+    /// loop works while the supervisor finds that all threads do.
+    pub fn new(queue: RequestQueue, left: Option<CycleId>, parts: ServiceParts) -> Self {
+        let (sign, _) = supervised("loop", Duration::MAX);
+        let watchdog = sd_notify::watchdog_enabled().map(|every| (every / 2, Instant::now()));
+        RequestHandler {
+            queue,
+            waiting: None,
+            signals: 0,
+            obeyed: 0,
+            told: None,
+            watchdog,
+            parts,
+            sign,
+            cycle: left,
+            verdict: None,
+            panel: None,
+            ordered: None,
+            film_s: None,
+            done: None,
+            ended: None,
+            noted: Vec::new(),
+            set_aside: Vec::new(),
+            state: State::NEW,
+        }
+    }
+
+    fn reply(&self, answer: Exit, reasons: Vec<Reason>, state: &State) -> Reply {
+        let counts = |path| matches!(path, PathKind::Contact | PathKind::Air);
+        let path = state.intent.filter(|intent| counts(intent.motion.path));
+        Reply {
+            answer,
+            state: Some(state.at.word().to_owned()),
+            phase: phase(state.at).map(|phase| words::phase(phase).to_owned()),
+            panel: self.panel.clone(),
+            pass: self.cycle.map(|_| state.job.pass),
+            film_s: self.film_s.filter(|_| state.at == At::Execute(Phase::Inspect)),
+            waypoint: path.map(|intent| intent.done),
+            of: path.map(|intent| intent.motion.waypoints),
+            page: self.cycle.and_then(|cycle| self.parts.written.of(cycle)),
+            axes_deg: self.parts.cameras.as_ref().and_then(SharedCameras::stands).map(|axes| axes.degrees()),
+            epoch: Some(state.epoch),
+            cycle_id: self.cycle.map(|cycle| cycle.0),
+            verdict: self.verdict,
+            recording: self.parts.recording.told(),
+            done: None,
+            reasons,
+        }
+    }
+
+    /// Why the cell is in this state, and what was last found wrong.
+    fn reasons(&self, state: &State) -> Vec<Reason> {
+        words::why(state).into_iter().chain(self.noted.iter().cloned()).collect()
+    }
+
+    fn answer(&mut self, answer: Exit, reasons: Vec<Reason>, state: &State) {
+        let done = self.done.take();
+        if let Some(waiting) = self.waiting.take() {
+            // Whoever hung up does not want to know.
+            let _ = waiting.send(Reply { done, ..self.reply(answer, reasons, state) });
+        }
+    }
+
+    /// Tells systemd; without it nobody listens.
+    fn notify(states: &[NotifyState<'_>]) {
+        if let Err(error) = sd_notify::notify(states) {
+            tracing::warn!("systemd cannot be told: {error}");
+        }
+    }
+
+    fn tell(&mut self, state: &State) {
+        if self.told != Some(state.at) {
+            let status = match self.cycle {
+                Some(cycle) => format!("{}; cycle {cycle}, epoch {}", words::place(state.at), state.epoch),
+                None => words::place(state.at),
+            };
+            let first = self.told.replace(state.at).is_none();
+            let ready = first.then_some(NotifyState::Ready);
+            let states: Vec<_> = ready.into_iter().chain([NotifyState::Status(&status)]).collect();
+            Self::notify(&states);
+        }
+        if let Some((every, last)) = &mut self.watchdog
+            && last.elapsed() >= *every
+        {
+            *last = Instant::now();
+            Self::notify(&[NotifyState::Watchdog]);
+        }
+    }
+
+    /// A request that the loop is to act on.
+    fn hand_over(&mut self, mut request: Request) -> Request {
+        self.waiting = request.reply.take();
+        match &request.what {
+            What::Table(asked) => {
+                // A refusal brings it back.
+                self.set_aside = self.noted.clone();
+                use cycle::Request::{Accept, Clear, Reset, Unhold};
+                if matches!(asked, Reset | Clear | Unhold { .. } | Accept) {
+                    self.noted.clear();
+                }
+            }
+            What::Begin(prepared) => self.ordered = Some(prepared.setup.panel_name().to_owned()),
+            _ => {}
+        }
+        request
+    }
+
+    /// What the signals so far ask for.
+    fn leaving(&mut self, state: &State) -> Option<Request> {
+        if self.signals == 0 {
+            return None;
+        }
+        if matches!(state.at, At::Stopped | At::Aborted { .. }) {
+            return Some(Request::signal());
+        }
+        let wanted = self.signals.min(2);
+        if self.obeyed >= wanted {
+            return None;
+        }
+        self.obeyed = wanted;
+        let request = if wanted == 1 { cycle::Request::Stop } else { cycle::Request::Abort };
+        Some(Request::new(What::Table(request), Who::by(Front::Signal)))
+    }
+
+    fn signal(&mut self) {
+        self.signals = self.signals.saturating_add(1);
+        if self.signals == 1 {
+            tracing::info!("a signal asks for a stop; a second one aborts");
+            Self::notify(&[NotifyState::Stopping]);
+        } else {
+            tracing::warn!("another signal: abort");
+        }
+    }
+
+    /// What is requested now.
+    fn requested(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
+        self.state = *state;
+        self.sign.works();
+        self.parts.supervisor.check()?;
+        // What was requested when the loop last came round was taken: else it would be answered by now.
+        self.answer(Exit::Done, self.reasons(state), state);
+        self.tell(state);
+        if let Some(id) = self.ended.take_if(|_| state.at.rests()) {
+            // Without a writer the record stays; its page can be made of it.
+            let _ = self.parts.pages.send(EndedCycle { id, recording: self.parts.recording.take() });
+        }
+        if let Some(request) = self.leaving(state) {
+            return Ok(Some(request));
+        }
+        let mut patience = if state.at.rests() { REST } else { Duration::ZERO };
+        // All who ask for the state are answered in one round: they take no turns from those who request more.
+        for _ in 0..MOST_ANSWERED {
+            let Some(request) = self.queue.next(patience) else { break };
+            match request.what {
+                What::State => {
+                    self.waiting = request.reply;
+                    self.answer(Exit::Done, self.reasons(state), state);
+                    patience = Duration::ZERO;
+                }
+                What::Leave => {
+                    self.signal();
+                    break;
+                }
+                _ => return Ok(Some(self.hand_over(request))),
+            }
+        }
+        Ok(None)
+    }
+}
+
+impl Requests for RequestHandler {
+    fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
+        if let Some(cameras) = &self.parts.cameras {
+            cameras.cell_is(state);
+        }
+        let request = self.requested(state)?;
+        if let (Some(cameras), Some(What::Table(_) | What::Begin(_))) =
+            (&self.parts.cameras, request.as_ref().map(|request| &request.what))
+        {
+            cameras.are_needed();
+        }
+        Ok(request)
+    }
+
+    fn refused(&mut self, request: cycle::Request, refusal: Refusal) {
+        let state = self.state;
+        let reason = words::refusal(request, refusal, &state);
+        tracing::warn!("refused: {}", reason.message);
+        let exit = match refusal {
+            Refusal::NotNow | Refusal::Review => Exit::Refused,
+            Refusal::Robot(_) | Refusal::Failed(_) => Exit::Fault,
+        };
+        if self.waiting.is_some() {
+            self.noted = std::mem::take(&mut self.set_aside);
+            self.answer(exit, vec![reason], &state);
+        } else {
+            // A reset that failed on its way.
+            self.noted.insert(0, reason);
+        }
+    }
+
+    fn unable(&mut self, reasons: Vec<Reason>) {
+        let state = self.state;
+        self.answer(Exit::Fault, reasons, &state);
+    }
+
+    fn begun(&mut self, cycle: CycleId, _: Begin) {
+        self.noted.clear();
+        (self.cycle, self.verdict) = (Some(cycle), None);
+        (self.panel, self.film_s) = (self.ordered.take(), None);
+    }
+
+    fn filmed(&mut self, seconds: f64) {
+        self.film_s = Some(seconds);
+    }
+
+    fn disc_mounted(&mut self) {
+        self.done = Some("a new disc is mounted: its wear is counted from zero".to_owned());
+    }
+
+    fn concluded(&mut self, verdict: Verdict) {
+        self.verdict = Some(verdict);
+        self.ended = self.cycle;
+    }
+
+    fn noted(&mut self, reasons: &[Reason]) {
+        self.noted = reasons.to_vec();
+    }
+}
+
+#[cfg(test)]
+mod tests;

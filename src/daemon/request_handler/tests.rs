@@ -1,0 +1,148 @@
+//! Who is answered what, and when.
+
+use super::super::request_queue::{RequestSender, request_queue};
+use super::*;
+use crate::cycle::{Event, Hold, Id, Intent, Motion, Report, Robot, Why, step};
+use std::sync::mpsc;
+
+fn handler() -> (RequestSender, RequestHandler) {
+    let (sender, queue) = request_queue();
+    (sender, RequestHandler::new(queue, None, parts(mpsc::channel().0)))
+}
+
+fn parts(pages: Sender<EndedCycle>) -> ServiceParts {
+    let recording = RecordingSwitch::new("store".as_ref(), true);
+    let (supervisor, written) = (Supervisor::default(), WrittenPage::default());
+    ServiceParts { recording, supervisor, pages, written, cameras: None }
+}
+
+fn at(at: At) -> State {
+    State { at, ..step(State::NEW, Event::Told(Report::Robot(Robot::Ready))).0 }
+}
+
+/// What comes to the loop.
+fn next(handler: &mut RequestHandler, state: &State) -> Option<What> {
+    handler.next(state).expect("no thread is lost").map(|request| request.what)
+}
+
+fn asked(handler: &mut RequestHandler, state: &State) -> Option<cycle::Request> {
+    match next(handler, state) {
+        Some(What::Table(request)) => Some(request),
+        _ => None,
+    }
+}
+
+/// Somebody sends a request and waits for the reply.
+fn send(sender: &RequestSender, uid: u32, what: What) -> oneshot::Receiver<Reply> {
+    let (reply, answer) = oneshot::channel();
+    let who = Who { front: Front::Socket, uid: Some(uid), user: None };
+    sender.send(Request { what, who, reply: Some(reply) }).expect("a place");
+    answer
+}
+
+/// Two signals: a stop, an abort; a third asks nothing. The service leaves once the cell is at rest.
+#[test]
+fn signals_stop_then_abort_and_leave_at_rest() {
+    let (sender, mut handler) = handler();
+    let busy = at(At::Execute(Phase::Inspect));
+    assert_eq!(asked(&mut handler, &busy), None);
+    for wanted in [Some(cycle::Request::Stop), Some(cycle::Request::Abort), None] {
+        sender.send(Request::signal()).expect("sent");
+        assert!(next(&mut handler, &busy).is_none(), "it is read");
+        assert_eq!(asked(&mut handler, &busy), wanted);
+    }
+    assert!(next(&mut handler, &at(At::Idle)).is_none(), "idle is not an end");
+    assert!(matches!(next(&mut handler, &at(At::Stopped)), Some(What::Leave)));
+}
+
+/// Its park move is still to come when the verdict is known.
+#[test]
+fn a_page_is_due_once_the_cell_rests() {
+    let (_sender, queue) = request_queue();
+    let (tell, pages) = mpsc::channel();
+    let mut handler = RequestHandler::new(queue, None, parts(tell));
+    handler.begun(CycleId(7), Begin::Boot);
+    handler.concluded(Verdict::Fail);
+    next(&mut handler, &at(At::Completing { verdict: Verdict::Fail }));
+    assert!(pages.try_recv().is_err());
+    for _ in 0..2 {
+        next(&mut handler, &at(At::Complete { verdict: Verdict::Fail }));
+    }
+    assert_eq!(pages.try_iter().map(|ended| ended.id).collect::<Vec<_>>(), [CycleId(7)], "once");
+}
+
+#[test]
+fn each_request_has_one_reply() {
+    let (sender, mut handler) = handler();
+    let (idle, busy) = (at(At::Idle), at(At::Execute(Phase::Wet)));
+    let mut state = send(&sender, 7, What::State);
+    assert!(next(&mut handler, &busy).is_none());
+    let reply = state.try_recv().expect("answered");
+    assert_eq!((reply.answer, reply.phase.as_deref()), (Exit::Done, Some("wet")));
+
+    let mut taken = send(&sender, 7, What::Table(cycle::Request::Hold));
+    assert_eq!(asked(&mut handler, &busy), Some(cycle::Request::Hold));
+    assert!(taken.try_recv().is_err(), "not before the table has taken it");
+    next(&mut handler, &busy);
+    assert_eq!(taken.try_recv().expect("answered").answer, Exit::Done);
+
+    handler.noted(&[Reason::new("film", "it broke")]);
+    for request in [cycle::Request::Reset, cycle::Request::Hold] {
+        let mut refused = send(&sender, 7, What::Table(request));
+        assert_eq!(asked(&mut handler, &idle), Some(request));
+        handler.refused(request, Refusal::NotNow);
+        let reply = refused.try_recv().expect("answered");
+        assert_eq!((reply.answer, &*reply.reasons[0].code), (Exit::Refused, "not_now"));
+        assert_eq!(handler.noted.len(), 1, "a refusal changes nothing");
+        next(&mut handler, &idle);
+        assert!(refused.try_recv().is_err(), "answered once");
+    }
+}
+
+/// Whoever asks for the state without end takes no turn from a stop.
+#[test]
+fn a_stop_is_taken_in_the_round_in_which_it_comes() {
+    let (sender, mut handler) = handler();
+    let busy = at(At::Execute(Phase::Wet));
+    let mut answers: Vec<_> = (0..3).cycle().take(24).map(|uid| send(&sender, uid, What::State)).collect();
+    let _stop = send(&sender, 1, What::Table(cycle::Request::Stop));
+    assert_eq!(asked(&mut handler, &busy), Some(cycle::Request::Stop));
+    assert!(next(&mut handler, &busy).is_none());
+    assert!(answers.iter_mut().all(|answer| answer.try_recv().is_ok()), "and the others in the next one");
+}
+
+/// A thread that is lost ends the loop, whatever else is asked.
+#[test]
+fn a_lost_thread_is_told_to_the_loop() {
+    let (_sender, queue) = request_queue();
+    let (thread, watched) = supervised("socket", Duration::MAX);
+    let parts = parts(mpsc::channel().0);
+    parts.supervisor.watch(watched);
+    let mut handler = RequestHandler::new(queue, None, parts);
+    let idle = at(At::Idle);
+    assert!(next(&mut handler, &idle).is_none());
+    drop(thread);
+    assert!(matches!(handler.next(&idle), Err(fault) if fault.thread == "socket"));
+}
+
+/// Where a cycle is held, its phase is the one in which it goes on; a path tells its waypoints, a film its seconds.
+#[test]
+fn the_state_tells_how_far_the_work_is() {
+    let (_sender, mut handler) = handler();
+    (handler.panel, handler.cycle) = (Some("wing".to_owned()), Some(CycleId(3)));
+    handler.filmed(12.5);
+    let told = |handler: &RequestHandler, state: State| handler.reply(Exit::Done, vec![], &state);
+    let films = told(&handler, at(At::Execute(Phase::Inspect)));
+    assert_eq!((films.film_s, films.waypoint, films.panel.as_deref()), (Some(12.5), None, Some("wing")));
+    let motion = Motion { epoch: 4, path: PathKind::Contact, plan: 1, waypoints: 101 };
+    let intent = Some(Intent { id: Id(1), motion, done: 45 });
+    let abrades = told(&handler, State { intent, ..at(At::Execute(Phase::Abrade)) });
+    assert_eq!((abrades.film_s, abrades.waypoint, abrades.of), (None, Some(45), Some(101)));
+    let held = told(&handler, at(At::Held(Hold { why: Why::Asked, resume: Phase::Verify })));
+    assert_eq!((held.phase.as_deref(), held.page), (Some("verify"), None));
+    handler.parts.written.is(CycleId(3), Path::new("/store/reports/cycle-000003.html"));
+    let page = |handler: &RequestHandler| told(handler, at(At::Idle)).page.map(|page| page.display().to_string());
+    assert_eq!(page(&handler).as_deref(), Some("/store/reports/cycle-000003.html"));
+    handler.cycle = Some(CycleId(4));
+    assert_eq!(page(&handler), None, "it is another cycle's");
+}

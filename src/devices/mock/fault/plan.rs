@@ -1,0 +1,123 @@
+//! Faults, and when they happen.
+
+use super::super::options::Mode;
+
+/// Which connections.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// CELLCMD.
+    Command,
+    /// CELLSTAT.
+    State,
+    /// Both.
+    Both,
+}
+
+/// One thing that goes wrong. `for_ms` is how long it lasts; `None` for ever.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Fault {
+    /// `cut`: the controller closes connections.
+    Cut(Side),
+    /// `unplug`: the cable is out. Bytes wait on both sides, nobody is told.
+    Unplug {
+        /// How long, ms.
+        for_ms: Option<u64>,
+    },
+    /// `mute`: the controller hears and says nothing.
+    Mute {
+        /// How long, ms.
+        for_ms: Option<u64>,
+    },
+    /// `no-acks`: commands are executed and not acknowledged.
+    NoAcks {
+        /// How long, ms.
+        for_ms: Option<u64>,
+    },
+    /// `stall`: the submit interpreter stands still; the arm runs on with what it has.
+    Stall {
+        /// How long, ms.
+        for_ms: Option<u64>,
+    },
+    /// `garbage`: bytes that are no document.
+    Garbage(Side),
+    /// `skip-state`: the next state's number is left out.
+    SkipState,
+    /// `lose-base`: the next `set_base` is acknowledged and has no effect.
+    LoseBase,
+    /// `lose-tool`: the next `set_tcp` is acknowledged and has no effect.
+    LoseTool,
+    /// `wrong-base`: the next `set_base` arrives 1 mm off in X.
+    WrongBase,
+    /// `refuse`: the next command is refused with this `Err`, 1 to 10.
+    Refuse(u8),
+    /// `slow`: the arm moves at this share of its speed, 1 to 100 %.
+    Slow {
+        /// Share, %.
+        percent: u8,
+        /// How long, ms.
+        for_ms: Option<u64>,
+    },
+    /// `e-stop`: pressed, and released after a while; the drives then come on again.
+    EStop {
+        /// How long, ms.
+        for_ms: Option<u64>,
+    },
+    /// `guard`: opened, and closed after a while.
+    Guard {
+        /// How long, ms.
+        for_ms: Option<u64>,
+    },
+    /// `drives`: switched off, and on after a while.
+    Drives {
+        /// How long, ms.
+        for_ms: Option<u64>,
+    },
+    /// `mode`: the mode switch is turned, and back to EXT after a while.
+    Mode {
+        /// To which mode.
+        to: Mode,
+        /// How long, ms.
+        for_ms: Option<u64>,
+    },
+    /// `deselect`: the robot program is deselected, and selected again after a while.
+    Deselect {
+        /// How long, ms.
+        for_ms: Option<u64>,
+    },
+    /// `reboot`: the controller starts again and listens after a while; 3 s where nothing is said.
+    Reboot {
+        /// How long, ms.
+        for_ms: Option<u64>,
+    },
+}
+
+/// When it happens.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum When {
+    /// At this time, ms since the controller's start.
+    AtMs(u64),
+    /// When so many commands have arrived.
+    AtCommand(u64),
+}
+
+/// A fault and its time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Planned {
+    /// When.
+    pub when: When,
+    /// What.
+    pub fault: Fault,
+}
+
+/// Everything that is to go wrong with one mock controller.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FaultSpec {
+    /// Of delays, pieces and random faults; the same seed gives the same.
+    pub seed: u64,
+    /// Bytes arrive so many ms late, either way, at least and at most.
+    pub delay_ms: Option<(u64, u64)>,
+    /// What is sent comes in pieces that know nothing of documents.
+    pub fragment: bool,
+    /// Faults of their time.
+    pub planned: Vec<Planned>,
+}

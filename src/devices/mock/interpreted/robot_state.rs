@@ -1,0 +1,16 @@
+//! The states of a robot program.
+
+/// `$PRO_STATE1`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RobotState {
+    /// No program is selected.
+    Free,
+    /// Selected, at its first line.
+    Reset,
+    /// It runs.
+    Active,
+    /// It was stopped, and Start goes on with it.
+    Stopped,
+    /// It has come to its end.
+    Ended,
+}

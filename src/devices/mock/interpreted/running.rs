@@ -1,0 +1,172 @@
+//! The programs of one controller while they run.
+
+use super::super::log::StopCause;
+use super::super::setup::Setup;
+use super::held::HeldDocuments;
+use super::programs::Programs;
+use super::values::Values;
+use crate::krl::{Cell, Interpreter, Memory, Program};
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use std::collections::VecDeque;
+
+/// The programs of one controller while they run.
+pub(in super::super) struct Running {
+    pub(super) programs: Programs,
+    pub(super) memory: Memory,
+    pub(super) robot: Interpreter,
+    pub(super) submit: Interpreter,
+    pub(super) values: Values,
+    pub(super) cells: Cells,
+    pub(super) draw: Pcg64,
+    /// What the scheduler does to the interpreters at present, and until when.
+    pub(super) mood: SchedulerBias,
+    pub(super) mood_until_ms: u64,
+    /// The submit interpreter has not begun yet.
+    pub(super) boots_at_ms: u64,
+    pub(super) initialised: bool,
+    /// The motions that the mover has, oldest first, by number.
+    pub(super) sequences: VecDeque<u64>,
+    pub(super) next_sequence: u64,
+    /// Triggers that are due: number of the motion, and from when.
+    pub(super) fired: VecDeque<(u64, u64)>,
+    /// What stopped an interpreter that nobody wanted to stop.
+    pub(super) faults: Vec<String>,
+    pub(super) was_open: bool,
+    /// Why the safety controller or a person stopped the arm last.
+    pub(super) pressed: Option<(u64, StopCause)>,
+    pub(super) reset_since_ms: Option<u64>,
+    /// When a program that the safety controller stops is told as stopped.
+    pub(super) stops_at_ms: Option<u64>,
+    /// When the foreign program that a person selects begins.
+    pub(super) foreign_at_ms: Option<u64>,
+    /// In lock step, what has arrived and is not yet handed over.
+    pub(super) held: HeldDocuments,
+}
+
+/// Shared variables that are looked at from outside.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Cells {
+    pub(super) epoch: Option<u32>,
+    pub(super) open: Option<u32>,
+    pub(super) stopped: Option<u32>,
+    pub(super) received: Option<u32>,
+    pub(super) done: Option<u32>,
+    pub(super) run_epoch: Option<u32>,
+    pub(super) dead_epoch: Option<u32>,
+    pub(super) behind: Option<u32>,
+    pub(super) retract: Option<u32>,
+    /// Of the motions that the robot program has planned: the next to be executed, the next to be planned, and whether
+    /// each ends in contact.
+    pub(super) queue_read: Option<u32>,
+    pub(super) queue_write: Option<u32>,
+    pub(super) queue_touch: Option<u32>,
+    pub(super) queue_places: Option<u32>,
+    pub(super) under_air: Option<u32>,
+    pub(super) under_touch: Option<u32>,
+    pub(super) sequence: Option<u32>,
+}
+
+impl Running {
+    pub(in super::super) fn new(programs: Programs, setup: &Setup) -> Self {
+        let program = programs.program.clone();
+        let mut memory = Memory::new(&program);
+        configure(&mut memory, &program, setup);
+        let cell = |name: &str| program.cell(name);
+        let cells = Cells {
+            epoch: cell("CELL_EP"),
+            open: cell("CELL_OPEN"),
+            stopped: cell("CELL_STOPPED"),
+            received: cell("CELL_RX"),
+            done: cell("CELL_DONE"),
+            run_epoch: cell("CELL_RUN_EP"),
+            dead_epoch: cell("CELL_DEAD_EP"),
+            behind: cell("CELL_BEHIND"),
+            retract: cell("CELL_RETRACT"),
+            queue_read: cell("CELL_QR"),
+            queue_write: cell("CELL_QW"),
+            queue_touch: cell("CELL_Q_TOUCH"),
+            queue_places: cell("CELL_Q_N"),
+            under_air: cell("CELL_UNDER_AIR"),
+            under_touch: cell("CELL_UNDER_TOUCH"),
+            sequence: cell("CELL_SEQ"),
+        };
+        Running {
+            robot: Interpreter::new(programs.meaning, true),
+            submit: Interpreter::new(programs.meaning, false),
+            values: Values::new(setup),
+            memory,
+            cells,
+            draw: Pcg64::seed_from_u64(programs.seed),
+            mood: SchedulerBias::Fair,
+            mood_until_ms: 0,
+            boots_at_ms: 0,
+            initialised: false,
+            sequences: VecDeque::new(),
+            next_sequence: 1,
+            fired: VecDeque::new(),
+            faults: Vec::new(),
+            was_open: false,
+            pressed: None,
+            reset_since_ms: None,
+            stops_at_ms: None,
+            foreign_at_ms: None,
+            held: HeldDocuments::new(setup),
+            programs,
+        }
+    }
+
+    /// The controller starts again: interpreters, flags and channels are as new; data lists keep their values over a
+    /// warm start.
+    pub(super) fn reboot(&mut self, at_ms: u64, setup: &Setup) {
+        if self.programs.cold_start {
+            let (hits, branches) = (self.memory.hits.clone(), self.memory.branches.clone());
+            self.memory = Memory { hits, branches, ..Memory::new(&self.programs.program) };
+            configure(&mut self.memory, &self.programs.program, setup);
+        }
+        self.robot.clear();
+        self.submit.clear();
+        self.values = Values::new(setup);
+        self.sequences.clear();
+        self.fired.clear();
+        (self.boots_at_ms, self.initialised) = (at_ms, false);
+    }
+}
+
+/// Sets what `cell_config.dat` says of inputs and outputs to what this controller has.
+fn configure(memory: &mut Memory, program: &Program, setup: &Setup) {
+    let mut set = |name: &str, index: usize, value: i32| {
+        let cell = program.cell(name).and_then(|cell| memory.cells.get_mut(cell as usize + index));
+        if let Some(cell) = cell {
+            *cell = Cell::Int(value);
+        }
+    };
+    let count = |list: usize| i32::try_from(list).unwrap_or(i32::MAX);
+    set("CELL_OFF_N", 0, count(setup.off_after_ms.len().min(31)));
+    for (index, (number, after_ms)) in setup.off_after_ms.iter().take(31).enumerate() {
+        set("CELL_OFF", index, i32::from(*number));
+        set("CELL_OFF_MS", index, i32::try_from(*after_ms).unwrap_or(i32::MAX));
+    }
+    set("CELL_SEQ", 0, setup.first_state);
+    for (size, list, numbers) in
+        [("CELL_OUT_N", "CELL_OUT", &setup.outputs), ("CELL_IN_N", "CELL_IN", &setup.inputs)]
+    {
+        set(size, 0, count(numbers.len().min(31)));
+        for (index, number) in numbers.iter().take(31).enumerate() {
+            set(list, index, i32::from(*number));
+        }
+    }
+    set("CELL_VIN_N", 0, count(setup.mapped_inputs.len().min(8)));
+    for (index, (input, flag)) in setup.mapped_inputs.iter().take(8).enumerate() {
+        set("CELL_VIN", index, i32::from(*input));
+        set("CELL_VIN_FLAG", index, i32::from(*flag));
+    }
+}
+
+/// What the scheduler does to the interpreters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum SchedulerBias {
+    Fair,
+    StarvesSubmit,
+    StarvesRobot,
+}

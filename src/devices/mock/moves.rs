@@ -1,0 +1,79 @@
+//! The moves that the arm can be planned to make.
+
+use super::corner::Pose;
+use crate::geometry::{Flange, Joints, Rigid, Tool};
+
+/// Which command a move is for; a retract is for none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Key {
+    pub(super) epoch: i32,
+    pub(super) id: i32,
+}
+
+/// A straight move of the tool.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Lin {
+    pub(super) key: Option<Key>,
+    pub(super) target: Pose,
+    pub(super) flange_from_tool: Rigid<Flange, Tool>,
+    /// 0 for an exact stop.
+    pub(super) blend_mm: f64,
+    pub(super) contact: bool,
+    /// An output that is switched with its end.
+    pub(super) switches: Option<(u16, bool)>,
+    /// Points still to come on this path.
+    pub(super) to_come: i32,
+    pub(super) speed_mm_s: f64,
+    pub(super) acceleration_mm_s2: f64,
+}
+
+/// A move of the axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Ptp {
+    pub(super) key: Option<Key>,
+    pub(super) target: Joints,
+    /// Of each axis's highest speed, 0…1.
+    pub(super) speed_share: f64,
+    /// Of each axis's highest acceleration, 0…1.
+    pub(super) acceleration_share: f64,
+    /// An output that is switched with its end.
+    pub(super) switches: Option<(u16, bool)>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Move {
+    Lin(Lin),
+    Ptp(Ptp),
+}
+
+impl Move {
+    pub(super) fn key(&self) -> Option<Key> {
+        match self {
+            Move::Lin(lin) => lin.key,
+            Move::Ptp(ptp) => ptp.key,
+        }
+    }
+
+    pub(super) fn contact(&self) -> bool {
+        matches!(self, Move::Lin(lin) if lin.contact)
+    }
+
+    pub(super) fn switches(&self) -> Option<(u16, bool)> {
+        match self {
+            Move::Lin(lin) => lin.switches,
+            Move::Ptp(ptp) => ptp.switches,
+        }
+    }
+}
+
+/// What the mode allows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Override {
+    pub(super) tool_mm_s: f64,
+    pub(super) axis_share: f64,
+    /// $OV_PRO, of every programmed speed, 0…1.
+    pub(super) share: f64,
+}
+
+/// Lengths closer than this are one.
+pub(super) const ROUNDING_MM: f64 = 1e-9;

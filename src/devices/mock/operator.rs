@@ -1,0 +1,117 @@
+//! What people and the cell's PLC do to a controller: keys, switches, buttons, and programs that are selected.
+
+use super::log::StopCause;
+use super::model::Controller;
+use super::options::{Clock, Mode};
+use super::submit::REOPEN_MS;
+use super::wire::Channel;
+use crate::geometry::Joints;
+
+impl Controller {
+    /// Starts the robot program where drives, guard, mode and key allow it. The arm stands where it stands.
+    pub fn start_program(&mut self) {
+        if self.running.is_some() {
+            return self.start_interpreted();
+        }
+        let safety = &mut self.safety;
+        safety.started |= safety.selected && safety.enabled() && (!safety.manual() || safety.start_key);
+    }
+
+    /// The emergency stop: the arm stands at once where it is, the drives go off, the epoch ends.
+    pub fn press_e_stop(&mut self) {
+        self.safety.e_stop = true;
+        self.safety.drives_on = false;
+        self.stop(StopCause::EStop, String::new());
+    }
+
+    /// Releases the emergency stop. The drives stay off and nothing goes on.
+    pub fn release_e_stop(&mut self) {
+        self.safety.e_stop = false;
+    }
+
+    /// Switches the drives; not on while the emergency stop is pressed.
+    pub fn switch_drives(&mut self, on: bool) {
+        if !on && self.safety.drives_on {
+            self.stop(StopCause::Drives, String::new());
+        }
+        self.safety.drives_on = on && !self.safety.e_stop;
+    }
+
+    /// Opens or closes the guard; opening it stops the automatic modes at once.
+    pub fn set_guard(&mut self, closed: bool) {
+        let automatic = matches!(self.safety.mode, Mode::Aut | Mode::Ext);
+        if !closed && self.safety.guard_closed && automatic {
+            self.stop(StopCause::Guard, String::new());
+        }
+        self.safety.guard_closed = closed;
+    }
+
+    /// Turns the mode switch, which ends the epoch.
+    pub fn select_mode(&mut self, mode: Mode) {
+        if mode != self.safety.mode {
+            self.stop(StopCause::Mode, String::new());
+        }
+        self.safety.mode = mode;
+    }
+
+    /// Holds or releases the start key, which T1 and T2 need; released, the motion waits.
+    pub fn hold_start_key(&mut self, held: bool) {
+        self.safety.start_key = held;
+        if held {
+            self.start_program();
+        }
+    }
+
+    /// A person jogs the arm there: it stands there at once. Not while anything is planned; whether it was done.
+    pub fn jog(&mut self, joints: Joints) -> bool {
+        let stands = self.mover.stands();
+        if stands {
+            self.mover.jog(joints);
+        }
+        stands
+    }
+
+    /// Sets an input that the world leaves alone.
+    pub fn set_input(&mut self, number: u16, value: bool) {
+        self.inputs.insert(number, value);
+    }
+
+    /// The robot program is deselected: the arm stands, and channels of its environment are closed.
+    pub fn deselect(&mut self) {
+        if std::mem::replace(&mut self.safety.selected, false) {
+            self.stop(StopCause::Deselected, String::new());
+        }
+        for channel in [Channel::Command, Channel::State] {
+            if self.lives_with_program(channel) {
+                self.disconnect(channel);
+                self.link(channel).listens_at_ms = u64::MAX;
+            }
+        }
+    }
+
+    /// The robot program is selected and started; nothing moves by it.
+    pub fn select(&mut self) {
+        self.safety.selected = true;
+        self.select_interpreted();
+        self.start_program();
+        for channel in [Channel::Command, Channel::State] {
+            if self.lives_with_program(channel) {
+                self.link(channel).listens_at_ms = self.now_ms + REOPEN_MS;
+            }
+        }
+    }
+
+    /// The controller starts again: channels, epochs and counts are gone, the arm stands, outputs are off.
+    pub fn reboot(&mut self, down_ms: u64) {
+        self.stop(StopCause::Rebooted, String::new());
+        if self.running.is_some() {
+            return self.reboot_interpreted(down_ms);
+        }
+        for channel in [Channel::Command, Channel::State] {
+            self.disconnect(channel);
+            let instant = self.setup.clock == Clock::LockStep;
+            self.link(channel).listens_at_ms = if instant { self.now_ms } else { self.now_ms + down_ms };
+        }
+        self.forget_all();
+    }
+}

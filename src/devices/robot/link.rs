@@ -1,0 +1,216 @@
+//! What the rest of the program holds of a link: commands go in, reports come out.
+
+use super::address::Address;
+use super::order::LinkRequest;
+use super::queue::{self, ReportQueue};
+use super::run;
+use crate::cell;
+use crate::eki::{
+    CELLCMD, CELLSTAT, ChannelError, ChannelFile, Command, CommandId, Epoch, LinkLimits, MappedInputs, MoveLin,
+    Pace, QueueError, Report, SchemaError, Session, Wire,
+};
+use crate::supervision::{Watched, supervised};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+use tokio::sync::{mpsc, oneshot};
+
+/// The thread says at least so often that it works.
+const LONGEST_SILENCE: Duration = Duration::from_secs(4);
+/// It answers each order, and ends, within this time.
+const ANSWERS: Duration = Duration::from_secs(2);
+
+/// The link's share of the cell's file.
+pub fn link_limits(cell: &cell::Cell) -> LinkLimits {
+    let limits = cell.limits();
+    let ms = |ms: usize| Duration::from_millis(ms as u64);
+    LinkLimits {
+        window: Duration::try_from_secs_f64(limits.window_s()).unwrap_or_default(),
+        window_commands: limits.window_commands(),
+        min_points: limits.min_points(),
+        heartbeat: ms(limits.heartbeat_ms()),
+        watchdog: ms(limits.watchdog_ms()),
+        // A cell's file with more names is refused.
+        mapped_inputs: MappedInputs::new(cell.io().mapped_inputs().values().copied()).unwrap_or_default(),
+        harmful_outputs: cell.io().harmful_bits(),
+    }
+}
+
+/// Why a link cannot be started. An absent controller is none: that is reported.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// A channel's file cannot be read.
+    #[error("{file}: {error}")]
+    Channel {
+        /// Which file.
+        file: &'static str,
+        /// What is wrong.
+        error: ChannelError,
+    },
+    /// The files do not fit this program.
+    #[error("the EthernetKRL files do not fit this program: {0}")]
+    Schema(#[from] SchemaError),
+    /// The system gives no thread or no runtime.
+    #[error("the robot link's thread cannot start: {0}")]
+    Thread(#[from] std::io::Error),
+}
+
+/// The link to one controller.
+#[derive(Debug)]
+pub struct RobotLink {
+    orders: mpsc::UnboundedSender<LinkRequest>,
+    reports: Arc<ReportQueue>,
+    pace: Pace,
+    /// How many reports there had been when time was last asked to pass.
+    granted: Option<u64>,
+    thread: Option<JoinHandle<()>>,
+    watched: Watched,
+}
+
+impl RobotLink {
+    /// Starts the link's thread, which begins to connect.
+    ///
+    /// # Errors
+    /// Where the shipped EthernetKRL files do not fit, or the system gives no thread.
+    pub fn start(address: Address, limits: LinkLimits, pace: Pace) -> Result<Self, StartError> {
+        let read = |file, text| ChannelFile::parse(text).map_err(|error| StartError::Channel { file, error });
+        let wire = Wire::new(&read("CELLCMD.xml", CELLCMD)?, &read("CELLSTAT.xml", CELLSTAT)?)?;
+        let session = Session::new(wire, limits, pace);
+        let (orders, taken) = mpsc::unbounded_channel();
+        let reports = Arc::new(ReportQueue::default());
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
+        let (sign, watched) = supervised("robot link", LONGEST_SILENCE);
+        let link = run::Link::new(address, session, pace, (taken, reports.clone()), sign);
+        let thread = std::thread::Builder::new().name("robot link".to_owned());
+        let thread = thread.spawn(move || {
+            if pace == Pace::Wall {
+                raise_priority();
+            }
+            runtime.block_on(link.run());
+        })?;
+        Ok(RobotLink { orders, reports, pace, granted: None, thread: Some(thread), watched })
+    }
+
+    /// The link's thread, for who supervises it.
+    pub fn watched(&self) -> Watched {
+        self.watched.clone()
+    }
+
+    /// Queues one command; its id comes back, 0 for `get_current_state`.
+    ///
+    /// # Errors
+    /// Where there is no controller, no open epoch, or the command cannot be executed.
+    pub async fn send(&self, command: Command) -> Result<CommandId, QueueError> {
+        self.ask(|reply| LinkRequest::Queue(command, reply)).await
+    }
+
+    /// Queues a path whole, in the active base; the id of its last point comes back.
+    ///
+    /// # Errors
+    /// As [`RobotLink::send`]; one bad point refuses all.
+    pub async fn send_path(&self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
+        self.ask(|reply| LinkRequest::QueuePath(points, reply)).await
+    }
+
+    /// The same, of which only so many points are sent before more are permitted.
+    ///
+    /// # Errors
+    /// As [`RobotLink::send_path`].
+    pub async fn send_path_within(&self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
+        self.ask(|reply| LinkRequest::QueuePathWithin(points, permitted, reply)).await
+    }
+
+    /// Lets commands up to this one be sent; all of them where it is `None`.
+    ///
+    /// # Errors
+    /// Where no epoch is open.
+    pub async fn permit(&self, last: Option<CommandId>) -> Result<(), QueueError> {
+        self.ask(|reply| LinkRequest::Permit(last, reply)).await
+    }
+
+    /// Asks for a new epoch; [`Report::EpochOpened`] follows. Nothing moves.
+    ///
+    /// # Errors
+    /// Where no controller has answered yet.
+    pub async fn open_epoch(&self) -> Result<Epoch, QueueError> {
+        self.open_epoch_above(Epoch(0)).await
+    }
+
+    /// The same with a number above this one.
+    ///
+    /// # Errors
+    /// As [`RobotLink::open_epoch`].
+    pub async fn open_epoch_above(&self, above: Epoch) -> Result<Epoch, QueueError> {
+        self.ask(|reply| LinkRequest::OpenEpoch(above, reply)).await
+    }
+
+    /// Ends the epoch; [`Report::Standstill`] follows.
+    ///
+    /// # Errors
+    /// Where no controller has answered yet.
+    pub async fn abort(&self) -> Result<(), QueueError> {
+        self.ask(LinkRequest::Abort).await
+    }
+
+    /// The next thing to know. Dropped while it waits, it loses nothing. In lock step the controller's time
+    /// passes only in here.
+    pub async fn next(&mut self) -> Report {
+        loop {
+            match self.reports.take() {
+                Ok(report) => return report,
+                Err(queue::Empty { closed: true, .. }) => std::future::pending().await,
+                Err(queue::Empty { told, .. }) if self.pace == Pace::LockStep && self.granted != Some(told) => {
+                    self.granted = Some(told);
+                    // Refused only where the thread has ended, which closes the queue.
+                    let _ = self.orders.send(LinkRequest::Grant { told });
+                }
+                Err(_) => {}
+            }
+            self.reports.changed().await;
+        }
+    }
+
+    async fn ask<T>(
+        &self,
+        order: impl FnOnce(oneshot::Sender<Result<T, QueueError>>) -> LinkRequest,
+    ) -> Result<T, QueueError> {
+        let (reply, answer) = oneshot::channel();
+        self.orders.send(order(reply)).map_err(|_| QueueError::NotConnected)?;
+        // The thread answers at once. One that does not is lost, and whoever asks must not be lost with it.
+        match tokio::time::timeout(ANSWERS, answer).await {
+            Ok(Ok(answer)) => answer,
+            Ok(Err(_)) | Err(_) => Err(QueueError::NotConnected),
+        }
+    }
+}
+
+impl Drop for RobotLink {
+    fn drop(&mut self) {
+        // The thread ends when nobody is left to give orders.
+        (self.orders, _) = mpsc::unbounded_channel();
+        let Some(thread) = self.thread.take() else { return };
+        let since = Instant::now();
+        while !thread.is_finished() {
+            if since.elapsed() > ANSWERS {
+                tracing::warn!(
+                    "the robot link's thread does not end; the controller's own watchdog stops the robot"
+                );
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        // Its panic was reported where it happened.
+        let _ = thread.join();
+    }
+}
+
+/// How far the link goes before everything else that the machine does.
+const NICE: i32 = -10;
+
+/// The calling thread, and no other. Where the system does not permit it (`LimitNICE` of the unit does) the link runs at the
+/// program's own priority: whoever computes has stepped back behind that.
+fn raise_priority() {
+    if let Err(error) = rustix::process::setpriority_process(None, NICE) {
+        tracing::info!("the robot link runs at the program's own priority: {error}");
+    }
+}

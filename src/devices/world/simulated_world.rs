@@ -1,0 +1,366 @@
+//! The world itself: what stands in it, what changes, and what its cameras see.
+
+use super::signal::Signal;
+use super::touch::Touched;
+use super::water::{Wetting, film_s, seconds};
+use crate::cell::{self, Output};
+use crate::devices::cameras::{CameraError, FlangePicture, Picture, Shot};
+use crate::devices::mock::{self, ChannelFile, Controller, Sample, Setup};
+use crate::geometry::{Base, ColorPicture, Flange, Joints, Mask, OrganizedCloud, Rigid};
+use crate::sim::{self, Film, Spot, Truth, WET_FROM_S};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Of this share of its area covered, a spot of grease is gone.
+const HEALED_FROM: f64 = 0.9;
+/// An axis this far from its park angle is parked, degrees.
+const PARKED_DEG: f64 = 0.1;
+
+/// Why a cell's file makes no world.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum WorldError {
+    /// An output or feedback has no number.
+    #[error("[io.{table}] {name} is missing; the simulated world needs its number")]
+    Unnamed {
+        /// `outputs` or `feedbacks`.
+        table: &'static str,
+        /// The name.
+        name: &'static str,
+    },
+    /// No park pose.
+    #[error("[poses] park is missing; a 3D shot is taken only from there")]
+    NoPark,
+}
+
+/// What should not have been done, seen from the world's side. For tests.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Violation {
+    /// A 3D shot with the arm not parked, or moving.
+    ArmInView,
+    /// A picture of the flange camera while the arm moved.
+    ArmMoves,
+    /// A 3D shot with the process's light on.
+    LightDuring3d,
+    /// Water while the lens was not shut.
+    SprayOnLens,
+    /// Water while the tool ran, or the tool switched on while water came.
+    ToolInWater,
+    /// The tool switched on without the extraction's flow.
+    ToolWithoutExtraction,
+}
+
+/// The robot at one time.
+#[derive(Debug, Clone, Copy)]
+pub struct Moment {
+    pub(super) time_ms: u64,
+    pub(super) joints: Joints,
+    pub(super) base_from_flange: Rigid<Base, Flange>,
+    pub(super) moving: bool,
+}
+
+impl Moment {
+    /// ms since the controller's start.
+    pub fn time_ms(&self) -> u64 {
+        self.time_ms
+    }
+
+    /// The controller as it stands now.
+    pub fn of(controller: &Controller) -> Self {
+        Moment {
+            time_ms: controller.time_ms(),
+            joints: controller.joints(),
+            base_from_flange: controller.flange_pose(),
+            moving: controller.is_moving(),
+        }
+    }
+}
+
+/// What changes.
+struct State {
+    signals: [Signal; 5],
+    wetting: Option<Wetting>,
+    /// Which spots are gone, as far as the wetting that began at this time shows it.
+    healed: (Option<u64>, Vec<bool>),
+    /// The film with these spots gone.
+    film: Option<(Vec<bool>, Arc<Film>)>,
+    /// Each wetting that was watched: when its water came on, its film, and the film's time in the last picture, s.
+    watched: Vec<(u64, Arc<Film>, f64)>,
+    shots: u64,
+    disc_diameter_mm: f64,
+    violations: Vec<(u64, Violation)>,
+}
+
+impl State {
+    fn signal(&self, output: Output) -> &Signal {
+        &self.signals[place(output)]
+    }
+}
+
+/// The world; clones are the same one.
+#[derive(Clone)]
+pub struct SimulatedWorld {
+    fixed: Arc<Fixed>,
+    state: Arc<Mutex<State>>,
+}
+
+struct Fixed {
+    cell: sim::Cell,
+    truth: Truth,
+    park: Joints,
+}
+
+impl SimulatedWorld {
+    /// The world of this simulated cell, wired as the cell's file says. Without a disc nothing is abraded: see
+    /// [`SimulatedWorld::mount_disc`].
+    ///
+    /// # Errors
+    /// Where the file gives no number to an output or feedback of the process, or has no park pose.
+    pub fn new(simulated: sim::Cell, cell: &cell::Cell) -> Result<Self, WorldError> {
+        let signal = |output: Output| {
+            let unnamed = |table, name| WorldError::Unnamed { table, name };
+            let number = cell.io().output(output).ok_or(unnamed("outputs", output.name()))?;
+            let feedback = output.feedback();
+            let feedback = cell.io().feedback(feedback).ok_or(unnamed("feedbacks", feedback.name()))?;
+            Ok(Signal::new(output, number, feedback))
+        };
+        let [light, spray, lens, extraction, tool] = Output::ALL.map(signal);
+        let signals = [light?, spray?, lens?, extraction?, tool?];
+        let park = cell.park().ok_or(WorldError::NoPark)?;
+        let truth = simulated.truth();
+        let state = State {
+            signals,
+            wetting: None,
+            healed: (None, vec![false; truth.spots.len()]),
+            film: None,
+            watched: Vec::new(),
+            shots: 0,
+            disc_diameter_mm: 0.0,
+            violations: Vec::new(),
+        };
+        let fixed = Fixed { cell: simulated, truth, park };
+        Ok(SimulatedWorld { fixed: Arc::new(fixed), state: Arc::new(Mutex::new(state)) })
+    }
+
+    /// Mounts a sanding disc: what it covers is abraded.
+    pub fn mount_disc(&self, diameter_mm: f64) {
+        self.lock().disc_diameter_mm = diameter_mm;
+    }
+
+    /// Somebody has wiped the panel dry.
+    pub fn dry_panel(&self) {
+        self.lock().wetting = None;
+    }
+
+    /// The mock controller's configuration in this world: inputs, outputs and the tool's output as the cell's file
+    /// has them, in the order of their numbers.
+    pub fn setup(&self, cell: &cell::Cell, commands: ChannelFile, states: ChannelFile) -> Setup {
+        let numbers = |names: &std::collections::BTreeMap<String, u16>| {
+            let mut numbers: Vec<u16> = names.values().copied().collect();
+            numbers.sort_unstable();
+            numbers
+        };
+        Setup {
+            real_arm: self.fixed.cell.real_arm().cloned(),
+            inputs: numbers(cell.io().feedbacks()),
+            outputs: numbers(cell.io().outputs()),
+            tool_output: cell.io().output(Output::Tool),
+            off_after_ms: (cell.io().off_after_s().iter())
+                .filter_map(|(name, after_s)| Some((*cell.io().outputs().get(name)?, 1_000 * u64::from(*after_s))))
+                .collect(),
+            // Which flags does not matter here: nothing in this world asks for them.
+            mapped_inputs: (860..)
+                .zip(cell.io().mapped_inputs().values())
+                .map(|(flag, input)| (*input, flag))
+                .collect(),
+            ..Setup::new(commands, states)
+        }
+    }
+
+    /// The controller's terminals.
+    pub fn terminals(&self) -> Box<dyn mock::World> {
+        Box::new(Terminals(self.clone()))
+    }
+
+    /// What is true, for scores alone.
+    pub fn truth(&self) -> &Truth {
+        &self.fixed.truth
+    }
+
+    /// Truth: the spots that hold no film yet, as the last wetting shows it.
+    pub fn greasy(&self) -> Vec<Spot> {
+        self.fixed.greasy(&self.lock().healed.1)
+    }
+
+    /// Truth: for each wetting that was watched, in order, the pixels whose film was broken in its last picture.
+    pub fn broken(&self) -> Vec<Mask> {
+        let watched = self.lock().watched.clone();
+        watched.iter().map(|(_, film, film_s)| film.broken(*film_s)).collect()
+    }
+
+    /// What should not have been done, with the controller's time, ms.
+    pub fn violations(&self) -> Vec<(u64, Violation)> {
+        self.lock().violations.clone()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // A test that failed while it held the world must not hide its failure behind this one.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn violated(&self, now: &Moment, violation: Violation) {
+        self.lock().violations.push((now.time_ms, violation));
+    }
+
+    /// A 3D shot.
+    ///
+    /// # Errors
+    /// Where the arm is not parked, or moves.
+    pub fn scan(&self, now: &Moment) -> Result<Shot, CameraError> {
+        let axis_off_deg = now.joints.farthest_deg(&self.fixed.park);
+        if now.moving || axis_off_deg > PARKED_DEG {
+            self.violated(now, Violation::ArmInView);
+            return Err(CameraError::ArmInView { axis_off_deg, moving: now.moving });
+        }
+        if self.lock().signal(Output::Light).on {
+            self.violated(now, Violation::LightDuring3d);
+        }
+        let (shot, covered) = {
+            let mut state = self.lock();
+            state.shots += 1;
+            (state.shots - 1, state.signal(Output::LensShutter).runs(now.time_ms))
+        };
+        let cloud = self.fixed.cell.scan_at(&self.fixed.truth.base_from_panel, shot);
+        Ok(Shot { cloud: if covered { nothing_seen(cloud) } else { cloud }, time_s: seconds(now.time_ms) })
+    }
+
+    /// The moment up to which abrasion must be known before the next picture: when the water last came on.
+    pub fn abrasion_is_due(&self) -> Option<u64> {
+        let state = self.lock();
+        state.wetting.map(|wetting| wetting.on_ms).filter(|on_ms| state.healed.0 != Some(*on_ms))
+    }
+
+    /// Takes what was executed up to that moment: spots that the disc covered will hold their film.
+    pub fn abrade(&self, trace: &[Sample]) {
+        let truth = &self.fixed.truth;
+        let touched = Touched::by(trace, truth, self.lock().disc_diameter_mm);
+        let healed = truth.spots.iter().map(|spot| touched.share_of(spot) >= HEALED_FROM).collect();
+        let mut state = self.lock();
+        state.healed = (state.wetting.map(|wetting| wetting.on_ms), healed);
+    }
+
+    /// A colour picture of the fixed camera.
+    pub fn picture(&self, now: &Moment) -> Picture {
+        let (wetting, light) = {
+            let state = self.lock();
+            let covered = state.signal(Output::LensShutter).runs(now.time_ms);
+            let light = if covered { 0.0 } else { state.signal(Output::Light).share(now.time_ms) };
+            (state.wetting, light)
+        };
+        let (film, film_s) = (self.film(), film_s(wetting, now.time_ms));
+        if let Some(wetting) = wetting.filter(|_| film_s >= WET_FROM_S) {
+            let mut state = self.lock();
+            state.watched.pop_if(|(on_ms, ..)| *on_ms == wetting.on_ms);
+            state.watched.push((wetting.on_ms, film.clone(), film_s));
+        }
+        let mut picture = film.picture(film_s);
+        dim(&mut picture, light);
+        Picture { picture, time_s: seconds(now.time_ms) }
+    }
+
+    /// The film of what is greasy now, made where it is another one than the last. Made with the world let go: a
+    /// controller must not wait for it.
+    fn film(&self) -> Arc<Film> {
+        let (healed, last) = {
+            let state = self.lock();
+            (state.healed.1.clone(), state.film.clone())
+        };
+        if let Some((_, film)) = last.filter(|(of, _)| *of == healed) {
+            return film;
+        }
+        let film = Arc::new(self.fixed.cell.film_of(&self.fixed.greasy(&healed)));
+        self.lock().film = Some((healed, film.clone()));
+        film
+    }
+
+    /// A picture of the flange camera, from where the arm has really brought it.
+    ///
+    /// # Errors
+    /// Where the arm moves.
+    pub fn flange_picture(&self, now: &Moment) -> Result<FlangePicture, CameraError> {
+        if now.moving {
+            self.violated(now, Violation::ArmMoves);
+            return Err(CameraError::ArmMoves);
+        }
+        let Fixed { cell, truth, .. } = &*self.fixed;
+        let mut picture = cell.flange_picture_at(&now.base_from_flange, &truth.base_from_panel);
+        if self.lock().signal(Output::LensShutter).runs(now.time_ms) {
+            dim(&mut picture, 0.0);
+        }
+        Ok(FlangePicture { picture, base_from_flange: Some(now.base_from_flange), time_s: seconds(now.time_ms) })
+    }
+}
+
+impl Fixed {
+    fn greasy(&self, healed: &[bool]) -> Vec<Spot> {
+        let left = self.cell.spots().iter().zip(healed).filter(|(_, healed)| !**healed);
+        left.map(|(spot, _)| spot.clone()).collect()
+    }
+}
+
+/// What the controller is wired to.
+struct Terminals(SimulatedWorld);
+
+impl mock::World for Terminals {
+    fn on_output(&mut self, number: u16, value: bool, time_ms: u64) {
+        let mut state = self.0.lock();
+        let Some(signal) = state.signals.iter_mut().find(|signal| signal.number == number) else { return };
+        signal.switch(value, time_ms);
+        let output = signal.output;
+        let runs = |output| state.signal(output).runs(time_ms);
+        let mut wrong = Vec::new();
+        match (output, value) {
+            (Output::Spray, true) => {
+                wrong.extend(runs(Output::Tool).then_some(Violation::ToolInWater));
+                wrong.extend((!runs(Output::LensShutter)).then_some(Violation::SprayOnLens));
+                state.wetting = Some(Wetting { on_ms: time_ms, off_ms: None });
+            }
+            (Output::Spray, false) => {
+                if let Some(wetting) = &mut state.wetting {
+                    wetting.off_ms = Some(time_ms);
+                }
+            }
+            (Output::Tool, true) => {
+                wrong.extend(runs(Output::Spray).then_some(Violation::ToolInWater));
+                wrong.extend((!runs(Output::Extraction)).then_some(Violation::ToolWithoutExtraction));
+            }
+            _ => {}
+        }
+        state.violations.extend(wrong.into_iter().map(|violation| (time_ms, violation)));
+    }
+
+    fn input(&self, number: u16, time_ms: u64) -> Option<bool> {
+        let state = self.0.lock();
+        state.signals.iter().find(|signal| signal.feedback == number).map(|signal| signal.says(time_ms))
+    }
+}
+
+/// Where an output stands among all.
+fn place(output: Output) -> usize {
+    Output::ALL.iter().position(|other| *other == output).unwrap_or_default()
+}
+
+/// The picture by a share of its light, 0…1.
+fn dim(picture: &mut ColorPicture, light: f64) {
+    if light < 1.0 {
+        picture.rgb.as_flattened_mut().iter_mut().for_each(|gray| *gray = (f64::from(*gray) * light) as u8);
+    }
+}
+
+/// The shot of a shut lens: black, without a point.
+fn nothing_seen<F: crate::geometry::Frame>(cloud: OrganizedCloud<F>) -> OrganizedCloud<F> {
+    let (width, height) = (cloud.width(), cloud.height());
+    OrganizedCloud::new(width, height, vec![[f32::NAN; 3]; width * height], vec![[0; 3]; width * height])
+        .unwrap_or(cloud)
+}
+
+#[cfg(test)]
+mod tests;

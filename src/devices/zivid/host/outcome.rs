@@ -1,0 +1,57 @@
+//! How a question to a worker can fail, and how a worker is lost.
+
+use crate::devices::zivid::link::Answer;
+use crate::devices::zivid::message::Refusal;
+use crate::devices::zivid::wire::WireError;
+use std::io::ErrorKind;
+use std::time::Duration;
+
+/// How often a shot that the camera did not give is asked for again: once and two more.
+pub(in crate::devices::zivid) const TRIES: u32 = 3;
+
+/// Why the worker did not do what was asked.
+pub(super) enum Failed {
+    /// It is lost.
+    Lost(WireError),
+    /// It says why.
+    Refused(Refusal),
+}
+
+impl From<WireError> for Failed {
+    fn from(error: WireError) -> Self {
+        Failed::Lost(error)
+    }
+}
+
+/// How a worker was lost.
+pub(super) enum Loss {
+    /// It had ended already.
+    Ended(String),
+    /// It closed its end of the socket.
+    HungUp,
+    /// It does not answer.
+    Stalled(Duration),
+    /// What it says cannot be read.
+    Damaged(String),
+}
+
+impl Loss {
+    pub(super) fn of(error: WireError, waited: Duration) -> Self {
+        match error {
+            WireError::Ended | WireError::Cut { .. } => Loss::HungUp,
+            WireError::Io(error) if error.kind() == ErrorKind::BrokenPipe => Loss::HungUp,
+            WireError::Io(error) if error.kind() == ErrorKind::ConnectionReset => Loss::HungUp,
+            WireError::Io(error) if error.kind() == ErrorKind::TimedOut => Loss::Stalled(waited),
+            WireError::Stalled { .. } => Loss::Stalled(waited),
+            other => Loss::Damaged(other.to_string()),
+        }
+    }
+}
+
+pub(super) fn name(answer: &Answer) -> String {
+    match answer {
+        Answer::Words(_) => "it answered something else".to_owned(),
+        Answer::Scan(..) => "it answered by a 3D shot".to_owned(),
+        Answer::Picture(..) => "it answered by a picture".to_owned(),
+    }
+}

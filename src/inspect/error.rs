@@ -1,0 +1,59 @@
+//! Why pictures cannot be inspected, in words for the person who took them.
+
+use crate::imaging::ImagingError;
+use crate::phase::Phase;
+
+/// Why pictures could not be inspected. A test that says nothing is no error but a verdict, `invalid`.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum InspectError {
+    /// The picture is of another camera, or scaled.
+    #[error(
+        "the picture has {found_width}×{found_height} px; the camera was calibrated for {width}×{height} px, and \
+         grids cannot be projected to another size"
+    )]
+    PictureSize {
+        /// Columns found.
+        found_width: usize,
+        /// Rows found.
+        found_height: usize,
+        /// Columns calibrated.
+        width: usize,
+        /// Rows calibrated.
+        height: usize,
+    },
+    /// Not one point of the region projects into the picture.
+    #[error("the region lies outside of the picture where the panel stands now; is the pose this clip's?")]
+    RegionNotInPicture,
+    /// Pictures out of order.
+    #[error("a picture at {time_s} s follows one at {previous_s} s; times must increase")]
+    TimeOrder {
+        /// The picture's time, s.
+        time_s: f64,
+        /// The time of the one before, s.
+        previous_s: f64,
+    },
+    /// A phase that is over came back.
+    #[error(
+        "the picture at {time_s} s is of phase {phase} after one of phase {previous}; the order is dry, spray, wet"
+    )]
+    PhaseOrder {
+        /// The picture's time, s.
+        time_s: f64,
+        /// Its phase.
+        phase: Phase,
+        /// The phase before.
+        previous: Phase,
+    },
+    /// A film too long.
+    #[error("the clip has more than {most} wet pictures; take fewer a second")]
+    TooManyPictures {
+        /// How many it may have.
+        most: usize,
+    },
+    /// Nothing to examine.
+    #[error("the clip has no picture of phase wet; the first fully wet picture is the reference of the test")]
+    NoWetPicture,
+    /// OpenCV refused a picture.
+    #[error(transparent)]
+    Imaging(#[from] ImagingError),
+}

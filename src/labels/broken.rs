@@ -1,0 +1,78 @@
+//! From breaks to pixels: which ones broke by the clip's end, and when.
+//!
+//! A pixel breaks at the first moment at which its centre lies inside of an open break. Moments are the beginnings of the shapes and the
+//! times of the wet pictures: between two pictures nobody has seen anything.
+
+use super::check::ClipFrame;
+use super::coded::coded;
+use super::shapes::Break;
+use crate::geometry::{ColorPicture, Mask, Pixel, polygon};
+
+/// The pixels that broke.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Broken {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// When each pixel broke, s since the first wet picture; infinite where it did not.
+    pub since_wet_s: Vec<f64>,
+}
+
+/// The pixels that broke by the clip's end; the breaks are ones without [`problems`](super::problems).
+pub fn broken(breaks: &[Break], frame: &ClipFrame) -> Broken {
+    let [width, height] = frame.size_px;
+    let mut broken = Broken { width, height, since_wet_s: vec![f64::INFINITY; width * height] };
+    for one in breaks {
+        let mut drawn: Vec<Pixel> = Vec::new();
+        for time_s in moments_s(one, frame) {
+            let corners = one.corners_at(time_s);
+            if corners != drawn {
+                broken.fill(&corners, time_s - frame.wet_from_s());
+                drawn = corners;
+            }
+        }
+    }
+    broken
+}
+
+/// When a break is looked at, s of the clip, in order.
+fn moments_s(one: &Break, frame: &ClipFrame) -> Vec<f64> {
+    let begins = one.shapes.iter().map(|shape| shape.from_s);
+    let mut moments_s: Vec<f64> =
+        begins.chain(frame.wet_times_s.iter().copied()).filter(|&time_s| one.is_open(time_s)).collect();
+    moments_s.sort_by(f64::total_cmp);
+    moments_s
+}
+
+impl Broken {
+    /// Notes the pixels of a polygon as broken from this time on, where they did not break earlier.
+    fn fill(&mut self, corners: &[Pixel], since_wet_s: f64) {
+        let range = |of: fn(&Pixel) -> f64, count: usize| {
+            let low = corners.iter().map(of).fold(f64::INFINITY, f64::min).ceil().max(0.0) as usize;
+            let high = corners.iter().map(of).fold(f64::NEG_INFINITY, f64::max).floor() + 1.0;
+            low..(high.max(0.0) as usize).min(count)
+        };
+        let columns = range(|corner| corner.u, self.width);
+        for row in range(|corner| corner.v, self.height) {
+            for column in columns.clone() {
+                if polygon::contains(corners, Pixel::at(column as f64, row as f64)) {
+                    let time_s = &mut self.since_wet_s[row * self.width + column];
+                    *time_s = time_s.min(since_wet_s);
+                }
+            }
+        }
+    }
+
+    /// The pixels that broke, as a mask.
+    pub fn mask(&self) -> Mask {
+        let inside = self.since_wet_s.iter().map(|time_s| time_s.is_finite()).collect();
+        Mask { width: self.width, height: self.height, inside }
+    }
+
+    /// When they broke, as colours: see [`coded`].
+    pub fn times(&self) -> ColorPicture {
+        let rgb = self.since_wet_s.iter().map(|&time_s| coded(time_s.is_finite().then_some(time_s))).collect();
+        ColorPicture { width: self.width, height: self.height, rgb }
+    }
+}

@@ -1,0 +1,234 @@
+//! Whether what a person says about a clip can be so: every problem at once, each with the break that it belongs to.
+
+use super::shapes::{Break, Shape, Statement};
+use crate::geometry::{Pixel, polygon};
+
+/// A name may be so long.
+const MOST_CHARACTERS: usize = 200;
+/// A polygon has an inside from so many corners on.
+const FEWEST_CORNERS: usize = 3;
+/// The latest time that `times.png` can hold, s since the first wet picture.
+pub const MAX_SINCE_WET_S: f64 = 655.35;
+
+/// What of a clip its labels refer to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ClipFrame {
+    /// Columns and rows of its pictures.
+    pub size_px: [usize; 2],
+    /// The times of its wet pictures, s of the clip, in order; at least one.
+    pub wet_times_s: Vec<f64>,
+}
+
+impl ClipFrame {
+    /// The time of the first fully wet picture, s of the clip.
+    pub fn wet_from_s(&self) -> f64 {
+        self.wet_times_s.first().copied().unwrap_or_default()
+    }
+
+    /// The time of the last wet picture, s of the clip.
+    pub fn ends_s(&self) -> f64 {
+        self.wet_times_s.last().copied().unwrap_or_default()
+    }
+}
+
+/// What cannot be so. Breaks and corners count from 1; times are s of the clip.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Problem {
+    /// Nobody signs.
+    #[error("the name of the person who labels is missing")]
+    NoAuthor,
+    /// A name that is none.
+    #[error("the name has {found} characters, allowed are {MOST_CHARACTERS}, and no control characters")]
+    BadAuthor {
+        /// Characters in it.
+        found: usize,
+    },
+    /// Neither the one nor the other.
+    #[error("no break is drawn: draw one, or state that the clip is clean")]
+    NothingSaid,
+    /// Both at once.
+    #[error("the clip is stated to be clean, and breaks are drawn ({found}): take one of the two back")]
+    CleanWithBreaks {
+        /// Breaks drawn.
+        found: usize,
+    },
+    /// A break without an outline.
+    #[error("break {number} has no shape")]
+    NoShape {
+        /// Which break.
+        number: usize,
+    },
+    /// Nothing can lie inside of it.
+    #[error("break {number}, shape from {from_s} s: it has {found} corners, needed are {FEWEST_CORNERS} or more")]
+    TooFewCorners {
+        /// Which break.
+        number: usize,
+        /// Which of its shapes.
+        from_s: f64,
+        /// Its corners.
+        found: usize,
+    },
+    /// A corner that no pixel is at.
+    #[error(
+        "break {number}, shape from {from_s} s: corner {corner} at ({u}, {v}) px lies outside of the picture, which has {width}×{height} px"
+    )]
+    Outside {
+        /// Which break.
+        number: usize,
+        /// Which of its shapes.
+        from_s: f64,
+        /// Which corner.
+        corner: usize,
+        /// Column, px.
+        u: f64,
+        /// Row, px.
+        v: f64,
+        /// Columns of the picture.
+        width: usize,
+        /// Rows of the picture.
+        height: usize,
+    },
+    /// An outline that has no clear inside.
+    #[error(
+        "break {number}, shape from {from_s} s: the side after corner {first} meets the side after corner {second}; an outline must not cross itself"
+    )]
+    Crosses {
+        /// Which break.
+        number: usize,
+        /// Which of its shapes.
+        from_s: f64,
+        /// The corner before the one side.
+        first: usize,
+        /// The corner before the other side.
+        second: usize,
+    },
+    /// A break without a film that could break.
+    #[error(
+        "break {number} begins at {from_s} s, before the first wet picture at {wet_from_s} s; a place that the water never covered begins with the first wet picture"
+    )]
+    BeforeWet {
+        /// Which break.
+        number: usize,
+        /// When it begins.
+        from_s: f64,
+        /// When the film is whole.
+        wet_from_s: f64,
+    },
+    /// After everything was seen.
+    #[error("break {number}: {what} {time_s} s, after the clip's last wet picture at {ends_s} s")]
+    AfterEnd {
+        /// Which break.
+        number: usize,
+        /// What of it.
+        what: &'static str,
+        /// When.
+        time_s: f64,
+        /// When the clip ends.
+        ends_s: f64,
+    },
+    /// More than the times' picture can hold.
+    #[error(
+        "break {number}: a shape begins {since_wet_s} s after the first wet picture; {MAX_SINCE_WET_S} s is the most that times.png can hold"
+    )]
+    TooLate {
+        /// Which break.
+        number: usize,
+        /// When, since the first wet picture.
+        since_wet_s: f64,
+    },
+    /// Shapes that are out of order.
+    #[error(
+        "break {number}: a shape begins at {from_s} s, and the one before it at {before_s} s; each must begin later than the one before"
+    )]
+    NotLater {
+        /// Which break.
+        number: usize,
+        /// When the later one begins.
+        from_s: f64,
+        /// When the one before it begins.
+        before_s: f64,
+    },
+    /// It closes before it has this shape.
+    #[error("break {number} closes again at {closes_s} s, which is not after its shape from {from_s} s")]
+    ClosesEarly {
+        /// Which break.
+        number: usize,
+        /// When it closes.
+        closes_s: f64,
+        /// When its last shape begins.
+        from_s: f64,
+    },
+}
+
+/// Everything that is wrong with a statement about this clip; none where it can be kept.
+pub fn problems(said: &Statement, frame: &ClipFrame) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    let found = said.author.chars().count();
+    if said.author.trim().is_empty() {
+        problems.push(Problem::NoAuthor);
+    } else if found > MOST_CHARACTERS || said.author.chars().any(char::is_control) {
+        problems.push(Problem::BadAuthor { found });
+    }
+    match (said.clean, said.breaks.len()) {
+        (false, 0) => problems.push(Problem::NothingSaid),
+        (true, found @ 1..) => problems.push(Problem::CleanWithBreaks { found }),
+        _ => {}
+    }
+    for (index, one) in said.breaks.iter().enumerate() {
+        when(index + 1, one, frame, &mut problems);
+        for shape in &one.shapes {
+            problems.extend(outline(index + 1, shape, frame));
+        }
+    }
+    problems
+}
+
+/// What is wrong with a break's times.
+fn when(number: usize, one: &Break, frame: &ClipFrame, problems: &mut Vec<Problem>) {
+    let (Some(first), Some(last)) = (one.shapes.first(), one.shapes.last()) else {
+        return problems.push(Problem::NoShape { number });
+    };
+    let (wet_from_s, ends_s) = (frame.wet_from_s(), frame.ends_s());
+    // A time that is no number is neither wet nor later.
+    let is_wet = first.from_s >= wet_from_s;
+    let is_later = |time_s: f64, before_s: f64| time_s > before_s;
+    if !is_wet {
+        problems.push(Problem::BeforeWet { number, from_s: first.from_s, wet_from_s });
+    }
+    for pair in one.shapes.windows(2).filter(|pair| !is_later(pair[1].from_s, pair[0].from_s)) {
+        problems.push(Problem::NotLater { number, from_s: pair[1].from_s, before_s: pair[0].from_s });
+    }
+    if last.from_s > ends_s {
+        let what = if one.shapes.len() == 1 { "it begins at" } else { "its last shape begins at" };
+        problems.push(Problem::AfterEnd { number, what, time_s: last.from_s, ends_s });
+    } else if last.from_s - wet_from_s > MAX_SINCE_WET_S {
+        problems.push(Problem::TooLate { number, since_wet_s: last.from_s - wet_from_s });
+    }
+    if let Some(closes_s) = one.closes_s {
+        if closes_s > ends_s {
+            problems.push(Problem::AfterEnd { number, what: "it closes again at", time_s: closes_s, ends_s });
+        }
+        if !is_later(closes_s, last.from_s) {
+            problems.push(Problem::ClosesEarly { number, closes_s, from_s: last.from_s });
+        }
+    }
+}
+
+/// What is wrong with an outline: the first problem.
+fn outline(number: usize, shape: &Shape, frame: &ClipFrame) -> Option<Problem> {
+    let (from_s, [width, height]) = (shape.from_s, frame.size_px);
+    let found = shape.corners_px.len();
+    if found < FEWEST_CORNERS {
+        return Some(Problem::TooFewCorners { number, from_s, found });
+    }
+    // A picture reaches half a pixel beyond the centres of its outer pixels.
+    let is_on = |value: f64, count: usize| (-0.5..=count as f64 - 0.5).contains(&value);
+    let outside = |[u, v]: &[f64; 2]| !is_on(*u, width) || !is_on(*v, height);
+    if let Some(index) = shape.corners_px.iter().position(outside) {
+        let [u, v] = shape.corners_px[index];
+        return Some(Problem::Outside { number, from_s, corner: index + 1, u, v, width, height });
+    }
+    let corners: Vec<Pixel> = shape.corners_px.iter().map(|&[u, v]| Pixel::at(u, v)).collect();
+    let [first, second] = polygon::crossing_sides(&corners)?;
+    Some(Problem::Crosses { number, from_s, first: first + 1, second: second + 1 })
+}

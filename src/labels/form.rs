@@ -1,0 +1,91 @@
+//! `labels.json` from and to text.
+
+use super::shapes::{Break, Statement};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+/// The version of the form that is written, and the only one that is read.
+pub const VERSION: u32 = 1;
+
+/// The file's content: see the [module](super).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LabelFile {
+    /// The version of its form.
+    pub version: u32,
+    /// The person's name.
+    pub author: String,
+    /// When it was saved, UTC.
+    pub saved_at: String,
+    /// The hash of the clip.
+    pub clip_sha256: String,
+    /// Columns and rows of the clip's pictures.
+    pub size_px: [usize; 2],
+    /// Nothing broke.
+    pub clean: bool,
+    /// What broke.
+    pub breaks: Vec<Break>,
+}
+
+/// Why a file is none.
+#[derive(Debug, thiserror::Error)]
+pub enum FormError {
+    /// Another form.
+    #[error("its version is {found}; this program reads version {VERSION}")]
+    Version {
+        /// As the file says.
+        found: u32,
+    },
+    /// No such object.
+    #[error("it holds no labels: {0}")]
+    Syntax(#[from] serde_json::Error),
+}
+
+impl LabelFile {
+    /// What the person says.
+    pub fn statement(self) -> Statement {
+        Statement { author: self.author, clean: self.clean, breaks: self.breaks }
+    }
+}
+
+/// Reads a `labels.json`. Whether the labels fit the clip is not asked: see [`problems`](super::problems).
+///
+/// # Errors
+/// Where it is no such object, with the line, or of another version.
+pub fn read(bytes: &[u8]) -> Result<LabelFile, FormError> {
+    #[derive(Deserialize)]
+    struct Version {
+        version: u32,
+    }
+    let Version { version } = serde_json::from_slice(bytes)?;
+    match version {
+        VERSION => Ok(serde_json::from_slice(bytes)?),
+        found => Err(FormError::Version { found }),
+    }
+}
+
+/// The file's text; reads back equal. Each shape is one line.
+pub fn write(file: &LabelFile) -> String {
+    let LabelFile { version, author, saved_at, clip_sha256, size_px, clean, breaks } = file;
+    let shapes = |one: &Break| {
+        let lines: Vec<String> = one
+            .shapes
+            .iter()
+            .map(|shape| format!("      {}", json!({"from_s": shape.from_s, "corners_px": shape.corners_px})))
+            .collect();
+        lines.join(",\n")
+    };
+    let lines: Vec<String> = breaks
+        .iter()
+        .map(|one| format!("    {{\"closes_s\": {}, \"shapes\": [\n{}\n    ]}}", json!(one.closes_s), shapes(one)))
+        .collect();
+    format!(
+        "{{\n  \"version\": {version},\n  \"author\": {},\n  \"saved_at\": {},\n  \"clip_sha256\": {},\n  \"size_px\": {},\n  \
+         \"clean\": {clean},\n  \"breaks\": [{}]\n}}\n",
+        json!(author),
+        json!(saved_at),
+        json!(clip_sha256),
+        json!(size_px),
+        if lines.is_empty() { String::new() } else { format!("\n{}\n  ", lines.join(",\n")) },
+    )
+}

@@ -1,0 +1,86 @@
+//! Two placements of one panel against each other: what speaks for one of them alone.
+//!
+//! Only where the two differ is there something to say: a stretch of outline that has its edge at the one placement and not
+//! at the other, a piece of surface that lies on the scan at the one and not at the other. What is hidden at either says
+//! nothing. Both are told as a length: a square of surface counts as its side.
+
+use super::edges::Edge;
+use super::fit::FitInputs;
+use super::grid::Motion;
+use super::search::{PointObservation, observe_point, spread_over};
+use super::{model::Model, outline_edges};
+use crate::geometry::{Camera, Panel, Rigid};
+use rayon::prelude::*;
+
+/// An edge within this is where the outline says, px.
+const EDGE_NEAR_PX: f64 = 1.2;
+/// A surface within this is the taught one, mm.
+const SURFACE_NEAR_MM: f64 = 0.35;
+/// Side of the square that a point of the surface stands for, mm.
+const SQUARE_MM: f64 = 8.0;
+
+/// What a placement says of each place of the panel: explained, contradicted, or nothing.
+pub(super) struct ConsistencyScore {
+    said: Vec<Option<bool>>,
+    lengths_mm: Vec<f64>,
+}
+
+impl ConsistencyScore {
+    /// At a placement.
+    pub fn of(placed: &Rigid<Camera, Panel>, seen: FitInputs<'_>) -> ConsistencyScore {
+        let motion = Motion::of(placed);
+        let FitInputs { model, grid, scan } = seen;
+        let outline = (0..model.outline.len()).into_par_iter().with_min_len(64).map(|k| {
+            match outline_edges::observe(&motion, model, &grid.camera, scan, k).map(|observed| observed.edge)? {
+                Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => Some(offset_px.abs() <= EDGE_NEAR_PX),
+                Edge::Absent => Some(false),
+                Edge::Hidden | Edge::OutOfView => None,
+            }
+        });
+        let chosen = squares(model);
+        let surface = chosen.par_iter().with_min_len(512).map(|&i| match observe_point(&motion, model, grid, i) {
+            PointObservation::On(residual_mm) => Some(residual_mm.abs() <= SURFACE_NEAR_MM),
+            PointObservation::Through => Some(false),
+            PointObservation::Near | PointObservation::Hidden | PointObservation::Unknown => None,
+        });
+        let mut said: Vec<Option<bool>> = outline.collect();
+        said.extend(surface.collect::<Vec<_>>());
+        let mut lengths_mm: Vec<f64> = model.outline.iter().map(|sample| sample.length_mm).collect();
+        lengths_mm.resize(said.len(), SQUARE_MM);
+        ConsistencyScore { said, lengths_mm }
+    }
+
+    /// What speaks for these alone and what for the others alone, mm.
+    pub fn against(&self, other: &ConsistencyScore) -> [f64; 2] {
+        let mut alone_mm = [0.0; 2];
+        for ((a, b), length_mm) in self.said.iter().zip(&other.said).zip(&self.lengths_mm) {
+            match (a, b) {
+                (Some(true), Some(false)) => alone_mm[0] += length_mm,
+                (Some(false), Some(true)) => alone_mm[1] += length_mm,
+                _ => {}
+            }
+        }
+        alone_mm
+    }
+}
+
+fn squares(model: &Model) -> Vec<usize> {
+    spread_over(model.points.len(), ((model.area_mm2 / (SQUARE_MM * SQUARE_MM)) as usize).clamp(100, 4_000))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: 3 mm speak for the first alone, 5 mm for the second; what either does not see is left out.
+    #[test]
+    fn only_differences_count() {
+        let votes = |said: [Option<bool>; 4]| ConsistencyScore {
+            said: said.to_vec(),
+            lengths_mm: vec![3.0, 5.0, 7.0, 9.0],
+        };
+        let first = votes([Some(true), Some(false), Some(true), Some(true)]);
+        let second = votes([Some(false), Some(true), None, Some(true)]);
+        assert_eq!(first.against(&second), [3.0, 5.0]);
+    }
+}

@@ -1,0 +1,40 @@
+//! A corrected pose, and what each corner contributes to it.
+
+use crate::geometry::{Base, Degrees, Panel, Pixel, Rigid};
+
+/// What one corner says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CornerReport {
+    /// Its number among the taught ones, from 0.
+    pub corner: usize,
+    /// Where the corner was expected.
+    pub expected_px: Pixel,
+    /// Found minus expected, px.
+    pub error_px: f64,
+    /// The shift that this corner alone asks for, along its camera's X and Y, mm.
+    pub shift_mm: [f64; 2],
+    /// What is left of it after the common correction, mm.
+    pub left_mm: f64,
+}
+
+impl CornerReport {
+    /// How far this corner alone asks the panel to be shifted, mm.
+    pub fn asked_mm(&self) -> f64 {
+        self.shift_mm[0].hypot(self.shift_mm[1])
+    }
+}
+
+/// A corrected pose with what it rests on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Refined {
+    /// Where the panel stands.
+    pub base_from_panel: Rigid<Base, Panel>,
+    /// The correction along X and Y of the first camera, mm.
+    pub shift_mm: [f64; 2],
+    /// How far the panel was turned, with corners that lie apart.
+    pub turned: Degrees,
+    /// The largest distance between found and expected corner, px.
+    pub error_px: f64,
+    /// Each corner, in the order of the views.
+    pub corners: Vec<CornerReport>,
+}

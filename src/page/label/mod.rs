@@ -1,0 +1,207 @@
+//! The page on which a person marks what broke in a clip: polygons over its pictures, with times.
+//!
+//! `GET .` the page · `GET clip.json` the clip, the grids, and what is kept so far · `GET picture/N` its picture N, from 1 ·
+//! `POST draft` what is drawn now, kept as it is so that a reload loses nothing · `POST save` the same as labels: they are kept where
+//! they can be so, else the problems come back · `POST done` ends the page.
+
+use super::{Local, LocalError};
+use crate::disk;
+use crate::files::{self, ClipEntry};
+use crate::labels::Statement;
+use axum::extract::{Path, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use axum::{Json, Router};
+use serde::Serialize;
+use serde_json::json;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+use tokio::sync::oneshot;
+
+const HTML: &str = "text/html; charset=utf-8";
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+const STYLE: &str = "text/css; charset=utf-8";
+/// The page's own files.
+const FILES: [(&str, &str, &str); 9] = [
+    ("", HTML, include_str!("label.html")),
+    ("label.css", STYLE, include_str!("label.css")),
+    ("label.js", SCRIPT, include_str!("label.js")),
+    ("breaks.js", SCRIPT, include_str!("breaks.js")),
+    ("overlay.js", SCRIPT, include_str!("overlay.js")),
+    ("film.js", SCRIPT, include_str!("film.js")),
+    ("keys.js", SCRIPT, include_str!("keys.js")),
+    ("panel.js", SCRIPT, include_str!("panel.js")),
+    ("program.js", SCRIPT, include_str!("program.js")),
+];
+
+/// A grid as the camera sees it.
+#[derive(Debug, Clone, Serialize)]
+pub struct GridOutline {
+    /// Its name.
+    pub id: String,
+    /// Its edge, px, closed.
+    pub edge_px: Vec<[f64; 2]>,
+}
+
+/// What is kept so far.
+#[derive(Debug, Clone, Serialize)]
+pub struct Now {
+    /// What the person says.
+    pub said: Statement,
+    /// When labels were saved last, UTC; `None` where they never were.
+    pub saved_at: Option<String>,
+    /// Is it not saved yet?
+    pub is_draft: bool,
+    /// What the person should know of it.
+    pub note: Option<String>,
+}
+
+/// What a saving did.
+#[derive(Debug, Clone, Serialize)]
+pub struct Saved {
+    /// The labels' file.
+    pub labels: String,
+    /// When it was saved, UTC.
+    pub saved_at: String,
+    /// The name under which the former labels are kept.
+    pub former: Option<String>,
+}
+
+/// Where labels are kept.
+pub trait Keep: Send + Sync {
+    /// What is kept so far.
+    ///
+    /// # Errors
+    /// Where a file is not what it must be, in words.
+    fn now(&self) -> Result<Now, String>;
+
+    /// Keeps what is drawn now, whatever it is.
+    ///
+    /// # Errors
+    /// Where the disk refuses, in words.
+    fn draft(&self, said: &Statement) -> Result<(), String>;
+
+    /// Keeps it as labels.
+    ///
+    /// # Errors
+    /// Everything that cannot be so, or that the disk refuses, in words.
+    fn save(&self, said: &Statement) -> Result<Saved, Vec<String>>;
+}
+
+/// What is marked.
+pub struct Sheet {
+    /// The clip's folder.
+    pub folder: PathBuf,
+    /// Its pictures.
+    pub shots: Vec<ClipEntry>,
+    /// Their size, px.
+    pub size_px: [usize; 2],
+    /// The grids to show, where they are known.
+    pub grids: Vec<GridOutline>,
+    /// Where labels are kept.
+    pub keep: Arc<dyn Keep>,
+}
+
+struct Inside {
+    sheet: Sheet,
+    /// How often it was saved; and whom to tell that the person is done.
+    saved: Mutex<(u32, Option<oneshot::Sender<()>>)>,
+}
+
+/// Serves the page until the person is done; how often labels were saved.
+///
+/// # Errors
+/// Where the system refuses.
+pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
+    let (tell, done) = oneshot::channel();
+    let inside = Arc::new(Inside { sheet, saved: Mutex::new((0, Some(tell))) });
+    let mut pages = Router::new();
+    for (name, kind, text) in FILES {
+        pages = pages.route(&local.path(name), get(move || async move { ([(header::CONTENT_TYPE, kind)], text) }));
+    }
+    let pages = pages
+        .route(&local.path("clip.json"), get(clip))
+        .route(&local.path("picture/{number}"), get(picture))
+        .route(&local.path("draft"), post(draft))
+        .route(&local.path("save"), post(save))
+        .route(&local.path("done"), post(end))
+        .with_state(inside.clone());
+    local.serve(pages, done)?;
+    let saved = inside.saved.lock().unwrap_or_else(PoisonError::into_inner).0;
+    Ok(saved)
+}
+
+fn refused(status: StatusCode, problems: &[String]) -> Response {
+    (status, Json(json!({ "problems": problems }))).into_response()
+}
+
+async fn clip(State(inside): State<Arc<Inside>>) -> Response {
+    let Sheet { folder, shots, size_px, grids, keep } = &inside.sheet;
+    let shots: Vec<_> = shots
+        .iter()
+        .map(|shot| json!({"file": shot.file, "time_s": shot.time_s, "phase": shot.phase.word()}))
+        .collect();
+    match keep.now() {
+        Ok(now) => {
+            let clip = folder.display().to_string();
+            Json(json!({"clip": clip, "shots": shots, "size_px": size_px, "grids": grids, "now": now}))
+                .into_response()
+        }
+        Err(problem) => refused(StatusCode::UNPROCESSABLE_ENTITY, &[problem]),
+    }
+}
+
+async fn picture(State(inside): State<Arc<Inside>>, Path(number): Path<String>) -> Response {
+    let Sheet { folder, shots, .. } = &inside.sheet;
+    let shot = number.parse::<usize>().ok().and_then(|number| shots.get(number.checked_sub(1)?));
+    let Some(shot) = shot else {
+        let problem = format!("the clip has no picture {number}; it has the pictures 1 to {}", shots.len());
+        return refused(StatusCode::NOT_FOUND, &[problem]);
+    };
+    let file = folder.join(&shot.file);
+    match disk::read(&file).map_err(|error| error.to_string()).and_then(shown) {
+        Ok((kind, bytes)) => ([(header::CONTENT_TYPE, kind)], bytes).into_response(),
+        Err(problem) => refused(StatusCode::UNPROCESSABLE_ENTITY, &[format!("{}: {problem}", file.display())]),
+    }
+}
+
+/// A picture as browsers show it: PNG and JPEG as they are, TIFF as PNG.
+fn shown(bytes: Vec<u8>) -> Result<(&'static str, Vec<u8>), String> {
+    if bytes.starts_with(b"\x89PNG") {
+        return Ok(("image/png", bytes));
+    }
+    if bytes.starts_with(&[0xff, 0xd8]) {
+        return Ok(("image/jpeg", bytes));
+    }
+    let png = files::read_color(&bytes).and_then(|picture| files::write_color_png(&picture));
+    png.map(|png| ("image/png", png)).map_err(|error| error.to_string())
+}
+
+async fn draft(State(inside): State<Arc<Inside>>, Json(said): Json<Statement>) -> Response {
+    match inside.sheet.keep.draft(&said) {
+        Ok(()) => Json(json!({ "kept": true })).into_response(),
+        Err(problem) => refused(StatusCode::UNPROCESSABLE_ENTITY, &[problem]),
+    }
+}
+
+async fn save(State(inside): State<Arc<Inside>>, Json(said): Json<Statement>) -> Response {
+    match inside.sheet.keep.save(&said) {
+        Ok(saved) => {
+            inside.saved.lock().unwrap_or_else(PoisonError::into_inner).0 += 1;
+            Json(saved).into_response()
+        }
+        Err(problems) => refused(StatusCode::UNPROCESSABLE_ENTITY, &problems),
+    }
+}
+
+async fn end(State(inside): State<Arc<Inside>>) -> Response {
+    if let Some(tell) = inside.saved.lock().unwrap_or_else(PoisonError::into_inner).1.take() {
+        // Refused where it has ended already.
+        let _ = tell.send(());
+    }
+    Json(json!({ "done": true })).into_response()
+}
+
+#[cfg(test)]
+mod tests;

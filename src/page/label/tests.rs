@@ -1,0 +1,155 @@
+//! The page as a browser asks for it.
+
+use super::*;
+use crate::phase::Phase;
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+use std::thread::JoinHandle;
+
+/// Keeps in memory, and takes what a person has signed.
+#[derive(Default)]
+struct Memory(Mutex<(Statement, u32)>);
+
+impl Keep for Memory {
+    fn now(&self) -> Result<Now, String> {
+        let (said, saved) = self.0.lock().expect("nobody failed").clone();
+        Ok(Now { said, saved_at: (saved > 0).then(|| "today".to_owned()), is_draft: saved == 0, note: None })
+    }
+
+    fn draft(&self, said: &Statement) -> Result<(), String> {
+        self.0.lock().expect("nobody failed").0 = said.clone();
+        Ok(())
+    }
+
+    fn save(&self, said: &Statement) -> Result<Saved, Vec<String>> {
+        if said.author.is_empty() {
+            return Err(vec!["nobody signs".to_owned(), "and more".to_owned()]);
+        }
+        let mut kept = self.0.lock().expect("nobody failed");
+        *kept = (said.clone(), kept.1 + 1);
+        Ok(Saved { labels: "labels.json".to_owned(), saved_at: "today".to_owned(), former: None })
+    }
+}
+
+struct Open {
+    url: String,
+    serving: JoinHandle<u32>,
+    _folder: tempfile::TempDir,
+}
+
+/// A clip of a PNG, a JPEG and a TIFF picture, and one that is not there.
+fn open() -> Open {
+    let folder = tempfile::tempdir().expect("a folder");
+    let picture = crate::geometry::ColorPicture::filled(4, 2, [9, 8, 7]);
+    let png = files::write_color_png(&picture).expect("packed");
+    std::fs::write(folder.path().join("1.png"), png).expect("written");
+    std::fs::write(folder.path().join("2.jpg"), files::write_color_jpeg(&picture).expect("packed"))
+        .expect("written");
+    let pixels = image::RgbImage::from_pixel(4, 2, image::Rgb([9, 8, 7]));
+    pixels.save(folder.path().join("3.tif")).expect("written");
+    let names = [("1.png", Phase::Dry), ("2.jpg", Phase::Wet), ("3.tif", Phase::Wet), ("4.png", Phase::Wet)];
+    let shot = |(index, (file, phase)): (usize, (&str, Phase))| ClipEntry {
+        file: file.to_owned(),
+        time_s: index as f64,
+        phase,
+    };
+    let sheet = Sheet {
+        folder: folder.path().to_owned(),
+        shots: names.into_iter().enumerate().map(shot).collect(),
+        size_px: [4, 2],
+        grids: vec![GridOutline { id: "r1c1".to_owned(), edge_px: vec![[0.0, 0.0], [3.0, 0.0], [3.0, 1.0]] }],
+        keep: Arc::new(Memory::default()),
+    };
+    let local = Local::listen(([127, 0, 0, 1], 0).into()).expect("a port");
+    let url = local.url();
+    Open { url, serving: std::thread::spawn(move || serve(local, sheet).expect("served")), _folder: folder }
+}
+
+impl Open {
+    fn host(&self) -> &str {
+        self.url.trim_start_matches("http://").split('/').next().expect("a host")
+    }
+
+    fn key(&self) -> &str {
+        self.url.trim_end_matches('/').rsplit('/').next().expect("a key")
+    }
+
+    /// Asks as this host; the status and the whole answer.
+    fn ask_as(&self, host: &str, method: &str, path: &str, body: &str) -> (u16, String) {
+        let mut stream = TcpStream::connect(self.host()).expect("it listens");
+        let request = format!(
+            "{method} {path} HTTP/1.1\r\nhost: {host}\r\nconnection: close\r\ncontent-type: application/json\r\n\
+             content-length: {}\r\n\r\n{body}",
+            body.len()
+        );
+        stream.write_all(request.as_bytes()).expect("sent");
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).expect("answered");
+        let answer = String::from_utf8_lossy(&answer).into_owned();
+        let status = answer.split(' ').nth(1).and_then(|word| word.parse().ok()).expect("a status");
+        (status, answer)
+    }
+
+    fn ask(&self, method: &str, page: &str, body: &str) -> (u16, String) {
+        self.ask_as(self.host(), method, &format!("/{}/{page}", self.key()), body)
+    }
+}
+
+const SAID: &str = r#"{"author":"","clean":false,"breaks":[{"closes_s":null,"shapes":[{"from_s":1.0,"corners_px":[[0.0,0.0],[3.5,0.0]]}]}]}"#;
+
+#[test]
+fn what_is_drawn_is_kept_and_what_is_right_is_saved() {
+    let page = open();
+    for (file, words) in
+        [("", "What broke in"), ("label.js", "pointerdown"), ("label.css", ".corner"), ("film.js", "picture/")]
+    {
+        let (status, text) = page.ask("GET", file, "");
+        assert!(status == 200 && text.contains(words), "{file}: {status}");
+    }
+    let (status, clip) = page.ask("GET", "clip.json", "");
+    assert!(status == 200 && clip.contains(r#""phase":"dry""#) && clip.contains("r1c1"), "{clip}");
+    // A draft may be unfinished: two corners, and no name.
+    assert_eq!(page.ask("POST", "draft", SAID).0, 200);
+    let (_, clip) = page.ask("GET", "clip.json", "");
+    assert!(clip.contains("[[0.0,0.0],[3.5,0.0]]") && clip.contains(r#""is_draft":true"#), "{clip}");
+    let (status, told) = page.ask("POST", "save", SAID);
+    assert!(status == 422 && told.contains(r#"["nobody signs","and more"]"#), "{status} {told}");
+    assert_eq!(page.ask("POST", "save", &SAID.replace(r#""author":"""#, r#""author":"A""#)).0, 200);
+    assert!(page.ask("GET", "clip.json", "").1.contains(r#""saved_at":"today""#));
+    for wrong in ["{}", "[", r#"{"author":"A","clean":true,"breaks":[],"more":1}"#] {
+        assert!((400..500).contains(&page.ask("POST", "save", wrong).0), "{wrong}");
+    }
+    assert_eq!(page.ask("POST", "done", "").0, 200);
+    assert_eq!(page.serving.join().expect("it ends"), 1, "saved once");
+}
+
+#[test]
+fn each_picture_comes_as_a_browser_shows_it() {
+    let page = open();
+    for (number, kind) in [("1", "image/png"), ("2", "image/jpeg"), ("3", "image/png")] {
+        let (status, answer) = page.ask("GET", &format!("picture/{number}"), "");
+        assert!(status == 200 && answer.contains(&format!("content-type: {kind}")), "{number}: {status}");
+    }
+    for number in ["0", "5", "-1", "x", "..%2Fclip.csv"] {
+        let (status, answer) = page.ask("GET", &format!("picture/{number}"), "");
+        assert!(status == 404 && answer.contains("it has the pictures 1 to 4"), "{number}: {status} {answer}");
+    }
+    let (status, answer) = page.ask("GET", "picture/4", "");
+    assert!(status == 422 && answer.contains("4.png: No such file"), "{status} {answer}");
+}
+
+/// Another page in the same browser neither knows the key nor names this host.
+#[test]
+fn nobody_else_is_served() {
+    let page = open();
+    let wrong = "0".repeat(32);
+    for path in ["/".to_owned(), format!("/{wrong}/"), format!("/{wrong}/clip.json"), format!("/{wrong}/picture/1")]
+    {
+        assert_eq!(page.ask_as(page.host(), "GET", &path, "").0, 404, "{path}");
+    }
+    for what in ["save", "draft", "done"] {
+        assert_eq!(page.ask_as(page.host(), "POST", &format!("/{wrong}/{what}"), SAID).0, 404, "{what}");
+    }
+    assert_eq!(page.ask_as("evil.example", "GET", &format!("/{}/clip.json", page.key()), "").0, 403);
+    assert!(!page.ask("GET", "clip.json", "").1.contains("corners_px"), "nothing was kept");
+}

@@ -1,0 +1,130 @@
+//! Why a scan does not teach a panel, in words for the person who teaches.
+
+use super::region::GridId;
+use crate::geometry::Pixel;
+use crate::imaging::ImagingError;
+
+/// Where points are missing, the neighbourhood is doubled up to this, px: some 15 mm, over which a panel is nearly flat.
+pub(super) const WIDEST_HALF_WIDTH_PX: usize = 40;
+
+/// Why a scan does not teach a panel.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum LearnError {
+    /// Corners of the region that are not on the panel: all of them.
+    #[error(
+        "{}; choose all four corners of the region inside the panel's outline; where points of the panel are missing, give \
+             the outline yourself, `outline_px` in [panel]",
+        list(corners)
+    )]
+    WrongCorners {
+        /// The wrong ones.
+        corners: Vec<WrongCorner>,
+    },
+    /// Nothing of the scan under the region's centre lies in the search box.
+    #[error(
+        "no panel under the region's centre, ({u:.0}, {v:.0}) px: no point of the scan there lies in the search box, {}; are \
+         the region's corners on the panel, is the box right?", elsewhere(*largest)
+    )]
+    NothingThere {
+        /// The region's centre, column, px.
+        u: f64,
+        /// The region's centre, row, px.
+        v: f64,
+        /// Points of the largest piece of scan elsewhere in the box.
+        largest: usize,
+    },
+    /// What lies under the region and in the search box is too small for a panel.
+    #[error(
+        "no panel under the region's centre, ({u:.0}, {v:.0}) px: the piece of scan there that lies in the search box \
+         has {found} points, needed are {needed}; is the box right, is the panel in place?"
+    )]
+    NoPanel {
+        /// The region's centre, column, px.
+        u: f64,
+        /// The region's centre, row, px.
+        v: f64,
+        /// Points found.
+        found: usize,
+        /// Points needed.
+        needed: usize,
+    },
+    /// A corner of the recipe's outline is not in the picture.
+    #[error(
+        "outline_px in [panel]: the corner ({u:.0}, {v:.0}) px lies outside of the picture, {width}×{height} px; was it drawn \
+         on another picture?"
+    )]
+    OutlineOutside {
+        /// Column, px.
+        u: f64,
+        /// Row, px.
+        v: f64,
+        /// The picture's width, px.
+        width: usize,
+        /// Its height, px.
+        height: usize,
+    },
+    /// A grid has a hole where its edge should be, and no surface around it.
+    #[error(
+        "grid {grid} has no scan points within {WIDEST_HALF_WIDTH_PX} px around its edge at ({u:.0}, {v:.0}) px; scan again, at a \
+         steeper angle or with a longer exposure, or move the region"
+    )]
+    GridWithoutPoints {
+        /// The grid.
+        grid: GridId,
+        /// Column, px.
+        u: f64,
+        /// Row, px.
+        v: f64,
+    },
+    /// The region's corners enclose nothing.
+    #[error("the region's four corners enclose no area")]
+    EmptyRegion,
+    /// No panel lies where a corner picture looks.
+    #[error(
+        "the corner at ({u:.1}, {v:.1}) px of the flange picture is not near the panel's outline; is the flange pose right, \
+         and where the recipe has outline_px, does that follow the panel's edge?"
+    )]
+    CornerOffPanel {
+        /// Column, px.
+        u: f64,
+        /// Row, px.
+        v: f64,
+    },
+    /// OpenCV refused the mask.
+    #[error(transparent)]
+    Imaging(#[from] ImagingError),
+}
+
+/// A corner of the region that is not on the panel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WrongCorner {
+    /// Which one, from 1.
+    pub corner: usize,
+    /// Where the recipe has it.
+    pub at: Pixel,
+    /// The size of the picture, px, where it lies outside of that.
+    pub outside_of: Option<[usize; 2]>,
+}
+
+impl std::fmt::Display for WrongCorner {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let WrongCorner { corner, at: Pixel { u, v }, outside_of } = self;
+        write!(f, "corner {corner} of the region, ({u:.0}, {v:.0}) px, ")?;
+        match outside_of {
+            Some([width, height]) => write!(f, "lies outside of the picture, {width}×{height} px"),
+            None => f.write_str("is not on the panel"),
+        }
+    }
+}
+
+fn list(corners: &[WrongCorner]) -> String {
+    corners.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+}
+
+/// What the search box holds away from where the panel was looked for.
+fn elsewhere(largest: usize) -> String {
+    match largest {
+        0 => "nor does any other".to_owned(),
+        points => format!("though elsewhere a piece of {points} points does"),
+    }
+}

@@ -1,0 +1,166 @@
+//! The taught panel as it is derived from one scan at the nominal pose and the recipe.
+
+use super::error::{LearnError, WIDEST_HALF_WIDTH_PX};
+use super::extent::{self, Extent, OutlineFrom};
+use super::region::{GridId, Region};
+use crate::geometry::{
+    Base, Camera, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Plane, Point, Rigid, local_plane_of, polygon,
+};
+use crate::recipe::Recipe;
+use nalgebra::{Isometry3, Point2};
+
+/// Half the width of the neighbourhood from which a point on the surface is taken, px.
+const SURFACE_HALF_WIDTH_PX: usize = 5;
+
+/// One grid of the region on the panel's surface.
+#[derive(Debug, Clone)]
+pub struct Grid {
+    /// Its name.
+    pub id: GridId,
+    /// Its edge, closed, as points on the surface: curves on a curved panel.
+    pub edge: Vec<Point<Panel>>,
+    /// Its four corners, from the one nearest the region's first corner, in the region's order.
+    pub corners: [Point<Panel>; 4],
+}
+
+/// What is known of a panel at its nominal place.
+#[derive(Debug, Clone)]
+pub struct TaughtPanel {
+    /// The scan in the panel's frame, on the taught picture's pixel grid.
+    pub scan: OrganizedCloud<Panel>,
+    /// The 3D camera that took it.
+    pub camera: PinholeCamera,
+    /// Where that camera stood.
+    pub panel_from_camera: Rigid<Panel, Camera>,
+    /// The panel's pixels in the scan.
+    pub mask: Mask,
+    /// The panel's outline in the taught picture, px, closed.
+    pub outline_px: Vec<Pixel>,
+    /// Who says where that runs.
+    pub outline_from: OutlineFrom,
+    /// Places in the taught picture where something holds the panel.
+    pub held_px: Vec<[Pixel; 4]>,
+    /// The outline's points on the surface.
+    pub outline: Vec<Point<Panel>>,
+    /// The region in the taught picture.
+    pub region: Region,
+    /// Its grids, row by row.
+    pub grids: Vec<Grid>,
+}
+
+/// At teaching the panel's frame is the base (thesis 3.8): the one claim that says so.
+pub fn panel_from_base_at_teaching() -> Rigid<Panel, Base> {
+    Rigid::claim(Isometry3::identity())
+}
+
+/// Points on each side of a grid's edge.
+const EDGE_STEPS: usize = 8;
+
+impl TaughtPanel {
+    /// Derives the panel from its scan at the nominal place.
+    ///
+    /// # Errors
+    /// Where no panel lies under the recipe's region, or the region leaves it.
+    pub fn learn(
+        scan: &OrganizedCloud<Camera>,
+        camera: PinholeCamera,
+        base_from_camera: Rigid<Base, Camera>,
+        recipe: &Recipe,
+    ) -> Result<Self, LearnError> {
+        let panel_from_camera = panel_from_base_at_teaching() * base_from_camera;
+        let scan = scan.moved(&panel_from_camera);
+        let region = Region::new(recipe.region()).ok_or(LearnError::EmptyRegion)?;
+        let Extent { mask, outline_px, outline_from, held_px } = Extent::of(&scan, &region, recipe)?;
+        let mut panel = TaughtPanel {
+            scan,
+            camera,
+            panel_from_camera,
+            mask,
+            outline_px,
+            outline_from,
+            held_px,
+            outline: Vec::new(),
+            region,
+            grids: Vec::new(),
+        };
+        panel.outline = panel.outline_px.iter().filter_map(|pixel| panel.outline_at(*pixel)).collect();
+        panel.grids = panel.region.ids().map(|id| panel.grid(id)).collect::<Result<_, _>>()?;
+        Ok(panel)
+    }
+
+    fn grid(&self, id: GridId) -> Result<Grid, LearnError> {
+        let at = |unit: Point2<f64>| {
+            let pixel = self.region.pixel(unit);
+            let missing = LearnError::GridWithoutPoints { grid: id, u: pixel.u, v: pixel.v };
+            self.surface_around(pixel).ok_or(missing)
+        };
+        let edge = self.region.edge(id, EDGE_STEPS).into_iter().map(at).collect::<Result<Vec<_>, _>>()?;
+        let corners = [edge[0], edge[EDGE_STEPS], edge[2 * EDGE_STEPS], edge[3 * EDGE_STEPS]];
+        Ok(Grid { id, edge, corners })
+    }
+
+    /// The point of the surface that a pixel of the taught picture sees, from the plane through its neighbourhood;
+    /// `None` off the panel.
+    pub fn surface_at(&self, pixel: Pixel) -> Option<Point<Panel>> {
+        let at = pixel.whole(self.scan.width(), self.scan.height())?;
+        let viewer = self.panel_from_camera.origin();
+        let plane = self.plane_at(at, SURFACE_HALF_WIDTH_PX)?;
+        plane.meet(viewer, self.panel_from_camera * self.camera.unproject(pixel)?)
+    }
+
+    /// The same where points are missing around the pixel, from a neighbourhood as wide as is needed.
+    fn surface_around(&self, pixel: Pixel) -> Option<Point<Panel>> {
+        let at = pixel.whole(self.scan.width(), self.scan.height())?;
+        let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
+        let widths = std::iter::successors(Some(SURFACE_HALF_WIDTH_PX), |half_width_px| Some(2 * half_width_px));
+        let planes = widths.take_while(|&half_width_px| half_width_px <= WIDEST_HALF_WIDTH_PX);
+        let plane = planes.filter_map(|half_width_px| self.plane_at(at, half_width_px)).next()?;
+        plane.meet(self.panel_from_camera.origin(), ray)
+    }
+
+    /// A point of the outline on the surface.
+    pub(super) fn outline_at(&self, pixel: Pixel) -> Option<Point<Panel>> {
+        match self.outline_from {
+            OutlineFrom::Scan => self.scan.point(pixel.u as usize, pixel.v as usize),
+            OutlineFrom::Recipe => self.surface_around(pixel),
+        }
+    }
+
+    /// The share of the panel inside of a drawn outline that gave points, 0…1; 1 where the points themselves are the outline.
+    pub fn given(&self) -> f64 {
+        if self.outline_from == OutlineFrom::Scan {
+            return 1.0;
+        }
+        let held_px2: f64 = self.held_px.iter().map(|held| polygon::signed_area_px2(held).abs()).sum();
+        let whole_px2 = polygon::signed_area_px2(&self.outline_px).abs();
+        // A held place may reach beyond the outline: at most half of it is taken for panel.
+        (self.mask.count() as f64 / (whole_px2 - held_px2 / 2.0).max(1.0)).min(1.0)
+    }
+
+    /// Does something hold the panel within so many pixels of this place of the taught picture?
+    pub fn is_held_near(&self, pixel: Pixel, within_px: f64) -> bool {
+        let near = |held: &[Pixel; 4]| polygon::distance_to_side_px(held, pixel) <= within_px;
+        extent::is_held(&self.held_px, pixel) || self.held_px.iter().any(near)
+    }
+
+    /// The plane through the panel's points around a pixel, seen from the camera; what is not panel has no part in it.
+    pub(super) fn plane_at(&self, at: (usize, usize), half_width_px: usize) -> Option<Plane<Panel>> {
+        local_plane_of(&self.scan, at, half_width_px, self.panel_from_camera.origin(), |i| self.mask.inside[i])
+    }
+
+    /// The panel's points with their pixel index, row by row.
+    pub fn points(&self) -> impl Iterator<Item = (usize, Point<Panel>)> + '_ {
+        self.scan.valid().filter(|(index, _)| self.mask.inside[*index])
+    }
+
+    /// The middle of the panel's points: where shift and turn are judged.
+    pub fn centre(&self) -> Point<Panel> {
+        let mut sum = nalgebra::Vector3::zeros();
+        let mut count = 0usize;
+        for (_, point) in self.points() {
+            sum += point.mm.coords;
+            count += 1;
+        }
+        Point::new((sum / count.max(1) as f64).into())
+    }
+}

@@ -1,0 +1,141 @@
+//! How the axes stand before contact: the arm's way from its park pose over the views of the taught corners.
+//!
+//! Before contact the arm stands at the last corner that Verify looks at, where it came from the park pose: by way of the
+//! ready pose, unless the park pose lies inside of the box, and then by lines from corner to corner; lines keep its
+//! configuration. So that way is part of what is looked at, through the same gate and beside the same obstacles.
+//! What moves is looked at again from the actual axes: see `routes`.
+
+use super::Kinematics;
+use super::panel_reach::Stand;
+use super::reach::{Obstacles, joint_motion};
+use super::routes::{self, Standing};
+use crate::cell::{self, Limits};
+use crate::geometry::{Base, Flange, FlangeCamera, Joints, Panel, Rigid, Tool};
+use crate::panel::TaughtCorner;
+use crate::verdict::Reason;
+use std::sync::Arc;
+
+/// The arm, where it begins, and the corners that its camera can be sent to.
+#[derive(Debug, Clone, Copy)]
+pub struct CornerTour<'a> {
+    /// The cell's limits.
+    pub limits: &'a Limits,
+    /// The arm.
+    pub arm: &'a cell::Arm,
+    /// Where it parks.
+    pub park: Joints,
+    /// `[poses.ready]`: on the way to and from the park pose, where the cell names one.
+    pub ready: Option<Joints>,
+    /// How the flange camera is mounted.
+    pub flange_from_camera: Rigid<Flange, FlangeCamera>,
+    /// Where the sanding tool's contact is.
+    pub flange_from_tool: Rigid<Flange, Tool>,
+    /// The taught corners.
+    pub corners: &'a [TaughtCorner],
+}
+
+/// Where the panel stands, the corners that are looked at before contact, in this order, and what the arm keeps off on its
+/// way to them.
+#[derive(Debug, Clone, Copy)]
+pub struct Approach<'a> {
+    /// The place.
+    pub base_from_panel: Rigid<Base, Panel>,
+    /// Numbers of taught corners, from 0.
+    pub corners: &'a [usize],
+    /// The panel and what else a scan showed; `None` where there is no scan.
+    pub obstacles: Option<&'a Arc<Obstacles>>,
+}
+
+impl<'a> CornerTour<'a> {
+    /// The panel before the arm as it will stand there, with its sanding tool.
+    ///
+    /// # Errors
+    /// Where there is no corner, or the arm does not come to one of them.
+    pub fn stand<'k>(&self, kinematics: &'k Kinematics, panel: &Approach<'_>) -> Result<Stand<'k>, Reason> {
+        let mut at = self.begin(kinematics, panel.obstacles)?;
+        for &corner in panel.corners {
+            at = self.to_corner(kinematics, (at, corner), panel)?;
+        }
+        if panel.corners.is_empty() {
+            return Err(no_corner());
+        }
+        let (flange_from_tool, base_from_panel) = (self.flange_from_tool, panel.base_from_panel);
+        Ok(Stand { arm: kinematics, flange_from_tool, base_from_panel, from: Some(at) })
+    }
+
+    /// The first corners, at most so many, that the arm comes to where nothing is in the way but what the cell's file says.
+    ///
+    /// # Errors
+    /// Where no corner was taught, or the arm comes to none of them.
+    pub fn corners_in_reach(
+        &self,
+        kinematics: &Kinematics,
+        base_from_panel: Rigid<Base, Panel>,
+        most: usize,
+    ) -> Result<Vec<usize>, Reason> {
+        let panel = Approach { base_from_panel, corners: &[], obstacles: None };
+        let (mut at, mut chosen, mut why) = (self.begin(kinematics, None)?, Vec::new(), None);
+        for corner in 0..self.corners.len() {
+            match self.to_corner(kinematics, (at, corner), &panel) {
+                Ok(joints) => {
+                    at = joints;
+                    chosen.push(corner);
+                }
+                Err(reason) => why = why.or(Some(reason)),
+            }
+            if chosen.len() >= most {
+                break;
+            }
+        }
+        if chosen.is_empty() { Err(why.unwrap_or_else(no_corner)) } else { Ok(chosen) }
+    }
+
+    /// The camera as the tool that the arm has on this way.
+    fn camera(&self) -> Rigid<Flange, Tool> {
+        Rigid::claim(*self.flange_from_camera.isometry())
+    }
+
+    /// How the axes stand where the first line begins.
+    fn begin(&self, kinematics: &Kinematics, obstacles: Option<&Arc<Obstacles>>) -> Result<Joints, Reason> {
+        let park_is_inside = self.limits.workspace().is_some_and(|workspace| {
+            let flange = kinematics.base_from_flange(&self.park);
+            flange.is_some_and(|flange| workspace.holds((flange * self.camera()).origin()))
+        });
+        let Some(ready) = self.ready.filter(|_| !park_is_inside) else { return Ok(self.park) };
+        let beside = match obstacles {
+            Some(obstacles) => kinematics.clone().beside(obstacles.clone()),
+            None => kinematics.clone(),
+        };
+        let met = |obstacle| {
+            Reason::new("out_of_reach", format!("on the way from the park to the ready pose: {obstacle}"))
+        };
+        joint_motion(&beside, self.camera(), &self.park, &ready).map_err(met)?;
+        Ok(ready)
+    }
+
+    /// How the axes stand at a corner, where they come by a line from `at`.
+    fn to_corner(
+        &self,
+        kinematics: &Kinematics,
+        (at, corner): (Joints, usize),
+        panel: &Approach<'_>,
+    ) -> Result<Joints, Reason> {
+        let taught = self.corners.get(corner).ok_or_else(no_corner)?;
+        let flange_from_tool = self.camera();
+        let not_finite = || Reason::new("out_of_reach", "the axes of the park or ready pose are no numbers");
+        let from = kinematics.base_from_flange(&at).ok_or_else(not_finite)? * flange_from_tool;
+        let to = Rigid::claim(*(panel.base_from_panel * taught.teaching.panel_from_camera).isometry());
+        let (limits, arm, obstacles) = (self.limits, self.arm, panel.obstacles);
+        let gated = routes::view(&Standing { limits, arm, flange_from_tool, joints: at, obstacles }, from, to);
+        let refused = gated.judgement.reasons.into_iter().next();
+        let on_the_way = |reason: Reason| Reason {
+            message: format!("on the way to corner {}: {}", corner + 1, reason.message),
+            ..reason
+        };
+        gated.joints.ok_or_else(|| refused.map_or_else(not_finite, on_the_way))
+    }
+}
+
+fn no_corner() -> Reason {
+    Reason::new("no_corner", "no corner was taught")
+}

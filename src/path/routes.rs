@@ -1,0 +1,279 @@
+//! Paths as they are sent, each through the gate whole.
+//!
+//! A way through air is a straight line cut into steps, so that the gate sees all of it. A contact path is the plan's,
+//! in the panel's frame, which is the base that was set. Every path is followed axis by axis from where the axes stand.
+
+use super::gate::{judge, judge_pad, taught_axis};
+use super::kinematics::Kinematics;
+use super::planned::{Plan, Waypoint};
+use super::reach::{Leg, Obstacles, ReachFault, between, follow, retracts};
+use super::waypoint_gate::{Route, WaypointLimits, judge_route};
+use crate::cell::{self, Limits};
+use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Rigid, Tool, Vector};
+use crate::recipe;
+use crate::verdict::{Judgement, Reason, Verdict};
+use crate::words::apart;
+use nalgebra::Vector3;
+use std::sync::Arc;
+
+/// Steps of a way through air, at most.
+const AIR_STEP_MM: f64 = 40.0;
+const AIR_TURN: Degrees = Degrees(8.0);
+/// Rounding at the steps of a way through air: of a step, and at most.
+const BLEND_SHARE: f64 = 0.2;
+const AIR_BLEND_MM: f64 = 5.0;
+/// Speed through air, mm/s, where the cell allows it.
+const AIR_MM_S: f64 = 200.0;
+const ACCELERATION_M_S2: f64 = 1.0;
+
+/// Where the tip may be by the cell's arm and where it is by the controller: so far they may be apart, mm and degrees.
+/// Farther apart is another arm, another tool or another zero of an axis.
+const MODEL_MM: f64 = 3.0;
+const MODEL: Degrees = Degrees(1.0);
+
+/// The arm as it stands before a path.
+#[derive(Debug, Clone, Copy)]
+pub struct Standing<'a> {
+    /// The cell's limits.
+    pub limits: &'a Limits,
+    /// The arm.
+    pub arm: &'a cell::Arm,
+    /// The tool that the controller has.
+    pub flange_from_tool: Rigid<Flange, Tool>,
+    /// How the axes stand.
+    pub joints: Joints,
+    /// What it keeps off, where the way does not lead to the panel.
+    pub obstacles: Option<&'a Arc<Obstacles>>,
+}
+
+/// A straight motion to a point, in the active base.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinearMotion {
+    /// Where it ends.
+    pub pose: KukaPose,
+    /// Rounding at its end, mm; 0 stops there.
+    pub blend_mm: f64,
+    /// Whether the tool is in contact at its end.
+    pub contact: bool,
+    /// Its own speed, m/s; the path's where there is none.
+    pub speed_m_s: Option<f64>,
+}
+
+/// Speed and acceleration of a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathSpeed {
+    /// Of the tip, m/s.
+    pub speed_m_s: f64,
+    /// Of the tip, m/s².
+    pub acceleration_m_s2: f64,
+}
+
+/// A path that may be sent, or why not.
+#[derive(Debug, Clone)]
+pub struct Gated {
+    /// The gate's verdict.
+    pub judgement: Judgement,
+    /// The motions.
+    pub points: Vec<LinearMotion>,
+    /// How fast they are.
+    pub speed: PathSpeed,
+    /// Where the tip will stand, in the robot's base.
+    pub end: Option<Rigid<Base, Tool>>,
+    /// How the axes will stand there; `None` where the path is refused.
+    pub joints: Option<Joints>,
+}
+
+impl Gated {
+    /// Whether it may be sent.
+    pub fn is_good(&self) -> bool {
+        self.judgement.verdict == Verdict::Accept
+    }
+}
+
+/// The plan's waypoints, one path after the other.
+pub fn waypoints(plan: &Plan) -> Vec<Waypoint> {
+    plan.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect()
+}
+
+/// A straight way through air from where the arm stands, in a base that stands at `base_from_active`.
+pub fn air<Active: crate::geometry::Frame>(
+    standing: &Standing<'_>,
+    base_from_active: Rigid<Base, Active>,
+    ends: (Rigid<Active, Tool>, Rigid<Active, Tool>),
+    taught_axis: Option<Vector<Base>>,
+) -> Gated {
+    air_at(standing, base_from_active, ends, taught_axis, AIR_MM_S)
+}
+
+/// The same at a speed of its own.
+pub fn air_at<Active: crate::geometry::Frame>(
+    standing: &Standing<'_>,
+    base_from_active: Rigid<Base, Active>,
+    (from, to): (Rigid<Active, Tool>, Rigid<Active, Tool>),
+    taught_axis: Option<Vector<Base>>,
+    speed_mm_s: f64,
+) -> Gated {
+    let (length_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * to).turn());
+    let steps = (length_mm / AIR_STEP_MM).max(turn.0 / AIR_TURN.0).ceil().clamp(1.0, 1_000.0) as usize;
+    let poses: Vec<Rigid<Active, Tool>> = (1..=steps)
+        .map(|step| if step == steps { to } else { between(from, to, step as f64 / steps as f64) })
+        .collect();
+    let points = poses.iter().enumerate().map(|(index, pose)| LinearMotion {
+        pose: KukaPose::from_rigid(pose),
+        blend_mm: if index + 1 == steps { 0.0 } else { AIR_BLEND_MM.min(BLEND_SHARE * length_mm / steps as f64) },
+        contact: false,
+        speed_m_s: None,
+    });
+    let speed_mm_s = speed_mm_s.min(standing.limits.max_speed_mm_s());
+    gated(standing, base_from_active, (from, points.collect()), (taught_axis, speed_mm_s, ACCELERATION_M_S2))
+}
+
+/// The same plan with every point of contact lifted off the panel, along the tool's axis.
+pub fn lifted(plan: &Plan, height_mm: f64) -> Plan {
+    let mut lifted = plan.clone();
+    for waypoint in lifted.paths.iter_mut().flat_map(|path| &mut path.waypoints).filter(|waypoint| waypoint.contact)
+    {
+        let up = Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * -height_mm));
+        waypoint.panel_from_tool = waypoint.as_sent() * up;
+        waypoint.contact = false;
+    }
+    lifted
+}
+
+/// The path over the panel: all of the plan but its first point, the one in air where the arm already stands. Feed and
+/// rounding are each waypoint's own. A plan that its own gate rejects goes nowhere, whoever accepted what led to it; what
+/// that gate asks a person, it has asked before.
+pub fn contact(
+    standing: &Standing<'_>,
+    base_from_panel: Rigid<Base, Panel>,
+    (from, plan): (Rigid<Panel, Tool>, &Plan),
+    settings: &recipe::Path,
+) -> Gated {
+    let allowed_mm_s = standing.limits.max_speed_mm_s();
+    let point = |waypoint: &Waypoint| LinearMotion {
+        pose: waypoint.pose(),
+        blend_mm: waypoint.blend_mm,
+        contact: waypoint.contact,
+        speed_m_s: Some(waypoint.feed_mm_s.min(allowed_mm_s) / 1_000.0),
+    };
+    let points: Vec<LinearMotion> = waypoints(plan).iter().skip(1).map(point).collect();
+    let speed_mm_s = settings.feed_mm_s().min(allowed_mm_s);
+    let acceleration_m_s2 = settings.acceleration_mm_s2() / 1_000.0;
+    let gated =
+        gated(standing, base_from_panel, (from, points), (taught_axis(plan), speed_mm_s, acceleration_m_s2));
+    let in_contact = waypoints(plan).into_iter().filter(|waypoint| waypoint.contact);
+    let places = in_contact.map(|waypoint| base_from_panel * waypoint.panel_from_tool);
+    let of_plan = judge(plan, settings)
+        .and(judge_pad(settings, standing.limits.tool_error_mm()))
+        .and(standing.where_measured(places));
+    if of_plan.verdict != Verdict::Reject {
+        return gated;
+    }
+    Gated { judgement: of_plan.and(gated.judgement), joints: None, ..gated }
+}
+
+/// The way to a view of a corner, which is measured from there.
+pub fn view(standing: &Standing<'_>, from: Rigid<Base, Tool>, to: Rigid<Base, Tool>) -> Gated {
+    let gated = air(standing, Rigid::<Base, Base>::identity(), (from, to), None);
+    let measured = standing.where_measured([to]);
+    if measured.verdict != Verdict::Reject {
+        return gated;
+    }
+    Gated { judgement: measured.and(gated.judgement), joints: None, ..gated }
+}
+
+fn gated<Active: crate::geometry::Frame>(
+    standing: &Standing<'_>,
+    base_from_active: Rigid<Base, Active>,
+    (from, points): (Rigid<Active, Tool>, Vec<LinearMotion>),
+    (taught_axis, speed_mm_s, acceleration_m_s2): (Option<Vector<Base>>, f64, f64),
+) -> Gated {
+    // Judged as they will be sent, numbers and all.
+    let poses: Vec<Rigid<Base, Tool>> =
+        points.iter().map(|point| base_from_active * point.pose.to_rigid::<Active, Tool>()).collect();
+    let from = base_from_active * from;
+    let route = Route { from, waypoints: &poses, taught_axis };
+    let (mut judgement, mut joints) = (judge_route(&route, &WaypointLimits::from(standing.limits)), None);
+    if judgement.verdict == Verdict::Accept {
+        let legs = poses.iter().zip(&points).map(|(pose, point)| Leg {
+            base_from_tool: *pose,
+            feed_mm_s: point.speed_m_s.map_or(speed_mm_s, |speed_m_s| 1_000.0 * speed_m_s),
+            blend_mm: point.blend_mm,
+        });
+        match standing.followed(from, &legs.collect::<Vec<_>>()) {
+            Ok(travel) => match standing.retracts(&points, &poses, &travel) {
+                Ok(()) => joints = travel.last().copied(),
+                Err(reason) => judgement = Judgement::of(vec![reason], vec![]),
+            },
+            Err(reason) => judgement = Judgement::of(vec![reason], vec![]),
+        }
+    }
+    Gated {
+        judgement,
+        points,
+        speed: PathSpeed { speed_m_s: speed_mm_s / 1_000.0, acceleration_m_s2 },
+        end: poses.last().copied(),
+        joints,
+    }
+}
+
+impl Standing<'_> {
+    /// Where the tip is to be exact, the arm's correction must have been measured.
+    fn where_measured(&self, tips: impl IntoIterator<Item = Rigid<Base, Tool>>) -> Judgement {
+        let (arm, tool_from_flange) = (Kinematics::new(self.arm), self.flange_from_tool.inverse());
+        let outside = tips.into_iter().map(|tip| tip * tool_from_flange).find(|flange| !arm.is_measured(flange));
+        let reason = outside.map(|flange| {
+            let place = KukaPose::from_rigid(&flange);
+            let message = format!(
+                "the flange would stand at {place}, outside of the volume over which the arm's correction was measured; \
+                 calibrate the arm with pictures from there, or with axis angles"
+            );
+            Reason::new("outside_correction", message)
+        });
+        Judgement::of(reason.into_iter().collect(), vec![])
+    }
+
+    /// Whether the arm could leave the panel from each waypoint in contact.
+    fn retracts(
+        &self,
+        points: &[LinearMotion],
+        poses: &[Rigid<Base, Tool>],
+        joints: &[Joints],
+    ) -> Result<(), Reason> {
+        let all =
+            points.iter().zip(poses).zip(joints).map(|((point, pose), joints)| (point.contact, *pose, *joints));
+        retracts(&Kinematics::new(self.arm), self.flange_from_tool, all).map_err(|fault| refused(&fault))
+    }
+
+    /// How the axes stand at the end of each of these lines, followed from where they stand now, or what is in the way.
+    fn followed(&self, from: Rigid<Base, Tool>, legs: &[Leg]) -> Result<Vec<Joints>, Reason> {
+        let arm = Kinematics::new(self.arm);
+        let arm = match self.obstacles {
+            Some(obstacles) => arm.beside(obstacles.clone()),
+            None => arm,
+        };
+        let by_model = arm.base_from_flange(&self.joints).map(|flange| flange * self.flange_from_tool);
+        let unknown =
+            || Reason::new("arm_model", "the axes told by the controller are no numbers; look at its messages");
+        let by_model = by_model.ok_or_else(unknown)?;
+        let (off_mm, off) = (by_model.origin().distance_mm(from.origin()), (by_model.inverse() * from).turn());
+        if !(off_mm <= MODEL_MM && off.0 <= MODEL.0) {
+            let [mm, allowed_mm] = apart(off_mm, MODEL_MM, 1);
+            let [deg, allowed_deg] = apart(off.0, MODEL.0, 3);
+            let message = format!(
+                "by its axes and [arm] the tip stands {mm} mm and {deg}° from where the controller says, allowed are \
+                 {allowed_mm} mm and {allowed_deg}°; is the arm in the cell's file this one?"
+            );
+            return Err(Reason::new("arm_model", message));
+        }
+        match follow(&arm, self.flange_from_tool, Some(&self.joints), legs) {
+            Ok(travel) => Ok(travel.joints),
+            Err(fault) => Err(refused(&fault)),
+        }
+    }
+}
+
+/// The path's first point is one that the arm is at: waypoints count from 1.
+fn refused(fault: &ReachFault) -> Reason {
+    Reason::new(fault.cause.code(), format!("waypoint {}: {}", fault.index + 1, fault.cause))
+}

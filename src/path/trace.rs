@@ -1,0 +1,154 @@
+//! Where the tool was while it was in contact, as the robot reported it.
+//!
+//! The robot tells its pose about every 100 ms together with the waypoints that it has executed. Where it told so
+//! seldom that waypoints lie between two reports, those stand in for them: it said that it was there. How far the
+//! reports lie off the planned lines is kept beside.
+
+use super::dwell::Executed;
+use super::planned::Waypoint;
+use crate::geometry::{KukaPose, Panel, Point, Rigid, Tool};
+
+/// One report.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Told {
+    /// By the controller's clock, ms.
+    pub time_ms: u32,
+    /// The tool in the panel's frame, the base that was set.
+    pub tip: KukaPose,
+    /// Waypoints executed, the first of the plan not counted: the arm stood there.
+    pub done: u32,
+}
+
+/// All reports of one contact path.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Trace(Vec<Told>);
+
+/// What was executed.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Walked {
+    /// Poses in the order of time.
+    pub poses: Vec<Executed>,
+    /// Reports of the robot among them.
+    pub reports: usize,
+    /// The farthest that one of them lies from the planned lines beside it, mm.
+    pub off_mm: f64,
+    /// Way in contact, mm.
+    pub contact_mm: f64,
+}
+
+impl Trace {
+    /// Adds a report.
+    pub fn push(&mut self, told: Told) {
+        self.0.push(told);
+    }
+
+    /// The executed path; `done` waypoints of all were executed in the end.
+    pub fn walked(&self, all: &[Waypoint], done: u32) -> Walked {
+        let mut walked = Walked { reports: self.0.len(), ..Walked::default() };
+        // The arm begins at the first waypoint.
+        let (mut passed, mut time_ms) = (0_usize, self.0.first().map_or(0, |told| told.time_ms));
+        let last = Told { time_ms: self.0.last().map_or(0, |told| told.time_ms), tip: KukaPose::default(), done };
+        for (told, is_report) in self.0.iter().map(|told| (*told, true)).chain([(last, false)]) {
+            let reached = (told.done as usize).min(all.len().saturating_sub(1));
+            let missed = reached.saturating_sub(passed);
+            let mut places: Vec<(Rigid<Panel, Tool>, bool)> = Vec::new();
+            // One or two corners between two reports are cut by less than the disc's own rounding.
+            if missed > MOST_MISSED || !is_report {
+                let stand_in =
+                    |index: usize| (all[index].panel_from_tool, all[index].contact && all[index - 1].contact);
+                places.extend((passed + 1..=reached).map(stand_in));
+            }
+            if is_report {
+                let towards = (reached + 1).min(all.len().saturating_sub(1)).max(1);
+                let rubs = all.get(towards).is_some_and(|waypoint| waypoint.contact) && all[towards - 1].contact;
+                let tip: Rigid<Panel, Tool> = told.tip.to_rigid();
+                walked.off_mm = walked.off_mm.max(off_mm(all, towards, tip.origin()));
+                places.push((tip, rubs));
+            }
+            let seconds = f64::from(told.time_ms.saturating_sub(time_ms)) / 1_000.0 / places.len().max(1) as f64;
+            for (panel_from_tool, contact) in places {
+                let before = walked.poses.last().map(|last: &Executed| last.panel_from_tool.origin());
+                let step_mm = before.map_or(0.0, |before| before.distance_mm(panel_from_tool.origin()));
+                walked.contact_mm += if contact { step_mm } else { 0.0 };
+                walked.poses.push(Executed { panel_from_tool, seconds, contact });
+            }
+            (passed, time_ms) = (reached.max(passed), told.time_ms);
+        }
+        walked
+    }
+}
+
+/// Waypoints between two reports from which on they stand in.
+const MOST_MISSED: usize = 2;
+/// Lines before and after the one under way that a report may lie on: it and the count are not of one instant.
+const BESIDE: usize = 3;
+
+/// Distance of a point from the planned lines around the one that leads to this waypoint, mm.
+fn off_mm(all: &[Waypoint], towards: usize, point: Point<Panel>) -> f64 {
+    let place = |index: usize| all[index].panel_from_tool.origin();
+    let lines = towards.saturating_sub(BESIDE).max(1)..(towards + BESIDE).min(all.len());
+    let distance_mm = |end: usize| {
+        let (from, way) = (place(end - 1), (place(end) - place(end - 1)).mm);
+        let along = (point - from).mm.dot(&way) / way.norm_squared().max(1e-12);
+        (from + crate::geometry::Vector::new(way) * along.clamp(0.0, 1.0)).distance_mm(point)
+    };
+    lines.map(distance_mm).reduce(f64::min).unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn waypoint(x_mm: f64, contact: bool) -> Waypoint {
+        let pose = KukaPose { x_mm, z_mm: if contact { 0.0 } else { 40.0 }, ..KukaPose::default() };
+        Waypoint { panel_from_tool: pose.to_rigid(), contact, feed_mm_s: 60.0, blend_mm: 2.0 }
+    }
+
+    fn told(time_ms: u32, x_mm: f64, y_mm: f64, done: u32) -> Told {
+        Told { time_ms, tip: KukaPose { x_mm, y_mm, ..KukaPose::default() }, done }
+    }
+
+    fn ways(walked: &Walked) -> Vec<(f64, f64, bool)> {
+        let way = |pose: &Executed| (pose.panel_from_tool.origin().mm.x, pose.seconds, pose.contact);
+        walked.poses.iter().map(way).collect()
+    }
+
+    /// By hand: down at 0, along to 50, up. Reports on the way stand for themselves, half a millimetre beside the line.
+    #[test]
+    fn reports_are_the_path() {
+        let all: Vec<Waypoint> =
+            [(0.0, false), (0.0, true), (10.0, true), (20.0, true), (30.0, true), (40.0, true), (50.0, true)]
+                .map(|(x, contact)| waypoint(x, contact))
+                .into();
+        let mut trace = Trace::default();
+        trace.push(told(1_000, 0.0, 0.0, 1));
+        trace.push(told(1_100, 6.0, 0.5, 1));
+        trace.push(told(1_200, 12.0, 0.0, 2));
+        let walked = trace.walked(&all, 2);
+        assert_eq!(ways(&walked), [(0.0, 0.0, true), (6.0, 0.1, true), (12.0, 0.1, true)]);
+        assert_eq!((walked.reports, walked.off_mm), (3, 0.5));
+        assert!((walked.contact_mm - 2.0 * 36.25f64.sqrt()).abs() < 1e-9, "{}", walked.contact_mm);
+    }
+
+    /// After a silence the waypoints that were told as executed stand in, and share its time.
+    #[test]
+    fn waypoints_stand_in_for_a_silence() {
+        let all: Vec<Waypoint> = (0..8).map(|n| waypoint(10.0 * f64::from(n), n > 0 && n < 7)).collect();
+        let mut trace = Trace::default();
+        trace.push(told(1_000, 12.0, 0.0, 1));
+        trace.push(told(2_000, 55.0, 0.0, 5));
+        let expected = [
+            (12.0, 0.0, true),
+            (20.0, 0.2, true),
+            (30.0, 0.2, true),
+            (40.0, 0.2, true),
+            (50.0, 0.2, true),
+            (55.0, 0.2, true),
+        ];
+        assert_eq!(ways(&trace.walked(&all, 5)), expected);
+        // The rest is told with the path's end; the way up is not contact.
+        let whole = trace.walked(&all, 7);
+        assert_eq!(ways(&whole)[6..], [(60.0, 0.0, true), (70.0, 0.0, false)]);
+        assert_eq!(Trace::default().walked(&all, 0), Walked::default(), "nothing moved");
+    }
+}

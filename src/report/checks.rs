@@ -1,0 +1,67 @@
+//! Checks as rows of a page: the number with its unit, and what is allowed of it by whom.
+
+use super::page::Row;
+use crate::verdict::{Check, Limit, SetBy};
+use crate::words::{apart, fixed, plain};
+
+pub(super) const NOT_MEASURED: &str = "not measured";
+
+/// A check as a row; `beside` is said after its value. A limit without a key is the program's own.
+pub(super) fn check_row(check: &Check, beside: &str) -> Row {
+    let with_unit = |text: String| format!("{text} {}", check.unit).trim_end().to_owned();
+    let (sign, limit) = match check.limit {
+        Limit::Unlimited => ("", None),
+        Limit::AtMost(limit) => ("≤ ", Some(limit)),
+        Limit::AtLeast(limit) => ("≥ ", Some(limit)),
+        Limit::Below(limit) => ("< ", Some(limit)),
+    };
+    let (mut value, mut allowed) = (check.value.map(shown), limit.map(shown));
+    let is_beyond = !check.is_kept();
+    if let (true, Some(found), Some(limit)) = (is_beyond && value == allowed, check.value, limit) {
+        let [found, limit] = apart(found, limit, decimals(limit));
+        (value, allowed) = (Some(found), Some(limit));
+    }
+    let value = match value {
+        None => NOT_MEASURED.to_owned(),
+        Some(value) if is_beyond => format!("{}{beside}, not allowed", with_unit(value)),
+        Some(value) => format!("{}{beside}", with_unit(value)),
+    };
+    let set_by = match &check.set_by {
+        Some(SetBy::Recipe(key)) => format!(" (recipe, {key})"),
+        Some(SetBy::Cell(key)) => format!(" (cell, {key})"),
+        Some(SetBy::Program) | None => String::new(),
+    };
+    let allowed = allowed.map_or(String::new(), |limit| format!("{sign}{}{set_by}", with_unit(limit)));
+    Row::new(&check.name, value, allowed)
+}
+
+/// Four significant digits, or all before the point; the store has the rest.
+pub(super) fn shown(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() || value.fract() == 0.0 {
+        return plain(value);
+    }
+    let text = fixed(value, decimals(value)).to_string();
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+/// Digits after the point that make four significant ones.
+fn decimals(value: f64) -> usize {
+    if value == 0.0 || !value.is_finite() {
+        return 0;
+    }
+    (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_row_says_whose_limit_it_is() {
+        let check = Check::new("residual", "mm", 0.3);
+        let of_recipe = check.clone().at_most(0.25, SetBy::recipe("locate.max_rms_mm"));
+        let row = check_row(&of_recipe, "");
+        assert_eq!((&*row.value, &*row.allowed), ("0.3 mm, not allowed", "≤ 0.25 mm (recipe, locate.max_rms_mm)"));
+        assert_eq!(check_row(&check.at_most(0.25, SetBy::Program), "").allowed, "≤ 0.25 mm");
+    }
+}

@@ -1,0 +1,28 @@
+//! What a trial's scan shows besides the panel.
+
+use crate::sim::clutter::Slab;
+use crate::sim::noise::ValueNoise;
+
+/// Where points are missing on the panel.
+#[derive(Debug, Clone)]
+pub(super) struct MissingPatches {
+    pub noise: ValueNoise,
+    /// Points are missing where the noise lies below this.
+    pub below: f64,
+}
+
+impl MissingPatches {
+    pub fn has(&self, place: [f64; 2]) -> bool {
+        self.noise.at(place) < self.below
+    }
+}
+
+/// What there is besides the panel.
+#[derive(Clone, Copy, Default)]
+pub(super) struct SceneContents<'a> {
+    pub slabs: &'a [Slab],
+    pub glints: &'a [([f64; 2], f64)],
+    pub wet: bool,
+    pub smear_px: usize,
+    pub patches: Option<&'a MissingPatches>,
+}

@@ -1,0 +1,155 @@
+//! What of a contact path was executed, by the poses that the robot reported.
+
+use super::{Drawing, names};
+use crate::panel::{GridId, Region};
+use crate::path::Plan;
+use crate::path::dwell::{self, Dwell};
+use crate::path::routes::waypoints;
+use crate::path::trace::{Trace, Walked};
+use crate::recipe;
+use crate::record::{Check, Finding, Kind, name};
+use crate::report::{dwell_map, overlap_map};
+use crate::surface::BSplineSurface;
+use crate::verdict::{Judgement, SetBy, Severity};
+use crate::words::apart;
+
+/// A report may lie this far beside the planned lines where they are straight, mm: what the drives leave.
+const OFF_PATH_MM: f64 = 1.0;
+/// An executed grid may be covered by so much less than planned: reports are some millimetres apart.
+const SHORT_OF_PLAN: f64 = 0.01;
+
+/// How far a path was executed: waypoints are counted from the second one on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Progress {
+    /// Waypoints of the path.
+    pub waypoints: u32,
+    /// Of these, executed.
+    pub done: u32,
+}
+
+/// What a contact path did.
+#[derive(Debug, Clone)]
+pub struct Abraded {
+    /// Grids that were abraded as planned.
+    pub whole: Vec<GridId>,
+    /// Grids that were begun.
+    pub begun: Vec<GridId>,
+    /// What the disc swept, mm².
+    pub swept_mm2: f64,
+    progress: Progress,
+    walked: Walked,
+    off_limit_mm: f64,
+    dwell: Dwell,
+}
+
+/// Looks at what the disc did by way of these reports.
+pub fn abraded(
+    plan: &Plan,
+    (surface, region): (&BSplineSurface, &Region),
+    settings: &recipe::Path,
+    (trace, progress): (&Trace, Progress),
+) -> Abraded {
+    let disc_mm = settings.disc_diameter_mm();
+    let walked = trace.walked(&waypoints(plan), progress.done);
+    let planned: Vec<GridId> = plan.grids.iter().map(|grid| grid.id).collect();
+    let dwell = dwell::simulate(surface, region, &planned, &walked.poses, disc_mm / 2.0);
+    let (whole, begun) = covered(plan, &dwell, progress.done);
+    // A rounded corner leaves the lines by less than its rounding.
+    let off_limit_mm = OFF_PATH_MM + settings.blend_share() * settings.waypoint_spacing_mm();
+    Abraded { whole, begun, swept_mm2: walked.contact_mm * disc_mm, progress, walked, off_limit_mm, dwell }
+}
+
+impl Abraded {
+    /// How long, and how often, each place was under the disc.
+    pub fn drawn(&self, region: &Region) -> [Drawing; 2] {
+        let time = "How long each place was under the disc, by the poses that the robot reported";
+        let often = "How often the disc passed each place, by the same poses";
+        [
+            Drawing::new("executed", time, dwell_map(&self.dwell, region)),
+            Drawing::new("overlap", often, overlap_map(&self.dwell, region)),
+        ]
+    }
+
+    /// What is asked of a path: all of it executed, the grids covered, and near the planned lines.
+    fn checks(&self) -> [Check; 3] {
+        let Progress { waypoints, done } = self.progress;
+        let (off_mm, allowed_mm, begun) = (self.walked.off_mm, self.off_limit_mm, self.begun.len() as f64);
+        // Of a path that was cut short nobody expects that.
+        let is_not_covered = done >= waypoints && begun > 0.0;
+        [
+            Check::new(name::EXECUTED, "", f64::from(done))
+                .at_least(f64::from(waypoints), SetBy::Program)
+                .reviews("part", || {
+                    format!("the robot executed {done} of {waypoints} waypoints; the rest is left")
+                }),
+            Check::new(name::BEGUN, "", begun).at_most(0.0, SetBy::Program).broken(
+                is_not_covered,
+                Severity::Review,
+                "not_covered",
+                || {
+                    format!(
+                        "by the poses that the robot reported the disc did not reach all that was planned of {}; the film \
+                         will tell",
+                        names(&self.begun).join(", ")
+                    )
+                },
+            ),
+            Check::new("farthest of them from the planned path", "mm", off_mm)
+                .at_most(allowed_mm, SetBy::Program)
+                .reviews("off_path", || {
+                    let [off, allowed] = apart(off_mm, allowed_mm, 2);
+                    format!("the robot reported a pose {off} mm off the planned path, allowed are {allowed}")
+                }),
+        ]
+    }
+
+    /// The result for the record; at most so many passes are allowed.
+    pub fn finding(&self, pass: u8, most_passes: usize) -> Finding {
+        let (walked, dwell, checks) = (&self.walked, &self.dwell, self.checks());
+        let spread = dwell.spread();
+        let judgement = Judgement::of_checks(&checks);
+        let [executed, begun, off_path] = checks;
+        let finding = Finding::new(Kind::Abrade, pass, judgement).detail("grids", names(&self.whole)).with([
+            executed,
+            begun,
+            Check::new("pass", "", f64::from(pass))
+                .at_most(most_passes as f64, SetBy::recipe("process.max_passes_per_grid")),
+            Check::new("poses reported on the way", "", walked.reports as f64),
+            off_path,
+            Check::new("way in contact", "mm", walked.contact_mm),
+            Check::new("time under the disc, 5 % of the treated area", "s", spread.map(|spread| spread.low_s)),
+            Check::new("time under the disc, 95 % of the treated area", "s", spread.map(|spread| spread.high_s)),
+        ]);
+        let finding = finding.with(dwell.grids.iter().flat_map(|grid| {
+            let id = grid.id;
+            [
+                Check::new(format!("share of {id} under the disc"), "", grid.share()),
+                Check::new(format!("of {id} left"), "mm²", grid.left_mm2()),
+            ]
+        }));
+        if self.begun.is_empty() { finding } else { finding.detail("grids_in_part", names(&self.begun)) }
+    }
+}
+
+/// Of the areas that were begun, the grids that were covered as planned, and the others.
+fn covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<GridId>) {
+    let executed = done as usize + 1;
+    let mut before = 0;
+    let (mut whole, mut begun) = (Vec::new(), Vec::new());
+    for path in &plan.paths {
+        let reached = executed.saturating_sub(before);
+        let touched = path.waypoints.iter().take(reached).any(|waypoint| waypoint.contact);
+        before += path.waypoints.len();
+        for id in path.grids.iter().filter(|_| touched) {
+            let planned = plan.grids.iter().find(|grid| grid.id == *id).map_or(1.0, |grid| grid.share());
+            let found = dwell.of_grid(*id).map_or(0.0, |grid| grid.share());
+            // Of an area that was cut short, the grids that the disc did not come to.
+            if found <= 0.0 {
+                continue;
+            }
+            let grids = if found >= planned - SHORT_OF_PLAN { &mut whole } else { &mut begun };
+            grids.push(*id);
+        }
+    }
+    (whole, begun)
+}

@@ -1,0 +1,366 @@
+//! What the flange camera's pictures of taught corners say: the correction of a localization, and just before contact
+//! whether the corners still stand where the localization puts them.
+//!
+//! Each corner is looked for in its own picture. All corners together then correct the place, or confirm it: what one of
+//! them says alone is never the result where several were seen.
+
+use super::Drawing;
+use crate::geometry::{Base, ColorPicture, FlangeCamera, KukaPose, Panel, PinholeCamera, Pixel, Rigid};
+use crate::locate::corner::{self, CornerError};
+use crate::locate::refine::{self, CornerView, RefineError, Refined};
+use crate::panel::TaughtCorner;
+use crate::recipe;
+use crate::record::{Check, Finding, Kind, name};
+use crate::report;
+use crate::verdict::{Judgement, Reason, SetBy, Severity};
+use crate::words::apart;
+use serde_json::json;
+
+/// Corners that are looked at, at most: two hold the panel's shift and its turn, more say little more.
+const MOST: usize = 2;
+
+/// How many corners a loop looks at where all of `taught` can be.
+pub fn most(limits: &recipe::Corner, taught: usize) -> usize {
+    MOST.min(limits.max_moves() + 1).min(taught)
+}
+
+/// What corner pictures are held against.
+#[derive(Debug, Clone, Copy)]
+pub struct Taught<'a> {
+    /// The taught corners, in the order of teaching.
+    pub corners: &'a [TaughtCorner],
+    /// The flange camera.
+    pub camera: &'a PinholeCamera,
+    /// The recipe's `[corner]`.
+    pub limits: &'a recipe::Corner,
+}
+
+/// A taught corner as a picture shows it.
+#[derive(Debug, Clone, Copy)]
+pub struct Sighting {
+    /// Its number among the taught ones, from 0.
+    pub corner: usize,
+    /// The corner as taught.
+    pub taught: TaughtCorner,
+    /// Where the camera stood at this picture.
+    pub base_from_camera: Rigid<Base, FlangeCamera>,
+    /// Where the corner was found.
+    pub found_px: Pixel,
+    /// The place of the panel by which it was looked for.
+    pub looked_for: Rigid<Base, Panel>,
+}
+
+/// How far a loop of views is that goes nearer from picture to picture.
+#[derive(Debug, Clone, Copy)]
+pub struct Progress {
+    /// Moves after the first picture.
+    pub moves: usize,
+    /// A corner has not been seen yet.
+    pub is_missing: bool,
+}
+
+impl Taught<'_> {
+    /// Finds a taught corner in the picture from a view; `place` is where the panel is taken to stand.
+    ///
+    /// # Errors
+    /// Where the picture shows no corner of the panel.
+    pub fn find(
+        &self,
+        (corner, taught): (usize, &TaughtCorner),
+        picture: &ColorPicture,
+        (place, base_from_camera): (Rigid<Base, Panel>, Rigid<Base, FlangeCamera>),
+    ) -> Result<Sighting, CornerError> {
+        let expected = base_from_camera.inverse() * (place * taught.point);
+        let found = corner::find_taught(&picture.to_gray(), (self.limits, corner), self.camera, expected)?;
+        Ok(Sighting { corner, taught: *taught, base_from_camera, found_px: found.corner_px, looked_for: place })
+    }
+
+    /// What all sightings together say about a place.
+    fn seen(&self, place: Rigid<Base, Panel>, sightings: &[Sighting]) -> Result<Refined, RefineError> {
+        let views: Vec<CornerView<'_>> = sightings.iter().map(Sighting::view).collect();
+        refine::refine(place, self.camera, &views)
+    }
+
+    /// Corrects a localization by corner pictures. `claims_mm` is what localization and calibrations claim, 95 %, where
+    /// they do; `progress` is told where the pictures are those of a loop of views.
+    ///
+    /// # Errors
+    /// Where there is no sighting, or a corner is not before its camera.
+    pub fn refine(
+        &self,
+        located: Rigid<Base, Panel>,
+        sightings: &[Sighting],
+        (claims_mm, progress): (Option<[f64; 2]>, Option<Progress>),
+    ) -> Result<Correction, RefineError> {
+        let refined = self.seen(located, sightings)?;
+        let views = progress.map(|progress| Views {
+            progress,
+            is_last: progress.moves >= self.limits.max_moves(),
+            step_mm: step_mm(&refined, sightings),
+        });
+        Ok(Correction::judged(refined, claims_mm, views, self.limits))
+    }
+
+    /// Whether the corners stand where `place` puts them. `unseen` says which of the corners that hold the place cannot be
+    /// seen again, where there are such.
+    ///
+    /// # Errors
+    /// As [`Taught::refine`].
+    pub fn verify(
+        &self,
+        place: Rigid<Base, Panel>,
+        sightings: &[Sighting],
+        unseen: Option<Reason>,
+    ) -> Result<Verification, RefineError> {
+        let seen = self.seen(place, sightings)?;
+        let unseen = Judgement::of(unseen.into_iter().collect(), vec![]);
+        let checks = refine::checks_of_stand(&seen, self.limits);
+        let judgement = Judgement::of_checks(&checks).and(unseen);
+        Ok(Verification { seen, checks, judgement })
+    }
+
+    /// The corner in its picture, with where it was found and where a place puts it; none where that is not before the
+    /// camera.
+    pub fn drawn(
+        &self,
+        (sighting, picture): (&Sighting, &ColorPicture),
+        place: Rigid<Base, Panel>,
+        (name, title): (&str, &str),
+    ) -> Option<Drawing> {
+        let in_camera = sighting.base_from_camera.inverse() * (place * sighting.taught.point);
+        let view = report::CornerView {
+            picture,
+            expected_px: self.camera.project(in_camera)?,
+            found_px: sighting.found_px,
+            px_per_mm: self.camera.px_per_mm_at(in_camera.mm.z).0,
+        };
+        let which = sighting.corner + 1;
+        let caption =
+            format!("The flange camera's picture of corner {which}, {title}: where it is expected and where it is");
+        Some(Drawing::new(name, caption, view.drawn(title)))
+    }
+}
+
+impl Sighting {
+    fn view(&self) -> CornerView<'_> {
+        let Sighting { corner, taught, base_from_camera, found_px, .. } = self;
+        CornerView { corner: *corner, taught, base_from_camera: *base_from_camera, found_px: *found_px }
+    }
+}
+
+/// How far a corner's new place is from the one that the camera was sent to, at most, mm.
+fn step_mm(refined: &Refined, sightings: &[Sighting]) -> f64 {
+    let step_mm =
+        |seen: &Sighting| refined.base_from_panel.distance_at_mm(seen.looked_for, seen.taught.point).abs();
+    // Without its sign what is not a number counts as the most.
+    sightings.iter().map(step_mm).max_by(f64::total_cmp).unwrap_or(f64::NAN)
+}
+
+/// A loop of views after a picture.
+#[derive(Debug, Clone, Copy)]
+struct Views {
+    progress: Progress,
+    /// No view follows.
+    is_last: bool,
+    /// How far a corner stands from where it was looked for, at most, mm.
+    step_mm: f64,
+}
+
+impl Views {
+    fn is_settled(self, limits: &recipe::Corner) -> bool {
+        self.step_mm <= limits.settled_mm()
+    }
+
+    /// All corners have been seen from near.
+    fn is_done(self, limits: &recipe::Corner) -> bool {
+        !self.progress.is_missing && self.is_settled(limits)
+    }
+
+    /// What is asked of a loop of views: that it comes to rest, in so many moves, having seen all corners.
+    fn checks(self, seen: usize, limits: &recipe::Corner) -> [Check; 3] {
+        let (is_done, step_mm) = (self.is_done(limits), self.step_mm);
+        let step = Check::new("corner from where it was looked for", "mm", step_mm);
+        // One that asks for more leads to a move and another picture.
+        let step = if is_done || self.is_last {
+            step.at_most(limits.settled_mm(), SetBy::recipe("corner.settled_mm"))
+        } else {
+            step
+        };
+        let is_unsettled = self.is_last && !self.is_settled(limits);
+        let is_unseen = self.is_last && self.progress.is_missing;
+        [
+            step.broken(is_unsettled, Severity::Reject, "not_settled", || not_settled(step_mm, limits)),
+            Check::new(name::MOVES, "", self.progress.moves as f64)
+                .at_most(limits.max_moves() as f64, SetBy::recipe("corner.max_moves")),
+            Check::new(name::CORNERS, "", seen as f64).broken(is_unseen, Severity::Reject, "corner_unseen", || {
+                format!("after {} moves, [corner] max_moves, a corner has not been seen", limits.max_moves())
+            }),
+        ]
+    }
+}
+
+fn not_settled(step_mm: f64, limits: &recipe::Corner) -> String {
+    let (settled_mm, moves) = (limits.settled_mm(), limits.max_moves());
+    let [step, settled] = apart(step_mm, settled_mm, 2);
+    format!(
+        "after {moves} moves, [corner] max_moves, a corner still stands {step} mm from where it was looked for, allowed are \
+         {settled} mm, settled_mm; is the hand-eye calibration good, does the panel move?"
+    )
+}
+
+/// A localization that was corrected by corner pictures.
+#[derive(Debug, Clone)]
+pub struct Correction {
+    /// The corrected place and what it rests on.
+    pub refined: Refined,
+    /// Every number that was judged.
+    pub checks: Vec<Check>,
+    /// The verdict.
+    pub judgement: Judgement,
+    /// Whether another view may say more: all corners have not been seen from near, and views are left.
+    pub wants_another_view: bool,
+}
+
+impl Correction {
+    fn judged(
+        refined: Refined,
+        claims_mm: Option<[f64; 2]>,
+        views: Option<Views>,
+        limits: &recipe::Corner,
+    ) -> Self {
+        let is_done = views.is_none_or(|views| views.is_done(limits));
+        // What a corner finds is a finding once all have been seen from near.
+        let claims_mm = claims_mm.filter(|_| is_done);
+        let of_corners = refine::checks(&refined, limits);
+        let seen = refined.corners.len();
+        let mut of_views = match views {
+            Some(views) => views.checks(seen, limits).to_vec(),
+            None => vec![Check::new(name::CORNERS, "", seen as f64)],
+        };
+        of_views.extend(claims_mm.and_then(|claims_mm| refine::disagreement(&refined, &claims_mm)));
+        let judgement = Judgement::of_checks(&of_corners).and(Judgement::of_checks(&of_views));
+        let checks = [of_corners, of_motion(&refined).to_vec(), of_views].concat();
+        let wants_another_view = !is_done && views.is_some_and(|views| !views.is_last);
+        Correction { refined, checks, judgement, wants_another_view }
+    }
+
+    /// The result for the record; `left_out` says which corners the arm did not come to, and why.
+    pub fn finding(&self, left_out: &[String]) -> Finding {
+        let finding = Finding::new(Kind::Refine, 0, self.judgement.clone())
+            .detail("base_from_panel", json!(KukaPose::from_rigid(&self.refined.base_from_panel)))
+            .with(self.checks.iter().cloned());
+        if left_out.is_empty() { finding } else { finding.detail("corners_left_out", json!(left_out)) }
+    }
+}
+
+/// How the panel is moved by the correction.
+fn of_motion(refined: &Refined) -> [Check; 3] {
+    let [x_mm, y_mm] = refined.shift_mm;
+    let first = refined.corners.first().map_or(String::new(), |corner| format!("corner {}", corner.corner + 1));
+    let turned_deg = (refined.corners.len() > 1).then_some(refined.turned.0);
+    [
+        Check::new(format!("correction along the camera's x at {first}"), "mm", x_mm),
+        Check::new(format!("correction along the camera's y at {first}"), "mm", y_mm),
+        Check::new("turned by two corners", "°", turned_deg),
+    ]
+}
+
+/// What the corners say just before contact.
+#[derive(Debug, Clone)]
+pub struct Verification {
+    /// How far each corner is from where the localization puts it.
+    pub seen: Refined,
+    /// Every number that was judged.
+    pub checks: Vec<Check>,
+    /// The verdict.
+    pub judgement: Judgement,
+}
+
+impl Verification {
+    /// The result for the record; after the last view so many corners must have been seen.
+    pub fn finding(&self, pass: u8, needed: Option<usize>) -> Finding {
+        let seen = Check::new(name::CORNERS, "", self.seen.corners.len() as f64);
+        let seen = match needed {
+            Some(needed) => seen.at_least(needed as f64, SetBy::Program),
+            None => seen,
+        };
+        Finding::new(Kind::Verify, pass, self.judgement.clone()).with(self.checks.iter().cloned()).with([seen])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Degrees;
+    use crate::locate::refine::CornerReport;
+    use crate::panel::panel_from_base_at_teaching;
+    use crate::recipe::Recipe;
+    use crate::verdict::Verdict;
+
+    fn recipe() -> Recipe {
+        let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
+                    [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
+        Recipe::check("test.toml", text).unwrap_or_else(|problems| panic!("{problems}"))
+    }
+
+    /// Two corners, each asking for 1 mm, of which 0.4 mm are left: more than the 0.3 mm of one rigid panel.
+    fn unlike() -> Refined {
+        let expected_px = Pixel::at(0.0, 0.0);
+        let report =
+            |corner| CornerReport { corner, expected_px, error_px: 10.0, shift_mm: [1.0, 0.0], left_mm: 0.4 };
+        let base_from_panel = panel_from_base_at_teaching().inverse();
+        let corners = vec![report(0), report(1)];
+        Refined { base_from_panel, shift_mm: [1.0, 0.0], turned: Degrees(0.0), error_px: 10.0, corners }
+    }
+
+    fn views(is_missing: bool, is_last: bool, step_mm: f64) -> Views {
+        Views { progress: Progress { moves: 1, is_missing }, is_last, step_mm }
+    }
+
+    fn codes(judgement: &Judgement) -> Vec<&str> {
+        judgement.reasons.iter().map(|reason| &*reason.code).collect()
+    }
+
+    /// A doubt beside a place that does not come to rest: no person may accept that one away.
+    #[test]
+    fn a_doubt_hides_no_rejection() {
+        let recipe = recipe();
+        let judged = |views: Views, claims_mm| {
+            Correction::judged(unlike(), claims_mm, Some(views), recipe.corner()).judgement
+        };
+        let judgement = judged(views(false, true, 0.9), Some([0.1; 2]));
+        let codes_of_both = vec!["not_settled", "corners_disagree"];
+        assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Reject, codes_of_both));
+        let judgement = judged(views(false, true, 0.1), Some([0.1; 2]));
+        let both = vec!["corners_disagree", "corner_disagrees"];
+        assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Review, both));
+        for wrong in [views(false, true, f64::NAN), views(true, true, 0.1)] {
+            assert_eq!(judged(wrong, None).verdict, Verdict::Reject, "{wrong:?}");
+        }
+    }
+
+    /// From afar a corner is read worse: while views are left, it is looked at from near before its doubts count.
+    #[test]
+    fn another_view_is_wanted_until_all_corners_were_seen_from_near() {
+        let recipe = recipe();
+        let wants = |views: Option<Views>| {
+            Correction::judged(unlike(), Some([0.1; 2]), views, recipe.corner()).wants_another_view
+        };
+        assert!(wants(Some(views(false, false, 2.0))) && wants(Some(views(true, false, 0.1))));
+        assert!(!wants(Some(views(false, false, 0.1))) && !wants(Some(views(false, true, 2.0))));
+        assert!(!wants(None), "pictures that were not taken in a loop are all there are");
+    }
+
+    /// Pictures from files are judged as those of a loop whose corners were all seen from near.
+    #[test]
+    fn a_loop_that_is_done_judges_as_a_command_does() {
+        let recipe = recipe();
+        let judged = |views| Correction::judged(unlike(), Some([0.1; 2]), views, recipe.corner());
+        let (command, done) = (judged(None), judged(Some(views(false, false, 0.1))));
+        assert_eq!(command.judgement, done.judgement);
+        let numbers = |correction: &Correction| correction.checks.clone();
+        let of_loop = ["corner from where it was looked for", name::MOVES];
+        let without_loop = numbers(&done).into_iter().filter(|number| !of_loop.contains(&&*number.name));
+        assert_eq!(numbers(&command), without_loop.collect::<Vec<_>>());
+    }
+}

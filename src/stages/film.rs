@@ -1,0 +1,167 @@
+//! The water-break test: pictures go in one by one as the film is watched, or as a clip is read; after the last one the
+//! film is judged.
+
+use super::{Drawing, names, strip::Strip};
+use crate::geometry::{Camera, ColorPicture, Panel, PinholeCamera, Rigid};
+use crate::inspect::{Demands, InspectError, Inspection, Watch};
+use crate::panel::{Grid, GridId, TaughtPanel};
+use crate::phase::Phase;
+use crate::recipe::Recipe;
+use crate::record::{Check, Finding, Kind, name};
+use crate::report::View;
+use std::sync::Arc;
+
+/// What a film is watched with.
+#[derive(Debug, Clone, Copy)]
+pub struct Setup<'a> {
+    /// The panel as taught.
+    pub panel: &'a TaughtPanel,
+    /// The camera that films.
+    pub camera: &'a PinholeCamera,
+    /// Where the panel stands before it.
+    pub camera_from_panel: Rigid<Camera, Panel>,
+    /// How long the film is watched, and what fails.
+    pub demands: Demands,
+    /// The recipe.
+    pub recipe: &'a Recipe,
+}
+
+/// A film that is being watched.
+#[derive(Debug)]
+pub struct Filming {
+    watch: Watch,
+    strip: Strip,
+    last: Option<Arc<ColorPicture>>,
+    opened: bool,
+}
+
+/// What a picture added to a film.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Added {
+    /// The picture's time after the first fully wet one, s; `None` before that.
+    pub since_wet_s: Option<f64>,
+    /// The grids on which the film broke, where they are the first of this film to fail.
+    pub opened_on: Option<String>,
+}
+
+impl Filming {
+    /// Begins a test that will last so long, as far as is known, s.
+    ///
+    /// # Errors
+    /// Where the region is not in the picture at all.
+    pub fn begin(setup: &Setup<'_>, lasts_s: f64) -> Result<Self, InspectError> {
+        let Setup { panel, camera, camera_from_panel, demands, recipe } = *setup;
+        let watch = Watch::new(panel, camera, camera_from_panel, recipe.inspect(), demands)?;
+        let strip = Strip::new(panel, (camera, camera_from_panel), lasts_s);
+        Ok(Filming { watch, strip, last: None, opened: false })
+    }
+
+    /// Nobody said where the panel stands: see [`Watch::assume_place`].
+    pub fn assume_place(&mut self) {
+        self.watch.assume_place();
+    }
+
+    /// The film begins at this time, on the clock of its pictures: see [`Watch::begins`].
+    pub fn begins(&mut self, time_s: f64) {
+        self.watch.begins(time_s);
+    }
+
+    /// Takes the next picture, at `time_s` of any clock that does not jump.
+    ///
+    /// # Errors
+    /// Where its size is not the camera's, or it comes out of order.
+    pub fn push(&mut self, picture: &Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<Added, InspectError> {
+        let step = self.watch.push(picture, time_s, phase)?;
+        self.strip.see(picture, &step);
+        self.last = Some(picture.clone());
+        let opens = !self.opened && !step.newly_failed.is_empty();
+        self.opened |= opens;
+        let opened_on = opens.then(|| names(&step.newly_failed).join(", "));
+        Ok(Added { since_wet_s: step.since_wet_s, opened_on })
+    }
+
+    /// Judges the film.
+    ///
+    /// # Errors
+    /// Where it has no picture of the wet panel.
+    pub fn finish(self) -> Result<Filmed, InspectError> {
+        let inspection = Arc::new(self.watch.finish()?);
+        Ok(Filmed { inspection, last: self.last, strip: self.strip })
+    }
+}
+
+/// A film that was watched.
+#[derive(Debug)]
+pub struct Filmed {
+    /// What was found, with the verdict.
+    pub inspection: Arc<Inspection>,
+    /// The last picture.
+    pub last: Option<Arc<ColorPicture>>,
+    strip: Strip,
+}
+
+/// What was counted beside a film.
+#[derive(Debug, Clone, Copy)]
+pub struct Counted {
+    /// From a decoded picture to its result, median.
+    pub ms_per_picture: Option<f64>,
+    /// Pictures that the camera took and nobody took over in time, where it tells.
+    pub dropped: Option<u64>,
+}
+
+impl Filmed {
+    /// The film in time, and on its last picture what broke and when.
+    pub fn drawn(&self, setup: &Setup<'_>) -> Vec<Drawing> {
+        let Some(last) = &self.last else { return Vec::new() };
+        let inspection = &*self.inspection;
+        let view = View { picture: last, camera: setup.camera, camera_from_panel: setup.camera_from_panel };
+        let failed = |grid: &Grid| inspection.grids.iter().any(|found| found.id == grid.id && found.failed);
+        let time_s = |column: usize, row: usize| inspection.break_time_s(column, row);
+        let end_s = inspection.observation.observed_s;
+        vec![
+            Drawing::new(
+                "film",
+                "The film in time, seconds after the panel was wholly wet: broken film tinted yellow",
+                self.strip.drawn(inspection, last),
+            ),
+            Drawing::new(
+                "inspected",
+                "Everything that broke by the end of the film, and the grids that failed",
+                view.inspected(setup.panel, &inspection.mask(), &failed),
+            ),
+            Drawing::new(
+                "break_times",
+                "When the film broke, from the first fully wet picture on",
+                view.break_times(setup.panel, &time_s, end_s),
+            ),
+        ]
+    }
+
+    /// The result for the record.
+    pub fn finding(&self, setup: &Setup<'_>, pass: u8, counted: Counted) -> Finding {
+        let (inspection, process) = (&*self.inspection, setup.recipe.process());
+        let failed: Vec<GridId> = inspection.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect();
+        let temperature = process.water_temperature_c().map(|celsius| format!("{celsius} °C"));
+        let water: Vec<String> = process.water().into_iter().chain(temperature).collect();
+        let mut finding = Finding::new(Kind::Inspect, pass, inspection.judgement.clone());
+        if !water.is_empty() {
+            finding = finding.detail(name::WATER, water.join(", "));
+        }
+        if let Some(lamp) = process.lamp() {
+            finding = finding.detail(name::LAMP, lamp);
+        }
+        let checks = inspection.checks.iter().cloned();
+        finding.detail("failed", names(&failed)).with(checks).with(counts(inspection, counted))
+    }
+}
+
+/// What is told of a film beside what it is judged by.
+fn counts(inspection: &Inspection, counted: Counted) -> [Check; 4] {
+    let closed = inspection.breaks.iter().filter(|found| found.closed_again()).count();
+    [
+        Check::new("pictures that were dropped", "", counted.dropped.map(|count| count as f64)),
+        Check::new("places where the film broke", "", inspection.breaks.len() as f64),
+        Check::new("of these, closed again", "", closed as f64),
+        Check::new(name::PER_PICTURE, "ms", counted.ms_per_picture),
+    ]
+}

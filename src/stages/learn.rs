@@ -1,0 +1,41 @@
+//! A corner of a panel, learnt from a picture that the flange camera took at the panel's nominal place. The panel itself
+//! is learnt by [`TaughtPanel::learn`].
+
+use crate::geometry::{Base, ColorPicture, Flange, FlangeCamera, PinholeCamera, Point, Rigid};
+use crate::locate::corner::{self, CornerError};
+use crate::panel::{CornerTeaching, LearnError, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
+use crate::recipe;
+
+/// Why a corner could not be learnt.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CornerLearnError {
+    /// Its picture shows none.
+    #[error(transparent)]
+    NotFound(#[from] CornerError),
+    /// It does not lie on the taught panel.
+    #[error(transparent)]
+    NotOnPanel(#[from] LearnError),
+}
+
+/// Learns the corner with this number, from 0, that a picture from `base_from_flange` shows.
+///
+/// # Errors
+/// Where the picture shows no corner of the panel.
+pub fn corner(
+    panel: &TaughtPanel,
+    (settings, number): (&recipe::Corner, usize),
+    (picture, base_from_flange): (&ColorPicture, Rigid<Base, Flange>),
+    (camera, flange_from_camera): (&PinholeCamera, Rigid<Flange, FlangeCamera>),
+) -> Result<TaughtCorner, CornerLearnError> {
+    let panel_from_camera = panel_from_base_at_teaching() * base_from_flange * flange_from_camera;
+    let gray = picture.to_gray();
+    let seen_at = |scale_from: Point<_>| -> Result<TaughtCorner, CornerLearnError> {
+        let expected = panel_from_camera.inverse() * scale_from;
+        let reference_px = corner::find_taught(&gray, (settings, number), camera, expected)?.corner_px;
+        Ok(panel.corner(CornerTeaching { reference_px, panel_from_camera }, camera)?)
+    };
+    // Where the corner is is known once it is found by the scale at the panel's middle; then by its own, as in a cycle:
+    // the edges' ends depend on the scale, and where they meet by a tenth of a pixel.
+    let rough = seen_at(panel.centre())?;
+    seen_at(rough.point)
+}

@@ -1,0 +1,76 @@
+//! Where the panel stands: the taught panel is found in a 3D scan, and the gate judges the fit.
+
+use super::Drawing;
+use crate::geometry::{ColorPicture, KukaPose};
+use crate::locate::{Fit, LocateError, Prepared, View, gate};
+use crate::panel::TaughtPanel;
+use crate::path::reach::Obstacles;
+use crate::recipe;
+use crate::record::{Check, Finding, Kind, name};
+use crate::report::{self, reason_pictures};
+use crate::verdict::{Judgement, Verdict};
+use serde_json::json;
+
+/// A localization with its verdict.
+pub struct Located<'a> {
+    /// The evidence; `None` where nothing like the panel was found.
+    pub fit: Option<Fit>,
+    /// Every number that was judged; none where nothing was found.
+    pub checks: Vec<Check>,
+    /// The verdict.
+    pub judgement: Judgement,
+    panel: &'a TaughtPanel,
+    view: View<'a>,
+    prepared: Option<Prepared<'a>>,
+}
+
+/// Finds the taught panel in a scan and judges what was found. A panel that is not found is a verdict, not an error.
+pub fn locate<'a>(panel: &'a TaughtPanel, view: View<'a>, settings: &'a recipe::Locate) -> Located<'a> {
+    let prepared = Prepared::new(panel, &view, settings);
+    let found = prepared.as_ref().map_err(LocateError::clone).and_then(Prepared::locate);
+    let checks = found.as_ref().map_or(Vec::new(), |fit| gate::checks(fit, settings));
+    let judgement = match &found {
+        Ok(_) => Judgement::of_checks(&checks),
+        Err(error) => gate::refusal(error),
+    };
+    Located { fit: found.ok(), checks, judgement, panel, view, prepared: prepared.ok() }
+}
+
+impl Located<'_> {
+    /// What the arm keeps off on its way to a corner: the panel where it was found, and what else the scan shows. There is
+    /// none where the localization is rejected, since nothing moves towards such a panel.
+    pub fn obstacles(&self) -> Option<Obstacles> {
+        let fit = self.fit.as_ref().filter(|_| self.judgement.verdict != Verdict::Reject)?;
+        let of_panel = self.panel.points().map(|(_, point)| fit.base_from_panel * point);
+        let of_scan = self.view.scan.valid().map(|(_, point)| self.view.base_from_camera * point);
+        Some(Obstacles::default().with("panel", of_panel).with("what the scan saw", of_scan))
+    }
+
+    /// The taught outline and grids at the place found, over the scan's picture; none where no panel was found.
+    pub fn drawn_place(&self, picture: &ColorPicture) -> Option<Drawing> {
+        let camera_from_panel = self.view.base_from_camera.inverse() * self.fit.as_ref()?.base_from_panel;
+        let view = report::View { picture, camera: self.view.camera, camera_from_panel };
+        let caption = "The scan's picture with the taught outline and grids at the place found";
+        Some(Drawing::new("located", caption, view.located(self.panel)))
+    }
+
+    /// Where each reason of the verdict shows in the scan; none for reasons that no scan shows.
+    pub fn drawn_reasons(&self, picture: &ColorPicture) -> Vec<Drawing> {
+        let Some(prepared) = self.prepared.as_ref().filter(|_| !self.judgement.reasons.is_empty()) else {
+            return Vec::new();
+        };
+        let fit = self.fit.as_ref();
+        let explained = (&prepared.explain(fit), fit);
+        let drawn = reason_pictures(self.panel, (picture, &self.view), explained, &self.judgement);
+        drawn.into_iter().map(Drawing::from).collect()
+    }
+
+    /// The result for the record; the verdict was known `elapsed_ms` after the scan was in memory.
+    pub fn finding(&self, elapsed_ms: f64) -> Finding {
+        let elapsed = Check::new(name::SCAN_TO_VERDICT, "ms", elapsed_ms);
+        let finding = Finding::new(Kind::Locate, 0, self.judgement.clone());
+        let finding = finding.with(self.checks.iter().cloned()).with([elapsed]);
+        let Some(fit) = &self.fit else { return finding };
+        finding.detail("base_from_panel", json!(KukaPose::from_rigid(&fit.base_from_panel)))
+    }
+}

@@ -1,0 +1,62 @@
+//! The phases of a cycle, each written once: a function from inputs to a result of checks, drawings and data.
+//!
+//! A command that reads its inputs from files and the live loop that has just taken a picture call the same function. A
+//! stage knows no camera, robot, store or clock: the caller takes the picture, calls the stage, measures how long that
+//! took, records the result, and answers the cycle's table.
+//!
+//! - `locate`: where the panel stands, by the 3D scan · `corners`: the correction by corner pictures, and the
+//!   verification before contact · `film`: the water-break test on the pictures of a film
+//! - `survey`: the surface, and what of it the arm reaches · `plan`: the path over some grids · `abrade`: what was executed
+//! - `learn`: panel and corners, derived from what a teaching holds
+
+pub mod abrade;
+pub mod corners;
+pub mod film;
+pub mod learn;
+pub mod locate;
+pub mod plan;
+mod strip;
+pub mod survey;
+
+use crate::geometry::ColorPicture;
+use crate::imaging::ImagingError;
+use crate::panel::GridId;
+use crate::record::{Finding, Kind};
+use crate::report::ReasonPicture;
+use crate::verdict::{Judgement, Reason};
+
+/// A picture that explains a result to a person, or why it could not be drawn. It decides nothing.
+#[derive(Debug)]
+pub struct Drawing {
+    /// Its short name, `corner_before`.
+    pub name: String,
+    /// What it shows.
+    pub caption: String,
+    /// The picture.
+    pub picture: Result<ColorPicture, ImagingError>,
+}
+
+impl Drawing {
+    fn new(name: &str, caption: impl Into<String>, picture: Result<ColorPicture, ImagingError>) -> Self {
+        Drawing { name: name.to_owned(), caption: caption.into(), picture }
+    }
+}
+
+impl From<ReasonPicture> for Drawing {
+    fn from(drawn: ReasonPicture) -> Self {
+        Drawing::new(&format!("reason_{}", drawn.code), drawn.caption, drawn.picture)
+    }
+}
+
+/// A phase that ended in a rejection for this reason before it measured anything.
+pub fn rejected(kind: Kind, pass: u8, reason: Reason) -> Finding {
+    Finding::new(kind, pass, Judgement::of(vec![reason], vec![]))
+}
+
+fn reason(code: &'static str, error: &dyn std::error::Error) -> Reason {
+    Reason::new(code, error.to_string())
+}
+
+fn names(grids: &[GridId]) -> Vec<String> {
+    grids.iter().map(ToString::to_string).collect()
+}

@@ -1,0 +1,123 @@
+//! The path over some grids: laid on the surface, followed by the arm with its tool turned as that needs, and judged by
+//! every gate.
+
+use super::survey::ToolState;
+use super::{Drawing, names};
+use crate::geometry::{Panel, Point};
+use crate::panel::{Grid, GridId, TaughtPanel};
+use crate::path::disc::DiscUse;
+use crate::path::panel_reach::{self, Reached, Stand};
+use crate::path::{self, Plan, PlanError, ToolPath, check_pad};
+use crate::recipe::Recipe;
+use crate::record::{Check, Finding, Kind, name};
+use crate::report::View;
+use crate::surface::Fit;
+use crate::verdict::{Judgement, Reason};
+
+/// Where the arm follows a plan from.
+#[derive(Debug)]
+pub enum Reach<'a> {
+    /// It is not known which tool it has: reach is not looked at.
+    Unknown,
+    /// It stands so before the panel.
+    From(Stand<'a>),
+    /// It does not come there.
+    Refused(Reason),
+}
+
+/// A plan with the verdict of every gate.
+#[derive(Debug, Clone)]
+pub struct Planned {
+    /// The paths in the panel's frame, the tool turned as the arm follows best.
+    pub plan: Plan,
+    /// How the arm follows; `None` where it does not, or where that was not looked at.
+    pub reached: Option<Reached>,
+    /// What the path wears of the disc.
+    pub disc: DiscUse,
+    /// Every number that was judged.
+    pub checks: Vec<Check>,
+    /// The verdict.
+    pub judgement: Judgement,
+}
+
+/// Lays paths over these grids of a fitted surface.
+///
+/// # Errors
+/// Where the surface allows none.
+pub fn lay((panel, fit): (&TaughtPanel, &Fit), grids: &[GridId], recipe: &Recipe) -> Result<Plan, PlanError> {
+    let holes = fit.map.holes(&panel.region, recipe.path().lift_hole_mm());
+    path::plan_around(&fit.surface, &panel.region, grids, (&panel.outline, &holes), recipe.path())
+}
+
+/// Follows a plan with the arm and judges it.
+pub fn judge(
+    plan: Plan,
+    (panel, fit): (&TaughtPanel, &Fit),
+    reach: Reach<'_>,
+    recipe: &Recipe,
+    tool: ToolState,
+) -> Planned {
+    let settings = recipe.path();
+    let (reached, of_reach) = match reach {
+        Reach::Unknown => (None, Judgement::of(vec![], vec![])),
+        Reach::Refused(reason) => (None, Judgement::of(vec![reason], vec![])),
+        Reach::From(stand) => {
+            let reached = panel_reach::of_plan(&plan, &stand, settings);
+            let judgement = panel_reach::judge_plan(&reached, (&fit.surface, &panel.region));
+            (reached.ok(), judgement)
+        }
+    };
+    let disc = DiscUse::of(&plan, settings, tool.worn_mm2);
+    let (of_path, path_judgement) = path::judged(&plan, settings);
+    let (pad, worn) = (check_pad(settings, tool.error_mm), disc.check("worn of the disc afterwards", "this path"));
+    let judgement = of_reach.and(path_judgement).and(Judgement::of_checks(&pad)).and(Judgement::of_checks([&worn]));
+    let checks = [of_path, sizes(&plan), of_travel(reached.as_ref()), pad.into_iter().collect()].concat();
+    let checks = checks.into_iter().chain([Check::new("swept by the disc", "mm²", disc.swept_mm2), worn]).collect();
+    let plan = match &reached {
+        Some(reached) => panel_reach::turned(&plan, reached.spin),
+        None => plan,
+    };
+    Planned { plan, reached, disc, checks, judgement }
+}
+
+impl Planned {
+    /// The path over the panel in a picture of it.
+    pub fn drawn(&self, panel: &TaughtPanel, view: &View<'_>) -> Drawing {
+        let contact = |path: &ToolPath| -> Vec<Point<Panel>> {
+            let on_panel = path.waypoints.iter().filter(|waypoint| waypoint.contact);
+            on_panel.map(|waypoint| waypoint.panel_from_tool.origin()).collect()
+        };
+        let paths: Vec<_> = self.plan.paths.iter().map(contact).collect();
+        let planned = |grid: &Grid| self.plan.paths.iter().any(|path| path.grids.contains(&grid.id));
+        Drawing::new(
+            "planned",
+            "The planned path of the tool over the panel",
+            view.planned(panel, &paths, &planned),
+        )
+    }
+
+    /// The result for the record.
+    pub fn finding(&self, pass: u8, grids: &[GridId]) -> Finding {
+        let finding = Finding::new(Kind::Plan, pass, self.judgement.clone());
+        finding.detail("grids", names(grids)).with(self.checks.iter().cloned())
+    }
+}
+
+/// How large a plan is.
+fn sizes(plan: &Plan) -> Vec<Check> {
+    let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
+    vec![
+        Check::new("paths", "", plan.paths.len() as f64),
+        Check::new(name::PLANNED, "", waypoints as f64),
+        Check::new("length", "mm", plan.length_mm),
+        Check::new("time at the recipe's feed", "s", plan.duration_s),
+    ]
+}
+
+/// How the arm follows it.
+fn of_travel(reached: Option<&Reached>) -> Vec<Check> {
+    vec![
+        Check::new("turn of the tool about its axis, for reach", "°", reached.map(|reached| reached.spin.0)),
+        Check::new("room beyond the arm's margins", "°", reached.map(|reached| reached.travel.room_deg)),
+    ]
+}

@@ -1,0 +1,127 @@
+//! An open store: its database, the files beside it, and what its parts share.
+
+use super::blobs::Blobs;
+use super::error::StoreError;
+use super::fold::JournalFold;
+use super::fullness::{BlobWriter, Fullness};
+use super::head::HeadFile;
+use super::lease::Lease;
+use super::reserve::Reserve;
+use super::steps::Steps;
+use rusqlite::Connection;
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+pub(super) const DATABASE: &str = "panelprep.sqlite";
+
+/// An open store.
+#[derive(Debug)]
+pub struct Store {
+    pub(super) connection: Connection,
+    pub(super) blobs: Blobs,
+    pub(super) lease: Option<Lease>,
+    /// Where the chain's head is written; none for reading.
+    pub(super) head: Option<HeadFile>,
+    /// An append failed; the journal may or may not hold its line.
+    pub(super) journal_in_doubt: bool,
+    /// What the journal folds to, once it was recovered.
+    pub(super) folded: Option<JournalFold>,
+    /// What was found changed behind the program's back when the store was opened.
+    pub(super) changed: Vec<String>,
+    /// The journal says so.
+    pub(super) change_is_told: bool,
+    pub(super) reserve: Reserve,
+    pub(super) fullness: Fullness,
+    pub(super) clock: fn() -> SystemTime,
+    pub(super) steps: Steps,
+}
+
+impl Store {
+    /// Keeps these bytes; the hash is what [`Store::blob`] finds them by. Bytes that are there already are kept once.
+    ///
+    /// # Errors
+    /// Where the store is open for reading, or the file cannot be written, or is there already and damaged.
+    pub fn put_blob(&self, bytes: &[u8]) -> Result<String, StoreError> {
+        self.writable()?;
+        self.blobs.put(bytes).map_err(|error| self.full_or(error))
+    }
+
+    /// Whatever writes files of this store beside its writer, on a thread of its own. What no row names is only a file.
+    ///
+    /// # Errors
+    /// Where the store is open for reading.
+    pub fn blob_writer(&self) -> Result<BlobWriter, StoreError> {
+        self.writable()?;
+        Ok(BlobWriter::new(&self.blobs, &self.fullness))
+    }
+
+    /// The bytes with this hash.
+    ///
+    /// # Errors
+    /// Where the file is missing or no longer has this hash.
+    pub fn blob(&self, hash: &str) -> Result<Vec<u8>, StoreError> {
+        self.blobs.get(hash)
+    }
+
+    /// Free space on the store's disk, MB, once a probe could be written to it.
+    ///
+    /// # Errors
+    /// Where the store is open for reading, or its disk refuses.
+    pub fn free_mb(&self) -> Result<u64, StoreError> {
+        self.writable()?;
+        self.blobs.free_mb()
+    }
+
+    pub(super) fn writable(&self) -> Result<(), StoreError> {
+        match self.lease {
+            Some(_) => Ok(()),
+            None => Err(StoreError::ReadOnly { path: self.path().to_owned() }),
+        }
+    }
+
+    /// What was found changed behind the program's back when the store was opened for writing, in words.
+    pub fn changed(&self) -> &[String] {
+        &self.changed
+    }
+
+    /// Now, s since 1970: a label on rows; nothing is decided by it, and a clock that is wrong stops nothing.
+    pub(super) fn unix_s(&self) -> i64 {
+        unix_ms(self.clock()).div_euclid(1_000)
+    }
+
+    pub(super) fn clock(&self) -> SystemTime {
+        (self.clock)()
+    }
+
+    /// A file that found no place, as the full disk that it is.
+    pub(super) fn full_or(&self, error: StoreError) -> StoreError {
+        match error {
+            StoreError::File { source, .. } if source.kind() == std::io::ErrorKind::StorageFull => {
+                self.fullness.fill();
+                self.full()
+            }
+            other => other,
+        }
+    }
+
+    pub(super) fn folder(&self) -> &Path {
+        self.path().parent().unwrap_or(Path::new("."))
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        Path::new(self.connection.path().unwrap_or(DATABASE))
+    }
+
+    pub(super) fn failed(&self, doing: &'static str, error: &rusqlite::Error) -> StoreError {
+        StoreError::database(doing, self.path(), error)
+    }
+}
+
+/// ms since 1970; before it they are negative.
+pub(super) fn unix_ms(time: SystemTime) -> i64 {
+    let ms = |span: std::time::Duration| i64::try_from(span.as_millis()).unwrap_or(i64::MAX);
+    match time.duration_since(UNIX_EPOCH) {
+        Ok(since) => ms(since),
+        Err(before) => -ms(before.duration()),
+    }
+}

@@ -1,0 +1,46 @@
+//! What the journal says of motions and cycles: its events, folded by the table of the cycle.
+
+use crate::cycle::{Effect, Event, Motion, Outcome, Report, State, step};
+use crate::record::CycleId;
+use crate::verdict::Verdict;
+use serde::{Deserialize, Serialize};
+
+/// How a motion ended.
+pub(super) type Closed = (Motion, Outcome, u32);
+
+/// What a journal says of motions and cycles, as far as it was read.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct JournalFold {
+    pub(super) state: State,
+    pub(super) closed: Option<Closed>,
+    pub(super) concluded: Option<(Option<CycleId>, Verdict)>,
+    pub(super) cycle: Option<CycleId>,
+}
+
+impl JournalFold {
+    pub const NEW: JournalFold = JournalFold { state: State::NEW, closed: None, concluded: None, cycle: None };
+
+    pub fn step(&mut self, event: Event, cycle: Option<CycleId>) {
+        let (state, effects) = step(self.state, event);
+        self.state = state;
+        self.cycle = cycle;
+        for effect in effects {
+            match effect {
+                Effect::CloseIntent { motion, outcome, done } => self.closed = Some((motion, outcome, done)),
+                Effect::Conclude { verdict } => self.concluded = Some((cycle, verdict)),
+                _ => {}
+            }
+        }
+    }
+
+    /// The state as the journal leaves it.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// The state after the start that follows.
+    pub fn rested(&self) -> State {
+        step(self.state, Event::Told(Report::Boot)).0
+    }
+}

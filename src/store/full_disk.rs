@@ -1,0 +1,43 @@
+//! What a store does while its disk is full, and how it finds that there is room again.
+
+use super::database::Store;
+use super::error::StoreError;
+use super::fullness::PICTURES_MB;
+use super::reserve::{self, MB};
+
+impl Store {
+    /// Whether the disk was found full since [`Store::has_room`] last found it otherwise.
+    pub fn is_disk_full(&self) -> bool {
+        self.fullness.is_full()
+    }
+
+    /// Keeps a picture as [`Store::put_blob`] does; `None` where the disk is full: it is dropped, and the room that is left is
+    /// the journal's.
+    ///
+    /// # Errors
+    /// As [`Store::put_blob`], but for a full disk.
+    pub fn put_picture(&self, bytes: &[u8]) -> Result<Option<String>, StoreError> {
+        self.writable()?;
+        self.fullness.put_picture(&self.blobs, bytes)
+    }
+
+    /// How many pictures were dropped since this was last asked.
+    pub fn dropped_pictures(&self) -> u64 {
+        self.fullness.take_dropped()
+    }
+
+    /// Whether there is room for the reserve and pictures again; where there is, the reserve is taken.
+    pub fn has_room(&mut self) -> bool {
+        let free = self.blobs.free_mb().unwrap_or(0);
+        let has_room = free >= MB + PICTURES_MB && self.reserve.take().is_ok();
+        if has_room {
+            self.fullness.is_over();
+        }
+        has_room
+    }
+
+    /// The disk is full, and what to delete.
+    pub fn full(&self) -> StoreError {
+        reserve::full(self.folder())
+    }
+}

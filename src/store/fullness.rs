@@ -1,0 +1,83 @@
+//! A full disk as the store's writers found it: pictures are dropped first, so that the rest is the journal's.
+
+use super::blobs::{self, Blobs};
+use super::error::StoreError;
+use std::io::ErrorKind;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+/// Free disk below which no picture is written any more, MB: the rest is the journal's.
+pub(super) const PICTURES_MB: u64 = 64;
+
+/// Whether the disk is full, as the store's writers found it. Clones are the same one.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Fullness(Arc<FullnessState>);
+
+#[derive(Debug, Default)]
+struct FullnessState {
+    is_full: AtomicBool,
+    /// Pictures that found no place since they were last asked for.
+    dropped: AtomicU64,
+}
+
+impl Fullness {
+    pub fn fill(&self) {
+        self.0.is_full.store(true, Ordering::Relaxed);
+    }
+
+    pub fn is_full(&self) -> bool {
+        self.0.is_full.load(Ordering::Relaxed)
+    }
+
+    pub fn is_over(&self) {
+        self.0.is_full.store(false, Ordering::Relaxed);
+    }
+
+    /// How many pictures were dropped since this was last asked.
+    pub fn take_dropped(&self) -> u64 {
+        self.0.dropped.swap(0, Ordering::Relaxed)
+    }
+
+    /// Keeps a picture, or drops it where the disk is full: the rest of it is the journal's.
+    pub fn put_picture(&self, blobs: &Blobs, bytes: &[u8]) -> Result<Option<String>, StoreError> {
+        if !self.is_full() && is_too_full_for_pictures(blobs.store()) {
+            self.fill();
+        }
+        let kept = if self.is_full() { Ok(None) } else { blobs.put(bytes).map(Some) };
+        let kept = match kept {
+            Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::StorageFull => {
+                self.fill();
+                Ok(None)
+            }
+            kept => kept,
+        };
+        if matches!(kept, Ok(None)) {
+            self.0.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+        kept
+    }
+}
+
+/// Whether pictures find no place here.
+fn is_too_full_for_pictures(folder: &Path) -> bool {
+    blobs::free_mb(folder).is_ok_and(|free| free < PICTURES_MB)
+}
+
+/// Keeps files for a store's writer.
+#[derive(Debug)]
+pub struct BlobWriter(Blobs, Fullness);
+
+impl BlobWriter {
+    pub(super) fn new(blobs: &Blobs, fullness: &Fullness) -> Self {
+        BlobWriter(blobs.clone(), fullness.clone())
+    }
+
+    /// As [`Store::put_picture`](super::Store::put_picture).
+    ///
+    /// # Errors
+    /// Where the file cannot be written but for a full disk, or is there already and damaged.
+    pub fn put_picture(&self, bytes: &[u8]) -> Result<Option<String>, StoreError> {
+        self.1.put_picture(&self.0, bytes)
+    }
+}

@@ -1,0 +1,259 @@
+//! What the disc did to the surface: for each square millimetre how long it was under the disc, and how often.
+//!
+//! Every grid is sampled about 1 mm apart. A path is walked in steps of 1 mm; each step adds its time to the samples
+//! within the disc's radius of it, and a step that is not the one after the last there begins another pass. The path is
+//! one of poses, planned or as the robot reported them, so what was executed is judged the same way. A pose meant to be
+//! in contact is so where its point lies no higher than a millimetre above the surface. The disc is taken as wholly in
+//! contact: a compliant pad.
+
+use super::bspline::BSplineSurface;
+use super::derivatives::Parameter;
+use super::patch::Patch;
+use super::spread::Spread;
+use crate::geometry::{Panel, Point, Rigid, Tool};
+use crate::panel::{GridId, Region};
+use rayon::prelude::*;
+
+/// Distance between samples, and of the steps along a path, mm.
+const SAMPLE_MM: f64 = 1.0;
+/// A disc whose point is higher above the surface than this does not touch it, mm.
+const CONTACT_MM: f64 = 1.0;
+/// Steps of the search for the place on the surface below a point.
+const FOOT_STEPS: usize = 12;
+/// Such a place is exact enough, mm.
+const FOOT_MM: f64 = 1e-4;
+
+/// A pose of a path that was or will be executed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Executed {
+    /// The tool.
+    pub panel_from_tool: Rigid<Panel, Tool>,
+    /// Time from the pose before, s.
+    pub seconds: f64,
+    /// Was the tool meant to be on the panel on the way here, running?
+    pub contact: bool,
+}
+
+/// One grid, sample by sample.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GridDwell {
+    /// The grid.
+    pub id: GridId,
+    /// Samples along u.
+    pub columns: usize,
+    /// Time under the disc at each sample, s, row by row.
+    pub dwell_s: Vec<f32>,
+    /// How often the disc passed, sample by sample.
+    pub passes: Vec<u16>,
+    /// Surface of each sample, mm².
+    pub area_mm2: Vec<f32>,
+}
+
+impl Dwell {
+    /// One grid of those that were looked at.
+    pub fn of_grid(&self, id: GridId) -> Option<&GridDwell> {
+        self.grids.iter().find(|grid| grid.id == id)
+    }
+}
+
+impl GridDwell {
+    /// Share of the grid that was under the disc, 0…1.
+    pub fn share(&self) -> f64 {
+        self.share_of(|passes| passes > 0)
+    }
+
+    /// How even the time under the disc is; `None` where it reached nothing.
+    pub fn spread(&self) -> Option<Spread> {
+        Spread::of(self.times())
+    }
+
+    /// Time under the disc, s, and area, mm², sample by sample.
+    fn times(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
+        self.dwell_s.iter().zip(&self.area_mm2).map(|(dwell_s, area)| (f64::from(*dwell_s), f64::from(*area)))
+    }
+
+    /// Share of the grid that the disc passed more than once, 0…1.
+    pub fn overlap(&self) -> f64 {
+        self.share_of(|passes| passes > 1)
+    }
+
+    /// What the disc did not reach, mm².
+    pub fn left_mm2(&self) -> f64 {
+        self.area_of(|passes| passes == 0)
+    }
+
+    /// Mean time under the disc, s, of what was reached.
+    pub fn mean_dwell_s(&self) -> f64 {
+        let reached = self.dwell_s.iter().filter(|dwell| **dwell > 0.0);
+        let (sum, count) = reached.fold((0.0, 0_usize), |(sum, count), dwell| (sum + f64::from(*dwell), count + 1));
+        sum / count.max(1) as f64
+    }
+
+    fn area(&self) -> f64 {
+        self.area_mm2.iter().map(|area| f64::from(*area)).sum()
+    }
+
+    fn share_of(&self, counts: impl Fn(u16) -> bool) -> f64 {
+        self.area_of(counts) / self.area()
+    }
+
+    fn area_of(&self, counts: impl Fn(u16) -> bool) -> f64 {
+        let counted = self.passes.iter().zip(&self.area_mm2).filter(|(passes, _)| counts(**passes));
+        // The sum of nothing is −0.
+        counted.fold(0.0, |sum, (_, area)| sum + f64::from(*area))
+    }
+}
+
+/// All grids that were looked at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dwell {
+    /// Grid by grid.
+    pub grids: Vec<GridDwell>,
+    sides_mm: [f64; 2],
+}
+
+/// One step of the disc.
+struct Step {
+    at: Parameter,
+    point: Point<Panel>,
+    seconds: f64,
+}
+
+/// What a path does to these grids.
+pub fn simulate(
+    surface: &BSplineSurface,
+    region: &Region,
+    grids: &[GridId],
+    executed: &[Executed],
+    radius_mm: f64,
+) -> Dwell {
+    let steps = steps(surface, executed);
+    let known = grids.iter().filter_map(|id| Patch::of_grid(region, *id).map(|patch| (*id, patch)));
+    let known: Vec<(GridId, Patch)> = known.collect();
+    let of_grid = |(id, patch): &(GridId, Patch)| grid_dwell(surface, (*id, patch), &steps, radius_mm);
+    let point = |u: f64, v: f64| surface.point(Parameter { u, v });
+    let sides_mm = [point(0.0, 0.5).distance_mm(point(1.0, 0.5)), point(0.5, 0.0).distance_mm(point(0.5, 1.0))];
+    Dwell { grids: known.par_iter().map(of_grid).collect(), sides_mm }
+}
+
+/// The path in contact, step by step, each on the surface below.
+fn steps(surface: &BSplineSurface, executed: &[Executed]) -> Vec<Step> {
+    let mut steps = Vec::new();
+    let mut guess = Parameter { u: 0.5, v: 0.5 };
+    for pair in executed.windows(2).filter(|pair| pair[1].contact) {
+        let (from, to) = (pair[0].panel_from_tool.origin(), pair[1].panel_from_tool.origin());
+        let count = (from.distance_mm(to) / SAMPLE_MM).ceil().max(1.0) as usize;
+        for step in 0..=count {
+            let point = from + (to - from) * (step as f64 / count as f64);
+            let Some(at) = foot(surface, guess, point) else { continue };
+            guess = at;
+            let tangents = surface.tangents(at);
+            let off = surface.normal_of(&tangents).map(|normal| normal.mm.dot(&(point - tangents.point).mm));
+            if off.is_none_or(|height_mm| height_mm > CONTACT_MM) {
+                continue;
+            }
+            // Each end stands for half a step.
+            let share = if step == 0 || step == count { 0.5 } else { 1.0 } / count as f64;
+            steps.push(Step { at, point: tangents.point, seconds: pair[1].seconds * share });
+        }
+    }
+    steps
+}
+
+/// The place on the surface below or above a point, by Gauss and Newton; `None` where there is none nearby.
+pub fn foot(surface: &BSplineSurface, guess: Parameter, point: Point<Panel>) -> Option<Parameter> {
+    let mut at = guess;
+    for _ in 0..FOOT_STEPS {
+        let tangents = surface.tangents(at);
+        let (s_u, s_v, off) = (tangents.s_u.mm, tangents.s_v.mm, (point - tangents.point).mm);
+        let (e, f, g) = (s_u.dot(&s_u), s_u.dot(&s_v), s_v.dot(&s_v));
+        let area2 = e * g - f * f;
+        let (a, b) = (off.dot(&s_u), off.dot(&s_v));
+        let (du, dv) = ((g * a - f * b) / area2, (e * b - f * a) / area2);
+        if !(du.is_finite() && dv.is_finite()) {
+            return None;
+        }
+        // Far from its start a polynomial goes anywhere.
+        at = Parameter { u: (at.u + du).clamp(-0.2, 1.2), v: (at.v + dv).clamp(-0.2, 1.2) };
+        if (s_u * du + s_v * dv).norm() < FOOT_MM {
+            return Some(at);
+        }
+    }
+    None
+}
+
+fn grid_dwell(
+    surface: &BSplineSurface,
+    (id, patch): (GridId, &Patch),
+    steps: &[Step],
+    radius_mm: f64,
+) -> GridDwell {
+    let middle = surface.tangents(patch.at(Parameter { u: 0.5, v: 0.5 }));
+    let (size_u, size_v) = (patch.high.u - patch.low.u, patch.high.v - patch.low.v);
+    let count = |length_mm: f64| (length_mm / SAMPLE_MM).ceil().max(1.0) as usize;
+    let (columns, rows) = (count(middle.s_u.mm.norm() * size_u), count(middle.s_v.mm.norm() * size_v));
+    let cell = size_u * size_v / (columns * rows) as f64;
+    let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
+    let mut points = Vec::with_capacity(columns * rows);
+    let mut found = GridDwell {
+        id,
+        columns,
+        dwell_s: vec![0.0; columns * rows],
+        passes: vec![0; columns * rows],
+        area_mm2: Vec::with_capacity(columns * rows),
+    };
+    for sample in 0..columns * rows {
+        let at = Parameter { u: share(sample % columns, columns), v: share(sample / columns, rows) };
+        let tangents = surface.tangents(patch.at(at));
+        points.push(tangents.point);
+        found.area_mm2.push((tangents.area_mm2() * cell) as f32);
+    }
+    let mut last_step = vec![usize::MAX - 1; columns * rows];
+    for (index, step) in steps.iter().enumerate() {
+        let tangents = surface.tangents(step.at);
+        // Slanted parameters reach farther than the radius: the height of a rhombus is its side times the sine.
+        let sine = tangents.area_mm2() / (tangents.s_u.mm.norm() * tangents.s_v.mm.norm());
+        let reach = |per_unit: f64| 1.1 * radius_mm / (per_unit * sine);
+        let (reach_u, reach_v) = (reach(tangents.s_u.mm.norm()), reach(tangents.s_v.mm.norm()));
+        let range = |at: f64, reach: f64, low: f64, size: f64, count: usize| {
+            let index = |at: f64| ((at - low) / size * count as f64).clamp(0.0, count as f64) as usize;
+            index(at - reach)..(index(at + reach) + 1).min(count)
+        };
+        for row in range(step.at.v, reach_v, patch.low.v, size_v, rows) {
+            for column in range(step.at.u, reach_u, patch.low.u, size_u, columns) {
+                let sample = row * columns + column;
+                if points[sample].distance_mm(step.point) <= radius_mm {
+                    found.dwell_s[sample] += step.seconds as f32;
+                    found.passes[sample] += u16::from(last_step[sample].wrapping_add(1) != index);
+                    last_step[sample] = index;
+                }
+            }
+        }
+    }
+    found
+}
+
+impl Dwell {
+    /// Covered share of all grids, 0…1.
+    pub fn share(&self) -> f64 {
+        let (covered, all) = self.grids.iter().fold((0.0, 0.0), |(covered, all), grid| {
+            (covered + grid.area_of(|passes| passes > 0), all + grid.area())
+        });
+        covered / all
+    }
+
+    /// How even the time under the disc is over all of them; `None` where it reached nothing.
+    pub fn spread(&self) -> Option<Spread> {
+        Spread::of(self.grids.iter().flat_map(GridDwell::times))
+    }
+
+    /// The longest time that any place was under the disc, s.
+    pub fn longest_s(&self) -> f64 {
+        self.grids.iter().flat_map(|grid| &grid.dwell_s).fold(0.0, |most, dwell| f64::max(most, f64::from(*dwell)))
+    }
+
+    /// How long the region is along u and along v, through its middle, mm.
+    pub fn sides_mm(&self) -> [f64; 2] {
+        self.sides_mm
+    }
+}

@@ -1,0 +1,95 @@
+//! Why a scan gives no surface, in words for the person who teaches.
+
+use super::basis::{DEGREE, KnotError};
+use super::bspline::SurfaceError;
+use crate::geometry::Pixel;
+use crate::words::{apart, fixed};
+
+/// Fewer pixels in a pair of spans do not determine it.
+pub(super) const MIN_PIXELS: usize = (DEGREE + 1) * (DEGREE + 1);
+
+/// Why a scan gives no surface.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum FitError {
+    /// No point of the panel in the region.
+    #[error("the region has no scan points; scan again or move the region")]
+    NoPoints,
+    /// The control points are closer than the scan's.
+    #[error(
+        "a span of {spacing_mm} mm has only {pixels} pixels at ({:.0}, {:.0}) px, needed are {MIN_PIXELS}; raise \
+         [surface] control_spacing_mm", at.u, at.v
+    )]
+    TooFine {
+        /// The recipe's spacing, mm.
+        spacing_mm: f64,
+        /// Pixels in the poorest span.
+        pixels: usize,
+        /// Its middle in the taught picture.
+        at: Pixel,
+    },
+    /// A hole.
+    #[error(
+        "the scan has a hole of {} mm at ({:.0}, {:.0}) px, [surface] max_hole_mm allows {}; scan again or move the region",
+        apart(*size_mm, *limit_mm, 1)[0], at.u, at.v, apart(*size_mm, *limit_mm, 1)[1]
+    )]
+    Hole {
+        /// The middle of the largest square without a point, in the taught picture.
+        at: Pixel,
+        /// Its side, mm.
+        size_mm: f64,
+        /// Side allowed, mm.
+        limit_mm: f64,
+    },
+    /// The thesis's way needs a point where there is none.
+    #[error(
+        "the scan has no point at ({:.0}, {:.0}) px to be a control point; scan again, or set [surface] method = \
+         \"least-squares\"", at.u, at.v
+    )]
+    NoControlPoint {
+        /// Where, in the taught picture.
+        at: Pixel,
+    },
+    /// Too much is missing.
+    #[error(
+        "{} % of the region have no point that fits the surface, [surface] max_missing_percent allows {}",
+        apart(*percent, *limit_percent, 1)[0], apart(*percent, *limit_percent, 1)[1]
+    )]
+    Missing {
+        /// Share found, percent.
+        percent: f64,
+        /// Share allowed, percent.
+        limit_percent: f64,
+    },
+    /// The points do not determine a control point.
+    #[error("the scan does not determine the surface near ({:.0}, {:.0}) px; scan again", at.u, at.v)]
+    Undetermined {
+        /// The control point's place in the taught picture.
+        at: Pixel,
+    },
+    /// The surface turns its back to the camera.
+    #[error("the surface folds at ({:.0}, {:.0}) px: its normal turns away from the camera", at.u, at.v)]
+    Fold {
+        /// Where, in the taught picture.
+        at: Pixel,
+    },
+    /// The deviation is too large.
+    #[error(
+        "the scan lies {} mm rms off the surface, [surface] max_rms_mm allows {}; its noise is {} mm, and a smaller \
+         control_spacing_mm follows a rougher panel", apart(*rms_mm, *limit_mm, 3)[0], apart(*rms_mm, *limit_mm, 3)[1],
+        fixed(*noise_mm, 3)
+    )]
+    PoorFit {
+        /// Deviation, mm.
+        rms_mm: f64,
+        /// Deviation allowed, mm.
+        limit_mm: f64,
+        /// White noise of the scan, mm.
+        noise_mm: f64,
+    },
+    /// The control points make no surface.
+    #[error(transparent)]
+    Surface(#[from] SurfaceError),
+    /// The region makes no knots.
+    #[error(transparent)]
+    Knots(#[from] KnotError),
+}

@@ -1,0 +1,268 @@
+//! A check: one number with its unit, what is allowed of it and who says so, and what follows where it is not kept.
+//!
+//! A gate lists its checks; the verdict, the page, the JSON and the recording are all made from that one list.
+
+use super::{Judgement, Reason};
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+
+/// What is allowed of a number.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Limit {
+    /// No limit: the number is for information.
+    Unlimited,
+    /// The limit itself is allowed.
+    AtMost(f64),
+    /// The limit itself is allowed.
+    AtLeast(f64),
+    /// The limit itself is not allowed.
+    Below(f64),
+}
+
+impl Limit {
+    /// Whether a value keeps it. What is not a number keeps none.
+    pub fn allows(self, value: f64) -> bool {
+        match self {
+            Limit::Unlimited => true,
+            Limit::AtMost(limit) => value <= limit,
+            Limit::AtLeast(limit) => value >= limit,
+            Limit::Below(limit) => value < limit,
+        }
+    }
+
+    /// The limit's number.
+    pub fn bound(self) -> Option<f64> {
+        match self {
+            Limit::Unlimited => None,
+            Limit::AtMost(limit) | Limit::AtLeast(limit) | Limit::Below(limit) => Some(limit),
+        }
+    }
+}
+
+/// Who sets a limit.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SetBy {
+    /// The recipe, by this key.
+    Recipe(Cow<'static, str>),
+    /// The cell's file, by this key.
+    Cell(Cow<'static, str>),
+    /// The program: a constant of it, or what it measured itself.
+    Program,
+}
+
+impl SetBy {
+    /// The recipe, by this key, such as `locate.max_rms_mm`.
+    pub const fn recipe(key: &'static str) -> Self {
+        SetBy::Recipe(Cow::Borrowed(key))
+    }
+
+    /// The cell's file, by this key, such as `limits.min_break_mm2`.
+    pub const fn cell(key: &'static str) -> Self {
+        SetBy::Cell(Cow::Borrowed(key))
+    }
+}
+
+/// What follows where a check is not kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// Nothing: the number is told beside its limit, and decides nothing.
+    #[default]
+    None,
+    /// A person decides.
+    Review,
+    /// The thing is not used; a film that says nothing is invalid.
+    Reject,
+}
+
+/// A number with its limit and what follows from it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Check {
+    /// What it is, in words.
+    pub name: String,
+    /// The value; `None` where it was not measured, which breaks no limit.
+    pub value: Option<f64>,
+    /// Its unit, "mm"; empty for shares and counts.
+    pub unit: String,
+    /// What is allowed.
+    pub limit: Limit,
+    /// Who says so; `None` where there is no limit, or where an earlier program did not keep it.
+    #[serde(default)]
+    pub set_by: Option<SetBy>,
+    /// What follows where it is not kept.
+    #[serde(default)]
+    pub severity: Severity,
+    /// The code of the reason that it then gives; several checks may give one reason.
+    #[serde(default)]
+    pub code: Option<Cow<'static, str>>,
+    /// The reason's words, where the check is not kept.
+    #[serde(default)]
+    pub message: Option<String>,
+}
+
+/// Names of what an earlier program did not keep of a check.
+pub const SINCE_CHECKS: [&str; 4] = ["set_by", "severity", "code", "message"];
+
+impl Check {
+    /// A number without a limit; `None` says that it was not measured.
+    pub fn new(name: impl Into<String>, unit: impl Into<String>, value: impl Into<Option<f64>>) -> Self {
+        let (name, unit, value) = (name.into(), unit.into(), value.into());
+        let (limit, severity) = (Limit::Unlimited, Severity::None);
+        Check { name, value, unit, limit, set_by: None, severity, code: None, message: None }
+    }
+
+    /// The same number, held against a limit.
+    #[must_use]
+    pub fn within(self, limit: Limit, set_by: SetBy) -> Self {
+        Check { limit, set_by: Some(set_by), ..self }
+    }
+
+    /// The same number, which may be so much.
+    #[must_use]
+    pub fn at_most(self, limit: f64, set_by: SetBy) -> Self {
+        self.within(Limit::AtMost(limit), set_by)
+    }
+
+    /// The same number, which must be so much.
+    #[must_use]
+    pub fn at_least(self, limit: f64, set_by: SetBy) -> Self {
+        self.within(Limit::AtLeast(limit), set_by)
+    }
+
+    /// Where it is not kept, the thing is rejected for this reason.
+    #[must_use]
+    pub fn rejects(self, code: &'static str, words: impl FnOnce() -> String) -> Self {
+        self.leads_to(Severity::Reject, code, words)
+    }
+
+    /// Where it is not kept, a person decides for this reason.
+    #[must_use]
+    pub fn reviews(self, code: &'static str, words: impl FnOnce() -> String) -> Self {
+        self.leads_to(Severity::Review, code, words)
+    }
+
+    /// Where it is not kept, this follows for this reason.
+    #[must_use]
+    pub fn leads_to(self, severity: Severity, code: &'static str, words: impl FnOnce() -> String) -> Self {
+        let is_broken = !self.is_kept();
+        self.broken(is_broken, severity, code, words)
+    }
+
+    /// Where `is_broken`, this follows for this reason: for a number that had to be measured and was not, or whose limit
+    /// alone does not decide.
+    #[must_use]
+    pub fn broken(
+        self,
+        is_broken: bool,
+        severity: Severity,
+        code: &'static str,
+        words: impl FnOnce() -> String,
+    ) -> Self {
+        Check { severity, code: Some(Cow::Borrowed(code)), message: is_broken.then(words), ..self }
+    }
+
+    /// The same check with the reason that was found for it, if any.
+    #[must_use]
+    pub fn gives(self, reason: Option<Reason>, severity: Severity) -> Self {
+        let Some(Reason { code, message }) = reason else { return self };
+        Check { severity, code: Some(code), message: Some(message), ..self }
+    }
+
+    /// The same check, of which nothing follows: something else was found that makes it meaningless.
+    #[must_use]
+    pub fn without_consequence(self) -> Self {
+        Check { severity: Severity::None, code: None, message: None, ..self }
+    }
+
+    /// Whether the value keeps its limit; one that was not measured breaks none.
+    pub fn is_kept(&self) -> bool {
+        self.value.is_none_or(|value| self.limit.allows(value))
+    }
+
+    /// The reason that it gives, where it is not kept and something follows.
+    pub fn reason(&self) -> Option<Reason> {
+        let (code, message) = (self.code.clone()?, self.message.clone()?);
+        (self.severity > Severity::None).then_some(Reason { code, message })
+    }
+}
+
+impl Judgement {
+    /// The verdict of one gate by its checks, in their order; a reason that several of them give is listed once.
+    pub fn of_checks<'c>(checks: impl IntoIterator<Item = &'c Check>) -> Self {
+        let (mut reject, mut review) = (Vec::new(), Vec::new());
+        for check in checks {
+            let Some(reason) = check.reason() else { continue };
+            let list = if check.severity == Severity::Reject { &mut reject } else { &mut review };
+            if !list.contains(&reason) {
+                list.push(reason);
+            }
+        }
+        review.retain(|reason| !reject.contains(reason));
+        Judgement::of(reject, review)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::verdict::Verdict;
+
+    #[test]
+    fn a_limit_says_what_it_allows() {
+        assert!(
+            Limit::AtMost(1.0).allows(1.0) && !Limit::Below(1.0).allows(1.0) && Limit::AtLeast(1.0).allows(1.0)
+        );
+        let not_a_number = [Limit::AtMost(1.0), Limit::AtLeast(1.0), Limit::Below(1.0)];
+        assert!(not_a_number.iter().all(|limit| !limit.allows(f64::NAN)));
+    }
+
+    fn rms(mm: impl Into<Option<f64>>) -> Check {
+        let check = Check::new("residual", "mm", mm).at_most(0.25, SetBy::recipe("locate.max_rms_mm"));
+        check.rejects("poor_fit", || "too much".to_owned())
+    }
+
+    #[test]
+    fn a_check_gives_a_reason_where_it_is_not_kept() {
+        let codes = |check: Check| -> Vec<String> {
+            let judgement = Judgement::of_checks(&[check]);
+            judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect()
+        };
+        assert_eq!(codes(rms(0.25)), Vec::<String>::new());
+        assert_eq!(codes(rms(None)), Vec::<String>::new(), "what was not measured breaks no limit");
+        assert_eq!(codes(rms(0.26)), ["poor_fit"]);
+        assert_eq!(codes(rms(f64::NAN)), ["poor_fit"]);
+        assert_eq!(codes(rms(0.26).without_consequence()), Vec::<String>::new());
+    }
+
+    /// Two numbers of the outline, one reason: the worse of both consequences counts.
+    #[test]
+    fn a_reason_that_two_checks_give_is_listed_once() {
+        let both = |severity: Severity| {
+            let check = Check::new("outline", "px", 2.0).at_most(1.0, SetBy::Program);
+            check.leads_to(severity, "outline_differs", || "it differs".to_owned())
+        };
+        let judgement = Judgement::of_checks(&[both(Severity::Review), both(Severity::Review)]);
+        assert_eq!((judgement.verdict, judgement.reasons.len()), (Verdict::Review, 1));
+        let judgement = Judgement::of_checks(&[both(Severity::Review), both(Severity::Reject)]);
+        assert_eq!((judgement.verdict, judgement.reasons.len()), (Verdict::Reject, 1));
+    }
+
+    /// An earlier program kept name, value, unit and limit alone.
+    #[test]
+    fn a_check_is_read_as_an_earlier_program_kept_it() {
+        let text = r#"{"name": "residual", "value": 0.1, "unit": "mm", "limit": {"at_most": 0.25}}"#;
+        let read: Check = serde_json::from_str(text).expect("read");
+        assert_eq!(read, Check::new("residual", "mm", 0.1).within_kept(Limit::AtMost(0.25)));
+        let written = serde_json::to_value(rms(0.26)).expect("written");
+        assert!(SINCE_CHECKS.iter().all(|name| written.get(name).is_some()), "{written}");
+        assert_eq!(serde_json::from_value::<Check>(written).expect("read"), rms(0.26));
+    }
+
+    impl Check {
+        fn within_kept(self, limit: Limit) -> Self {
+            Check { limit, ..self }
+        }
+    }
+}
