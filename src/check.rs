@@ -1,4 +1,4 @@
-//! What a file is, whether it is right, and what was understood: `panelprep check`.
+//! `panelprep check`: the kind of a file, its problems, and what the program understood of it.
 //!
 //! The kind is decided by the names at the top of the file, so that a file may have any name; what begins with `<` or is
 //! called `.xml` is an EthernetKRL file. Several of those are checked for clashes with each other. What is called `.src`,
@@ -6,6 +6,7 @@
 
 mod eki;
 mod krl;
+mod report;
 mod text;
 
 use crate::cell::{
@@ -20,20 +21,8 @@ use crate::requirements::{Purpose, Unmet, unmet};
 use crate::words::{fixed, list};
 use std::collections::BTreeMap;
 
+pub use report::FileReport;
 pub use text::{NotText, decode};
-
-/// What was found in one file.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FileReport {
-    /// What the file is; `None` where that is not clear.
-    pub kind: Option<&'static str>,
-    /// What is wrong, in the order of the lines.
-    pub problems: Vec<Problem>,
-    /// What is allowed and a trap, in the order of the lines.
-    pub warnings: Vec<Problem>,
-    /// What was understood, a sentence each; empty where a file of ours cannot be understood.
-    pub says: Vec<String>,
-}
 
 /// A kind of file: its name, the keys at its top, how it is checked.
 struct Kind {
@@ -70,7 +59,7 @@ const fn mount<M: Mount>(keys: &'static [&'static str]) -> Kind {
 }
 
 /// Checks the texts of configuration files, by themselves and against each other; a file is its name in messages and
-/// its text. A cell must say all that the purpose needs, where one is given. KRL is held against the lowest version of
+/// its text. A cell must say all that the purpose needs, where one is given. KRL is checked for the lowest version of
 /// KSS that the installation page names.
 pub fn check_files(files: &[(&str, &str)], purpose: Option<Purpose>) -> Vec<FileReport> {
     check_files_for(files, purpose, LOWEST_KSS)

@@ -1,7 +1,7 @@
 //! OpenCV's filters and contours over our own pictures.
 //!
-//! The one idea: foreign matrices are views or results, never values that travel. OpenCV computes; pictures are
-//! read and written elsewhere. Its filters give the same bits for any number of threads.
+//! OpenCV's matrices are views or results here and are never handed on. OpenCV computes; pictures are read and written
+//! elsewhere. Its filters give the same bits for any number of threads.
 
 use crate::geometry::{GrayPicture, Mask, Pixel};
 use opencv::core::{
@@ -68,19 +68,27 @@ pub fn outer_contours(mask: &Mask) -> Result<Vec<Vec<Pixel>>, ImagingError> {
     Ok(contours.into_iter().map(|(_, pixels)| pixels).collect())
 }
 
-/// Which connected piece of a mask each pixel belongs to, from 1; 0 outside of the mask. Pixels that touch at a corner alone are
-/// of one piece where `by_corners` says so.
+/// The connected pieces of a mask, each as its pixels row by row. Pixels that touch at a corner alone are of one piece where
+/// `by_corners` says so.
 ///
 /// # Errors
 /// Where OpenCV refuses the mask, such as an empty one.
-pub fn pieces(mask: &Mask, by_corners: bool) -> Result<Vec<i32>, ImagingError> {
+pub fn pieces(mask: &Mask, by_corners: bool) -> Result<Vec<Vec<usize>>, ImagingError> {
     const OPERATION: &str = "connected pieces";
     let bytes = mask.to_gray().gray;
     let source = named(OPERATION, view(mask.height, mask.width, &bytes))?;
     let mut labels = Mat::default();
     let neighbours = if by_corners { 8 } else { 4 };
-    named(OPERATION, imgproc::connected_components(&source, &mut labels, neighbours, CV_32S))?;
-    Ok(named(OPERATION, labels.data_typed::<i32>())?.to_vec())
+    let count = named(OPERATION, imgproc::connected_components(&source, &mut labels, neighbours, CV_32S))?;
+    // The label 0 is what lies outside of the mask.
+    let mut pieces = vec![Vec::new(); usize::try_from(count).unwrap_or_default().saturating_sub(1)];
+    for (index, &label) in named(OPERATION, labels.data_typed::<i32>())?.iter().enumerate() {
+        let piece = usize::try_from(label).ok().and_then(|label| pieces.get_mut(label.checked_sub(1)?));
+        if let Some(piece) = piece {
+            piece.push(index);
+        }
+    }
+    Ok(pieces)
 }
 
 /// The corners of the smallest box around these pixels, turned as it needs to be (thesis Fig. 3.20).

@@ -1,7 +1,10 @@
 //! The phases of the water-break test: what is done to the panel while a picture is taken.
 
+use strum::{Display, EnumString, IntoStaticStr, VariantArray};
+
 /// A phase of the test, in the order in which they follow.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Display, EnumString, IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "lowercase")]
 pub enum Phase {
     /// Before the water.
     Dry,
@@ -13,20 +16,10 @@ pub enum Phase {
 
 impl Phase {
     /// All of them, in order.
-    pub const ALL: [Phase; 3] = [Phase::Dry, Phase::Spray, Phase::Wet];
+    pub const ALL: &'static [Phase] = <Self as VariantArray>::VARIANTS;
 
     /// The word in `clip.csv`.
     pub fn word(self) -> &'static str {
-        match self {
-            Phase::Dry => "dry",
-            Phase::Spray => "spray",
-            Phase::Wet => "wet",
-        }
-    }
-}
-
-impl std::fmt::Display for Phase {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.word())
+        self.into()
     }
 }

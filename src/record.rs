@@ -27,9 +27,10 @@ impl std::fmt::Display for CycleId {
 }
 
 /// Which phase found something.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "lowercase")]
 #[expect(missing_docs, reason = "these names are those of the cycle's phases")]
+#[strum(serialize_all = "lowercase")]
 pub enum Kind {
     Locate,
     Refine,
@@ -50,18 +51,7 @@ pub enum Kind {
 impl Kind {
     /// Its word, as it is kept.
     pub fn word(self) -> &'static str {
-        match self {
-            Kind::Locate => "locate",
-            Kind::Refine => "refine",
-            Kind::Reach => "reach",
-            Kind::Inspect => "inspect",
-            Kind::Plan => "plan",
-            Kind::Verify => "verify",
-            Kind::Abrade => "abrade",
-            Kind::Gate => "gate",
-            Kind::Robot => "robot",
-            Kind::SelfTest => "selftest",
-        }
+        self.into()
     }
 }
 

@@ -1,8 +1,11 @@
-//! How numbers stand in sentences for people.
+//! How numbers and times stand in sentences for people.
 //!
 //! A number that was measured and the limit that it misses are printed so that they differ; a rounded zero has no sign; a
 //! number that is none is called so.
 
+use jiff::Timestamp;
+use jiff::civil::DateTime;
+use jiff::tz::Offset;
 use std::fmt::{self, Display, Formatter};
 
 /// Digits after the point that are tried at most: a double has no more that matter here.
@@ -75,6 +78,23 @@ pub fn percent_apart(found: f64, limit: f64, decimals: usize) -> [String; 2] {
     apart(100.0 * found, 100.0 * limit, decimals)
 }
 
+/// Seconds since 1970 as a day, UTC: `2026-05-31`.
+pub fn utc_day(unix_s: i64) -> String {
+    civil(unix_s).date().to_string()
+}
+
+/// Seconds since 1970 as date and time, UTC: `2026-05-31 09:00:00 UTC`.
+pub fn utc(unix_s: i64) -> String {
+    let time = civil(unix_s);
+    format!("{} {} UTC", time.date(), time.time())
+}
+
+/// A time beyond the years ±9999 is the last or first one that there is.
+fn civil(unix_s: i64) -> DateTime {
+    let beyond = if unix_s < 0 { Timestamp::MIN } else { Timestamp::MAX };
+    Offset::UTC.to_datetime(Timestamp::from_second(unix_s).unwrap_or(beyond))
+}
+
 /// Without zeros at the end of its fraction.
 fn trimmed(text: &str) -> &str {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { text }
@@ -112,6 +132,22 @@ mod tests {
         assert_eq!(apart(60.1, 60.0, 1), ["60.1", "60"]);
         assert_eq!(apart(12.0, 100.0, 0), ["12", "100"]);
         assert_eq!(apart(0.5, 0.5, 1), ["0.5", "0.5"], "the limit itself, where it is not allowed");
+    }
+
+    /// From `date -u -d @…`: leap days, of a century that is a leap year as well, and the last second before 1970.
+    #[test]
+    fn times_are_those_of_the_calendar() {
+        for (unix_s, words) in [
+            (-1, "1969-12-31 23:59:59 UTC"),
+            (0, "1970-01-01 00:00:00 UTC"),
+            (951_782_400, "2000-02-29 00:00:00 UTC"),
+            (1_709_251_199, "2024-02-29 23:59:59 UTC"),
+            (1_795_297_432, "2026-11-21 21:43:52 UTC"),
+        ] {
+            assert_eq!(utc(unix_s), words);
+            assert_eq!(Some(utc_day(unix_s).as_str()), words.split(' ').next());
+        }
+        assert!(utc(i64::MAX).starts_with("9999-12-3"), "{}", utc(i64::MAX));
     }
 
     proptest! {

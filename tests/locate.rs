@@ -300,7 +300,7 @@ fn a_camera_that_moved_is_found_by_the_fixture() {
 /// One scene of each kind that must not be accepted, at a quarter of the size; each of its reasons has a picture.
 #[test]
 fn bad_scenes_are_never_accepted() {
-    for wrong in Wrong::ALL {
+    for &wrong in Wrong::ALL {
         let trial = Trial::bad(1, wrong, 4);
         let (judgement, fit) = tried(&trial);
         let pictures = pictures(&trial, &judgement, fit.as_ref());

@@ -47,16 +47,16 @@ pub(super) fn blobs(
         let away = f64::from(picture.gray[index]) - sums.mean(index % width, index / width, reach_px);
         if lighter { away > LEAST_CONTRAST } else { away < -LEAST_CONTRAST }
     };
-    let labels =
-        imaging::pieces(&Mask { width, height, inside: (0..width * height).map(is_marked).collect() }, false)?;
-    let mut pieces: Vec<Piece> = Vec::new();
-    for (index, &label) in labels.iter().enumerate().filter(|(_, label)| **label > 0) {
-        pieces.resize_with(pieces.len().max(label as usize), Piece::default);
-        let (piece, (column, row)) = (&mut pieces[label as usize - 1], (index % width, index / width));
-        piece.add(column as f64, row as f64);
-        piece.at_rim |= column == 0 || row == 0 || column + 1 == width || row + 1 == height;
-    }
-    Ok(pieces.iter().filter_map(|piece| piece.blob((width * height) as f64)).collect())
+    let mask = Mask { width, height, inside: (0..width * height).map(is_marked).collect() };
+    let piece = |pixels: &Vec<usize>| {
+        let mut piece = Piece::default();
+        for (column, row) in pixels.iter().map(|index| (index % width, index / width)) {
+            piece.add(column as f64, row as f64);
+            piece.at_rim |= column == 0 || row == 0 || column + 1 == width || row + 1 == height;
+        }
+        piece.blob((width * height) as f64)
+    };
+    Ok(imaging::pieces(&mask, false)?.iter().filter_map(piece).collect())
 }
 
 /// Sums above and left of each pixel.

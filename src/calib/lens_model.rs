@@ -1,17 +1,24 @@
 //! Which distortion coefficients a lens model has, from none to all five.
 
+use strum::{IntoStaticStr, VariantArray};
+
 /// A lens model; each holds the coefficients of those before it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, IntoStaticStr, VariantArray)]
 pub enum LensModel {
     /// No distortion.
+    #[strum(serialize = "pinhole")]
     Pinhole,
     /// k1.
+    #[strum(serialize = "k1")]
     Radial1,
     /// k1, k2.
+    #[strum(serialize = "k1k2")]
     Radial2,
     /// k1, k2, p1, p2.
+    #[strum(serialize = "k1k2p1p2")]
     Tangential,
     /// k1, k2, p1, p2, k3.
+    #[strum(serialize = "k1k2p1p2k3")]
     Full,
 }
 
@@ -26,18 +33,11 @@ const COEFFICIENTS: [(&str, usize, LensModel); 5] = [
 
 impl LensModel {
     /// All of them, the simplest first.
-    pub const ALL: [LensModel; 5] =
-        [LensModel::Pinhole, LensModel::Radial1, LensModel::Radial2, LensModel::Tangential, LensModel::Full];
+    pub const ALL: &'static [LensModel] = <Self as VariantArray>::VARIANTS;
 
     /// Its name on the command line and in files.
     pub fn name(self) -> &'static str {
-        match self {
-            LensModel::Pinhole => "pinhole",
-            LensModel::Radial1 => "k1",
-            LensModel::Radial2 => "k1k2",
-            LensModel::Tangential => "k1k2p1p2",
-            LensModel::Full => "k1k2p1p2k3",
-        }
+        self.into()
     }
 
     /// Is the number at this place, among fx, fy, cx, cy, k1, k2, p1, p2, k3, one of its own?
@@ -67,7 +67,7 @@ mod tests {
 
     #[test]
     fn each_model_adds_to_the_one_before() {
-        assert_eq!(LensModel::ALL.map(LensModel::count), [4, 5, 6, 8, 9]);
+        assert_eq!(LensModel::ALL.iter().map(|model| model.count()).collect::<Vec<_>>(), [4, 5, 6, 8, 9]);
         assert_eq!(LensModel::Radial2.left_out(), ["p1", "p2", "k3"]);
         assert!(LensModel::Full.left_out().is_empty());
     }

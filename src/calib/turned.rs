@@ -17,7 +17,7 @@ use super::detect::Corners;
 use super::error::CalibError;
 use super::foreign;
 use super::pose::board_pose;
-use crate::geometry::{Base, Board as BoardFrame, Flange, PinholeCamera, Point, Rigid};
+use crate::geometry::{Base, Board as BoardFrame, Flange, PinholeCamera, Point, Rigid, median};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 /// The angles of (1) differ by less than this, rad: an arm that is off its drawing, and corners in a small picture.
@@ -132,8 +132,7 @@ impl Stations {
             ways.min_by(|one, other| one.0.total_cmp(&other.0)).unwrap_or((f64::INFINITY, 0))
         };
         let (mut apart, ways): (Vec<f64>, Vec<usize>) = (0..self.turned.len()).map(nearest).unzip();
-        apart.sort_by(f64::total_cmp);
-        Some((apart[apart.len() / 2], ways))
+        Some((median(&mut apart)?, ways))
     }
 }
 

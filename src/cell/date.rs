@@ -1,6 +1,7 @@
 //! A day, as calibration files and reports write it.
 
 use crate::config::Setting;
+use crate::words::utc_day;
 use toml::de::DeValue;
 
 /// A day, `2026-05-31`.
@@ -14,18 +15,9 @@ impl Date {
         (day.date.is_some() && day.time.is_none()).then(|| Date(day.to_string()))
     }
 
-    /// The day of a time in UTC: days are counted from 1 March, so that a leap day ends the year (Hinnant,
-    /// "chrono-compatible low-level date algorithms").
+    /// The day of a time in UTC.
     pub fn of_unix_s(unix_s: i64) -> Self {
-        let days = unix_s.div_euclid(86_400) + 719_468;
-        let (era, of_era) = (days.div_euclid(146_097), days.rem_euclid(146_097));
-        let year_of_era = (of_era - of_era / 1_460 + of_era / 36_524 - of_era / 146_096) / 365;
-        let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-        let from_march = (5 * of_year + 2) / 153;
-        let day = of_year - (153 * from_march + 2) / 5 + 1;
-        let month = if from_march < 10 { from_march + 3 } else { from_march - 9 };
-        let year = year_of_era + era * 400 + i64::from(month <= 2);
-        Date(format!("{year:04}-{month:02}-{day:02}"))
+        Date(utc_day(unix_s))
     }
 }
 

@@ -31,7 +31,8 @@ fn take_joints(section: &Section<'_, '_>) -> Option<Joints> {
 }
 
 /// The outputs that the process uses, by the names they have in `[io.outputs]`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
+#[strum(serialize_all = "snake_case")]
 pub enum Output {
     /// `light`: on for film, off for 3D.
     Light,
@@ -52,13 +53,7 @@ impl Output {
 
     /// The name in the cell's file.
     pub fn name(self) -> &'static str {
-        match self {
-            Output::Light => "light",
-            Output::Spray => "spray",
-            Output::LensShutter => "lens_shutter",
-            Output::Extraction => "extraction",
-            Output::Tool => "tool",
-        }
+        self.into()
     }
 
     /// The feedback that says whether it did what it should; that of the spray says that it is off.
@@ -74,7 +69,8 @@ impl Output {
 }
 
 /// The feedbacks that the process uses, by the names they have in `[io.feedbacks]`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
+#[strum(serialize_all = "snake_case")]
 pub enum Feedback {
     /// `light_on`: on, and as bright as it gets.
     LightOn,
@@ -91,13 +87,7 @@ pub enum Feedback {
 impl Feedback {
     /// The name in the cell's file.
     pub fn name(self) -> &'static str {
-        match self {
-            Feedback::LightOn => "light_on",
-            Feedback::WaterOff => "water_off",
-            Feedback::LensShut => "lens_shut",
-            Feedback::ExtractionFlow => "extraction_flow",
-            Feedback::ToolRunning => "tool_running",
-        }
+        self.into()
     }
 }
 

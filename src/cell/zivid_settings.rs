@@ -9,26 +9,26 @@
 
 use crate::config::{Problem, Problems};
 use saphyr::{LoadableYamlNode, MarkedYaml, Scalar, YamlData};
+use strum::{IntoStaticStr, VariantArray};
 
 /// Frequency of the mains.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr, VariantArray)]
 pub enum Mains {
     /// Europe, most of Asia and Africa.
+    #[strum(serialize = "50 Hz")]
     Hz50,
     /// North America, part of Japan.
+    #[strum(serialize = "60 Hz")]
     Hz60,
 }
 
 impl Mains {
     /// Both.
-    pub const ALL: [Mains; 2] = [Mains::Hz50, Mains::Hz60];
+    pub const ALL: &'static [Mains] = <Self as VariantArray>::VARIANTS;
 
     /// In words.
     pub fn name(self) -> &'static str {
-        match self {
-            Mains::Hz50 => "50 Hz",
-            Mains::Hz60 => "60 Hz",
-        }
+        self.into()
     }
 
     /// From one brightest instant of a lamp to the next, µs: half of the mains' period.
@@ -104,7 +104,7 @@ impl ZividSettings {
     /// The mains whose lamps light each exposure alike.
     pub fn fitting(&self) -> Vec<Mains> {
         let fits = |mains: &Mains| self.exposures_us.iter().all(|exposure_us| mains.fits(*exposure_us));
-        Mains::ALL.into_iter().filter(|mains| !self.exposures_us.is_empty() && fits(mains)).collect()
+        Mains::ALL.iter().copied().filter(|mains| !self.exposures_us.is_empty() && fits(mains)).collect()
     }
 
     /// What they are, a sentence each.
@@ -286,7 +286,7 @@ mod tests {
     /// By hand: 8 ms are 0.8 periods of 10 ms and 0.96 of 8.33 ms; 50 ms are 5 and 6.
     #[test]
     fn an_exposure_fits_mains_whose_flicker_it_is_a_multiple_of() {
-        let fits = |us: f64| Mains::ALL.map(|mains| mains.fits(us));
+        let fits = |us: f64| [Mains::Hz50, Mains::Hz60].map(|mains| mains.fits(us));
         assert_eq!(fits(8_000.0), [false, false]);
         assert_eq!(fits(10_000.0), [true, false]);
         assert_eq!(fits(8_333.0), [false, true]);

@@ -1,9 +1,9 @@
-//! Classic EthernetKRL files, ours and foreign ones: what is wrong, what is a trap, what the channel does.
+//! Checks classic EthernetKRL files, shipped or foreign: errors, pitfalls, and a description of the channel.
 //!
-//! The reader is that of the client, `eki::channel`: it notes everything that differs from the manual. Here `traps` finds
-//! what the controller accepts and a person regrets, `clash` what two files do to each other, and `say` puts a channel
-//! in words. Facts: `eki.md` 1 and 6. RAW channels, dialling controllers and unknown names are read as well, and all
-//! problems are told.
+//! The client's reader (`eki::channel`) notes everything that differs from the manual. Here `traps` finds what the
+//! controller accepts although it leads to trouble, `clash` finds conflicts between two files, and `say` describes a
+//! channel. Facts: `eki.md` 1 and 6. RAW channels, channels that the controller dials and unknown names are read as
+//! well, and all problems are reported.
 //!
 //! Does not judge the newer dialect of EthernetKRL 6; it says that the file is one.
 
@@ -21,7 +21,7 @@ pub(super) use clash::clashes;
 pub(super) struct Checked {
     /// What the controller refuses or cannot work with.
     pub(super) problems: Vec<Problem>,
-    /// What it accepts and a person regrets.
+    /// What it accepts although it leads to trouble.
     pub(super) warnings: Vec<Problem>,
     /// What the channel does, a sentence each.
     pub(super) says: Vec<String>,

@@ -1,6 +1,6 @@
 //! Programs and data lists of the controller: `.src`, `.sub`, `.dat`, checked as one program.
 
-use super::FileReport;
+use super::report::FileReport;
 use crate::krl::{File, Kss, analyse, parse};
 
 /// Whether this is the name of a KRL file.

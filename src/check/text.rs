@@ -1,4 +1,4 @@
-//! The bytes of a file as text: in which of the usual encodings it is written.
+//! Decodes the bytes of a file to text: finds out which of the usual encodings it has.
 
 /// A file that is no text in an encoding that is read here.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

@@ -13,7 +13,7 @@ use crate::path::approach::{Approach, CornerTour};
 use crate::path::disc::DiscUse;
 use crate::path::dwell::{self, Dwell, GridDwell};
 use crate::path::panel_reach::Stand;
-use crate::path::{self, Kinematics, Program, ProgramName, Spread, WaypointLimits};
+use crate::path::{self, Kinematics, Program, ProgramName, Spread, Waypoint, WaypointLimits};
 use crate::recipe::Recipe;
 use crate::report::{View, dwell_map, overlap_map};
 use crate::stages::plan::{self, Reach};
@@ -293,7 +293,7 @@ impl Planned {
             .map(|path| {
                 let grids: Vec<String> = path.grids.iter().map(ToString::to_string).collect();
                 let contact: Vec<bool> = path.waypoints.iter().map(|waypoint| waypoint.contact).collect();
-                let waypoints: Vec<KukaPose> = path.waypoints.iter().map(|waypoint| waypoint.pose).collect();
+                let waypoints: Vec<KukaPose> = path.waypoints.iter().map(Waypoint::pose).collect();
                 let feeds: Vec<f64> = path.waypoints.iter().map(|waypoint| waypoint.feed_mm_s).collect();
                 let blends: Vec<f64> = path.waypoints.iter().map(|waypoint| waypoint.blend_mm).collect();
                 json!({

@@ -32,7 +32,8 @@ pub(super) struct Assumption {
 }
 
 /// What came of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
+#[strum(serialize_all = "lowercase")]
 pub(super) enum Finding {
     Proven,
     Wrong,
@@ -41,11 +42,7 @@ pub(super) enum Finding {
 
 impl Finding {
     pub(super) fn word(self) -> &'static str {
-        match self {
-            Finding::Proven => "proven",
-            Finding::Wrong => "wrong",
-            Finding::Open => "open",
-        }
+        self.into()
     }
 }
 

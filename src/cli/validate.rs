@@ -10,7 +10,7 @@ use super::load::Taught;
 use super::outcome::Outcome;
 use super::output;
 use crate::geometry::Mask;
-use crate::inspect::{Confusion, Demands, Score, pieces_of, score_within};
+use crate::inspect::{Confusion, Demands, Score, score_within};
 use crate::recipe::Recipe;
 use crate::report::{Bar, bars};
 use crate::verdict::{Judgement, Verdict};
@@ -114,7 +114,7 @@ fn row(clip: &Path, inspected: &Inspected, labels: &Labels) -> Result<Row, Fault
         whole,
         within,
         grids,
-        places: pieces_of(&inside).iter().map(place).collect(),
+        places: inside.pieces().iter().map(place).collect(),
     })
 }
 

@@ -1,36 +1,13 @@
-//! A file as a whole: parsed, read, and all findings joined into problems.
+//! Checks a whole file: parses it, reads its keys, and turns all findings into a list of problems.
 
 use super::nearest::nearest;
 use super::problem::{Problem, Problems};
+use super::reading::{Document, Finding, path};
 use super::section::Section;
 use super::syntax;
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
-use toml::Spanned;
 use toml::de::DeTable;
-
-/// What a reading found. Only when the whole file is read is it known what an unknown key may have meant.
-pub(super) enum Finding {
-    Wrong(Problem),
-    Unknown { line: usize, table: String, key: String },
-    Missing { line: usize, table: String, key: &'static str, table_is_there: bool },
-}
-
-/// A parsed file while it is read.
-pub(super) struct Document<'t> {
-    pub(super) text: &'t str,
-    root: Spanned<DeTable<'t>>,
-    pub(super) findings: RefCell<Vec<Finding>>,
-    /// The keys of each table that was read.
-    pub(super) known: RefCell<BTreeMap<String, Vec<&'static str>>>,
-    /// Misspelt tables: the path that is meant, and the name that is written.
-    pub(super) misspelt: BTreeMap<String, String>,
-}
-
-/// A key with its table.
-pub(super) fn path(table: &str, key: &str) -> String {
-    if table.is_empty() { key.to_owned() } else { format!("{table}.{key}") }
-}
 
 /// Checks a file: `take` reads its keys and gives the checked form where it found no problem. It is called twice:
 /// the first reading learns which tables are misspelt, so that the second can list what is wrong inside them too.

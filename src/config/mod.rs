@@ -9,6 +9,7 @@ mod edit;
 mod nearest;
 mod place;
 mod problem;
+mod reading;
 mod section;
 mod settings;
 mod syntax;

@@ -1,7 +1,7 @@
-//! One table of a file, from which keys are taken; what is left over is unknown.
+//! One table of a file. The reader takes keys from it; keys that nobody took are reported as unknown.
 
-use super::document::{Document, Finding, path};
 use super::problem::Problem;
+use super::reading::{Document, Finding, path};
 use super::syntax::line_of;
 use super::value::{Setting, found};
 use std::cell::RefCell;

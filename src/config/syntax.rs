@@ -1,4 +1,4 @@
-//! Where in the text a syntax error stands.
+//! Finds the line of a syntax error.
 
 use super::problem::Problem;
 

@@ -1,4 +1,4 @@
-//! What the loop does for the table, in this order and nothing else.
+//! The effects of a step. The loop performs them in their order, and does nothing else.
 
 use super::{Deadline, Id, Request, Robot, Trouble};
 use crate::verdict::Verdict;
@@ -169,8 +169,9 @@ pub enum Switch {
 }
 
 /// How a motion ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "lowercase")]
 pub enum Outcome {
     /// At its end.
     Done,
@@ -187,13 +188,7 @@ pub enum Outcome {
 impl Outcome {
     /// The word on the page.
     pub fn word(self) -> &'static str {
-        match self {
-            Outcome::Done => "done",
-            Outcome::Held => "held",
-            Outcome::Stopped => "stopped",
-            Outcome::Aborted => "aborted",
-            Outcome::Cleared => "cleared",
-        }
+        self.into()
     }
 }
 

@@ -1,4 +1,4 @@
-//! What can happen: a person asks, or the cell tells. Each event is one line of the journal.
+//! The inputs of the table: requests of a person and reports of the cell. Each event is one line of the journal.
 
 use serde::{Deserialize, Serialize};
 

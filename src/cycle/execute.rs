@@ -1,25 +1,13 @@
-//! What is aimed at in each state, and what an act's answer leads to.
+//! The aim of each state, and the transition that the answer to an act causes.
 
-use super::interlocks::{CLEARING, COMPLETING, LEAVING, RESETTING, Row, STARTING, UNHOLDING};
+use super::interlocks::{CLEARING, COMPLETING, LEAVING, RESETTING, STARTING, UNHOLDING};
 use super::rules::Rule;
-use super::turn::Turn;
+use super::turn::{Aim, Turn};
 use super::{
     Act, Answer, At, Cause, Deadline, Epoch, Extraction, Film, Grade, Hold, Lens, Light, Motion, Outcome, Path,
     Phase, Refusal, Request, Robot, Switch, Tool, Trouble, Water, Why,
 };
 use crate::verdict::Verdict;
-
-/// What a state is about.
-pub(super) enum Aim {
-    /// Nothing, or only time.
-    Rest,
-    /// This act, once its needs hold.
-    Do(Act),
-    /// This act at once.
-    Now(Act),
-    /// The next state, once these hold.
-    Reach(&'static [Row], At),
-}
 
 impl Turn {
     /// What the state is about.

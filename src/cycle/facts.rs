@@ -1,7 +1,7 @@
-//! What is known of the cell: only what it told, and nothing of what is being changed.
+//! What is known of the cell: only what the cell has reported. A fact that is being changed is unknown.
 //!
-//! The facts equal the link's: an epoch that the link has ended is not open here, whatever the cycle was doing, and one
-//! of which that is not known for sure is ended before another is opened.
+//! The facts agree with the robot link: an epoch that the link has ended is not open here, whatever the cycle was doing.
+//! Where it is not certain that an epoch has ended, it is ended before another one is opened.
 
 use super::{Act, Frames, Id, Path, Robot, Switch};
 use serde::{Deserialize, Serialize};

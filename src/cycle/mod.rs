@@ -13,8 +13,8 @@
 //! ```
 //!
 //! What it never does. It has no clock: [`Effect::Arm`] asks for a deadline, [`Report::Deadline`] says it is over. It
-//! reads no files, opens no sockets, draws no random numbers. It never believes what was not told: [`Facts`] become
-//! known by reports alone, and asking for a change makes one unknown. It never takes the answer to one act for
+//! reads no files, opens no sockets, draws no random numbers. It assumes nothing that was not reported: [`Facts`] become
+//! known by reports alone, and a request for a change makes a fact unknown. It never takes the answer to one act for
 //! another: each act has an [`Id`], and a report that names another is dropped and counted. It never ends a motion:
 //! the robot says when it stands. It never resumes by itself: after [`Report::Boot`] it rests, and a path that was
 //! left is planned again.
@@ -35,6 +35,7 @@ mod event;
 mod execute;
 mod facts;
 mod interlocks;
+mod rest;
 mod rules;
 mod state;
 mod step;

@@ -1,4 +1,4 @@
-//! The rules of the table, by name, so that a test can take one out and see the walks break.
+//! The rules of the table by name, so that a test can disable each one and see that the random walks then fail.
 
 /// Each rule has its place in the code beside its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,4 +1,4 @@
-//! Where the cycle is.
+//! The state of the cycle.
 
 use super::{Act, Facts, Id, Motion, Robot, Trouble};
 use crate::verdict::Verdict;
@@ -50,8 +50,9 @@ impl State {
 }
 
 /// The PackML states.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "lowercase")]
 pub enum At {
     /// At rest; a Reset leads out.
     Stopped,
@@ -109,22 +110,7 @@ pub enum At {
 impl At {
     /// The PackML word that users script against.
     pub fn word(self) -> &'static str {
-        match self {
-            At::Stopped => "stopped",
-            At::Resetting => "resetting",
-            At::Idle => "idle",
-            At::Starting => "starting",
-            At::Execute(_) => "execute",
-            At::Holding(_) => "holding",
-            At::Held(_) => "held",
-            At::Unholding { .. } => "unholding",
-            At::Completing { .. } => "completing",
-            At::Complete { .. } => "complete",
-            At::Stopping { .. } => "stopping",
-            At::Aborting { .. } => "aborting",
-            At::Aborted { .. } => "aborted",
-            At::Clearing { .. } => "clearing",
-        }
+        self.into()
     }
 
     /// Nothing is under way; the process may leave.

@@ -1,4 +1,4 @@
-//! One step of the table: what an event means where the cycle is.
+//! One step of the table: how an event changes the state.
 
 use super::rules::{Rule, Rules};
 use super::turn::Turn;
@@ -253,7 +253,7 @@ impl Turn {
     fn boot(&mut self) {
         self.conclude(Verdict::Aborted);
         if self.rules.keep(Rule::BootRests) {
-            self.state = super::boot::booted(self.state);
+            self.state = super::rest::booted(self.state);
         }
     }
 }

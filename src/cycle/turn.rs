@@ -1,10 +1,21 @@
-//! One step under way: the state, the effects so far, and how an aim becomes the next act.
+//! A step while it is computed: the state, the effects so far, and the way from an aim to the next act.
 
-use super::execute::Aim;
 use super::interlocks::{Row, needs};
 use super::rules::{Rule, Rules};
 use super::{Act, At, Deadline, Due, Effect, Facts, Id, Intent, Outcome, Refusal, Request, State};
 use crate::verdict::Verdict;
+
+/// What a state is about.
+pub(super) enum Aim {
+    /// Nothing, or only time.
+    Rest,
+    /// This act, once its needs hold.
+    Do(Act),
+    /// This act at once.
+    Now(Act),
+    /// The next state, once these hold.
+    Reach(&'static [Row], At),
+}
 
 /// One step under way.
 pub(super) struct Turn {

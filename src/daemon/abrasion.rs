@@ -223,7 +223,7 @@ impl Abrasion {
     /// Keeps a plan: its number, and its waypoints after the air point of the approach.
     fn keep(&mut self, plan: Plan) -> (u64, u32) {
         let all = waypoints(&plan);
-        let text: Vec<String> = all.iter().map(|waypoint| format!("{:?}", waypoint.pose)).collect();
+        let text: Vec<String> = all.iter().map(|waypoint| format!("{:?}", waypoint.pose())).collect();
         let hash = content_hash(text.join("\n").as_bytes());
         // Sixty-four bits of hexadecimal digits always are a number.
         let number = hash.get(..16).and_then(|digits| u64::from_str_radix(digits, 16).ok()).unwrap_or_default();

@@ -191,7 +191,7 @@ impl Running<'_> {
                 Some(routes::view(standing, from, to))
             }
             Path::Approach => {
-                let to = routes::waypoints(self.abrasion.latest()?).first()?.pose.to_rigid();
+                let to = routes::waypoints(self.abrasion.latest()?).first()?.as_sent();
                 Some(routes::air(standing, place?, (pad, to), None))
             }
             Path::Contact => {

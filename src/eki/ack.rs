@@ -1,8 +1,9 @@
-//! What the controller says about commands: how far they have come, and the first that it refused.
+//! Acknowledgements of the controller: which commands it has received and executed, and the first one that it refused.
 
+use super::ids::{CommandId, Epoch};
 use super::schema::{Field, int};
-use super::wire::{CommandId, Epoch};
 use serde::{Deserialize, Serialize};
+use strum::VariantArray;
 
 /// An acknowledgement. Counts are of its epoch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,7 +21,7 @@ pub struct Ack {
 }
 
 /// Why the controller refused a command.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, thiserror::Error, VariantArray)]
 #[serde(rename_all = "snake_case")]
 pub enum Refusal {
     /// `Err` 1.
@@ -56,18 +57,7 @@ pub enum Refusal {
 }
 
 impl Refusal {
-    const IN_ORDER: [Refusal; 10] = [
-        Refusal::IdGap,
-        Refusal::WrongEpoch,
-        Refusal::RingFull,
-        Refusal::UnknownOperation,
-        Refusal::OutOfRange,
-        Refusal::FramesNotSet,
-        Refusal::InputReadOnly,
-        Refusal::NotReachable,
-        Refusal::NoMotionMode,
-        Refusal::Stopped,
-    ];
+    const IN_ORDER: &'static [Refusal] = <Self as VariantArray>::VARIANTS;
 }
 
 pub(super) const ACK: [Field; 6] = [

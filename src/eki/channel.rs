@@ -21,7 +21,7 @@ mod tree;
 use crate::config::Problem;
 pub use file::{ChannelError, ChannelFile, Element, Memory};
 pub(crate) use findings::Findings;
-pub use kinds::{Environment, Kind, Order, Peer, Protocol};
+pub use kinds::{Environment, Kind, Peer, Protocol, ReadOrder};
 pub(crate) use stated::{Signal, StatedChannel, StatedElement, StatedRaw};
 
 /// What a file states, with everything that differs from the manual; `name` is the file's name.

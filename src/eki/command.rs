@@ -1,16 +1,17 @@
-//! What the robot can be asked: the nine functions of thesis Table 3.1, as values of one type.
+//! Commands to the robot: the nine functions of thesis Table 3.1, as values of one type.
 //!
 //! Numbers carry their unit and are checked where a command is queued, against what any controller of this kind
-//! can do; the cell's own limits are the gate's business. Nothing is clamped.
+//! can do; the gate checks the cell's own limits. Nothing is clamped.
 
-use super::wire::Epoch;
+use super::ids::Epoch;
 use super::word::{Word, word};
 use crate::geometry::{Joints, KukaPose};
 use serde::{Deserialize, Serialize};
 
 /// One function of thesis Table 3.1.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum Command {
     /// `move_lin(pose)`: a straight line of the tool's tip.
     MoveLin(MoveLin),
@@ -30,6 +31,7 @@ pub enum Command {
     /// `set_digout(number, value)`: when the arm stands at the end of what was sent before.
     SetDigout(Signal),
     /// `set_digout(number, value)` on the way: with the end of the motion before it, which is blended all the same.
+    #[strum(serialize = "set_digout")]
     SetDigoutOnPath(Signal),
     /// `call_subroutine()`: one of the controller's predefined subroutines, by its index.
     CallSubroutine {
@@ -198,17 +200,7 @@ pub(super) const LARGEST_DEG: f64 = 3_600.0;
 impl Command {
     /// The function's name in thesis Table 3.1.
     pub fn name(&self) -> &'static str {
-        match self {
-            Command::MoveLin(_) => "move_lin",
-            Command::MoveJ(_) => "move_j",
-            Command::GetCurrentState => "get_current_state",
-            Command::SetBase(_) => "set_base",
-            Command::SetTcp(_) => "set_tcp",
-            Command::SetAccSpeed(_) => "set_acc_speed",
-            Command::SetDigin(_) => "set_digin",
-            Command::SetDigout(_) | Command::SetDigoutOnPath(_) => "set_digout",
-            Command::CallSubroutine { .. } => "call_subroutine",
-        }
+        self.into()
     }
 
     /// The wire's fields; `to_come` is how many points of the same path follow this one.

@@ -90,9 +90,9 @@ pub enum FrameError {
     },
 }
 
-/// Where the scan stands.
+/// The state of the scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Place {
+enum ScanState {
     /// Outside of tags: between documents or between the tags of one.
     Outside,
     /// In a byte order mark, this many bytes of it seen.
@@ -117,7 +117,7 @@ const PROLOG: &[u8] = b"<?xml";
 /// Cuts one stream into documents.
 #[derive(Debug, Clone)]
 pub struct Framer {
-    place: Place,
+    state: ScanState,
     depth: usize,
     document: Vec<u8>,
     at: u64,
@@ -128,7 +128,7 @@ pub struct Framer {
 impl Default for Framer {
     fn default() -> Self {
         Framer {
-            place: Place::Outside,
+            state: ScanState::Outside,
             depth: 0,
             document: Vec::new(),
             at: 0,
@@ -160,9 +160,9 @@ impl Framer {
 
     /// How many bytes from here on only lengthen the document, wherever in it they stand.
     fn plain(&self, bytes: &[u8]) -> usize {
-        match self.place {
-            Place::Outside if self.depth > 0 => {}
-            Place::Start { slash: false } | Place::Quoted(_) => {}
+        match self.state {
+            ScanState::Outside if self.depth > 0 => {}
+            ScanState::Start { slash: false } | ScanState::Quoted(_) => {}
             _ => return 0,
         }
         let room = MAX_DOCUMENT_BYTES - self.document.len();
@@ -184,20 +184,20 @@ impl Framer {
 
     /// True where a document has begun and has not ended.
     pub fn is_inside(&self) -> bool {
-        self.broken.is_none() && !(self.place == Place::Outside && self.document.is_empty())
+        self.broken.is_none() && !(self.state == ScanState::Outside && self.document.is_empty())
     }
 
     fn step(&mut self, byte: u8) -> Result<(), FrameError> {
         let at = self.at;
         let between = self.depth == 0 && self.document.is_empty();
-        match self.place {
-            Place::Outside if between && matches!(byte, b' ' | b'\t' | b'\r' | b'\n' | 0) => return Ok(()),
-            Place::Outside if between && byte == MARK[0] => self.place = Place::Mark(1),
-            Place::Mark(seen) if byte == MARK[seen] => {
-                self.place = if seen + 1 == MARK.len() { Place::Outside } else { Place::Mark(seen + 1) };
+        match self.state {
+            ScanState::Outside if between && matches!(byte, b' ' | b'\t' | b'\r' | b'\n' | 0) => return Ok(()),
+            ScanState::Outside if between && byte == MARK[0] => self.state = ScanState::Mark(1),
+            ScanState::Mark(seen) if byte == MARK[seen] => {
+                self.state = if seen + 1 == MARK.len() { ScanState::Outside } else { ScanState::Mark(seen + 1) };
             }
-            Place::Mark(_) => return Err(FrameError::Stray { at, byte }),
-            Place::Outside if between && byte != b'<' => return Err(FrameError::Stray { at, byte }),
+            ScanState::Mark(_) => return Err(FrameError::Stray { at, byte }),
+            ScanState::Outside if between && byte != b'<' => return Err(FrameError::Stray { at, byte }),
             _ => return self.inside(byte),
         }
         Ok(())
@@ -217,51 +217,52 @@ impl Framer {
         }
         self.document.push(byte);
         let starts_name = byte.is_ascii_alphabetic() || byte == b'_';
-        self.place = match (self.place, byte) {
-            (Place::Outside, b'<') => Place::Opened,
-            (Place::Opened, b'!') => return Err(FrameError::Declaration { at }),
-            (Place::Opened, b'?') if self.depth == 0 => Place::Prolog { question: false },
-            (Place::Opened, b'?') => return Err(FrameError::Instruction { at }),
-            (Place::Opened, b'/') if self.depth == 0 => return Err(FrameError::Unopened { at }),
-            (Place::Opened, b'/') => Place::End { named: false },
-            (Place::Opened, _) if starts_name => Place::Start { slash: false },
-            (Place::Start { slash: true }, b'>') => self.closed(self.depth),
-            (Place::Start { .. } | Place::Valued, b'>') if self.depth == MAX_DEPTH => {
+        self.state = match (self.state, byte) {
+            (ScanState::Outside, b'<') => ScanState::Opened,
+            (ScanState::Opened, b'!') => return Err(FrameError::Declaration { at }),
+            (ScanState::Opened, b'?') if self.depth == 0 => ScanState::Prolog { question: false },
+            (ScanState::Opened, b'?') => return Err(FrameError::Instruction { at }),
+            (ScanState::Opened, b'/') if self.depth == 0 => return Err(FrameError::Unopened { at }),
+            (ScanState::Opened, b'/') => ScanState::End { named: false },
+            (ScanState::Opened, _) if starts_name => ScanState::Start { slash: false },
+            (ScanState::Start { slash: true }, b'>') => self.closed(self.depth),
+            (ScanState::Start { .. } | ScanState::Valued, b'>') if self.depth == MAX_DEPTH => {
                 return Err(FrameError::TooDeep { at, limit: MAX_DEPTH });
             }
-            (Place::Start { .. } | Place::Valued, b'>') => {
+            (ScanState::Start { .. } | ScanState::Valued, b'>') => {
                 self.depth += 1;
-                Place::Outside
+                ScanState::Outside
             }
-            (Place::Start { slash: false } | Place::Valued, b'/') => Place::Start { slash: true },
-            (Place::Valued, b' ' | b'\t' | b'\r' | b'\n') => Place::Start { slash: false },
-            (Place::Valued, _) => return Err(FrameError::Tag { at, byte }),
-            (Place::Start { slash: false }, quote @ (b'"' | b'\'')) => Place::Quoted(quote),
-            (Place::Start { slash: true }, _) | (Place::Opened | Place::Start { .. } | Place::Quoted(_), b'<') => {
+            (ScanState::Start { slash: false } | ScanState::Valued, b'/') => ScanState::Start { slash: true },
+            (ScanState::Valued, b' ' | b'\t' | b'\r' | b'\n') => ScanState::Start { slash: false },
+            (ScanState::Valued, _) => return Err(FrameError::Tag { at, byte }),
+            (ScanState::Start { slash: false }, quote @ (b'"' | b'\'')) => ScanState::Quoted(quote),
+            (ScanState::Start { slash: true }, _)
+            | (ScanState::Opened | ScanState::Start { .. } | ScanState::Quoted(_), b'<') => {
                 return Err(FrameError::Tag { at, byte });
             }
-            (Place::Opened, _) => return Err(FrameError::Tag { at, byte }),
-            (Place::Quoted(quote), _) if byte == quote => Place::Valued,
-            (Place::End { named: true }, b'>') => self.closed(self.depth - 1),
-            (Place::End { named: false }, _) if !starts_name => return Err(FrameError::Tag { at, byte }),
-            (Place::End { .. }, b'<' | b'/' | b'"' | b'\'') => return Err(FrameError::Tag { at, byte }),
-            (Place::End { .. }, _) => Place::End { named: true },
-            (Place::Prolog { question: true }, b'>') => return self.prolog_ended(),
-            (Place::Prolog { .. }, _) => Place::Prolog { question: byte == b'?' },
-            (place, _) => place,
+            (ScanState::Opened, _) => return Err(FrameError::Tag { at, byte }),
+            (ScanState::Quoted(quote), _) if byte == quote => ScanState::Valued,
+            (ScanState::End { named: true }, b'>') => self.closed(self.depth - 1),
+            (ScanState::End { named: false }, _) if !starts_name => return Err(FrameError::Tag { at, byte }),
+            (ScanState::End { .. }, b'<' | b'/' | b'"' | b'\'') => return Err(FrameError::Tag { at, byte }),
+            (ScanState::End { .. }, _) => ScanState::End { named: true },
+            (ScanState::Prolog { question: true }, b'>') => return self.prolog_ended(),
+            (ScanState::Prolog { .. }, _) => ScanState::Prolog { question: byte == b'?' },
+            (state, _) => state,
         };
         Ok(())
     }
 
     /// An element has ended and left this depth; at zero the document is whole.
-    fn closed(&mut self, depth: usize) -> Place {
+    fn closed(&mut self, depth: usize) -> ScanState {
         self.depth = depth;
         if depth == 0 {
             // Every byte was checked to be ASCII.
             self.ready.push_back(String::from_utf8_lossy(&self.document).into_owned());
             self.document.clear();
         }
-        Place::Outside
+        ScanState::Outside
     }
 
     fn prolog_ended(&mut self) -> Result<(), FrameError> {
@@ -270,7 +271,7 @@ impl Framer {
             return Err(FrameError::Instruction { at: self.at });
         }
         self.document.clear();
-        self.place = Place::Outside;
+        self.state = ScanState::Outside;
         Ok(())
     }
 }

@@ -15,6 +15,7 @@ mod ack;
 pub(crate) mod channel;
 mod command;
 mod framer;
+mod ids;
 mod report;
 mod schema;
 mod session;
@@ -27,17 +28,18 @@ mod word;
 mod fixture;
 
 pub use ack::{Ack, Refusal};
-pub use channel::{ChannelError, ChannelFile, Element, Environment, Kind, Memory, Order, Peer, Protocol};
+pub use channel::{ChannelError, ChannelFile, Element, Environment, Kind, Memory, Peer, Protocol, ReadOrder};
 pub use command::{
     Command, CommandError, MappedInputs, MoveJ, MoveLin, Request, SetAccSpeed, SetTcp, Signal, TcpKind,
 };
 pub use framer::{FrameError, Framer, MAX_DOCUMENT_BYTES};
+pub use ids::{CommandId, EPOCH_STEP, Epoch};
 pub use report::{Channel, EchoMismatch, LinkLoss, Report, SequenceError, StopCause};
 pub use schema::{DecodeError, SchemaError};
 pub use session::{LinkLimits, Pace, QueueError, Session};
 pub use state::{Mode, State};
 pub use time::Time;
-pub use wire::{CommandId, EPOCH_STEP, Epoch, Wire};
+pub use wire::Wire;
 
 /// The command channel's file as it is loaded on the controller.
 pub const CELLCMD: &str = include_str!("../../config/kuka/CELLCMD.xml");

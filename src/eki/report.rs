@@ -1,10 +1,10 @@
-//! What a session tells: the whole of what the rest of the program learns of the robot.
+//! Reports of a session: everything that the rest of the program learns about the robot.
 
 use super::ack::Refusal;
 use super::framer::FrameError;
+use super::ids::{CommandId, Epoch};
 use super::schema::DecodeError;
 use super::state::State;
-use super::wire::{CommandId, Epoch};
 use super::word::{Word, word};
 use crate::geometry::KukaPose;
 use crate::words::apart;

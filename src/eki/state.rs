@@ -1,13 +1,13 @@
-//! What the controller says about itself, all in one message and of one moment.
+//! The state of the controller: one message, all values of one instant.
 
 use super::command::{FARTHEST_MM, LARGEST_DEG};
+use super::ids::{CommandId, Epoch};
 use super::schema::{Field, int, real};
-use super::wire::{CommandId, Epoch};
 use crate::geometry::{Joints, KukaPose};
 use serde::{Deserialize, Serialize};
 
 /// The operating mode.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
 pub enum Mode {
     /// T1: by hand, at most 250 mm/s.
@@ -15,20 +15,17 @@ pub enum Mode {
     /// T2: by hand, full speed.
     T2,
     /// AUT: by itself.
+    #[strum(serialize = "AUT")]
     Automatic,
     /// EXT: by itself, started from outside.
+    #[strum(serialize = "EXT")]
     External,
 }
 
 impl Mode {
     /// The name on the controller.
     pub fn name(self) -> &'static str {
-        match self {
-            Mode::T1 => "T1",
-            Mode::T2 => "T2",
-            Mode::Automatic => "AUT",
-            Mode::External => "EXT",
-        }
+        self.into()
     }
 }
 

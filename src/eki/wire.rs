@@ -6,48 +6,12 @@
 use super::ack::{ACK, Ack};
 use super::channel::ChannelFile;
 use super::command::{Command, CommandError, Fields, Request};
+use super::ids::{CommandId, Epoch};
 use super::schema::{DecodeError, Field, Schema, SchemaError, int, real};
 use super::state::{STATE, State};
 
 #[cfg(test)]
 mod tests;
-
-/// A command's number, contiguous from 1 in each epoch; 0 is none.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash, serde::Serialize, serde::Deserialize,
-)]
-#[serde(transparent)]
-pub struct CommandId(pub u32);
-
-/// A span of commands that begins with a reset and ends with an abort, a stop or the link. An ended epoch never
-/// moves the robot.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash, serde::Serialize, serde::Deserialize,
-)]
-#[serde(transparent)]
-pub struct Epoch(pub u32);
-
-impl std::fmt::Display for CommandId {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}", self.0)
-    }
-}
-
-impl std::fmt::Display for Epoch {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}", self.0)
-    }
-}
-
-/// By so much, at most, one request may raise the controller's epoch, and one message may be ahead of what is known of
-/// it. A cell opens a few thousand epochs a day, so that nothing real is farther away, and two thousand wrong messages
-/// would be needed to use the count up.
-pub const EPOCH_STEP: u32 = 1_000_000;
-/// A controller that begins a connection with a higher epoch is refused: hardly any would be left to count.
-pub(super) const HIGHEST_EPOCH: u32 = 2_000_000_000;
-
-/// Numbers on the wire are 32 bits with a sign.
-pub(super) const LAST_NUMBER: u32 = i32::MAX.cast_unsigned();
 
 /// Nothing here is checked again: a command was checked when it was queued, a request has only numbers.
 const COMMAND: [Field; 13] = [

@@ -130,8 +130,7 @@ pub fn read_clip(bytes: &[u8]) -> Result<Clip, ClipError> {
         let field = |index| record.get(index).unwrap_or_default();
         let time_s = field(1).parse().map_err(|_| problem(LineProblem::Time(field(1).to_owned())))?;
         let word = if has_phase { field(2) } else { "wet" };
-        let phase = Phase::ALL.into_iter().find(|phase| phase.word() == word);
-        let phase = phase.ok_or_else(|| problem(LineProblem::Phase(word.to_owned())))?;
+        let phase = word.parse().map_err(|_| problem(LineProblem::Phase(word.to_owned())))?;
         shots.push((line, ClipEntry { file: field(0).to_owned(), time_s, phase }));
     }
     checked(shots)

@@ -1,4 +1,4 @@
-//! The name of bytes: their SHA-256.
+//! The SHA-256 by which bytes are named.
 
 use sha2::{Digest, Sha256};
 

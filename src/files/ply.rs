@@ -8,7 +8,7 @@ mod header;
 
 use super::cloud_error::{CloudFileError, check_cloud_size};
 use crate::geometry::{Camera, CloudError, OrganizedCloud, PinholeCamera};
-use header::{Header, NAMES, Number, Place, Places};
+use header::{Header, NAMES, Number, PropertyOffset, PropertyOffsets};
 
 /// Reads an organised cloud; `camera` says its size where the file does not.
 ///
@@ -77,7 +77,12 @@ pub fn write_ply(cloud: &OrganizedCloud<Camera>) -> Vec<u8> {
 
 type Points = (Vec<[f32; 3]>, Vec<[u8; 3]>);
 
-fn read_binary(bytes: &[u8], header: &Header, points: usize, places: &Places) -> Result<Points, CloudFileError> {
+fn read_binary(
+    bytes: &[u8],
+    header: &Header,
+    points: usize,
+    places: &PropertyOffsets,
+) -> Result<Points, CloudFileError> {
     let (start, point_bytes) = (header.bytes, header.point_bytes());
     let (needed, found) = (points * point_bytes, bytes.len() - start);
     let Some(data) = bytes.get(start..start + needed) else {
@@ -93,7 +98,7 @@ fn read_binary(bytes: &[u8], header: &Header, points: usize, places: &Places) ->
     Ok((records().map(point).collect(), records().map(color).collect()))
 }
 
-fn float_at(record: &[u8], place: Place) -> f32 {
+fn float_at(record: &[u8], place: PropertyOffset) -> f32 {
     let rest = &record[place.byte..];
     match (place.number, rest.first_chunk(), rest.first_chunk()) {
         (Number::Float, Some(bytes), _) => f32::from_le_bytes(*bytes),
@@ -102,7 +107,12 @@ fn float_at(record: &[u8], place: Place) -> f32 {
     }
 }
 
-fn read_text(bytes: &[u8], header: &Header, points: usize, places: &Places) -> Result<Points, CloudFileError> {
+fn read_text(
+    bytes: &[u8],
+    header: &Header,
+    points: usize,
+    places: &PropertyOffsets,
+) -> Result<Points, CloudFileError> {
     let data = &bytes[header.bytes..];
     let (mut points_mm, mut colors) = (Vec::new(), Vec::new());
     let mut used = 0;

@@ -1,4 +1,4 @@
-//! A 3D shot from a file of either form.
+//! Reads a 3D shot from a PCD or PLY file.
 
 use super::cloud_error::CloudFileError;
 use super::pcd::{read_any_pcd, read_pcd};

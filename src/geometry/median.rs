@@ -25,6 +25,16 @@ pub fn median<T: Ordered>(values: &mut [T]) -> Option<T> {
     (middle < values.len()).then(|| *values.select_nth_unstable_by(middle, T::order).1)
 }
 
+/// The middle one of these values, which are reordered; of an even number the mean of the two in the middle. `None` where
+/// there is none.
+pub fn median_between(values: &mut [f64]) -> Option<f64> {
+    let is_odd = values.len() % 2 == 1;
+    let middle = values.len() / 2;
+    let high = median(values)?;
+    let low = values[..middle].iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    Some(if is_odd { high } else { (low + high) / 2.0 })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -34,5 +44,12 @@ mod tests {
         assert_eq!(median(&mut [3.0, 1.0, 2.0]), Some(2.0));
         assert_eq!(median(&mut [4.0_f32, 1.0, 3.0, 2.0]), Some(3.0));
         assert_eq!(median::<f64>(&mut []), None);
+    }
+
+    #[test]
+    fn the_median_between_two_is_their_mean() {
+        assert_eq!(median_between(&mut [3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median_between(&mut [4.0, 1.0, 3.0, 2.0]), Some(2.5));
+        assert_eq!(median_between(&mut []), None);
     }
 }

@@ -12,6 +12,7 @@ mod median;
 mod picture;
 mod plane;
 pub mod polygon;
+mod raster;
 mod rigid;
 mod units;
 
@@ -20,8 +21,9 @@ pub use cloud::{CloudError, OrganizedCloud};
 pub use frames::{Base, Board, Camera, Flange, FlangeCamera, Frame, Panel, Tool};
 pub use joints::Joints;
 pub use kuka_pose::KukaPose;
-pub use median::median;
+pub use median::{median, median_between};
 pub use picture::{ColorPicture, GrayPicture, Mask};
 pub use plane::{Plane, local_plane, local_plane_of};
+pub use raster::{AROUND, BESIDE, Raster};
 pub use rigid::{Point, Rigid, Vector};
 pub use units::{Degrees, Pixel};

@@ -1,5 +1,7 @@
 //! Pictures as plain bytes: colour, grey and masks, row by row from the top left.
 
+use super::raster::{AROUND, Raster};
+
 /// A colour picture, 8 bits a channel, sRGB.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ColorPicture {
@@ -65,6 +67,11 @@ pub struct Mask {
 }
 
 impl Mask {
+    /// Its connected pieces, as indices of pixels; pixels that touch at a corner are of one piece.
+    pub fn pieces(&self) -> Vec<Vec<usize>> {
+        Raster { width: self.width, height: self.height }.pieces(&AROUND, |index| self.inside[index])
+    }
+
     /// A mask that holds no pixel.
     pub fn empty(width: usize, height: usize) -> Self {
         Mask { width, height, inside: vec![false; width * height] }

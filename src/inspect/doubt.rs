@@ -4,8 +4,8 @@
 //! picture, like a place on which no water stays. The two differ in the dry picture: a place that was never wet
 //! was as bright as its surroundings, while a wet one was darker, closer to τ than to 1 times their brightness.
 
-use super::connected::{AROUND, components, neighbours};
 use super::footprint::Window;
+use crate::geometry::AROUND;
 
 /// Fewer connected pixels are noise.
 const MIN_PIECE_PX: usize = 4;
@@ -38,7 +38,7 @@ pub fn wet_when_dry(window: &Window, known: &Dryness<'_>) -> Vec<usize> {
                 .zip(mean(piece, known.dry))
                 .is_some_and(|(around, own)| own < around * (1.0 + known.film) / 2.0)
     };
-    components(window, known.is_suspect, &AROUND).into_iter().filter(was_wet).flatten().collect()
+    window.raster().pieces(&AROUND, known.is_suspect).into_iter().filter(was_wet).flatten().collect()
 }
 
 fn mean(pixels: &[usize], of: impl Fn(usize) -> f64) -> Option<f64> {
@@ -49,7 +49,7 @@ fn surroundings(window: &Window, piece: &[usize], known: &Dryness<'_>) -> Vec<us
     let mut reached: std::collections::BTreeSet<usize> = piece.iter().copied().collect();
     let (mut rim, mut found) = (piece.to_vec(), Vec::new());
     for away_px in 1..=*AWAY_PX.end() {
-        let next: Vec<usize> = rim.iter().flat_map(|&i| neighbours(window, i, &AROUND)).collect();
+        let next: Vec<usize> = rim.iter().flat_map(|&i| window.raster().neighbours(i, &AROUND)).collect();
         rim = next.into_iter().filter(|&i| reached.insert(i)).collect();
         if AWAY_PX.contains(&away_px) {
             found.extend(rim.iter().copied().filter(|&i| (known.sees)(i) && !(known.is_suspect)(i)));

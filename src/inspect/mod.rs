@@ -15,7 +15,6 @@
 
 mod advice;
 mod conclude;
-mod connected;
 mod doubt;
 mod error;
 mod film;
@@ -39,7 +38,6 @@ mod watch;
 
 pub use advice::{Advice, Channel, Sampler, best_threshold};
 pub use conclude::Inspection;
-pub use connected::pieces_of;
 pub use error::InspectError;
 pub use film_advice::{Flashes, GridContrast};
 pub use footprint::{Footprint, GridFootprint};

@@ -39,12 +39,7 @@ pub fn breaks(
 ) -> Result<Vec<Break>, ImagingError> {
     let window = footprint.window();
     let inside = since_wet_s.iter().map(|&time| time < NEVER).collect();
-    let labels = imaging::pieces(&Mask { width: window.width, height: window.height, inside }, true)?;
-    let mut pieces: Vec<Vec<usize>> = Vec::new();
-    for (index, &label) in labels.iter().enumerate().filter(|(_, label)| **label > 0) {
-        pieces.resize_with(pieces.len().max(label as usize), Vec::new);
-        pieces[label as usize - 1].push(index);
-    }
+    let pieces = imaging::pieces(&Mask { width: window.width, height: window.height, inside }, true)?;
     let mut breaks = Vec::with_capacity(pieces.len());
     for piece in &pieces {
         let mut area_mm2 = vec![0.0; footprint.grids().len()];

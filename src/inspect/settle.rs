@@ -5,9 +5,9 @@
 //! brightness, which equals the dry brightness on a ring alone. A small wet place within a break is a bead of water on grease and not
 //! a film; it belongs to the break.
 
-use super::connected::{AROUND, BESIDE, at_rim, components, neighbours};
 use super::film::NEVER;
 use super::footprint::Window;
+use crate::geometry::{AROUND, BESIDE};
 use std::collections::VecDeque;
 
 /// Fewer connected pixels are noise.
@@ -45,12 +45,12 @@ pub fn settled(window: &Window, broke_s: Vec<f32>, seen: &FilmObservation<'_>) -
         piece.len() < MIN_PIECE_PX || (piece.len() <= seen.glint_px && !is_level(window, &broke_s, piece, seen))
     };
     let noise: Vec<Vec<usize>> =
-        components(window, |i| broke_s[i] < NEVER, &AROUND).into_iter().filter(is_noise).collect();
+        window.raster().pieces(&AROUND, |i| broke_s[i] < NEVER).into_iter().filter(is_noise).collect();
     noise.iter().flatten().for_each(|&i| broke_s[i] = NEVER);
-    for wet in components(window, |i| broke_s[i] == NEVER, &BESIDE) {
+    for wet in window.raster().pieces(&BESIDE, |i| broke_s[i] == NEVER) {
         let enclosed = wet.len() <= seen.bead_px && wet.iter().all(|&i| seen.inside[i] && !at_rim(window, i));
         if enclosed {
-            let rim = wet.iter().flat_map(|&i| neighbours(window, i, &BESIDE)).map(|i| broke_s[i]);
+            let rim = wet.iter().flat_map(|&i| window.raster().neighbours(i, &BESIDE)).map(|i| broke_s[i]);
             let closed_in_s = rim.filter(|time_s| *time_s < NEVER).fold(0.0, f32::max);
             wet.iter().for_each(|&i| broke_s[i] = closed_in_s);
         }
@@ -67,7 +67,7 @@ fn is_level(window: &Window, broke_s: &[f32], piece: &[usize], seen: &FilmObserv
     };
     let low = |off: &[f32]| off[off.len() / 10];
     let high = |off: &[f32]| off[off.len() - 1 - off.len() / 10];
-    let inner = |&i: &usize| neighbours(window, i, &BESIDE).all(|next| broke_s[next] < NEVER);
+    let inner = |&i: &usize| window.raster().neighbours(i, &BESIDE).all(|next| broke_s[next] < NEVER);
     let core = sorted(&mut piece.iter().copied().filter(inner));
     let reached = high(&sorted(&mut piece.iter().copied()));
     if core.len() >= MIN_CORE_PX {
@@ -77,10 +77,15 @@ fn is_level(window: &Window, broke_s: &[f32], piece: &[usize], seen: &FilmObserv
     reached > if closed_soon { -NEARER_DRY } else { -NEAR_DRY }
 }
 
+/// Whether it lies at the window's edge.
+fn at_rim(window: &Window, index: usize) -> bool {
+    window.raster().neighbours(index, &BESIDE).count() < 4
+}
+
 fn grow(window: &Window, broke_s: &mut [f32], looks_dry_since_s: impl Fn(usize) -> Option<f32>) {
     let mut rim: VecDeque<usize> = (0..broke_s.len()).filter(|&i| broke_s[i] < NEVER).collect();
     while let Some(index) = rim.pop_front() {
-        for next in neighbours(window, index, &AROUND) {
+        for next in window.raster().neighbours(index, &AROUND) {
             if broke_s[next] == NEVER
                 && let Some(since_s) = looks_dry_since_s(next)
             {

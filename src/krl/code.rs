@@ -1,8 +1,7 @@
-//! What a program becomes to be executed: one list of small steps for a machine with a stack, divided into statements.
+//! The compiled form of a program: one list of small steps for a stack machine, divided into statements.
 //!
-//! Between two statements another interpreter may run, an interrupt may come; within one nothing does.
+//! Between two statements another interpreter may run or an interrupt may occur; within a statement neither can.
 
-use super::condense::Condensed;
 use super::syntax::{Approximation, Binary, Motion};
 use super::system::Builtin;
 
@@ -192,37 +191,4 @@ pub struct Shared {
     pub offset: u32,
     /// How many cells it has.
     pub cells: u32,
-}
-
-/// A program that can be executed.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Program {
-    /// The steps.
-    pub code: Vec<Op>,
-    /// Where each statement stands.
-    pub statements: Vec<Location>,
-    /// All routines.
-    pub routines: Vec<Entry>,
-    /// Shared memory as the data lists say it.
-    pub memory: Vec<Cell>,
-    /// All shared variables.
-    pub shared: Vec<Shared>,
-    /// All texts.
-    pub texts: Vec<String>,
-    /// The files' names.
-    pub files: Vec<String>,
-    /// Steps that are taken together.
-    pub(super) condensed: Condensed,
-}
-
-impl Program {
-    /// The routine of this name.
-    pub fn routine(&self, name: &str) -> Option<u32> {
-        self.routines.iter().position(|routine| routine.name == name).and_then(|index| u32::try_from(index).ok())
-    }
-
-    /// The first cell of the shared variable of this name.
-    pub fn cell(&self, name: &str) -> Option<u32> {
-        self.shared.iter().find(|shared| shared.name == name).map(|shared| shared.offset)
-    }
 }

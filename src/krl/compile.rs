@@ -1,26 +1,27 @@
-//! Files of KRL to one program: names, types, places in memory, steps; all that is wrong with them on the way.
+//! Compiles KRL files to one program: names, types, memory, steps; and reports all their problems.
 //!
 //! `data` lays out the data lists, `place` finds variables, `value` and `operate` do expressions, `call` arguments,
 //! `body` statements; `flow` asks what may be read before it was assigned, and what ends without RETURN.
 
 mod body;
 mod call;
+mod compiler;
 mod data;
 mod flow;
 mod operate;
 mod place;
 mod value;
 
-use super::code::{Cell, Entry, LocalVariable, Location, Op, Program};
+use super::code::{Entry, LocalVariable, Op};
 use super::condense::Condensed;
+use super::program::Program;
 use super::syntax::{Declared, File, Routine};
 use super::system::Kss;
-use super::types::{Type, Types};
+use super::types::Type;
 use crate::config::Problem;
+pub use compiler::RESERVED;
+use compiler::{Argument, Compiler, Home, Signature, Variable, cells_u32};
 use std::collections::BTreeMap;
-
-/// Longer names do not compile on a controller.
-const LONGEST_NAME: usize = 24;
 
 /// What was found in files that belong together.
 #[derive(Debug)]
@@ -35,24 +36,7 @@ pub struct Analysis {
 
 /// Checks files that belong together for a controller with this version of KSS, and makes a program of them.
 pub fn analyse(files: &[File], kss: Kss) -> Analysis {
-    let mut compiler = Compiler {
-        files,
-        kss,
-        types: Types::default(),
-        globals: BTreeMap::new(),
-        of_module: BTreeMap::new(),
-        routines: Vec::new(),
-        program: Program::default(),
-        problems: vec![Vec::new(); files.len()],
-        warnings: vec![Vec::new(); files.len()],
-        file: 0,
-        line: 1,
-        locals: BTreeMap::new(),
-        frame_cells: 0,
-        returns: None,
-        ranges: BTreeMap::new(),
-        exits: Vec::new(),
-    };
+    let mut compiler = Compiler::new(files, kss);
     compiler.program.files = files.iter().map(|file| file.name.clone()).collect();
     compiler.declare_types();
     compiler.declare_data();
@@ -67,124 +51,7 @@ pub fn analyse(files: &[File], kss: Kss) -> Analysis {
     Analysis { problems, warnings, program }
 }
 
-/// Where a variable lies.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Home {
-    Global(u32),
-    Local(u32),
-    Referred(u32),
-    System(u16),
-}
-
-#[derive(Debug, Clone, PartialEq)]
-struct Variable {
-    kind: Type,
-    /// 0 where the size is the caller's.
-    dimensions: Vec<usize>,
-    home: Home,
-    constant: bool,
-    /// Of a constant.
-    value: Option<Cell>,
-    writable: bool,
-}
-
-#[derive(Debug, Clone, PartialEq)]
-struct Argument {
-    name: String,
-    by_value: bool,
-    kind: Type,
-    dimensions: Vec<usize>,
-}
-
-/// What a caller must know of a routine.
-#[derive(Debug, Clone)]
-struct Signature {
-    name: String,
-    file: usize,
-    global: bool,
-    arguments: Vec<Argument>,
-    returns: Option<Type>,
-}
-
-struct Compiler<'a> {
-    files: &'a [File],
-    kss: Kss,
-    types: Types,
-    /// Variables that every file sees.
-    globals: BTreeMap<String, Variable>,
-    /// Variables of a data list that only the program of the same name sees.
-    of_module: BTreeMap<(String, String), Variable>,
-    routines: Vec<Signature>,
-    program: Program,
-    problems: Vec<Vec<Problem>>,
-    warnings: Vec<Vec<Problem>>,
-    /// Of what is being compiled.
-    file: usize,
-    line: usize,
-    locals: BTreeMap<String, Variable>,
-    frame_cells: usize,
-    returns: Option<Type>,
-    /// Counters of FOR with known first and last value.
-    ranges: BTreeMap<String, (i32, i32)>,
-    /// Jumps of EXIT that wait for the end of their loop.
-    exits: Vec<Vec<usize>>,
-}
-
 impl Compiler<'_> {
-    fn problem(&mut self, key: &str, message: impl Into<String>) {
-        let problem = Problem { line: self.line, key: key.to_owned(), message: message.into() };
-        self.problems[self.file].push(problem);
-    }
-
-    fn warn(&mut self, key: &str, message: impl Into<String>) {
-        let problem = Problem { line: self.line, key: key.to_owned(), message: message.into() };
-        self.warnings[self.file].push(problem);
-    }
-
-    fn check_name(&mut self, name: &str) {
-        if name.len() > LONGEST_NAME {
-            let length = name.len();
-            self.problem(name, format!("the name has {length} characters; KRL allows {LONGEST_NAME}"));
-        }
-        if RESERVED.contains(&name) {
-            self.problem(name, "this is a word of KRL itself; choose another name");
-        }
-    }
-
-    fn emit(&mut self, op: Op) -> usize {
-        self.program.code.push(op);
-        self.program.code.len() - 1
-    }
-
-    fn here(&self) -> u32 {
-        cells_u32(self.program.code.len())
-    }
-
-    /// A statement begins.
-    fn mark(&mut self, line: usize) {
-        self.line = line;
-        let index = cells_u32(self.program.statements.len());
-        self.program.statements.push(Location { file: self.file, line });
-        self.emit(Op::Statement(index));
-    }
-
-    /// Lets a jump lead to where the next step will be.
-    fn lead_here(&mut self, jump: usize) {
-        let here = self.here();
-        match &mut self.program.code[jump] {
-            Op::Jump(to) | Op::JumpIfNot(to) | Op::JumpDecided { to, .. } => *to = here,
-            Op::InterruptDeclaration { after, .. } | Op::Trigger { after } => *after = here,
-            _ => {}
-        }
-    }
-
-    /// Cells of the frame for a counter.
-    fn reserve(&mut self, cells: usize) -> u32 {
-        let offset = self.frame_cells;
-        self.frame_cells += cells;
-        cells_u32(offset)
-    }
-
     fn declare_routines(&mut self) {
         let files = self.files;
         for (index, file) in files.iter().enumerate() {
@@ -338,70 +205,3 @@ fn declared(routine: &Routine, name: &str) -> Option<(String, super::syntax::Ite
         _ => None,
     })
 }
-
-/// Programs of a cell are small; a place beyond 32 bits cannot occur.
-fn cells_u32(count: usize) -> u32 {
-    u32::try_from(count).unwrap_or(u32::MAX)
-}
-
-/// Words that no variable and no routine may be called.
-const RESERVED: [&str; 58] = [
-    "AND",
-    "BRAKE",
-    "B_AND",
-    "B_EXOR",
-    "B_NOT",
-    "B_OR",
-    "CASE",
-    "CHAR",
-    "CIRC",
-    "CONST",
-    "CONTINUE",
-    "DECL",
-    "DEF",
-    "DEFAULT",
-    "DEFDAT",
-    "DEFFCT",
-    "DELAY",
-    "DISTANCE",
-    "DO",
-    "ELSE",
-    "END",
-    "ENDDAT",
-    "ENDFCT",
-    "ENDFOR",
-    "ENDIF",
-    "ENDLOOP",
-    "ENDSWITCH",
-    "ENDWHILE",
-    "ENUM",
-    "EXIT",
-    "EXOR",
-    "EXT",
-    "EXTFCT",
-    "FALSE",
-    "FOR",
-    "GLOBAL",
-    "GOTO",
-    "HALT",
-    "IF",
-    "INTERRUPT",
-    "LIN",
-    "LOOP",
-    "NOT",
-    "OR",
-    "PTP",
-    "REPEAT",
-    "RESUME",
-    "RETURN",
-    "SIGNAL",
-    "STRUC",
-    "SWITCH",
-    "THEN",
-    "TRIGGER",
-    "TRUE",
-    "UNTIL",
-    "WAIT",
-    "WHEN",
-    "WHILE",
-];

@@ -52,7 +52,7 @@ pub(super) enum Start {
 
 /// A variable, a component or an element.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Place {
+pub(super) struct MemoryRef {
     pub(super) start: Start,
     pub(super) offset: u32,
     pub(super) index: Option<Index>,
@@ -72,13 +72,13 @@ pub(super) struct Condensed {
     /// Beside each step, and whether what begins there may wait for the arm.
     pub(super) steps: Vec<(Together, bool)>,
     pub(super) values: Vec<Value>,
-    pub(super) places: Vec<Place>,
+    pub(super) places: Vec<MemoryRef>,
 }
 
 /// What a step would have put on the stack.
 #[derive(Debug, Clone, Copy)]
 enum Item {
-    Place(Place),
+    Memory(MemoryRef),
     Value(u32),
 }
 
@@ -123,7 +123,7 @@ impl Reading<'_> {
                 (Op::JumpIfNot(to), &[Item::Value(value)]) if self.decided.is_empty() && at > from => {
                     return (Together::Branch { value, at: at as u32, to, next }, self.waits);
                 }
-                (Op::Store, &[Item::Place(place), Item::Value(value)]) if self.decided.is_empty() => {
+                (Op::Store, &[Item::Memory(place), Item::Value(value)]) if self.decided.is_empty() => {
                     self.waits |= may_wait(&place);
                     let place = self.place(place);
                     return (Together::Assign { place, value, next }, self.waits);
@@ -140,7 +140,7 @@ impl Reading<'_> {
         found
     }
 
-    fn place(&mut self, place: Place) -> u32 {
+    fn place(&mut self, place: MemoryRef) -> u32 {
         self.all.places.push(place);
         self.all.places.len() as u32 - 1
     }
@@ -148,7 +148,7 @@ impl Reading<'_> {
     fn value(&mut self) -> Option<u32> {
         match self.stack.pop()? {
             Item::Value(value) => Some(value),
-            Item::Place(_) => None,
+            Item::Memory(_) => None,
         }
     }
 
@@ -159,7 +159,7 @@ impl Reading<'_> {
     }
 
     fn start(&mut self, start: Start, offset: u32) -> Option<()> {
-        self.stack.push(Item::Place(Place { start, offset, index: None }));
+        self.stack.push(Item::Memory(MemoryRef { start, offset, index: None }));
         Some(())
     }
 
@@ -174,7 +174,7 @@ impl Reading<'_> {
             Op::System(index) => self.start(Start::Space(Space::System(index)), 0),
             Op::Referred(cell) => self.start(Start::Referred(cell), 0),
             Op::Component(cells) => match self.stack.last_mut()? {
-                Item::Place(place) => {
+                Item::Memory(place) => {
                     place.offset += cells;
                     Some(())
                 }
@@ -183,7 +183,7 @@ impl Reading<'_> {
             Op::Index { count, size } => {
                 let value = self.value()?;
                 match self.stack.last_mut()? {
-                    Item::Place(place) if place.index.is_none() => {
+                    Item::Memory(place) if place.index.is_none() => {
                         place.index = Some(Index { value, count, size });
                         Some(())
                     }
@@ -191,7 +191,7 @@ impl Reading<'_> {
                 }
             }
             Op::Load => {
-                let Item::Place(place) = self.stack.pop()? else { return None };
+                let Item::Memory(place) = self.stack.pop()? else { return None };
                 self.waits |= may_wait(&place);
                 let place = self.place(place);
                 self.push(Value::At(place))
@@ -231,7 +231,7 @@ impl Reading<'_> {
 }
 
 /// Reading or writing it stops the advance run; what the caller handed over may do so.
-fn may_wait(place: &Place) -> bool {
+fn may_wait(place: &MemoryRef) -> bool {
     match place.start {
         Start::Space(Space::System(index)) => SYSTEM_VARIABLES[index as usize].stops_advance,
         Start::Space(_) => false,

@@ -1,7 +1,7 @@
 //! Reads the expressions of a line. Comparisons bind weakest in KRL: `A>0 AND B` is `A>(0 AND B)`.
 
 use super::lex::Token;
-use super::syntax::{Binary, Call, Expression, Place, Step, Unary};
+use super::syntax::{Binary, Call, Expression, Step, Unary, VariableRef};
 
 /// The tokens of one line, read from left to right.
 pub(super) struct Reader<'a> {
@@ -136,7 +136,7 @@ impl<'a> Reader<'a> {
                     Ok(Expression::Bool(name == "TRUE"))
                 }
                 _ if matches!(self.peek_behind(1), Some(Token::Sign("("))) => Ok(Expression::Call(self.call()?)),
-                _ => Ok(Expression::Place(self.place()?)),
+                _ => Ok(Expression::Variable(self.place()?)),
             },
             Some(token) => {
                 let value = match token {
@@ -156,7 +156,7 @@ impl<'a> Reader<'a> {
     }
 
     /// A name with its indices and components.
-    pub(super) fn place(&mut self) -> Result<Place, String> {
+    pub(super) fn place(&mut self) -> Result<VariableRef, String> {
         let name = self.name()?;
         let mut steps = Vec::new();
         loop {
@@ -174,7 +174,7 @@ impl<'a> Reader<'a> {
             } else if self.takes_sign(".") {
                 steps.push(Step::Component(self.name()?));
             } else {
-                return Ok(Place { name, steps });
+                return Ok(VariableRef { name, steps });
             }
         }
     }

@@ -1,11 +1,12 @@
 //! KUKA's robot language, as far as the cell's programs and an integrator's additions use it: read, checked, and made
-//! into steps that the mock controller executes. `panelprep check` tells what is wrong with the same reader.
+//! into steps that the mock controller executes. `panelprep check` uses the same reader.
 //!
 //! - the text: `lex` (a line to tokens), `parse`, `statement` and `expression` (lines to a tree), `syntax` (the tree)
 //! - the meaning: `types` (and how much memory each takes), `system` (the controller's own variables and routines),
-//!   `compile` (names, types, steps), `code` (the steps), `condense` (several of them as one), `machine` (executes them)
+//!   `compile` (names, types, steps), `code` (the steps), `program` (all of them), `condense` (several of them as one),
+//!   `machine` (executes them)
 //!
-//! Left out, and told as such with file and line: GOTO, CIRC and spline motions, relative motions, PULSE, SIGNAL,
+//! Not supported, and reported with file and line: GOTO, CIRC and spline motions, relative motions, PULSE, SIGNAL,
 //! analog inputs and outputs, CREAD and its kin.
 
 mod code;
@@ -15,6 +16,7 @@ mod expression;
 mod lex;
 mod machine;
 mod parse;
+mod program;
 mod statement;
 mod syntax;
 mod system;
@@ -22,9 +24,10 @@ mod system;
 mod tests;
 mod types;
 
-pub use code::{Address, Cell, Entry, LocalVariable, Location, Op, Program, Shared, Space};
-pub use compile::{Analysis, analyse};
+pub use code::{Address, Cell, Entry, LocalVariable, Location, Op, Shared, Space};
+pub use compile::{Analysis, RESERVED, analyse};
 pub use machine::{Caller, EkiAnswer, Host, INTERRUPT_DEPTH, Interpreter, Meaning, Memory, MotionRequest, Pause};
 pub use parse::parse;
+pub use program::Program;
 pub use syntax::{Approximation, Binary, File, Motion};
 pub use system::{Builtin, Kss, LOWEST_KSS, SYSTEM_VARIABLES, SystemVariable};

@@ -191,7 +191,7 @@ fn values(reader: &mut Reader<'_>) -> Result<Vec<Expression>, String> {
     reader.end().map(|()| values)
 }
 
-type ForHead = (super::syntax::Place, Expression, Expression, Option<Expression>);
+type ForHead = (super::syntax::VariableRef, Expression, Expression, Option<Expression>);
 
 fn for_head(reader: &mut Reader<'_>) -> Result<ForHead, String> {
     let variable = reader.place()?;

@@ -118,7 +118,7 @@ pub(super) struct Call {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Action {
     Assign {
-        to: Place,
+        to: VariableRef,
         value: Expression,
     },
     Call(Call),
@@ -133,7 +133,7 @@ pub(super) enum Action {
         default: Option<Vec<Statement>>,
     },
     For {
-        variable: Place,
+        variable: VariableRef,
         from: Expression,
         to: Expression,
         step: Option<Expression>,
@@ -216,7 +216,7 @@ pub enum Approximation {
 
 /// A variable and the way to a part of it.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Place {
+pub(super) struct VariableRef {
     pub(super) name: String,
     pub(super) steps: Vec<Step>,
 }
@@ -236,9 +236,9 @@ pub(super) enum Expression {
     Bool(bool),
     Text(String),
     Word(String),
-    Place(Place),
+    Variable(VariableRef),
     Call(Call),
-    Aggregate { type_name: Option<String>, parts: Vec<(Place, Expression)> },
+    Aggregate { type_name: Option<String>, parts: Vec<(VariableRef, Expression)> },
     Unary(Unary, Box<Expression>),
     Binary(Binary, Box<Expression>, Box<Expression>),
 }

@@ -7,7 +7,7 @@
 //! p ẑ/z, and along the normal n the point stands before it by
 //!     r = n · p (1 − ẑ/z).                                                                               (1)
 
-use crate::geometry::{Base, Camera, OrganizedCloud, PinholeCamera, Pixel, Point, Rigid};
+use crate::geometry::{Base, Camera, OrganizedCloud, PinholeCamera, Pixel, Point, Rigid, median, median_between};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
@@ -165,8 +165,7 @@ fn block_inverse(depths: &mut [f32], pixels: usize, block_rad: f64) -> f32 {
     if f64::from(high - low) <= USUAL_SPREAD * side_mm {
         return mean_inverse(depths.iter().copied());
     }
-    let middle = depths.len() / 2;
-    let median = *depths.select_nth_unstable_by(middle, f32::total_cmp).1;
+    let Some(median) = median(depths) else { return f32::NAN };
     let reach = (TRIM * side_mm) as f32;
     let near = |z: &&f32| (**z - median).abs() <= reach;
     if depths.iter().filter(near).count() < needed {
@@ -187,7 +186,8 @@ fn slanted_inverse(factor: usize, block_rad: f64, depth: impl Fn(usize, usize) -
     }
     let slope = |step: usize, ends: &dyn Fn(usize) -> bool| {
         let pairs = (0..inverse.len()).filter(|&k| !ends(k));
-        median(pairs.filter_map(|k| Some(inverse[k + step]? - inverse[k]?)).collect())
+        let mut slopes: Vec<f64> = pairs.filter_map(|k| Some(inverse[k + step]? - inverse[k]?)).collect();
+        median_between(&mut slopes)
     };
     let (Some(right), Some(down)) =
         (slope(1, &|k| place(k).0 + 1 == factor), slope(factor, &|k| place(k).1 + 1 == factor))
@@ -200,7 +200,7 @@ fn slanted_inverse(factor: usize, block_rad: f64, depth: impl Fn(usize, usize) -
         inverse.map(|inverse| inverse - right * (u as f64 - middle) - down * (v as f64 - middle))
     };
     let levels: Vec<f64> = inverse.iter().enumerate().filter_map(level).collect();
-    let Some(middle) = median(levels.clone()) else { return f32::NAN };
+    let Some(middle) = median_between(&mut levels.clone()) else { return f32::NAN };
     // As shares of the depth: dz / z = −z d(1/z).
     let steepest = factor as f64 * right.hypot(down) / middle;
     let near = |level: &&f64| (*level / middle - 1.0).abs() <= TRIM_SLANTED * block_rad;
@@ -209,14 +209,6 @@ fn slanted_inverse(factor: usize, block_rad: f64, depth: impl Fn(usize, usize) -
         return f32::NAN;
     }
     (levels.iter().filter(near).sum::<f64>() / count as f64) as f32
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    let (middle, odd) = (values.len() / 2, values.len() % 2 == 1);
-    let (below, &mut high, _) =
-        (middle < values.len()).then(|| values.select_nth_unstable_by(middle, f64::total_cmp))?;
-    let low = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    Some(if odd { high } else { (low + high) / 2.0 })
 }
 
 fn mean_inverse(depths: impl Iterator<Item = f32>) -> f32 {

@@ -8,6 +8,7 @@
 
 use super::grid::{Grid, Motion};
 use super::scatter::centroid_and_normal;
+use crate::geometry::{BESIDE, Raster};
 use nalgebra::Vector3;
 
 /// A piece smaller than this is a speck, blocks.
@@ -35,30 +36,15 @@ pub(super) struct Piece {
 
 /// The pieces among these blocks, largest area first.
 pub(super) fn pieces(grid: &Grid, inside: &[bool]) -> Vec<Piece> {
-    let mut free = inside.to_vec();
-    let mut found = Vec::new();
-    for start in 0..free.len() {
-        if !free[start] {
-            continue;
-        }
-        free[start] = false;
-        let mut blocks = vec![start as u32];
-        let mut next = 0;
-        while let Some(&block) = blocks.get(next) {
-            next += 1;
-            let Some(here_mm) = grid.depth_mm(block as usize) else { continue };
-            for neighbour in neighbours(block as usize, grid).into_iter().flatten() {
-                let joined = free[neighbour] && grid.depth_mm(neighbour).is_some_and(|z| grid.joined(here_mm, z));
-                if joined {
-                    free[neighbour] = false;
-                    blocks.push(neighbour as u32);
-                }
-            }
-        }
-        if blocks.len() >= MIN_BLOCKS {
-            found.extend(Piece::of(grid, blocks));
-        }
-    }
+    let raster = Raster { width: grid.columns, height: grid.rows };
+    let joined = |here: usize, there: usize| {
+        let depths = grid.depth_mm(here).zip(grid.depth_mm(there));
+        depths.is_some_and(|(here_mm, there_mm)| grid.joined(here_mm, there_mm))
+    };
+    let pieces = raster.joined_pieces(&BESIDE, |block| inside[block], joined);
+    let large = pieces.into_iter().filter(|blocks| blocks.len() >= MIN_BLOCKS);
+    let of = |blocks: Vec<usize>| Piece::of(grid, blocks.into_iter().map(|block| block as u32).collect());
+    let mut found: Vec<Piece> = large.filter_map(of).collect();
     found.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
     found
 }
@@ -84,16 +70,6 @@ impl Piece {
     pub fn joined(grid: &Grid, pieces: &[&Piece]) -> Option<Piece> {
         Piece::of(grid, pieces.iter().flat_map(|piece| piece.blocks.iter().copied()).collect())
     }
-}
-
-fn neighbours(block: usize, grid: &Grid) -> [Option<usize>; 4] {
-    let (column, row) = (block % grid.columns, block / grid.columns);
-    [
-        (column > 0).then(|| block - 1),
-        (column + 1 < grid.columns).then(|| block + 1),
-        (row > 0).then(|| block.wrapping_sub(grid.columns)),
-        (row + 1 < grid.rows).then(|| block + grid.columns),
-    ]
 }
 
 /// The nearest true border of a piece for every block.

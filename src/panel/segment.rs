@@ -3,7 +3,7 @@
 //! Two neighbouring pixels belong to one object if the step in depth between them is smaller than any smooth panel
 //! causes from one pixel to the next. No shape is assumed.
 
-use crate::geometry::{Frame, Mask, OrganizedCloud, median};
+use crate::geometry::{BESIDE, Frame, Mask, OrganizedCloud, Raster, median};
 
 /// Neighbouring points this many times farther apart than usual are two objects: more than a steep panel makes of the
 /// usual step, and far below the gap between a panel and its fixture.
@@ -22,46 +22,17 @@ fn usual_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> Option<f
 
 /// The pieces of a scan that are connected, each as its pixel indices, largest first.
 pub fn pieces<F: Frame>(cloud: &OrganizedCloud<F>, inside: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
-    let (width, height) = (cloud.width(), cloud.height());
-    let mut free: Vec<bool> = (0..width * height).map(|i| inside(i) && cloud.point_at(i).is_some()).collect();
+    let raster = Raster { width: cloud.width(), height: cloud.height() };
+    let free: Vec<bool> =
+        (0..raster.width * raster.height).map(|i| inside(i) && cloud.point_at(i).is_some()).collect();
     let max_step_mm = MAX_STEPS * usual_step_mm(cloud, &free).unwrap_or_default();
-    let mut found = Vec::new();
-    for start in 0..width * height {
-        if !free[start] {
-            continue;
-        }
-        free[start] = false;
-        let mut piece = vec![start];
-        let mut next = 0;
-        while next < piece.len() {
-            let index = piece[next];
-            next += 1;
-            let Some(here) = cloud.point_at(index) else { continue };
-            for neighbour in neighbours(index, width, height) {
-                let near = free[neighbour]
-                    && cloud.point_at(neighbour).is_some_and(|there| there.distance_mm(here) < max_step_mm);
-                if near {
-                    free[neighbour] = false;
-                    piece.push(neighbour);
-                }
-            }
-        }
-        found.push(piece);
-    }
+    let near = |here: usize, there: usize| {
+        let points = cloud.point_at(here).zip(cloud.point_at(there));
+        points.is_some_and(|(here, there)| there.distance_mm(here) < max_step_mm)
+    };
+    let mut found = raster.joined_pieces(&BESIDE, |index| free[index], near);
     found.sort_by_key(|piece| std::cmp::Reverse(piece.len()));
     found
-}
-
-fn neighbours(index: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
-    let (column, row) = (index % width, index / width);
-    [
-        (column > 0).then(|| index - 1),
-        (column + 1 < width).then(|| index + 1),
-        (row > 0).then(|| index.wrapping_sub(width)),
-        (row + 1 < height).then(|| index + width),
-    ]
-    .into_iter()
-    .flatten()
 }
 
 /// A piece as a mask.

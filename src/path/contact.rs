@@ -1,4 +1,4 @@
-//! How a path comes to the panel, stays on it and leaves it.
+//! How a path approaches the panel, stays in contact and retracts.
 //!
 //! Through the air to a place beside the first one in contact, down to the landing height, then along the surface to the
 //! first place while the last millimetres are lost: the disc touches while it moves. Leaving is the same backwards. The
@@ -10,9 +10,9 @@
 
 use super::orientation::{OrientationError, Stance, panel_from_tool};
 use super::piece::Piece;
-use super::plan::{ToolPath, Waypoint};
+use super::planned::{ToolPath, Waypoint};
 use super::raster::{between, mix};
-use crate::geometry::{KukaPose, Panel, Rigid, Tool};
+use crate::geometry::{Panel, Rigid, Tool};
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter};
 
@@ -96,7 +96,7 @@ fn waypoints(
             (Some(before), Some(after)) if !straight_down => settings.blend_share() * before.min(after),
             _ => 0.0,
         };
-        Waypoint { pose: KukaPose::from_rigid(&poses[index]), contact: station.contact, feed_mm_s, blend_mm }
+        Waypoint { panel_from_tool: poses[index], contact: station.contact, feed_mm_s, blend_mm }
     };
     Ok(stations.iter().enumerate().map(waypoint).collect())
 }

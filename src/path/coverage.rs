@@ -1,4 +1,4 @@
-//! What the disc reaches: the covered share of a grid, and the distance between neighbouring rows as it came out.
+//! Coverage: the share of a grid that the disc reaches, and the resulting distance between neighbouring rows.
 //!
 //! A sample of the surface is covered where its distance to the contact track is at most the disc's radius. Samples
 //! stand about 1 mm apart and weigh |S_u × S_v| each. The disc is taken as wholly in contact: a compliant pad.

@@ -1,6 +1,6 @@
-//! How long a disc lasts: what a path wears, and when a new disc is due. What was worn before is the caller's to keep.
+//! Wear of the sanding disc: how much a path wears it, and when a new one is due. The caller keeps the wear so far.
 
-use super::plan::Plan;
+use super::planned::Plan;
 use crate::recipe;
 use crate::verdict::{Check, SetBy};
 

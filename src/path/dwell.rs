@@ -2,15 +2,14 @@
 
 pub use crate::surface::dwell::{Dwell, Executed, GridDwell, simulate};
 
-use super::plan::Plan;
-use crate::geometry::{Panel, Rigid, Tool};
+use super::planned::Plan;
 
 /// The plan as poses with their times.
 pub fn planned(plan: &Plan) -> Vec<Executed> {
     let all: Vec<_> = plan.paths.iter().flat_map(|path| &path.waypoints).collect();
     let mut executed: Vec<Executed> = Vec::with_capacity(all.len());
     for (index, waypoint) in all.iter().enumerate() {
-        let panel_from_tool: Rigid<Panel, Tool> = waypoint.pose.to_rigid();
+        let panel_from_tool = waypoint.panel_from_tool;
         let before = executed.last().map_or(panel_from_tool, |last| last.panel_from_tool);
         let seconds = before.origin().distance_mm(panel_from_tool.origin()) / waypoint.feed_mm_s;
         let contact = waypoint.contact && index > 0 && all[index - 1].contact;

@@ -6,7 +6,7 @@
 //! known.
 
 use super::coverage::MIN_COVERAGE;
-use super::plan::{Plan, ToolPath, Waypoint};
+use super::planned::{Plan, ToolPath, Waypoint};
 use super::waypoint_gate::{Route, WaypointLimits, judge_route};
 use crate::geometry::{Base, Degrees, Panel, Rigid, Tool, Vector};
 use crate::recipe;
@@ -41,7 +41,7 @@ pub fn judged(plan: &Plan, settings: &recipe::Path) -> (Vec<Check>, Judgement) {
 /// The tool's Z on the panel at its nominal place: the mean over the plan.
 pub fn taught_axis(plan: &Plan) -> Option<Vector<Base>> {
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
-    let z = |waypoint: &Waypoint| (waypoint.pose.to_rigid::<Panel, Tool>() * Vector::<Tool>::new(Vector3::z())).mm;
+    let z = |waypoint: &Waypoint| (waypoint.panel_from_tool * Vector::<Tool>::new(Vector3::z())).mm;
     let mean: Vector3<f64> = waypoints.map(z).sum();
     // At the nominal place the panel's frame is the base.
     Vector::new(mean).direction()
@@ -52,7 +52,7 @@ pub fn taught_axis(plan: &Plan) -> Option<Vector<Base>> {
 pub fn judge_in_base(plan: &Plan, base_from_panel: Rigid<Base, Panel>, limits: &WaypointLimits) -> Judgement {
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
     let poses: Vec<Rigid<Base, Tool>> =
-        waypoints.map(|waypoint| base_from_panel * waypoint.pose.to_rigid::<Panel, Tool>()).collect();
+        waypoints.map(|waypoint| base_from_panel * waypoint.panel_from_tool).collect();
     let from = poses.first().copied().unwrap_or_else(|| Rigid::claim(Isometry3::identity()));
     judge_route(&Route { from, waypoints: &poses, taught_axis: taught_axis(plan) }, limits)
 }
@@ -102,8 +102,7 @@ fn motion_faults(path: &ToolPath, settings: &recipe::Path) -> Vec<Reason> {
         reasons.push(Reason::new("no_air", message));
     }
     for (index, pair) in path.waypoints.windows(2).enumerate() {
-        let rigid = |waypoint: &Waypoint| waypoint.pose.to_rigid::<Panel, Tool>();
-        let (from, to) = (rigid(&pair[0]), rigid(&pair[1]));
+        let (from, to) = (pair[0].panel_from_tool, pair[1].panel_from_tool);
         let (step_mm, turn) = (from.origin().distance_mm(to.origin()), turn_between(from, to));
         let limit_mm = if pair[0].contact && pair[1].contact {
             settings.waypoint_spacing_mm() * STEP_TOLERANCE

@@ -6,7 +6,7 @@
 //! knows only the drawing, is sent others: `sent_flange`. Knows nothing of limits of speed, paths or panels: see `reach`.
 //! Source: Brandstötter, Angerer, Hofbaur, Proc. Austrian Robotics Workshop 2014.
 
-use super::reach::Obstacles;
+use super::obstacles::Obstacles;
 use crate::calib::robot::{ArmPose, Correction};
 use crate::cell::{Arm, ArmGeometry};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid};
@@ -62,7 +62,7 @@ impl Kinematics {
         Kinematics { obstacles: Some(obstacles), ..self }
     }
 
-    /// What it must keep off.
+    /// What it must keep clear of.
     pub(super) fn obstacles(&self) -> Option<&Obstacles> {
         self.obstacles.as_deref()
     }

@@ -5,8 +5,9 @@
 //! coincidence that a controller asks for, and it leaves no doubt about the configuration. All other motions are lines in
 //! the panel's frame. The program switches nothing: tool, water and extraction stay with whoever runs it, in T1.
 
-use super::plan::Plan;
+use super::planned::Plan;
 use crate::geometry::{Joints, KukaPose};
+use crate::krl::RESERVED;
 use crate::recipe;
 use std::fmt::Write;
 
@@ -16,104 +17,12 @@ const MIN_BLEND_MM: f64 = 0.1;
 const MAX_NAME: usize = 24;
 /// Speed and acceleration of the axes on the way to the first place, %.
 const AXIS_PERCENT: u8 = 20;
-/// Words of the language, which name no program.
-const KEYWORDS: [&str; 96] = [
-    "AND",
-    "ANIN",
-    "ANOUT",
-    "AXIS",
-    "BAS",
-    "BOOL",
-    "BRAKE",
-    "B_AND",
-    "B_EXOR",
-    "B_NOT",
-    "B_OR",
-    "CASE",
-    "CCLOSE",
-    "CHANNEL",
-    "CHAR",
-    "CIRC",
-    "CIRC_REL",
-    "CONFIRM",
-    "CONST",
-    "CONTINUE",
-    "COPEN",
-    "CREAD",
-    "CWRITE",
-    "C_DIS",
-    "C_ORI",
-    "C_PTP",
-    "C_VEL",
-    "DECL",
-    "DEF",
-    "DEFAULT",
-    "DEFDAT",
-    "DEFFCT",
-    "DELAY",
-    "DIGIN",
-    "DISTANCE",
-    "DO",
-    "E6AXIS",
-    "E6POS",
-    "ELSE",
-    "END",
-    "ENDDAT",
-    "ENDFCT",
-    "ENDFOR",
-    "ENDIF",
-    "ENDLOOP",
-    "ENDSWITCH",
-    "ENDWHILE",
-    "ENUM",
-    "EXIT",
-    "EXOR",
-    "EXT",
-    "EXTFCT",
-    "FALSE",
-    "FOR",
-    "FRAME",
-    "GLOBAL",
-    "GOTO",
-    "HALT",
-    "IF",
-    "IMPORT",
-    "INT",
-    "INTERRUPT",
-    "IS",
-    "LIN",
-    "LIN_REL",
-    "LOOP",
-    "MAXIMUM",
-    "MINIMUM",
-    "NOT",
-    "OFF",
-    "ON",
-    "OR",
-    "POS",
-    "PRIO",
-    "PTP",
-    "PTP_REL",
-    "PUBLIC",
-    "PULSE",
-    "REAL",
-    "REPEAT",
-    "RESUME",
-    "RETURN",
-    "SEC",
-    "SIGNAL",
-    "SREAD",
-    "STRUC",
-    "SWITCH",
-    "SWRITE",
-    "THEN",
-    "TO",
-    "TRIGGER",
-    "TRUE",
-    "UNTIL",
-    "WAIT",
-    "WHEN",
-    "WHILE",
+/// Words of the language beside [`RESERVED`], which name no program either.
+const BESIDE_RESERVED: [&str; 38] = [
+    "ANIN", "ANOUT", "AXIS", "BAS", "BOOL", "CCLOSE", "CHANNEL", "CIRC_REL", "CONFIRM", "COPEN", "CREAD", "CWRITE",
+    "C_DIS", "C_ORI", "C_PTP", "C_VEL", "DIGIN", "E6AXIS", "E6POS", "FRAME", "IMPORT", "INT", "IS", "LIN_REL",
+    "MAXIMUM", "MINIMUM", "OFF", "ON", "POS", "PRIO", "PTP_REL", "PUBLIC", "PULSE", "REAL", "SEC", "SREAD",
+    "SWRITE", "TO",
 ];
 
 /// The name of a KRL program, which is that of its file: letters, digits and underscores, a letter first.
@@ -136,7 +45,7 @@ impl std::str::FromStr for ProgramName {
 
     fn from_str(text: &str) -> Result<Self, ProgramNameError> {
         let letters = text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-        let is_keyword = KEYWORDS.iter().any(|keyword| keyword.eq_ignore_ascii_case(text));
+        let is_keyword = RESERVED.iter().chain(&BESIDE_RESERVED).any(|keyword| keyword.eq_ignore_ascii_case(text));
         let good =
             letters && !is_keyword && text.len() <= MAX_NAME && text.starts_with(|c: char| c.is_ascii_alphabetic());
         if good { Ok(ProgramName(text.to_owned())) } else { Err(ProgramNameError { found: text.to_owned() }) }
@@ -207,7 +116,7 @@ pub fn krl(program: &Program<'_>, settings: &recipe::Path) -> String {
             if rounds {
                 change(&mut text, &mut blend, next_blend);
             }
-            let _ = writeln!(text, "LIN {}{}", frame(&waypoint.pose), if rounds { " C_DIS" } else { "" });
+            let _ = writeln!(text, "LIN {}{}", frame(&waypoint.pose()), if rounds { " C_DIS" } else { "" });
         }
     }
     text.push_str("END\n");

@@ -1,7 +1,8 @@
 //! Tool paths over the grids of a surface (thesis 4.6–4.8, Fig. 4.29), in the panel's frame.
 //!
 //! - `areas`: which grids are one, and in which order · `raster`, `slanted`, `rings`, `lines`: the lines over an area
-//! - `orientation`: how the tool stands · `contact`: how it lands, goes on and leaves · `plan`: all of it joined
+//! - `orientation`: how the tool stands · `contact`: how it lands, goes on and leaves · `plan`: all of it joined ·
+//!   `planned`: what a plan is
 //! - `piece`: the lines of one area, laid until they keep their limits · `evenness`: the feeds that make times under the disc even
 //! - `coverage`, `edge`, `dwell`, `disc`, `touching`: what a plan reaches, and what was done · `gate`: judges a plan
 //! - `kinematics`, `reach`, `panel_reach`: what the arm can follow, where the panel stands
@@ -20,10 +21,12 @@ mod gate;
 mod kinematics;
 mod krl;
 mod lines;
+mod obstacles;
 mod orientation;
 pub mod panel_reach;
 mod piece;
 mod plan;
+mod planned;
 mod raster;
 pub mod reach;
 mod rings;
@@ -40,7 +43,8 @@ pub use gate::{OF_GRID, TOOL_ERROR, check_pad, judge, judge_in_base, judge_pad, 
 pub use kinematics::Kinematics;
 pub use krl::{Program, ProgramName, ProgramNameError, krl};
 pub use orientation::{OrientationError, Reference, Stance, panel_from_tool};
-pub use plan::{Plan, PlanError, StepOver, ToolPath, Waypoint, plan, plan_around};
+pub use plan::{plan, plan_around};
+pub use planned::{Plan, PlanError, StepOver, ToolPath, Waypoint};
 pub use raster::{Raster, RasterError, raster};
 pub use waypoint_gate::{Route, WaypointLimits, judge_joints, judge_route};
 

@@ -7,9 +7,10 @@
 use super::disc::DiscUse;
 use super::gate::judge;
 use super::kinematics::Kinematics;
-use super::plan::{Plan, PlanError, plan};
-use super::reach::{Leg, Obstacle, ReachFault, Travel, follow, helpful_shift, retract, retracts};
-use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Point, Rigid, Tool, Vector};
+use super::plan::plan;
+use super::planned::{Plan, PlanError, Waypoint};
+use super::reach::{Infeasibility, Leg, ReachFault, Travel, follow, helpful_shift, retract, retracts};
+use crate::geometry::{Base, Degrees, Flange, Joints, Panel, Point, Rigid, Tool, Vector};
 use crate::panel::{GridId, Region};
 use crate::recipe;
 use crate::surface::dwell::foot;
@@ -123,7 +124,7 @@ fn unreached(plan: &Plan, stand: &Stand<'_>, spin_deg: f64, fault: ReachFault) -
     let thinned: Vec<Leg> = legs.iter().step_by(legs.len().div_ceil(SHIFT_LEGS).max(1)).copied().collect();
     // Far apart, such legs say nothing of speed: they are walked slowly.
     let mut slow: Vec<Leg> = thinned.iter().map(|leg| Leg { feed_mm_s: 5.0, blend_mm: 0.0, ..*leg }).collect();
-    if matches!(fault.obstacle, Obstacle::Retract { .. }) {
+    if matches!(fault.cause, Infeasibility::Retract { .. }) {
         // A shift that helps leaves room for the retract, too.
         slow = slow
             .iter()
@@ -140,8 +141,8 @@ fn unreached(plan: &Plan, stand: &Stand<'_>, spin_deg: f64, fault: ReachFault) -
 pub fn legs(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Vec<Leg> {
     let spin = about_own_axis(Degrees(spin_deg));
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
-    let leg = |waypoint: &super::plan::Waypoint| Leg {
-        base_from_tool: stand.base_from_panel * waypoint.pose.to_rigid::<Panel, Tool>() * spin,
+    let leg = |waypoint: &Waypoint| Leg {
+        base_from_tool: stand.base_from_panel * waypoint.as_sent() * spin,
         feed_mm_s: waypoint.feed_mm_s,
         blend_mm: waypoint.blend_mm,
     };
@@ -152,7 +153,7 @@ pub fn legs(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Vec<Leg> {
 pub fn turned(plan: &Plan, spin: Degrees) -> Plan {
     let mut plan = plan.clone();
     for waypoint in plan.paths.iter_mut().flat_map(|path| &mut path.waypoints) {
-        waypoint.pose = KukaPose::from_rigid(&(waypoint.pose.to_rigid::<Panel, Tool>() * about_own_axis(spin)));
+        waypoint.panel_from_tool = waypoint.as_sent() * about_own_axis(spin);
     }
     plan
 }
@@ -207,7 +208,7 @@ pub fn of_grids(
 pub fn judge_grids(grids: &[GridReach]) -> Judgement {
     let reason = |grid: &GridReach| {
         let unreached = grid.outcome.as_ref().err()?;
-        Some(Reason::new(unreached.fault.obstacle.code(), format!("grid {}, {}", grid.id, words(unreached))))
+        Some(Reason::new(unreached.fault.cause.code(), format!("grid {}, {}", grid.id, words(unreached))))
     };
     let reasons: Vec<Reason> = grids.iter().filter_map(reason).collect();
     let refused = Judgement::of(grids.iter().flat_map(|grid| grid.refused.iter().cloned()).collect(), vec![]);
@@ -225,7 +226,7 @@ pub fn check_plan(
     let reason = |unreached: &Unreached| {
         let grid = grid_below(surface, region, unreached.at);
         let grid = grid.map_or_else(|| "beside the region".to_owned(), |id| format!("grid {id}"));
-        Reason::new(unreached.fault.obstacle.code(), format!("{grid}, {}", words(unreached)))
+        Reason::new(unreached.fault.cause.code(), format!("{grid}, {}", words(unreached)))
     };
     let room_deg = reached.as_ref().ok().map(|reached| reached.travel.room_deg);
     let refused = reached.as_ref().err().map(|unreached| reason(unreached));

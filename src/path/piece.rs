@@ -5,12 +5,15 @@ use super::areas::Area;
 use super::coverage::{GridCoverage, MIN_COVERAGE, coverage, step_overs_mm, strokes};
 use super::edge::Outline;
 use super::lines::{Lines, lines};
-use super::plan::{PlanError, There};
+use super::planned::PlanError;
 use super::raster::Insets;
 use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter, Patch};
+
+/// Is there a panel at a place?
+pub(super) type There<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
 
 /// What is done in one area, before paths are joined.
 #[derive(Debug, Clone)]

@@ -5,8 +5,8 @@
 
 use super::gate::{judge, judge_pad, taught_axis};
 use super::kinematics::Kinematics;
-use super::plan::{Plan, Waypoint};
-use super::reach::{Leg, Obstacles, ReachFault, follow, retracts};
+use super::planned::{Plan, Waypoint};
+use super::reach::{Leg, Obstacles, ReachFault, between, follow, retracts};
 use super::waypoint_gate::{Route, WaypointLimits, judge_route};
 use crate::cell::{self, Limits};
 use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Rigid, Tool, Vector};
@@ -133,9 +133,8 @@ pub fn lifted(plan: &Plan, height_mm: f64) -> Plan {
     let mut lifted = plan.clone();
     for waypoint in lifted.paths.iter_mut().flat_map(|path| &mut path.waypoints).filter(|waypoint| waypoint.contact)
     {
-        let on_panel: Rigid<Panel, Tool> = waypoint.pose.to_rigid();
         let up = Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * -height_mm));
-        waypoint.pose = KukaPose::from_rigid(&(on_panel * up));
+        waypoint.panel_from_tool = waypoint.as_sent() * up;
         waypoint.contact = false;
     }
     lifted
@@ -152,7 +151,7 @@ pub fn contact(
 ) -> Gated {
     let allowed_mm_s = standing.limits.max_speed_mm_s();
     let point = |waypoint: &Waypoint| LinearMotion {
-        pose: waypoint.pose,
+        pose: waypoint.pose(),
         blend_mm: waypoint.blend_mm,
         contact: waypoint.contact,
         speed_m_s: Some(waypoint.feed_mm_s.min(allowed_mm_s) / 1_000.0),
@@ -163,7 +162,7 @@ pub fn contact(
     let gated =
         gated(standing, base_from_panel, (from, points), (taught_axis(plan), speed_mm_s, acceleration_m_s2));
     let in_contact = waypoints(plan).into_iter().filter(|waypoint| waypoint.contact);
-    let places = in_contact.map(|waypoint| base_from_panel * waypoint.pose.to_rigid::<Panel, Tool>());
+    let places = in_contact.map(|waypoint| base_from_panel * waypoint.panel_from_tool);
     let of_plan = judge(plan, settings)
         .and(judge_pad(settings, standing.limits.tool_error_mm()))
         .and(standing.where_measured(places));
@@ -276,17 +275,5 @@ impl Standing<'_> {
 
 /// The path's first point is one that the arm is at: waypoints count from 1.
 fn refused(fault: &ReachFault) -> Reason {
-    Reason::new(fault.obstacle.code(), format!("waypoint {}: {}", fault.index + 1, fault.obstacle))
-}
-
-fn between<Active: crate::geometry::Frame>(
-    from: Rigid<Active, Tool>,
-    to: Rigid<Active, Tool>,
-    share: f64,
-) -> Rigid<Active, Tool> {
-    let (from, to) = (from.isometry(), to.isometry());
-    let place = from.translation.vector.lerp(&to.translation.vector, share);
-    // Opposite rotations have no way between them; the gate sees the turn.
-    let turned = from.rotation.try_slerp(&to.rotation, share, 1e-9).unwrap_or(to.rotation);
-    Rigid::claim(nalgebra::Isometry3::from_parts(place.into(), turned))
+    Reason::new(fault.cause.code(), format!("waypoint {}: {}", fault.index + 1, fault.cause))
 }

@@ -62,7 +62,7 @@ fn measured(seed: u64, reduction: usize, [roll, pitch, yaw]: [f64; 3]) -> Measur
         plan(&surface, &panel.region, &grids, &panel.outline, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
     let (mut distances, mut angles) = (Vec::new(), Vec::new());
     for waypoint in plan.paths.iter().flat_map(|path| &path.waypoints).filter(|waypoint| waypoint.contact) {
-        let panel_from_tool = turned_from_panel.inverse() * waypoint.pose.to_rigid::<Panel, Tool>();
+        let panel_from_tool = turned_from_panel.inverse() * waypoint.panel_from_tool;
         let outward = panel_from_tool * Vector::<Tool>::new(-Vector3::z());
         distances.push(truth.distance_mm(panel_from_tool.origin()).abs());
         angles.push(outward.angle_to(truth.normal(panel_from_tool.origin())).0);

@@ -1,7 +1,7 @@
 //! From which waypoint on the disc reaches each grid: what bounds where a path that was cut short may have been.
 
-use super::plan::Plan;
-use crate::geometry::{Panel, Point, Tool, Vector};
+use super::planned::Plan;
+use crate::geometry::{Panel, Point, Vector};
 use crate::panel::{GridId, Region};
 use crate::surface::{BSplineSurface, Parameter, Patch};
 
@@ -19,7 +19,7 @@ pub fn first_reached(
     radius_mm: f64,
 ) -> Vec<(GridId, usize)> {
     let all: Vec<_> = plan.paths.iter().flat_map(|path| &path.waypoints).collect();
-    let place = |index: usize| all[index].pose.to_rigid::<Panel, Tool>().origin();
+    let place = |index: usize| all[index].panel_from_tool.origin();
     let near_mm = radius_mm + MARGIN_MM;
     let reaches = |index: usize, points: &[Point<Panel>]| {
         // From the air it comes down on its waypoint alone.

@@ -5,7 +5,7 @@
 //! reports lie off the planned lines is kept beside.
 
 use super::dwell::Executed;
-use super::plan::Waypoint;
+use super::planned::Waypoint;
 use crate::geometry::{KukaPose, Panel, Point, Rigid, Tool};
 
 /// One report.
@@ -55,7 +55,8 @@ impl Trace {
             let mut places: Vec<(Rigid<Panel, Tool>, bool)> = Vec::new();
             // One or two corners between two reports are cut by less than the disc's own rounding.
             if missed > MOST_MISSED || !is_report {
-                let stand_in = |index: usize| (pose(&all[index]), all[index].contact && all[index - 1].contact);
+                let stand_in =
+                    |index: usize| (all[index].panel_from_tool, all[index].contact && all[index - 1].contact);
                 places.extend((passed + 1..=reached).map(stand_in));
             }
             if is_report {
@@ -83,13 +84,9 @@ const MOST_MISSED: usize = 2;
 /// Lines before and after the one under way that a report may lie on: it and the count are not of one instant.
 const BESIDE: usize = 3;
 
-fn pose(waypoint: &Waypoint) -> Rigid<Panel, Tool> {
-    waypoint.pose.to_rigid()
-}
-
 /// Distance of a point from the planned lines around the one that leads to this waypoint, mm.
 fn off_mm(all: &[Waypoint], towards: usize, point: Point<Panel>) -> f64 {
-    let place = |index: usize| pose(&all[index]).origin();
+    let place = |index: usize| all[index].panel_from_tool.origin();
     let lines = towards.saturating_sub(BESIDE).max(1)..(towards + BESIDE).min(all.len());
     let distance_mm = |end: usize| {
         let (from, way) = (place(end - 1), (place(end) - place(end - 1)).mm);
@@ -105,7 +102,7 @@ mod tests {
 
     fn waypoint(x_mm: f64, contact: bool) -> Waypoint {
         let pose = KukaPose { x_mm, z_mm: if contact { 0.0 } else { 40.0 }, ..KukaPose::default() };
-        Waypoint { pose, contact, feed_mm_s: 60.0, blend_mm: 2.0 }
+        Waypoint { panel_from_tool: pose.to_rigid(), contact, feed_mm_s: 60.0, blend_mm: 2.0 }
     }
 
     fn told(time_ms: u32, x_mm: f64, y_mm: f64, done: u32) -> PoseReport {

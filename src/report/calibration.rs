@@ -1,14 +1,13 @@
 //! Pictures of calibrations: residuals over the picture, the corners to touch, the trend of verifications.
 
 use super::canvas::{Canvas, Ink, Pen};
-use super::page::escaped;
 use crate::calib::Board;
 use crate::calib::detect::Corners;
 use crate::calib::health::Verification;
 use crate::calib::intrinsics::Calibrated;
 use crate::geometry::{ColorPicture, Pixel};
 use crate::imaging::ImagingError;
-use std::fmt::Write;
+use maud::{Markup, html};
 
 /// Residuals of this length fill this share of the picture's width.
 const LONGEST_SHARE: f64 = 0.04;
@@ -115,44 +114,42 @@ pub fn trend(subject: &str, verifications: &[Verification]) -> String {
         let points = verifications.iter().filter(counts).map(|v| format!("{:.1},{:.1}", x(v), y(value(v))));
         points.collect::<Vec<_>>().join(" ")
     };
-    let mut marks = String::new();
-    for v in verifications {
-        if let Some(strike) = &v.struck {
-            let (x, y, by, why) = (x(v), y(v.error_mm), escaped(&strike.by), escaped(&strike.why));
-            let _ = write!(
-                marks,
-                "<path d=\"M{:.1} {:.1}l8 8m0 -8l-8 8\" stroke=\"#666666\" stroke-width=\"2\"><title>{:.3} mm, struck out by {by}: \
-                 {why}</title></path>",
-                x - 4.0,
-                y - 4.0,
-                v.error_mm
-            );
-            continue;
+    let mark = |v: &Verification| -> Markup {
+        let (x, y) = (x(v), y(v.error_mm));
+        match &v.struck {
+            Some(strike) => html! {
+                path d=(format_args!("M{:.1} {:.1}l8 8m0 -8l-8 8", x - 4.0, y - 4.0)) stroke="#666666" stroke-width="2" {
+                    title { (format_args!("{:.3} mm", v.error_mm)) ", struck out by " (strike.by) ": " (strike.why) }
+                }
+            },
+            None => html! {
+                circle cx=(format_args!("{x:.1}")) cy=(format_args!("{y:.1}")) r="4"
+                    fill=(if v.error_mm <= v.limit_mm { "#009e73" } else { "#d55e00" }) {}
+            },
         }
-        let color = if v.error_mm <= v.limit_mm { "#009e73" } else { "#d55e00" };
-        // Writing to a `String` cannot fail.
-        let _ = write!(marks, "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"4\" fill=\"{color}\"/>", x(v), y(v.error_mm));
-    }
-    let struck = match verifications.iter().filter(|v| v.struck.is_some()).count() {
-        0 => String::new(),
-        count => format!("; grey crosses: struck out ({count})"),
     };
+    let struck = verifications.iter().filter(|v| v.struck.is_some()).count();
     let days = (last - first).max(0.0) / 86_400.0;
-    format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" font-family=\"sans-serif\" font-size=\"14\">\
-         <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\
-         <text x=\"{MARGIN}\" y=\"25\">{subject}: error at the target, mm; {count} verifications over {days:.1} days{struck}</text>\
-         <path d=\"M{MARGIN} {MARGIN}V{bottom}H{right}\" fill=\"none\" stroke=\"black\"/>\
-         <text x=\"5\" y=\"{top:.1}\">{highest:.2}</text><text x=\"5\" y=\"{bottom}\">0</text>\
-         <polyline points=\"{limits}\" fill=\"none\" stroke=\"#d55e00\" stroke-dasharray=\"6 4\"/>\
-         <polyline points=\"{errors}\" fill=\"none\" stroke=\"#0072b2\"/>{marks}</svg>\n",
-        count = verifications.len(),
-        bottom = HEIGHT - MARGIN,
-        right = WIDTH - MARGIN,
-        top = MARGIN + 5.0,
-        limits = line(|v| v.limit_mm),
-        errors = line(|v| v.error_mm),
-    )
+    let (bottom, right) = (HEIGHT - MARGIN, WIDTH - MARGIN);
+    let svg = html! {
+        svg xmlns="http://www.w3.org/2000/svg" viewBox=(format_args!("0 0 {WIDTH} {HEIGHT}")) font-family="sans-serif"
+            font-size="14" {
+            rect width="100%" height="100%" fill="white" {}
+            text x=(MARGIN) y="25" {
+                (subject) ": error at the target, mm; " (verifications.len()) " verifications over "
+                (format_args!("{days:.1}")) " days"
+                @if struck > 0 { "; grey crosses: struck out (" (struck) ")" }
+            }
+            path d=(format_args!("M{MARGIN} {MARGIN}V{bottom}H{right}")) fill="none" stroke="black" {}
+            text x="5" y=(format_args!("{:.1}", MARGIN + 5.0)) { (format_args!("{highest:.2}")) }
+            text x="5" y=(bottom) { "0" }
+            polyline points=(line(|v| v.limit_mm)) fill="none" stroke="#d55e00" stroke-dasharray="6 4" {}
+            polyline points=(line(|v| v.error_mm)) fill="none" stroke="#0072b2" {}
+            @for verification in verifications { (mark(verification)) }
+        }
+        "\n"
+    };
+    svg.into_string()
 }
 
 #[cfg(test)]

@@ -1,8 +1,7 @@
 //! What is left of an error over the working volume, as SVG: from above and from the side, mm in the robot's base.
 
-use super::page::escaped;
 use crate::geometry::{Base, Point};
-use std::fmt::Write;
+use maud::{Markup, html};
 
 /// A place with what is left there.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,14 +30,6 @@ pub fn error_map(title: &str, places: &[Left], limit_mm: f64) -> String {
     let height = TOP_PX + SIDE_PX + MARGIN_PX;
     let worst_mm = places.iter().map(|left| left.error_mm).fold(0.0, f64::max);
     let rms_mm = (places.iter().map(|left| left.error_mm.powi(2)).sum::<f64>() / places.len().max(1) as f64).sqrt();
-    let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" font-family=\"sans-serif\" \
-         font-size=\"13\"><rect width=\"100%\" height=\"100%\" fill=\"white\"/><text x=\"{MARGIN_PX}\" y=\"24\" \
-         font-size=\"16\">{}</text><text x=\"{MARGIN_PX}\" y=\"46\">{} places, {rms_mm:.3} mm rms, {worst_mm:.3} mm at most; \
-         blue: at most {limit_mm} mm, orange with a rim: more; a circle's radius is its error</text>",
-        escaped(title),
-        places.len(),
-    );
     // One scale for all axes, so that a view is true to shape.
     let of = |axis: usize| places.iter().map(move |left| left.place.mm[axis]);
     let bounds = [0, 1, 2].map(|axis| {
@@ -46,54 +37,66 @@ pub fn error_map(title: &str, places: &[Left], limit_mm: f64) -> String {
         if low <= high { (low, high) } else { (0.0, 0.0) }
     });
     let span_mm = bounds.iter().map(|(low, high)| high - low).fold(50.0, f64::max) * 1.2;
-    for (view, (across, name)) in [(1, "y"), (2, "z")].into_iter().enumerate() {
+    let view = |(view, (across, name)): (usize, (usize, &str))| {
         let left_px = MARGIN_PX + view as f64 * (SIDE_PX + MARGIN_PX);
         let middle = |axis: usize| (bounds[axis].0 + bounds[axis].1) / 2.0;
         let x = |mm: f64| left_px + SIDE_PX * (0.5 + (mm - middle(0)) / span_mm);
         let y = |mm: f64| TOP_PX + SIDE_PX * (0.5 - (mm - middle(across)) / span_mm);
-        frame(&mut svg, (left_px, name), (middle(0), middle(across)), span_mm);
-        for left in places {
-            let (cx, cy) = (x(left.place.mm.x), y(left.place.mm[across]));
-            circle(&mut svg, left, (cx, cy), limit_mm);
+        html! {
+            (frame((left_px, name), (middle(0), middle(across)), span_mm))
+            @for left in places { (circle(left, (x(left.place.mm.x), y(left.place.mm[across])), limit_mm)) }
         }
-    }
-    svg + "</svg>\n"
+    };
+    let svg = html! {
+        svg xmlns="http://www.w3.org/2000/svg" viewBox=(format_args!("0 0 {width:.0} {height:.0}")) font-family="sans-serif"
+            font-size="13" {
+            rect width="100%" height="100%" fill="white" {}
+            text x=(MARGIN_PX) y="24" font-size="16" { (title) }
+            text x=(MARGIN_PX) y="46" {
+                (places.len()) " places, " (format_args!("{rms_mm:.3} mm rms, {worst_mm:.3} mm at most")) "; blue: at most "
+                (limit_mm) " mm, orange with a rim: more; a circle's radius is its error"
+            }
+            @for one in [(1, "y"), (2, "z")].into_iter().enumerate() { (view(one)) }
+        }
+        "\n"
+    };
+    svg.into_string()
 }
 
 /// A view's frame with its axes: ends and middle in mm.
-fn frame(svg: &mut String, (left_px, name): (f64, &str), (x_mm, y_mm): (f64, f64), span_mm: f64) {
-    // Writing to a `String` cannot fail.
-    let _ = write!(
-        svg,
-        "<rect x=\"{left_px}\" y=\"{TOP_PX}\" width=\"{SIDE_PX}\" height=\"{SIDE_PX}\" fill=\"none\" stroke=\"#888888\"/>"
-    );
+fn frame((left_px, name): (f64, &str), (x_mm, y_mm): (f64, f64), span_mm: f64) -> Markup {
     let bottom = TOP_PX + SIDE_PX;
-    for (share, anchor) in [(0.0, "start"), (0.5, "middle"), (1.0, "end")] {
-        let mm = x_mm + span_mm * (share - 0.5);
-        let label = if share == 0.5 { format!("x {mm:.0} mm") } else { format!("{mm:.0}") };
-        let at = left_px + share * SIDE_PX;
-        let _ = write!(svg, "<text x=\"{at}\" y=\"{}\" text-anchor=\"{anchor}\">{label}</text>", bottom + 20.0);
-        let mm = y_mm + span_mm * (share - 0.5);
-        let label = if share == 0.5 { format!("{name} {mm:.0}") } else { format!("{mm:.0}") };
-        let at = bottom - share * (SIDE_PX - 12.0);
-        let _ = write!(svg, "<text x=\"{}\" y=\"{at}\" text-anchor=\"end\">{label}</text>", left_px - 6.0);
+    html! {
+        rect x=(left_px) y=(TOP_PX) width=(SIDE_PX) height=(SIDE_PX) fill="none" stroke="#888888" {}
+        @for (share, anchor) in [(0.0, "start"), (0.5, "middle"), (1.0, "end")] {
+            @let mm = x_mm + span_mm * (share - 0.5);
+            text x=(left_px + share * SIDE_PX) y=(bottom + 20.0) text-anchor=(anchor) {
+                @if share == 0.5 { (format_args!("x {mm:.0} mm")) } @else { (format_args!("{mm:.0}")) }
+            }
+            @let mm = y_mm + span_mm * (share - 0.5);
+            text x=(left_px - 6.0) y=(bottom - share * (SIDE_PX - 12.0)) text-anchor="end" {
+                @if share == 0.5 { (name) " " } (format_args!("{mm:.0}"))
+            }
+        }
     }
 }
 
-fn circle(svg: &mut String, left: &Left, (cx, cy): (f64, f64), limit_mm: f64) {
+fn circle(left: &Left, (cx, cy): (f64, f64), limit_mm: f64) -> Markup {
     let radius = (LIMIT_PX * left.error_mm / limit_mm).clamp(2.0, MOST_PX);
     let is_beyond = left.error_mm.is_nan() || left.error_mm > limit_mm;
     let (color, rim) = if is_beyond { (BEYOND, 3) } else { (WITHIN, 1) };
-    let _ = write!(
-        svg,
-        "<circle cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"{radius:.1}\" fill=\"{color}\" fill-opacity=\"0.45\" stroke=\"{color}\" \
-         stroke-width=\"{rim}\"><title>{}: {:.3} mm</title></circle><text x=\"{:.1}\" y=\"{:.1}\" font-size=\"11\">{:.2}</text>",
-        escaped(&left.name),
-        left.error_mm,
-        cx + radius + 2.0,
-        cy + 4.0,
-        left.error_mm
-    );
+    html! {
+        circle cx=(tenths(cx)) cy=(tenths(cy)) r=(tenths(radius)) fill=(color) fill-opacity="0.45" stroke=(color)
+            stroke-width=(rim) {
+            title { (left.name) ": " (format_args!("{:.3} mm", left.error_mm)) }
+        }
+        text x=(tenths(cx + radius + 2.0)) y=(tenths(cy + 4.0)) font-size="11" { (format_args!("{:.2}", left.error_mm)) }
+    }
+}
+
+/// A place in a drawing.
+fn tenths(px: f64) -> String {
+    format!("{px:.1}")
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use crate::verdict::{Judgement, Verdict};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 
 /// A page from top to bottom.
 #[derive(Debug, Clone)]
@@ -69,56 +70,59 @@ figcaption{color:#555;font-size:.9rem}@media print{figure{break-inside:avoid}}";
 impl Page {
     /// The page as HTML text.
     pub fn html(&self) -> String {
-        let sections: String = self.sections.iter().map(Section::html).collect();
-        format!(
-            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-             <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>{title}</title>\
-             <style>{STYLE}</style></head><body>\n<h1>{title}</h1>\n<p class=\"sub\">{subtitle}</p>\n{verdict}{sections}\
-             {made}</body></html>\n",
-            title = escaped(&self.title),
-            subtitle = escaped(&self.subtitle),
-            verdict = verdict_html(&self.judgement),
-            made = match self.made.as_str() {
-                "" => String::new(),
-                made => format!("<p class=\"sub\">{}</p>\n", escaped(made)),
-            },
-        )
-    }
-}
-
-impl Section {
-    fn html(&self) -> String {
-        let row = |row: &Row| {
-            let [name, value, allowed] = [&row.name, &row.value, &row.allowed].map(|text| escaped(text));
-            format!("<tr><td>{name}</td><td>{value}</td><td>{allowed}</td></tr>\n")
+        let page = html! {
+            (DOCTYPE)
+            html lang="en" {
+                head {
+                    meta charset="utf-8";
+                    meta name="viewport" content="width=device-width,initial-scale=1";
+                    title { (self.title) }
+                    style { (PreEscaped(STYLE)) }
+                }
+                body {
+                    h1 { (self.title) }
+                    p.sub { (self.subtitle) }
+                    (verdict(&self.judgement))
+                    @for section in &self.sections { (section) }
+                    @if !self.made.is_empty() { p.sub { (self.made) } }
+                }
+            }
         };
-        let table = if self.rows.is_empty() {
-            String::new()
-        } else {
-            let rows: String = self.rows.iter().map(row).collect();
-            let head = if self.rows.iter().all(|row| row.allowed.is_empty()) {
-                ""
-            } else {
-                "<thead><tr><th></th><th>measured</th><th>allowed</th></tr></thead>"
-            };
-            format!("<table>{head}<tbody>{rows}</tbody></table>\n")
-        };
-        let figures: String = self.figures.iter().map(Figure::html).collect();
-        format!("<h2>{}</h2>\n<p>{}</p>\n{table}{figures}", escaped(&self.heading), escaped(&self.text))
+        page.into_string()
     }
 }
 
-impl Figure {
-    fn html(&self) -> String {
-        let caption = escaped(&self.caption);
-        let data = STANDARD.encode(&self.jpeg);
-        format!(
-            "<figure><img alt=\"{caption}\" src=\"data:image/jpeg;base64,{data}\"><figcaption>{caption}</figcaption></figure>\n"
-        )
+impl Render for Section {
+    fn render(&self) -> Markup {
+        let has_limits = self.rows.iter().any(|row| !row.allowed.is_empty());
+        html! {
+            h2 { (self.heading) }
+            p { (self.text) }
+            @if !self.rows.is_empty() {
+                table {
+                    @if has_limits { thead { tr { th {} th { "measured" } th { "allowed" } } } }
+                    tbody { @for row in &self.rows { (row) } }
+                }
+            }
+            @for figure in &self.figures { (figure) }
+        }
     }
 }
 
-fn verdict_html(judgement: &Judgement) -> String {
+impl Render for Row {
+    fn render(&self) -> Markup {
+        html! { tr { td { (self.name) } td { (self.value) } td { (self.allowed) } } }
+    }
+}
+
+impl Render for Figure {
+    fn render(&self) -> Markup {
+        let source = format!("data:image/jpeg;base64,{}", STANDARD.encode(&self.jpeg));
+        html! { figure { img alt=(self.caption) src=(source); figcaption { (self.caption) } } }
+    }
+}
+
+fn verdict(judgement: &Judgement) -> Markup {
     // A stop that was asked for is no fault, though there is no other verdict for a cycle without a result.
     let is_stopped =
         judgement.verdict == Verdict::Aborted && judgement.reasons.iter().any(|reason| reason.code == "stopped");
@@ -129,17 +133,12 @@ fn verdict_html(judgement: &Judgement) -> String {
         Verdict::Review | Verdict::Invalid => "doubt",
         Verdict::Reject | Verdict::Fail | Verdict::Aborted => "bad",
     };
-    let reasons: String = judgement
-        .reasons
-        .iter()
-        .map(|reason| format!("<br>{} <small>({})</small>", escaped(&reason.message), reason.code))
-        .collect();
-    format!("<p class=\"verdict {class}\"><b>{}</b>{reasons}</p>\n", word)
-}
-
-/// Text as it stands between tags or in an attribute of HTML.
-pub fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    html! {
+        p.verdict.(class) {
+            b { (word) }
+            @for reason in &judgement.reasons { br; (reason.message) " " small { "(" (reason.code) ")" } }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -173,7 +172,7 @@ mod tests {
     #[test]
     fn a_cycle_that_was_stopped_on_request_is_not_shown_as_a_fault() {
         let of = |code| Judgement { verdict: Verdict::Aborted, reasons: vec![Reason::new(code, "why")] };
-        assert!(verdict_html(&of("stopped")).starts_with("<p class=\"verdict doubt\"><b>stopped on request</b>"));
-        assert!(verdict_html(&of("late")).starts_with("<p class=\"verdict bad\"><b>aborted</b>"));
+        assert!(verdict(&of("stopped")).0.starts_with("<p class=\"verdict doubt\"><b>stopped on request</b>"));
+        assert!(verdict(&of("late")).0.starts_with("<p class=\"verdict bad\"><b>aborted</b>"));
     }
 }

@@ -6,9 +6,11 @@ use crate::geometry::{
     Base, Camera, Degrees, Flange, FlangeCamera, Frame, Panel, PinholeCamera, Point, Rigid, Vector,
 };
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use strum::{IntoStaticStr, VariantArray};
 
 /// What stands in the cell.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Scene {
     /// The taught panel, displaced, with greasy spots.
     Good,
@@ -22,16 +24,11 @@ pub enum Scene {
 
 impl Scene {
     /// Every scene.
-    pub const ALL: [Scene; 4] = [Scene::Good, Scene::Clean, Scene::NoPanel, Scene::WrongPanel];
+    pub const ALL: &'static [Scene] = <Self as VariantArray>::VARIANTS;
 
     /// The word that users script against.
     pub fn word(self) -> &'static str {
-        match self {
-            Scene::Good => "good",
-            Scene::Clean => "clean",
-            Scene::NoPanel => "no-panel",
-            Scene::WrongPanel => "wrong-panel",
-        }
+        self.into()
     }
 }
 

@@ -1,7 +1,8 @@
 //! The phases of a film and the times at which they begin.
 
 /// What happens to the panel at a time of the film.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
+#[strum(serialize_all = "lowercase")]
 pub enum Phase {
     /// Before the spray.
     Dry,
@@ -14,11 +15,7 @@ pub enum Phase {
 impl Phase {
     /// The word in `clip.csv`.
     pub fn word(self) -> &'static str {
-        match self {
-            Phase::Dry => "dry",
-            Phase::Spray => "spray",
-            Phase::Wet => "wet",
-        }
+        self.into()
     }
 }
 

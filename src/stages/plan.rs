@@ -3,7 +3,7 @@
 
 use super::survey::ToolState;
 use super::{Drawing, names};
-use crate::geometry::{Panel, Point, Tool};
+use crate::geometry::{Panel, Point};
 use crate::panel::{Grid, GridId, TaughtPanel};
 use crate::path::disc::DiscUse;
 use crate::path::panel_reach::{self, Reached, Stand};
@@ -92,7 +92,7 @@ impl Planned {
     pub fn drawn(&self, panel: &TaughtPanel, view: &View<'_>) -> Drawing {
         let contact = |path: &ToolPath| -> Vec<Point<Panel>> {
             let on_panel = path.waypoints.iter().filter(|waypoint| waypoint.contact);
-            on_panel.map(|waypoint| waypoint.pose.to_rigid::<Panel, Tool>().origin()).collect()
+            on_panel.map(|waypoint| waypoint.panel_from_tool.origin()).collect()
         };
         let paths: Vec<_> = self.plan.paths.iter().map(contact).collect();
         let planned = |grid: &Grid| self.plan.paths.iter().any(|path| path.grids.contains(&grid.id));

@@ -19,7 +19,7 @@ use super::error::{FitError, MIN_PIXELS};
 use super::map::{DeviationMap, MapPixel};
 use super::samples::{Sample, Samples, knots, sides_mm};
 use super::thesis;
-use crate::geometry::{Panel, Pixel, Point};
+use crate::geometry::{Panel, Pixel, Point, median};
 use crate::panel::{Region, TaughtPanel};
 use crate::recipe::{self, FitMethod};
 use nalgebra::{Point2, Vector3};
@@ -290,7 +290,7 @@ fn noise_mm(samples: &Samples, residuals: &[Vec<f64>]) -> f64 {
 /// σ of normal noise with the same median deviation, mm.
 fn scale_mm(residuals: &[Vec<f64>]) -> f64 {
     let mut sizes: Vec<f64> = residuals.iter().flatten().map(|r| r.abs()).collect();
-    (SIGMA_OF_MEDIAN * quantile(&mut sizes, 0.5)).max(MIN_SCALE_MM)
+    (SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)).max(MIN_SCALE_MM)
 }
 
 fn tukey(deviation_in_sigma: f64) -> f64 {

@@ -1,90 +1,73 @@
 //! Topics and the schemas of their messages.
 
 use super::well_known;
+use strum::{IntoStaticStr, VariantArray};
 
 /// A topic of a recording.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, IntoStaticStr, VariantArray)]
 pub enum Topic {
     /// What the robot's link tells.
+    #[strum(serialize = "/robot/report")]
     Report,
     /// What the robot is told, and what comes of it.
+    #[strum(serialize = "/robot/command")]
     Command,
     /// Readings of the clock that the loop runs by, where they differ from the one before.
+    #[strum(serialize = "/clock")]
     Clock,
     /// What is asked of the loop.
+    #[strum(serialize = "/request")]
     Request,
     /// Results of what is computed beside the loop, as they come to it.
+    #[strum(serialize = "/result")]
     Result,
     /// What the table takes: the journal's lines.
+    #[strum(serialize = "/cycle/event")]
     Event,
     /// What a stage found.
+    #[strum(serialize = "/cycle/finding")]
     Finding,
     /// What else is kept, and what is read back from the store.
+    #[strum(serialize = "/cycle/store")]
     Store,
     /// What the cameras are asked, and what they say; a picture or points follow in a message of their own.
+    #[strum(serialize = "/camera")]
     Camera,
     /// The 3D camera's points.
+    #[strum(serialize = "/scanner/points")]
     Points,
     /// The 3D camera's pictures.
+    #[strum(serialize = "/scanner/picture")]
     ScannerPicture,
     /// The flange camera's pictures.
+    #[strum(serialize = "/flange/picture")]
     FlangePicture,
     /// For people: the lens of the 3D camera's pictures.
+    #[strum(serialize = "/scanner/calibration")]
     ScannerLens,
     /// For people: the lens of the flange camera.
+    #[strum(serialize = "/flange/calibration")]
     FlangeLens,
     /// For people: where things stand.
+    #[strum(serialize = "/tf")]
     Transform,
     /// For people: what was found, in words.
+    #[strum(serialize = "/log")]
     Log,
 }
 
 impl Topic {
     /// All of them.
-    pub const ALL: [Topic; 16] = [
-        Topic::Report,
-        Topic::Command,
-        Topic::Clock,
-        Topic::Request,
-        Topic::Result,
-        Topic::Event,
-        Topic::Finding,
-        Topic::Store,
-        Topic::Camera,
-        Topic::Points,
-        Topic::ScannerPicture,
-        Topic::FlangePicture,
-        Topic::ScannerLens,
-        Topic::FlangeLens,
-        Topic::Transform,
-        Topic::Log,
-    ];
+    pub const ALL: &'static [Topic] = <Self as VariantArray>::VARIANTS;
 
     /// Its name in the file.
     pub fn name(self) -> &'static str {
-        match self {
-            Topic::Report => "/robot/report",
-            Topic::Command => "/robot/command",
-            Topic::Clock => "/clock",
-            Topic::Request => "/request",
-            Topic::Result => "/result",
-            Topic::Event => "/cycle/event",
-            Topic::Finding => "/cycle/finding",
-            Topic::Store => "/cycle/store",
-            Topic::Camera => "/camera",
-            Topic::Points => "/scanner/points",
-            Topic::ScannerPicture => "/scanner/picture",
-            Topic::FlangePicture => "/flange/picture",
-            Topic::ScannerLens => "/scanner/calibration",
-            Topic::FlangeLens => "/flange/calibration",
-            Topic::Transform => "/tf",
-            Topic::Log => "/log",
-        }
+        self.into()
     }
 
     /// The topic of this name.
     pub fn named(name: &str) -> Option<Self> {
-        Topic::ALL.into_iter().find(|topic| topic.name() == name)
+        Topic::ALL.iter().copied().find(|topic| topic.name() == name)
     }
 
     /// Whether its messages are [`Entry`](super::Entry)s, without which nothing can be run again.

@@ -74,7 +74,7 @@ impl<W: Write> Writer<W> {
             .map_err(failed)?;
         }
         let mut channels = BTreeMap::new();
-        for topic in Topic::ALL {
+        for &topic in Topic::ALL {
             let schema = topic.schema();
             let encoding = schema.message_encoding();
             let id = mcap.add_schema(schema.name, schema.encoding, &schema.text).map_err(failed)?;

@@ -4,8 +4,9 @@ use serde::{Deserialize, Serialize, Serializer};
 use std::borrow::Cow;
 
 /// What a stage or a cycle ends with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "lowercase")]
+#[strum(serialize_all = "lowercase")]
 pub enum Verdict {
     /// The evidence supports going on.
     Accept,
@@ -26,15 +27,7 @@ pub enum Verdict {
 impl Verdict {
     /// The word that users script against.
     pub fn word(self) -> &'static str {
-        match self {
-            Verdict::Accept => "accept",
-            Verdict::Review => "review",
-            Verdict::Reject => "reject",
-            Verdict::Pass => "pass",
-            Verdict::Fail => "fail",
-            Verdict::Invalid => "invalid",
-            Verdict::Aborted => "aborted",
-        }
+        self.into()
     }
 
     /// The process's exit code: 0 good, 1 a verdict that is not, 3 a fault.

@@ -1,4 +1,4 @@
-//! What the channels of one controller do to each other.
+//! Conflicts between the channels of one controller: the same name, port, flag or output.
 
 use crate::config::Problem;
 use crate::eki::channel::StatedChannel;

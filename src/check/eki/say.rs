@@ -1,6 +1,6 @@
-//! A channel in words.
+//! The description of a channel, one sentence for each property.
 
-use crate::eki::channel::{Environment, Order, Protocol, StatedChannel, StatedElement, StatedRaw};
+use crate::eki::channel::{Environment, Protocol, ReadOrder, StatedChannel, StatedElement, StatedRaw};
 
 /// What the channel does, a sentence each.
 pub(super) fn sentences(channel: &StatedChannel) -> Vec<String> {
@@ -75,9 +75,9 @@ fn how_long(channel: &StatedChannel) -> String {
 fn what_waits(channel: &StatedChannel) -> String {
     let entries = channel.entries.as_ref().map_or(16, |entries| entries.value);
     let bytes = channel.bytes.as_ref().map_or(16_384, |bytes| bytes.value);
-    let order = match channel.order.map_or(Order::Fifo, |order| order.value) {
-        Order::Fifo => "oldest",
-        Order::Lifo => "newest",
+    let order = match channel.order.map_or(ReadOrder::Fifo, |order| order.value) {
+        ReadOrder::Fifo => "oldest",
+        ReadOrder::Lifo => "newest",
     };
     format!(
         "at most {entries} entries of each tag wait for the program, the {order} is read first, one more closes the \

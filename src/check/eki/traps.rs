@@ -1,6 +1,6 @@
-//! What the controller accepts and a person regrets: the pitfalls of `eki.md` 6, and what cannot work.
+//! What the controller accepts although it leads to trouble (the pitfalls of `eki.md` 6), and what cannot work.
 
-use crate::eki::channel::{Environment, Findings, Order, Protocol, Signal, StatedChannel, StatedElement};
+use crate::eki::channel::{Environment, Findings, Protocol, ReadOrder, Signal, StatedChannel, StatedElement};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The ports that the controller's firewall opens.
@@ -104,8 +104,8 @@ fn buffers(channel: &StatedChannel, found: &mut Findings) {
                        at most 512 can be had";
         found.warn(channel.internal_line, format!("{key}/@Limit"), message);
     }
-    let lifo = channel.order.filter(|order| order.value == Order::Lifo).map(|lifo| (lifo.line, key.to_owned()));
-    let own = channel.received.iter().filter(|element| element.order == Some(Order::Lifo));
+    let lifo = channel.order.filter(|order| order.value == ReadOrder::Lifo).map(|lifo| (lifo.line, key.to_owned()));
+    let own = channel.received.iter().filter(|element| element.order == Some(ReadOrder::Lifo));
     let own = own.map(|element| (element.line, format!("RECEIVE/XML/ELEMENT[{}]", element.tag)));
     for (line, key) in lifo.into_iter().chain(own) {
         let message = "reads the newest entry first: values of several tags need EKI_Lock and EKI_Unlock around them, or \

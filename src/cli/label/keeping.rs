@@ -10,7 +10,7 @@ use super::super::fault::Fault;
 use crate::files;
 use crate::labels::{self, ClipFrame, DRAFT, LABELS, LabelFile, MASK, Statement, TIMES, VERSION, broken, problems};
 use crate::page::label::{Keep, Now, Saved};
-use crate::report::utc;
+use crate::words::utc;
 use std::path::{Path, PathBuf};
 
 /// Where the labels of a clip are kept.

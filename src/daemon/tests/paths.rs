@@ -95,7 +95,7 @@ fn no_plan_is_sent_that_its_gate_rejects() {
     let plan = panel_reach::turned(&plan, reached.spin);
     let joints = reached.travel.joints[0];
     let standing = Standing { limits: job.limits, arm: job.arm, flange_from_tool, joints, obstacles: None };
-    let first = plan.paths[0].waypoints[0].pose.to_rigid();
+    let first = plan.paths[0].waypoints[0].as_sent();
     let gated = |plan: &Plan| routes::contact(&standing, place, (first, plan), recipe.path());
     assert!(gated(&plan).is_good(), "{:?}", gated(&plan).judgement);
     let mut doubtful = plan.clone();
@@ -224,9 +224,9 @@ fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
         let plan = panel_reach::turned(&plan, reached.spin);
         let joints = reached.travel.joints[0];
         let standing = Standing { limits: job.limits, arm: job.arm, flange_from_tool, joints, obstacles: None };
-        let from = plan.paths[0].waypoints[0].pose.to_rigid();
+        let from = plan.paths[0].waypoints[0].as_sent();
         let contact = routes::contact(&standing, place, (from, &plan), recipe.path());
-        let [here, there] = [0, 1].map(|index| place * plan.paths[0].waypoints[index].pose.to_rigid());
+        let [here, there] = [0, 1].map(|index| place * plan.paths[0].waypoints[index].as_sent());
         let view = routes::view(&standing, here, there);
         for gated in [contact, view] {
             assert_eq!(gated.is_good(), code.is_none(), "{:?}", gated.judgement);

@@ -173,7 +173,7 @@ fn opened(settings: Settings) -> Result<GigeCamera, CameraError> {
 }
 
 fn colored(frame: &Frame) -> Result<ColorPicture, CameraError> {
-    let format = PixelFormat::ALL.into_iter().find(|format| format.code() == frame.facts.format);
+    let format = PixelFormat::ALL.iter().copied().find(|format| format.code() == frame.facts.format);
     let colored = format.and_then(|format| demosaic(&frame.pixels, frame.facts.size_px, format));
     let reason = || "its size or pixel format makes no picture".to_owned();
     colored.ok_or_else(|| CameraError::Unusable { which: Which::Flange, reason: reason() })

@@ -1,7 +1,9 @@
 //! The pixel formats that are taken, by their names in GenICam's Pixel Format Naming Convention.
 
+use strum::{IntoStaticStr, VariantArray};
+
 /// One byte a pixel: brightness, or the one colour that the pixel's filter passes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr, VariantArray)]
 pub enum PixelFormat {
     /// Brightness.
     Mono8,
@@ -17,23 +19,11 @@ pub enum PixelFormat {
 
 impl PixelFormat {
     /// All of them.
-    pub const ALL: [PixelFormat; 5] = [
-        PixelFormat::Mono8,
-        PixelFormat::BayerRG8,
-        PixelFormat::BayerGR8,
-        PixelFormat::BayerGB8,
-        PixelFormat::BayerBG8,
-    ];
+    pub const ALL: &'static [PixelFormat] = <Self as VariantArray>::VARIANTS;
 
     /// The name, `BayerRG8`.
     pub fn name(self) -> &'static str {
-        match self {
-            PixelFormat::Mono8 => "Mono8",
-            PixelFormat::BayerRG8 => "BayerRG8",
-            PixelFormat::BayerGR8 => "BayerGR8",
-            PixelFormat::BayerGB8 => "BayerGB8",
-            PixelFormat::BayerBG8 => "BayerBG8",
-        }
+        self.into()
     }
 
     /// The number that stands in a frame's leader.
@@ -49,12 +39,12 @@ impl PixelFormat {
 
     /// The format of this name.
     pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|format| format.name() == name)
+        Self::ALL.iter().copied().find(|format| format.name() == name)
     }
 
     /// A format's name by its code, also of one that this program does not take: as GenICam's naming convention has it.
     pub fn name_of(code: u32) -> String {
-        let ours = Self::ALL.into_iter().find(|format| format.code() == code).map(Self::name);
+        let ours = Self::ALL.iter().copied().find(|format| format.code() == code).map(Self::name);
         let other = || match code {
             0x0110_0003 => Some("Mono10"),
             0x0110_0005 => Some("Mono12"),

@@ -1,6 +1,6 @@
 //! What one channel of the controller is: the file's statements, and the manual's defaults where it is silent.
 
-use super::kinds::{Environment, Kind, Order, Peer, Protocol};
+use super::kinds::{Environment, Kind, Peer, Protocol, ReadOrder};
 use super::stated::{StatedChannel, StatedElement};
 use crate::config::Problem;
 
@@ -13,7 +13,7 @@ const DEFAULT_PORT: u16 = 54_600;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Memory {
     /// Which entry is read first, where a tag does not say otherwise.
-    pub order: Order,
+    pub order: ReadOrder,
     /// Entries of each memory; one more closes the connection.
     pub entries: u32,
     /// Bytes received and not yet interpreted.
@@ -28,7 +28,7 @@ pub struct Element {
     /// What its memory holds; `None` where the tag only raises a flag.
     pub kind: Option<Kind>,
     /// Which entry is read first, where it differs from the channel's.
-    pub order: Option<Order>,
+    pub order: Option<ReadOrder>,
     /// `$FLAG` that is set when it has arrived.
     pub set_flag: Option<u32>,
     /// `$OUT` that is set when it has arrived.
@@ -110,7 +110,7 @@ impl ChannelFile {
             environment: stated.environment.map_or(Environment::Program, |environment| environment.value),
             protocol: stated.protocol.map_or(Protocol::Tcp, |protocol| protocol.value),
             memory: Memory {
-                order: stated.order.map_or(Order::Fifo, |order| order.value),
+                order: stated.order.map_or(ReadOrder::Fifo, |order| order.value),
                 entries: stated.entries.map_or(DEFAULT_ENTRIES, |entries| entries.value),
                 bytes: stated.bytes.map_or(DEFAULT_BYTES, |bytes| bytes.value),
             },

@@ -27,7 +27,7 @@ pub enum Environment {
 /// Which entry of a memory is read first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumString, VariantNames)]
 #[strum(ascii_case_insensitive, serialize_all = "UPPERCASE")]
-pub enum Order {
+pub enum ReadOrder {
     /// The oldest.
     Fifo,
     /// The newest.

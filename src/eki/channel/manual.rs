@@ -1,7 +1,7 @@
 //! The manual's elements and attributes, with what may stand in them (`eki.md` 1.2 to 1.4).
 
 use super::findings::Findings;
-use super::kinds::{Environment, Kind, Order, Peer, Protocol};
+use super::kinds::{Environment, Kind, Peer, Protocol, ReadOrder};
 use super::tree::Node;
 use crate::config::Problem;
 use std::collections::BTreeSet;
@@ -44,7 +44,7 @@ const fn element(path: &'static str, attributes: &'static [(&'static str, Rule)]
 /// `$FLAG` and `$OUT` as the manual counts them.
 const FLAG: Rule = Rule::Number(1, 1025);
 const OUT: Rule = Rule::Number(1, 4096);
-const ORDER: Rule = Rule::Words(Order::VARIANTS);
+const ORDER: Rule = Rule::Words(ReadOrder::VARIANTS);
 const KINDS: Rule = Rule::Words(Kind::VARIANTS);
 
 const KNOWN: [Known; 24] = [

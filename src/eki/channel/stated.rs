@@ -1,7 +1,7 @@
 //! What a file states about one channel, each value with its line. What was noted as wrong is left out here.
 
 use super::findings::Findings;
-use super::kinds::{Environment, Order, Peer, Protocol};
+use super::kinds::{Environment, Peer, Protocol, ReadOrder};
 use super::tree::Node;
 use std::str::FromStr;
 
@@ -19,7 +19,7 @@ pub(crate) struct StatedChannel {
     pub(crate) external: Address,
     pub(crate) environment: Option<Stated<Environment>>,
     pub(crate) protocol: Option<Stated<Protocol>>,
-    pub(crate) order: Option<Stated<Order>>,
+    pub(crate) order: Option<Stated<ReadOrder>>,
     pub(crate) entries: Option<Stated<u32>>,
     pub(crate) bytes: Option<Stated<u32>>,
     pub(crate) connect_ms: Option<Stated<u32>>,
@@ -85,7 +85,7 @@ pub(crate) struct StatedElement {
     pub(crate) tag: String,
     /// The type's word in capitals, whether it is known or not.
     pub(crate) kind: Option<String>,
-    pub(crate) order: Option<Order>,
+    pub(crate) order: Option<ReadOrder>,
     /// What its arrival raises.
     pub(super) signals: Vec<Signal>,
 }
@@ -198,7 +198,7 @@ fn word<T: FromStr>(text: &str) -> Option<T> {
     text.parse().ok()
 }
 
-fn order(node: &Node) -> Option<Stated<Order>> {
+fn order(node: &Node) -> Option<Stated<ReadOrder>> {
     let at = node.attribute("Mode")?;
     Some(Stated { value: word(&at.value)?, line: at.line })
 }

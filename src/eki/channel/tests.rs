@@ -13,7 +13,7 @@ fn file(internal: &str, received: &str) -> String {
 fn the_shipped_files_say_who_listens_where_and_what_travels() {
     let command = ChannelFile::parse(CELLCMD).expect("reads");
     assert_eq!((command.peer, command.port, command.environment), (Peer::Client, 54_600, Environment::Submit));
-    assert_eq!(command.memory, Memory { order: Order::Fifo, entries: 512, bytes: 65_534 });
+    assert_eq!(command.memory, Memory { order: ReadOrder::Fifo, entries: 512, bytes: 65_534 });
     assert_eq!(command.alive_flag, Some(850));
     let received: Vec<&str> = command.received.iter().map(|element| element.tag.as_str()).collect();
     assert_eq!(received[..3], ["Cmd/@Id", "Cmd/@Ep", "Cmd/@Op"]);
@@ -30,7 +30,7 @@ fn the_shipped_files_say_who_listens_where_and_what_travels() {
 #[test]
 fn what_a_file_does_not_say_is_the_manuals_default() {
     let silent = ChannelFile::parse(&file("", "")).expect("reads");
-    assert_eq!(silent.memory, Memory { order: Order::Fifo, entries: 16, bytes: 16_384 });
+    assert_eq!(silent.memory, Memory { order: ReadOrder::Fifo, entries: 16, bytes: 16_384 });
     assert_eq!((silent.port, silent.environment, silent.protocol), (54_600, Environment::Program, Protocol::Tcp));
     let dials = "<ETHERNETKRL><CONFIGURATION><EXTERNAL><IP>192.168.1.2</IP><PORT>18735</PORT></EXTERNAL>\
                  <INTERNAL><IP>address.of.controller</IP><PORT>54605</PORT></INTERNAL></CONFIGURATION>\
@@ -44,7 +44,7 @@ fn any_case_is_read_and_what_no_manual_names_is_kept() {
     let text =
         file("<buffering mode=\"lifo\" LIMIT=\"15\"/><Sendflag>1</Sendflag><ALIVE ElementName=\"x\"/>", ";text");
     let read = ChannelFile::parse(&text).expect("reads");
-    assert_eq!((read.memory.order, read.memory.entries), (Order::Lifo, 15));
+    assert_eq!((read.memory.order, read.memory.entries), (ReadOrder::Lifo, 15));
     let unknown: Vec<(usize, &str)> =
         read.unknown.iter().map(|unknown| (unknown.line, unknown.key.as_str())).collect();
     assert_eq!(

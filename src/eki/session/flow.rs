@@ -2,17 +2,18 @@
 //!
 //! What is sent and not executed stays inside a window: so many commands, and so much motion by time, since that is
 //! what the arm still does when the link drops. A path's motion is counted as distance over speed. Points of a path
-//! go out at least a few at a time, whatever they last, so that the controller can blend. Bytes not yet received stay
-//! below what its buffer holds, commands below the free places that it last told.
+//! are sent at least a few at a time, however long they last, so that the controller can blend. Bytes that are not yet
+//! received stay below the size of its buffer, and commands below the number of free places that it last reported.
 
 use super::echo::FrameEcho;
-use super::{LinkLimits, QueueError};
+use super::limits::{LinkLimits, QueueError};
 use crate::eki::ack::Ack;
 use crate::eki::command::{Command, MoveLin, SetTcp};
+use crate::eki::ids::{CommandId, Epoch, LAST_NUMBER};
 use crate::eki::report::{Report, SequenceError};
 use crate::eki::state::State;
 use crate::eki::time::Time;
-use crate::eki::wire::{CommandId, Epoch, LAST_NUMBER, Wire};
+use crate::eki::wire::Wire;
 use crate::geometry::{Base, KukaPose, Tool};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -27,7 +28,7 @@ const LATE: Duration = Duration::from_millis(500);
 
 /// A command on its way.
 #[derive(Debug)]
-struct Order {
+struct QueuedCommand {
     id: CommandId,
     bytes: Vec<u8>,
     /// How long its motion lasts by our count; zero where nothing moves.
@@ -57,8 +58,8 @@ struct Part {
 #[derive(Debug)]
 pub(super) struct Flow {
     epoch: Epoch,
-    queue: VecDeque<Order>,
-    in_flight: VecDeque<Order>,
+    queue: VecDeque<QueuedCommand>,
+    in_flight: VecDeque<QueuedCommand>,
     /// Motion of what is in flight, and bytes of what of it was not received.
     motion: Duration,
     unreceived_bytes: usize,
@@ -142,8 +143,8 @@ impl Flow {
 
     /// When the oldest command was sent that the controller has not received.
     pub(super) fn oldest_unreceived(&self) -> Option<Time> {
-        let received = self.in_flight.partition_point(|order| order.id <= self.received);
-        self.in_flight.get(received).map(|order| order.sent_at)
+        let received = self.in_flight.partition_point(|queued| queued.id <= self.received);
+        self.in_flight.get(received).map(|queued| queued.sent_at)
     }
 
     pub(super) fn queue(
@@ -172,7 +173,7 @@ impl Flow {
         ) {
             self.end = None;
         }
-        self.queue.push_back(Order {
+        self.queue.push_back(QueuedCommand {
             id,
             bytes,
             motion,
@@ -202,14 +203,14 @@ impl Flow {
         let last = CommandId(first.0 + (count - 1));
         let path = Some(Part { first, last, base, tool });
         let (mut end, mut speed_mm_s) = (self.end, self.speed_mm_s);
-        let mut orders = Vec::with_capacity(points.len());
+        let mut queued = Vec::with_capacity(points.len());
         for (point, id) in points.iter().zip((first.0..=last.0).map(CommandId)) {
             let bytes = wire.encode_command(id, self.epoch, &Command::MoveLin(*point), last.0 - id.0)?;
             speed_mm_s = point.speed_m_s.map(|speed_m_s| 1_000.0 * speed_m_s).or(speed_mm_s);
             let motion = line_time(end, point.pose, speed_mm_s);
             let from_anywhere = end.is_none().then_some((point.pose, speed_mm_s));
             end = Some(point.pose);
-            orders.push(Order {
+            queued.push(QueuedCommand {
                 id,
                 bytes,
                 motion: motion.unwrap_or(limits.window),
@@ -220,7 +221,7 @@ impl Flow {
                 sent_at: Time::default(),
             });
         }
-        self.queue.extend(orders);
+        self.queue.extend(queued);
         (self.end, self.speed_mm_s, self.next_id) = (end, speed_mm_s, CommandId(last.0 + 1));
         self.path_ends.push_back(last);
         Ok(last)
@@ -244,16 +245,16 @@ impl Flow {
         if !self.queue.front().is_some_and(|next| self.may_go(next, limits)) {
             return None;
         }
-        let mut order = self.queue.pop_front()?;
-        let bytes = order.bytes.clone();
-        (self.sent, order.sent_at) = (order.id, now);
-        self.motion += order.motion;
-        self.unreceived_bytes += order.bytes.len();
-        self.in_flight.push_back(order);
+        let mut queued = self.queue.pop_front()?;
+        let bytes = queued.bytes.clone();
+        (self.sent, queued.sent_at) = (queued.id, now);
+        self.motion += queued.motion;
+        self.unreceived_bytes += queued.bytes.len();
+        self.in_flight.push_back(queued);
         Some(bytes)
     }
 
-    fn may_go(&self, next: &Order, limits: &LinkLimits) -> bool {
+    fn may_go(&self, next: &QueuedCommand, limits: &LinkLimits) -> bool {
         if self.permitted.is_some_and(|last| next.id > last) {
             return false;
         }
@@ -275,11 +276,11 @@ impl Flow {
 
     /// Whether the next points of a path fit into the window by time, or are too few to wait for it.
     fn motion_fits(&self, part: Part, together: usize, limits: &LinkLimits) -> bool {
-        let is_ours = |order: &Order| order.path == Some(part);
-        let ahead = self.in_flight.iter().filter(|order| is_ours(order)).count();
+        let is_ours = |queued: &QueuedCommand| queued.path == Some(part);
+        let ahead = self.in_flight.iter().filter(|queued| is_ours(queued)).count();
         let few = ahead < limits.min_points
-            && self.in_flight.iter().all(|order| is_ours(order) || order.motion.is_zero());
-        let motion: Duration = self.queue.iter().take(together).map(|order| order.motion).sum();
+            && self.in_flight.iter().all(|queued| is_ours(queued) || queued.motion.is_zero());
+        let motion: Duration = self.queue.iter().take(together).map(|queued| queued.motion).sum();
         few || self.motion + motion <= limits.window
     }
 
@@ -317,7 +318,7 @@ impl Flow {
         if !self.is_busy() && is_seen(&self.base) && is_seen(&self.tool) {
             self.end = Some(state.base_from_tcp);
         }
-        let stands = self.in_flight.iter().all(|order| order.motion.is_zero());
+        let stands = self.in_flight.iter().all(|queued| queued.motion.is_zero());
         if let Some(next) = self.queue.front_mut().filter(|_| stands)
             && let (Some(part), Some((end, speed_mm_s))) = (next.path, next.from_anywhere)
             && self.base.is_confirmed(part.base)
@@ -329,17 +330,17 @@ impl Flow {
     }
 
     pub(super) fn received_up_to(&mut self, id: CommandId) {
-        let before = self.in_flight.partition_point(|order| order.id <= self.received);
+        let before = self.in_flight.partition_point(|queued| queued.id <= self.received);
         self.received = self.received.max(id).min(self.sent);
-        let fresh = self.in_flight.iter().skip(before).take_while(|order| order.id <= self.received);
-        self.unreceived_bytes -= fresh.map(|order| order.bytes.len()).sum::<usize>();
+        let fresh = self.in_flight.iter().skip(before).take_while(|queued| queued.id <= self.received);
+        self.unreceived_bytes -= fresh.map(|queued| queued.bytes.len()).sum::<usize>();
     }
 
     fn forget_done(&mut self, now: Time) {
         let done = self.done();
-        while let Some(order) = self.in_flight.pop_front_if(|order| order.id <= done) {
-            self.motion -= order.motion;
-            (self.progressed_at, self.touches) = (now, order.contact);
+        while let Some(queued) = self.in_flight.pop_front_if(|queued| queued.id <= done) {
+            self.motion -= queued.motion;
+            (self.progressed_at, self.touches) = (now, queued.contact);
         }
     }
 

@@ -18,59 +18,25 @@
 
 mod echo;
 mod flow;
+mod limits;
 mod receive;
 mod timing;
 
 #[cfg(test)]
 mod tests;
 
-use super::command::{Command, CommandError, MappedInputs, MoveLin, Request, Signal};
+use super::command::{Command, CommandError, MoveLin, Request, Signal};
 use super::framer::Framer;
+use super::ids::{CommandId, EPOCH_STEP, Epoch, LAST_NUMBER};
 use super::report::{Channel, LinkLoss, Report, StopCause};
 use super::time::Time;
-use super::wire::{CommandId, EPOCH_STEP, Epoch, LAST_NUMBER, Wire};
-use super::word::{Word, word};
+use super::wire::Wire;
 use flow::Flow;
-use serde::{Deserialize, Serialize};
+pub use limits::{LinkLimits, QueueError};
 use std::collections::VecDeque;
-use std::time::Duration;
 
 /// So many steps a new epoch may lie above the controller's: requests that its channel buffers at once.
 const MOST_STEPS: u32 = 16;
-
-/// The limits of a link (`design.md`, "Limits").
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct LinkLimits {
-    /// Motion sent and not yet executed, at most.
-    pub window: Duration,
-    /// Commands sent and not yet executed, at most.
-    pub window_commands: usize,
-    /// Points sent together when a path starts, and kept ahead whatever they last.
-    pub min_points: usize,
-    /// From heartbeat to heartbeat.
-    pub heartbeat: Duration,
-    /// Silence after which the epoch is ended, while anything is queued.
-    pub watchdog: Duration,
-    /// The inputs that can be set.
-    pub mapped_inputs: MappedInputs,
-    /// Bits of the state's outputs that do harm while nobody looks after them: tool and water. While one is on, silence
-    /// counts as it does while something is queued.
-    pub harmful_outputs: u32,
-}
-
-impl Default for LinkLimits {
-    fn default() -> Self {
-        LinkLimits {
-            window: Duration::from_secs(1),
-            window_commands: 50,
-            min_points: 5,
-            heartbeat: Duration::from_millis(100),
-            watchdog: Duration::from_millis(400),
-            mapped_inputs: MappedInputs::default(),
-            harmful_outputs: 0,
-        }
-    }
-}
 
 /// Whose clock runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,61 +45,6 @@ pub enum Pace {
     Wall,
     /// The controller's virtual clock: it runs only as far as heartbeats let it.
     LockStep,
-}
-
-/// Why a command was not queued. Nothing of it was sent.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
-#[serde(rename_all = "snake_case")]
-pub enum QueueError {
-    /// No controller.
-    #[error("there is no connection to the controller")]
-    NotConnected,
-    /// A new epoch would begin on a moving robot.
-    #[error("the robot does not stand yet; abort, and wait for its standstill")]
-    NotStanding,
-    /// No epoch is open.
-    #[error("no epoch is open; after a start, a stop or a fault one must be opened first")]
-    NoEpoch,
-    /// Too far above the controller's epoch.
-    #[error(
-        "the next epoch would be {next} and the controller counts {found}; at most {most} more can be reached. Has the \
-         controller been replaced? Deselect its programs, set CELL_EP there to {above}, and start it cold"
-    )]
-    EpochTooFar {
-        /// The next one by what was opened before.
-        next: u64,
-        /// The controller's.
-        found: Epoch,
-        /// How far one may lie above the other.
-        most: u32,
-        /// What the controller should count.
-        above: u64,
-    },
-    /// Straight lines need both frames.
-    #[error("move_lin needs base and tool set in this epoch; {missing} was not")]
-    FramesNotSet {
-        /// What is missing.
-        #[serde(deserialize_with = "word")]
-        missing: Word,
-    },
-    /// A path without points.
-    #[error("the path has no points")]
-    EmptyPath,
-    /// Too many commands.
-    #[error("the epoch would have more than {most} commands; open another")]
-    IdsExhausted {
-        /// The last id.
-        most: u32,
-    },
-    /// The arm's correction needs the axes there, and none lead there.
-    #[error("no axis angles lead to point {point}, so that the correction of the arm cannot be applied to it")]
-    Uncorrected {
-        /// From 1.
-        point: usize,
-    },
-    /// A command that no controller can execute.
-    #[error(transparent)]
-    Command(#[from] CommandError),
 }
 
 /// What the session is doing.

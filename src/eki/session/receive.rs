@@ -1,13 +1,13 @@
-//! What comes in: bytes to documents, documents to what they mean for the phase at hand.
+//! Receives: bytes to documents, documents to their meaning in the present phase of the session.
 
 use super::flow::{Flow, Late};
 use super::{Phase, Session, Stopping};
 use crate::eki::ack::Ack;
 use crate::eki::framer::Framer;
+use crate::eki::ids::{CommandId, EPOCH_STEP, Epoch, HIGHEST_EPOCH, LAST_NUMBER};
 use crate::eki::report::{Channel, LinkLoss, Report, SequenceError, StopCause};
 use crate::eki::state::State;
 use crate::eki::time::Time;
-use crate::eki::wire::{CommandId, EPOCH_STEP, Epoch, HIGHEST_EPOCH, LAST_NUMBER};
 
 impl Session {
     /// Bytes from the command channel.

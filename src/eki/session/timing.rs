@@ -1,5 +1,5 @@
-//! What is due when: heartbeats, the watchdog, giving a silent connection or a disobeyed abort up. Nothing of it in lock step, where only
-//! heartbeats let time pass.
+//! Deadlines: heartbeats, the watchdog, and closing a connection that is silent or does not obey an abort. There are no
+//! deadlines in lock step, where time passes only by heartbeats.
 
 use super::{Pace, Phase, Session};
 use crate::eki::command::Request;

@@ -7,7 +7,7 @@ const MAX_HEADER_BYTES: usize = 1 << 16;
 /// Largest data section and largest point, as for PCD; numbers of eight bytes take twice as much.
 const MAX_DATA_BYTES: u64 = 1 << 28;
 const MAX_POINT_BYTES: u64 = 128;
-/// What is read of a vertex, in the order of [`Places`].
+/// What is read of a vertex, in the order of [`PropertyOffsets`].
 pub(super) const NAMES: [&str; 6] = ["x", "y", "z", "red", "green", "blue"];
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -43,13 +43,13 @@ impl Number {
 
 /// One of [`NAMES`] in a vertex: its word in text, its byte in binary.
 #[derive(Clone, Copy)]
-pub(super) struct Place {
+pub(super) struct PropertyOffset {
     pub word: usize,
     pub byte: usize,
     pub number: Number,
 }
 
-pub(super) type Places = [Place; 6];
+pub(super) type PropertyOffsets = [PropertyOffset; 6];
 
 /// A header as it stands; its own counts are checked by what asks for them.
 #[derive(Default)]
@@ -150,8 +150,8 @@ impl Header {
         }
     }
 
-    pub fn places(&self) -> Result<Places, CloudFileError> {
-        let mut places = [Place { word: 0, byte: 0, number: Number::Byte }; 6];
+    pub fn places(&self) -> Result<PropertyOffsets, CloudFileError> {
+        let mut places = [PropertyOffset { word: 0, byte: 0, number: Number::Byte }; 6];
         for (index, (place, name)) in places.iter_mut().zip(NAMES).enumerate() {
             let allowed =
                 if index < 3 { "float or double, in mm" } else { "uchar; export the cloud with its colours" };
@@ -164,7 +164,7 @@ impl Header {
                 _ => return Err(refuse("another type")),
             }
             let byte = self.properties[..word].iter().map(|(_, number)| number.bytes()).sum();
-            *place = Place { word, byte, number };
+            *place = PropertyOffset { word, byte, number };
         }
         Ok(places)
     }

@@ -11,7 +11,7 @@
 mod samples;
 
 use super::InspectError;
-use crate::geometry::{Camera, Mask, Panel, PinholeCamera, Pixel, Rigid};
+use crate::geometry::{Camera, Mask, Panel, PinholeCamera, Pixel, Raster, Rigid};
 use crate::imaging::{ImagingError, named};
 use crate::panel::{GridId, TaughtPanel};
 use crate::recipe;
@@ -39,6 +39,13 @@ pub struct Window {
     pub top: usize,
     pub width: usize,
     pub height: usize,
+}
+
+impl Window {
+    /// Its size.
+    pub fn raster(&self) -> Raster {
+        Raster { width: self.width, height: self.height }
+    }
 }
 
 /// A taught pixel's surface, held by a pixel of the picture.

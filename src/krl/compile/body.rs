@@ -1,9 +1,9 @@
 //! Statements to steps.
 
 use super::super::code::{Cell, Op};
-use super::super::syntax::{Action, Binary, Call, Case, Expression, Motion, Place, Statement};
+use super::super::syntax::{Action, Binary, Call, Case, Expression, Motion, Statement, VariableRef};
 use super::super::types::Type;
-use super::{Compiler, cells_u32};
+use super::compiler::{Compiler, cells_u32};
 
 impl Compiler<'_> {
     pub(super) fn block(&mut self, statements: &[Statement]) {
@@ -139,7 +139,7 @@ impl Compiler<'_> {
         axes
     }
 
-    fn assign(&mut self, to: &Place, value: &Expression) {
+    fn assign(&mut self, to: &VariableRef, value: &Expression) {
         let Some(found) = self.address(to) else {
             self.value(value, Type::Unknown);
             return;
@@ -239,7 +239,7 @@ impl Compiler<'_> {
 
     fn for_block(
         &mut self,
-        variable: &Place,
+        variable: &VariableRef,
         [from, to]: [&Expression; 2],
         step: Option<&Expression>,
         body: &[Statement],
@@ -255,7 +255,7 @@ impl Compiler<'_> {
         let is_int = |found: Type| found == Type::Int || found == Type::Unknown;
         let start = self.here();
         self.mark(line);
-        let kind = self.value(&Expression::Place(variable.clone()), Type::Int);
+        let kind = self.value(&Expression::Variable(variable.clone()), Type::Int);
         if !is_int(kind) {
             self.problem(&variable.name, "the counter of FOR is an INT");
         }
@@ -272,7 +272,7 @@ impl Compiler<'_> {
         self.block(body);
         self.ranges.remove(&variable.name);
         self.address(variable);
-        self.value(&Expression::Place(variable.clone()), Type::Int);
+        self.value(&Expression::Variable(variable.clone()), Type::Int);
         self.emit(Op::LoadLocal(by));
         self.emit(Op::Binary(Binary::Plus));
         self.emit(Op::Store);

@@ -4,7 +4,7 @@ use super::super::code::Op;
 use super::super::syntax::{Call, Expression};
 use super::super::system::{BUILTINS, Row, Wants, wanted_type};
 use super::super::types::Type;
-use super::{Argument, Compiler, cells_u32};
+use super::compiler::{Argument, Compiler, cells_u32};
 
 impl Compiler<'_> {
     /// Calls a routine; the type of what it gives back, `None` where it gives back nothing.
@@ -45,7 +45,7 @@ impl Compiler<'_> {
         if wanted.by_value {
             return self.typed_value(given, wanted.kind, &wanted.name);
         }
-        let Expression::Place(place) = given else {
+        let Expression::Variable(place) = given else {
             return self.problem(
                 &wanted.name,
                 format!("{routine} takes this argument as a variable (:OUT); a value cannot be handed over"),
@@ -104,7 +104,7 @@ impl Compiler<'_> {
             }
             Wants::Variable(name) | Wants::Filled(name) => {
                 let kind = wanted_type(&self.types, name).unwrap_or(Type::Unknown);
-                let Expression::Place(place) = given else {
+                let Expression::Variable(place) = given else {
                     return self.problem(&call.name, format!("a variable of type {name} is wanted"));
                 };
                 let Some(found) = self.address(place) else { return };

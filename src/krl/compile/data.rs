@@ -3,7 +3,7 @@
 use super::super::code::{Cell, Shared};
 use super::super::syntax::{Action, Data, Declaration, Declared, Expression, Item, Step, Unary};
 use super::super::types::{Type, Types};
-use super::{Compiler, Home, Variable, cells_u32};
+use super::compiler::{Compiler, Home, Variable, cells_u32};
 
 impl Compiler<'_> {
     /// STRUC and ENUM of all files. A structure may use one that stands behind it.
@@ -121,7 +121,7 @@ impl Compiler<'_> {
     }
 
     /// `NAME[1]=17` in a data list.
-    fn first_value(&mut self, to: &super::super::syntax::Place, value: &Expression) {
+    fn first_value(&mut self, to: &super::super::syntax::VariableRef, value: &Expression) {
         let module = self.files[self.file].module.clone();
         let of_module = self.of_module.get(&(module, to.name.clone()));
         let Some(variable) = of_module.or_else(|| self.globals.get(&to.name)).cloned() else {
@@ -243,7 +243,7 @@ impl Compiler<'_> {
             Expression::Int(number) => Some(Cell::Int(*number)),
             Expression::Real(number) => Some(Cell::Real(*number)),
             Expression::Bool(value) => Some(Cell::Bool(*value)),
-            Expression::Place(place) if place.steps.is_empty() => {
+            Expression::Variable(place) if place.steps.is_empty() => {
                 if self.locals.contains_key(&place.name) {
                     return None;
                 }

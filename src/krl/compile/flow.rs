@@ -3,9 +3,9 @@
 //! A variable counts as assigned where every way to the place has assigned it or a part of it. What is handed to a
 //! routine as a variable counts as assigned by it; EthernetKRL's readers want a variable that holds a value already.
 
-use super::super::syntax::{Action, Call, Declared, Expression, Place, Routine, Statement, Step};
+use super::super::syntax::{Action, Call, Declared, Expression, Routine, Statement, Step, VariableRef};
 use super::super::system::{BUILTINS, Wants};
-use super::{Compiler, Signature};
+use super::compiler::{Compiler, Signature};
 use std::collections::BTreeSet;
 
 /// The names that are assigned; `None` where this place is never reached.
@@ -136,7 +136,7 @@ impl Flow<'_, '_> {
 
     fn read(&mut self, value: &Expression, now: &mut BTreeSet<String>) {
         match value {
-            Expression::Place(place) => {
+            Expression::Variable(place) => {
                 self.read_indices(place, now);
                 self.want(&place.name, now);
             }
@@ -157,7 +157,7 @@ impl Flow<'_, '_> {
         }
     }
 
-    fn read_indices(&mut self, place: &Place, now: &mut BTreeSet<String>) {
+    fn read_indices(&mut self, place: &VariableRef, now: &mut BTreeSet<String>) {
         for step in &place.steps {
             if let Step::Index(indices) = step {
                 indices.iter().for_each(|index| self.read(index, now));
@@ -177,7 +177,7 @@ impl Flow<'_, '_> {
                 (None, None) => true,
             };
             match argument {
-                Expression::Place(place) if is_written => {
+                Expression::Variable(place) if is_written => {
                     self.read_indices(place, now);
                     now.insert(place.name.clone());
                 }

@@ -3,7 +3,7 @@
 use super::super::code::Op;
 use super::super::syntax::{Binary, Expression};
 use super::super::types::Type;
-use super::{Compiler, cells_u32};
+use super::compiler::{Compiler, cells_u32};
 
 impl Compiler<'_> {
     pub(super) fn binary(&mut self, operator: Binary, left: &Expression, right: &Expression) -> Type {

@@ -1,11 +1,11 @@
-//! Variables, and the way to a part of one.
+//! Addresses of variables and of their components and elements.
 
 use super::super::code::Cell;
 use super::super::code::Op;
-use super::super::syntax::{Expression, Place, Step};
+use super::super::syntax::{Expression, Step, VariableRef};
 use super::super::system::{self, SYSTEM_VARIABLES};
 use super::super::types::Type;
-use super::{Compiler, Home, Variable, cells_u32};
+use super::compiler::{Compiler, Home, Variable, cells_u32};
 
 /// A variable or part of one, whose address the steps have put on the stack.
 pub(super) struct Found {
@@ -56,7 +56,7 @@ impl Compiler<'_> {
     }
 
     /// Puts the address of a variable or of a part of it on the stack; `None` where it is not known.
-    pub(super) fn address(&mut self, place: &Place) -> Option<Found> {
+    pub(super) fn address(&mut self, place: &VariableRef) -> Option<Found> {
         let variable = self.variable(&place.name)?;
         self.emit(match variable.home {
             Home::Global(offset) => Op::Global(offset),
@@ -130,7 +130,7 @@ impl Compiler<'_> {
     fn check_bounds(&mut self, variable: &str, index: &Expression, count: usize) {
         let range = match (self.constant(index), index) {
             (Some(Cell::Int(index)), _) => Some((index, index)),
-            (_, Expression::Place(place)) if place.steps.is_empty() => self.ranges.get(&place.name).copied(),
+            (_, Expression::Variable(place)) if place.steps.is_empty() => self.ranges.get(&place.name).copied(),
             _ => None,
         };
         let Some((low, high)) = range.filter(|_| count > 0) else { return };

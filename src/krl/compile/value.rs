@@ -1,9 +1,9 @@
 //! Values: expressions that put something on the stack.
 
 use super::super::code::{Cell, Op};
-use super::super::syntax::{Expression, Place, Unary};
+use super::super::syntax::{Expression, Unary, VariableRef};
 use super::super::types::Type;
-use super::{Compiler, cells_u32};
+use super::compiler::{Compiler, cells_u32};
 
 impl Compiler<'_> {
     /// Puts the value of an expression on the stack and says its type. `wanted` tells which enumeration a word is of,
@@ -18,7 +18,7 @@ impl Compiler<'_> {
                 self.push(Cell::Text(index), Type::Text)
             }
             Expression::Word(word) => self.word(word, wanted),
-            Expression::Place(place) => self.variable_value(place),
+            Expression::Variable(place) => self.variable_value(place),
             Expression::Call(call) => match self.call(call) {
                 Some(kind) => kind,
                 None => {
@@ -66,7 +66,7 @@ impl Compiler<'_> {
         }
     }
 
-    fn variable_value(&mut self, place: &Place) -> Type {
+    fn variable_value(&mut self, place: &VariableRef) -> Type {
         let Some(found) = self.address(place) else { return Type::Unknown };
         if found.dimensions.is_empty() {
             self.load(found.kind);
@@ -78,7 +78,7 @@ impl Compiler<'_> {
         Type::Text
     }
 
-    fn aggregate(&mut self, type_name: Option<&str>, parts: &[(Place, Expression)], wanted: Type) -> Type {
+    fn aggregate(&mut self, type_name: Option<&str>, parts: &[(VariableRef, Expression)], wanted: Type) -> Type {
         let kind = type_name.map_or(wanted, |name| self.type_named(name));
         let Some(struc) = self.types.struc(kind).cloned() else {
             if kind != Type::Unknown {

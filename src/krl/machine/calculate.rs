@@ -2,7 +2,7 @@
 
 use super::super::code::Cell;
 use super::super::syntax::Binary;
-use super::Wrong;
+use super::outcome::Wrong;
 
 /// The result of an operator between two values of one type.
 pub(super) fn binary(operator: Binary, left: Cell, right: Cell) -> Result<Cell, Wrong> {

@@ -1,10 +1,15 @@
 //! What [`condense`](super::super::condense) has put together, executed at once.
 
-use super::super::code::{Address, Cell, Program, Space};
+use super::super::code::{Address, Cell, Space};
 use super::super::condense::{Start, Together, Value};
+use super::super::program::Program;
 use super::super::syntax::Binary;
+use super::calculate;
+use super::host::Host;
+use super::interpreter::Interpreter;
+use super::memory::Memory;
+use super::outcome::Wrong;
 use super::step::INVALID;
-use super::{Host, Interpreter, Memory, Wrong, calculate};
 
 impl Interpreter {
     /// Executes what begins here; false where that is to be done step by step.

@@ -2,36 +2,17 @@
 //!
 //! A smaller number breaks into a larger one. A trigger has the lowest priority of all.
 
-use super::super::code::{Op, Program};
-use super::step::Flow;
-use super::{BrokeIn, Frame, Host, Interpreter, Memory, Wrong};
+use super::super::code::Op;
+use super::super::program::Program;
+use super::host::Host;
+use super::interpreter::{BrokeIn, Frame, Interpreter, Interrupt};
+use super::memory::Memory;
+use super::outcome::{Flow, Wrong};
 
 /// Of a trigger with PRIO=-1: the controller takes one of those that programs may not use.
 const TRIGGER_PRIORITY: i32 = 80;
 /// So many interrupts may be declared at once.
 pub const INTERRUPT_DEPTH: usize = 32;
-
-#[derive(Debug, Clone)]
-pub(super) struct Interrupt {
-    number: i32,
-    pub(super) global: bool,
-    /// The frame that declared it.
-    pub(super) declared_in: usize,
-    condition: usize,
-    call: usize,
-    on: bool,
-    /// The condition when it was last looked at.
-    was: bool,
-    pending: bool,
-}
-
-#[derive(Debug, Clone)]
-pub(super) struct Trigger {
-    /// Of its motion, once that is planned.
-    pub(super) sequence: Option<u64>,
-    pub(super) call: usize,
-    pub(super) base: usize,
-}
 
 impl Interpreter {
     pub(super) fn declare(&mut self, number: i32, global: bool, call: u32) -> Result<(), Wrong> {

@@ -1,10 +1,12 @@
 //! Steps that touch the controller: motions, waiting, braking, its own routines.
 
-use super::super::code::{Address, Cell, Op, Program};
+use super::super::code::{Address, Cell, Op};
+use super::super::program::Program;
 use super::super::system::Builtin;
-use super::interrupt::Trigger;
-use super::step::Flow;
-use super::{Caller, Host, Interpreter, Memory, MotionRequest, Wrong};
+use super::host::{Caller, Host, MotionRequest};
+use super::interpreter::{Interpreter, Trigger};
+use super::memory::Memory;
+use super::outcome::{Flow, Wrong};
 
 impl Interpreter {
     pub(super) fn robot_op(

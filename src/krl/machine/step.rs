@@ -1,16 +1,13 @@
 //! One statement: step after step until the next one begins, or until it must wait.
 
-use super::super::code::{Address, Cell, Op, Program, Space};
+use super::super::code::{Address, Cell, Op, Space};
+use super::super::program::Program;
 use super::super::system::{Builtin, SYSTEM_VARIABLES};
-use super::{Host, Interpreter, Memory, Pause, Wrong, calculate};
-
-/// What a step comes to.
-pub(super) enum Flow {
-    Next,
-    /// The same step again, later.
-    Wait,
-    Ended,
-}
+use super::calculate;
+use super::host::Host;
+use super::interpreter::Interpreter;
+use super::memory::Memory;
+use super::outcome::{Flow, Pause, Wrong};
 
 type Stepped = Result<Flow, Wrong>;
 

@@ -1,12 +1,12 @@
 //! Whether all axes may turn from one place to another together, as `move_j` does.
 //!
 //! No line is followed, so no singular place is in the way; the margins from the axes' limits are for lines, too. What
-//! remains are the limits themselves, the keep-out boxes and the obstacles that the arm is to keep off, looked at every 2° of
+//! remains are the limits themselves, the keep-out boxes and the obstacles of the scan, looked at every 2° of
 //! the axis that turns farthest.
 
+use super::clearance::keeps_clear;
+use super::infeasible::Infeasibility;
 use super::margins::keeps_out;
-use super::obstacle::Obstacle;
-use super::obstacles::keeps_off;
 use crate::geometry::{Flange, Joints, Rigid, Tool};
 use crate::path::kinematics::{Angles, Kinematics};
 
@@ -22,16 +22,16 @@ pub fn joint_motion(
     flange_from_tool: Rigid<Flange, Tool>,
     from: &Joints,
     to: &Joints,
-) -> Result<(), Obstacle> {
+) -> Result<(), Infeasibility> {
     let (from, to) = (from.degrees(), to.degrees());
     if from.iter().chain(&to).any(|angle| !angle.is_finite()) {
-        return Err(Obstacle::NotFinite);
+        return Err(Infeasibility::NotFinite);
     }
     let axes = arm.arm().axes();
     for (axis, &angle_deg) in to.iter().enumerate() {
         let allowed_deg = [axes.min_deg[axis], axes.max_deg[axis]];
         if !(allowed_deg[0]..=allowed_deg[1]).contains(&angle_deg) {
-            return Err(Obstacle::AxisLimit { axis: axis + 1, angle_deg, allowed_deg });
+            return Err(Infeasibility::AxisLimit { axis: axis + 1, angle_deg, allowed_deg });
         }
     }
     let farthest_deg = (0..6).map(|axis| (to[axis] - from[axis]).abs()).fold(0.0, f64::max);
@@ -39,9 +39,9 @@ pub fn joint_motion(
     for step in 1..=steps {
         let share = step as f64 / steps as f64;
         let at: Angles = std::array::from_fn(|axis| from[axis] + (to[axis] - from[axis]) * share);
-        let base_from_flange = arm.base_from_flange(&Joints::from(at)).ok_or(Obstacle::NotFinite)?;
+        let base_from_flange = arm.base_from_flange(&Joints::from(at)).ok_or(Infeasibility::NotFinite)?;
         let tip = (base_from_flange * flange_from_tool).origin();
-        keeps_out(arm, tip, &at).and_then(|()| keeps_off(arm, tip, &at))?;
+        keeps_out(arm, tip, &at).and_then(|()| keeps_clear(arm, tip, &at))?;
     }
     Ok(())
 }
@@ -61,22 +61,22 @@ mod tests {
     /// A post beside the arm, 45° to the right (A1 = 45, as KUKA counts): a turn from 0 to 90° sweeps over it, one
     /// to the left does not. By hand: the wrist goes round at 25 + 365 = 390 mm from axis 1.
     #[test]
-    fn a_joint_motion_sweeps_what_stands_between() {
+    fn a_swing_sweeps_what_stands_between() {
         let post = "[[keep_out]]\nname = 'post'\nmin_mm = [250, -300, 0]\nmax_mm = [300, -250, 900]\n";
         let cell = Cell::check("cell.toml", post).unwrap_or_else(|e| panic!("{e}"));
         let arm = Kinematics::new(cell.arm());
         let tool = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
         let met = joint_motion(&arm, tool, &turn(0.0), &turn(90.0));
-        assert!(matches!(&met, Err(Obstacle::KeepOut { name, .. }) if name == "post"), "{met:?}");
+        assert!(matches!(&met, Err(Infeasibility::KeepOut { name, .. }) if name == "post"), "{met:?}");
         assert_eq!(joint_motion(&arm, tool, &turn(0.0), &turn(-90.0)), Ok(()));
         let far = joint_motion(&arm, tool, &turn(0.0), &turn(-170.5));
-        assert!(matches!(far, Err(Obstacle::AxisLimit { axis: 1, .. })), "{far:?}");
-        assert_eq!(joint_motion(&arm, tool, &turn(0.0), &turn(f64::NAN)), Err(Obstacle::NotFinite));
+        assert!(matches!(far, Err(Infeasibility::AxisLimit { axis: 1, .. })), "{far:?}");
+        assert_eq!(joint_motion(&arm, tool, &turn(0.0), &turn(f64::NAN)), Err(Infeasibility::NotFinite));
     }
 
     /// The same turn over a thing that a scan saw where the post stood: by hand, at 45° the forearm passes over it.
     #[test]
-    fn a_joint_motion_keeps_off_what_the_scan_saw() {
+    fn a_joint_motion_keeps_clear_of_what_the_scan_saw() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
         let obstacles = Obstacles::default()
             .with("what the scan saw", (0..45).map(|k| Point::at(275.0, -275.0, f64::from(20 * k))));
@@ -84,7 +84,7 @@ mod tests {
         let beside = arm.clone().beside(Arc::new(obstacles));
         let tool = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
         let met = joint_motion(&beside, tool, &turn(0.0), &turn(90.0));
-        assert!(matches!(&met, Err(Obstacle::KeepOut { name, .. }) if name == "what the scan saw"), "{met:?}");
+        assert!(matches!(&met, Err(Infeasibility::KeepOut { name, .. }) if name == "what the scan saw"), "{met:?}");
         assert_eq!(joint_motion(&beside, tool, &turn(0.0), &turn(-90.0)), Ok(()));
         assert_eq!(joint_motion(&arm, tool, &turn(0.0), &turn(90.0)), Ok(()));
     }

@@ -1,8 +1,8 @@
 //! What every place of a path must keep: the axes' limits, the singular places, speeds and accelerations, and the boxes
 //! that no part of the arm may enter.
 
-use super::Look;
-use super::obstacle::{Obstacle, Singular};
+use super::infeasible::{Infeasibility, Singular};
+use super::leg::Look;
 use crate::geometry::{Base, Point};
 use crate::path::kinematics::{Angles, Kinematics};
 use nalgebra::Vector3;
@@ -11,31 +11,31 @@ use nalgebra::Vector3;
 const SAMPLE_MM: f64 = 15.0;
 
 /// The first axis beyond its limits less the margin.
-pub(super) fn beyond(arm: &Kinematics, at: &Angles) -> Option<Obstacle> {
+pub(super) fn beyond(arm: &Kinematics, at: &Angles) -> Option<Infeasibility> {
     let (axes, margin_deg) = (arm.arm().axes(), arm.arm().margins().limit_margin_deg());
     (0..6).find_map(|axis| {
         let allowed_deg = [axes.min_deg[axis] + margin_deg, axes.max_deg[axis] - margin_deg];
         let inside = (allowed_deg[0]..=allowed_deg[1]).contains(&at[axis]);
-        (!inside).then_some(Obstacle::AxisLimit { axis: axis + 1, angle_deg: at[axis], allowed_deg })
+        (!inside).then_some(Infeasibility::AxisLimit { axis: axis + 1, angle_deg: at[axis], allowed_deg })
     })
 }
 
 /// What stands in the way of all ways: the axis of the one that is least far beyond.
-pub(super) fn axis_limit(arm: &Kinematics, ways: &[Angles]) -> Obstacle {
-    let far = |obstacle: &Obstacle| match obstacle {
-        Obstacle::AxisLimit { angle_deg, allowed_deg, .. } => {
+pub(super) fn axis_limit(arm: &Kinematics, ways: &[Angles]) -> Infeasibility {
+    let far = |cause: &Infeasibility| match cause {
+        Infeasibility::AxisLimit { angle_deg, allowed_deg, .. } => {
             (allowed_deg[0] - angle_deg).max(angle_deg - allowed_deg[1])
         }
         _ => f64::INFINITY,
     };
     let all = ways.iter().filter_map(|way| beyond(arm, way));
-    all.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(Obstacle::NotFinite)
+    all.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(Infeasibility::NotFinite)
 }
 
 /// Room beyond all margins, degrees.
-pub(super) fn room(arm: &Kinematics, look: &Look, at: &Angles) -> Result<f64, Obstacle> {
-    if let Some(obstacle) = beyond(arm, at) {
-        return Err(obstacle);
+pub(super) fn room(arm: &Kinematics, look: &Look, at: &Angles) -> Result<f64, Infeasibility> {
+    if let Some(cause) = beyond(arm, at) {
+        return Err(cause);
     }
     let margins = arm.arm().margins();
     let wrist_deg = at[4].abs().min(180.0 - at[4].abs());
@@ -45,7 +45,7 @@ pub(super) fn room(arm: &Kinematics, look: &Look, at: &Angles) -> Result<f64, Ob
         (Singular::Overhead, arm.overhead_mm(&look.base_from_flange), margins.overhead_margin_mm()),
     ];
     if let Some((which, found, needed)) = checks.into_iter().find(|(_, found, needed)| found < needed) {
-        return Err(Obstacle::Singular { which, found, needed });
+        return Err(Infeasibility::Singular { which, found, needed });
     }
     let (axes, margin_deg) = (arm.arm().axes(), margins.limit_margin_deg());
     let of_axis = |axis: usize| (at[axis] - axes.min_deg[axis]).min(axes.max_deg[axis] - at[axis]) - margin_deg;
@@ -59,7 +59,7 @@ pub(super) fn too_fast(
     look: &Look,
     turned: &Angles,
     before: &Angles,
-) -> Result<Angles, Obstacle> {
+) -> Result<Angles, Infeasibility> {
     let axes = arm.arm().axes();
     // A turn on the spot takes the time that the controller gives it.
     if look.seconds <= 0.0 {
@@ -69,13 +69,13 @@ pub(super) fn too_fast(
     for axis in 0..6 {
         let (needed_deg_s, allowed_deg_s) = (speed[axis].abs(), axes.max_speed_deg_s[axis]);
         if needed_deg_s > allowed_deg_s {
-            return Err(Obstacle::AxisSpeed { axis: axis + 1, needed_deg_s, allowed_deg_s });
+            return Err(Infeasibility::AxisSpeed { axis: axis + 1, needed_deg_s, allowed_deg_s });
         }
         let Some(change_s) = look.change_s else { continue };
         let (needed_deg_s2, allowed_deg_s2) =
             ((speed[axis] - before[axis]).abs() / change_s, axes.max_acceleration_deg_s2[axis]);
         if needed_deg_s2 > allowed_deg_s2 {
-            return Err(Obstacle::AxisAcceleration { axis: axis + 1, needed_deg_s2, allowed_deg_s2 });
+            return Err(Infeasibility::AxisAcceleration { axis: axis + 1, needed_deg_s2, allowed_deg_s2 });
         }
     }
     Ok(speed)
@@ -98,7 +98,7 @@ pub(super) fn parts(
 }
 
 /// No part of the arm, nor the tool with its tip there, in a keep-out box or too near to one.
-pub(super) fn keeps_out(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Result<(), Obstacle> {
+pub(super) fn keeps_out(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Result<(), Infeasibility> {
     if arm.arm().keep_out().is_empty() {
         return Ok(());
     }
@@ -114,7 +114,7 @@ pub(super) fn keeps_out(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Resu
             let distance_mm = (0..=samples).map(|n| outside(along(n))).fold(f64::INFINITY, f64::min);
             if distance_mm < needed_mm {
                 let name = keep_out.name.clone();
-                return Err(Obstacle::KeepOut { part, name, distance_mm, needed_mm });
+                return Err(Infeasibility::KeepOut { part, name, distance_mm, needed_mm });
             }
         }
     }

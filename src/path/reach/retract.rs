@@ -3,14 +3,13 @@
 //!
 //! Said of a path that was followed; the retract alone is looked at, not the way back.
 
-use super::{Leg, Obstacle, ReachFault, follow};
+use super::follow::follow;
+use super::infeasible::{Infeasibility, RETRACT_MM, ReachFault};
+use super::leg::Leg;
 use crate::geometry::{Base, Flange, Joints, Rigid, Tool, Vector};
 use crate::path::Kinematics;
 use nalgebra::Vector3;
 
-/// At a stop in contact the controller's program lifts the tool off by so much, mm: CELL_RETRACT_MM of
-/// config/kuka/cell_config.dat.
-pub const RETRACT_MM: f64 = 50.0;
 /// The speed of the retract, mm/s: CELL_RETRACT_VEL of config/kuka/cell_config.dat.
 pub const RETRACT_MM_S: f64 = 200.0;
 
@@ -23,7 +22,7 @@ pub fn retract(base_from_tool: Rigid<Base, Tool>) -> Leg {
 /// Asks of each waypoint in contact. Of each is told whether it is one, where the tool stands and how the axes do.
 ///
 /// # Errors
-/// The first from which the arm could not lift off, as [`Obstacle::Retract`].
+/// The first from which the arm could not lift off, as [`Infeasibility::Retract`].
 pub fn retracts(
     arm: &Kinematics,
     flange_from_tool: Rigid<Flange, Tool>,
@@ -32,7 +31,7 @@ pub fn retracts(
     let in_contact = waypoints.into_iter().enumerate().filter(|(_, (contact, ..))| *contact);
     for (index, (_, base_from_tool, joints)) in in_contact {
         if let Err(fault) = follow(arm, flange_from_tool, Some(&joints), &[retract(base_from_tool)]) {
-            return Err(ReachFault { index, obstacle: Obstacle::Retract { why: Box::new(fault.obstacle) } });
+            return Err(ReachFault { index, cause: Infeasibility::Retract { why: Box::new(fault.cause) } });
         }
     }
     Ok(())
@@ -75,7 +74,7 @@ mod tests {
             retracts(&arm, flange_from_tool, [(false, pose, joints), (true, pose, joints)])
         };
         let fault = asked([0.0, -156.2, 127.9, 0.0, 115.0, 0.0]).expect_err("axis 5 has no room");
-        assert_eq!((fault.index, fault.obstacle.code()), (1, "retract_out_of_reach"));
+        assert_eq!((fault.index, fault.cause.code()), (1, "retract_out_of_reach"));
         assert!(
             fault.to_string().starts_with("waypoint 1: at a stop the controller lifts the tool off by 50 mm"),
             "{fault}"

@@ -1,8 +1,11 @@
-//! Obstacles at hand-made places.
+//! Paths that are refused, at hand-made places.
 
+use super::leg::Look;
+use super::margins::{beyond, keeps_out, too_fast};
 use super::*;
 use crate::cell::Cell;
-use crate::geometry::KukaPose;
+use crate::geometry::{Flange, Joints, KukaPose, Point, Rigid, Tool};
+use crate::path::kinematics::{Angles, Kinematics};
 
 const CELL: &str = "[[keep_out]]\nname = 'post'\nmin_mm = [900, -600, 0]\nmax_mm = [1000, -500, 900]\n\
                     [[keep_out]]\nname = 'rack'\nmin_mm = [300, 250, 0]\nmax_mm = [400, 350, 900]\n";
@@ -20,39 +23,38 @@ impl Gates {
     }
 }
 
-/// What refuses a path, one obstacle each, at hand-made places.
+/// What refuses a path, one cause each, at hand-made places.
 #[test]
-fn every_obstacle_of_the_arm_has_its_name() {
+fn every_cause_has_its_name() {
     let gates = Gates::new();
     let leg = |x_mm: f64, y_mm: f64, z_mm: f64| Leg {
         base_from_tool: KukaPose { x_mm, y_mm, z_mm, b_deg: 90.0, ..KukaPose::default() }.to_rigid(),
         feed_mm_s: 50.0,
         blend_mm: 0.0,
     };
-    let refused =
-        |legs: &[Leg]| follow(&gates.arm, gates.flange_from_tool, None, legs).expect_err("refused").obstacle;
+    let refused = |legs: &[Leg]| follow(&gates.arm, gates.flange_from_tool, None, legs).expect_err("refused").cause;
     // By hand: the wrist's centre 210 mm behind the tip, 1000 mm out: 975 from axis 2, of 700.9.
-    let Obstacle::OutOfReach { beyond_mm } = refused(&[leg(1_210.0, 0.0, 400.0)]) else { panic!("reached") };
+    let Infeasibility::OutOfReach { beyond_mm } = refused(&[leg(1_210.0, 0.0, 400.0)]) else { panic!("reached") };
     assert!((beyond_mm - (975.0 - 700.855)).abs() < 0.01, "{beyond_mm}");
     // By hand: at home the wrist is straight, axis 5 at 0; the tip 480 + 120 mm out at 760.
     let from = |arm: &Kinematics, angles: [f64; 6], to: Leg| {
-        follow(arm, gates.flange_from_tool, Some(&Joints::from(angles)), &[to]).expect_err("refused").obstacle
+        follow(arm, gates.flange_from_tool, Some(&Joints::from(angles)), &[to]).expect_err("refused").cause
     };
     let straight = from(&gates.arm, [0.0, -90.0, 90.0, 0.0, 0.0, 0.0], leg(600.0, 0.0, 760.0));
-    assert!(matches!(straight, Obstacle::Singular { which: Singular::Wrist, .. }), "{straight:?}");
+    assert!(matches!(straight, Infeasibility::Singular { which: Singular::Wrist, .. }), "{straight:?}");
     let free = Kinematics::new(Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}")).arm());
     let beside = leg(380.0, 240.0, 500.0);
     let there = follow(&free, gates.flange_from_tool, None, &[beside]).expect("nothing in the way").joints[0];
     let kept = from(&gates.arm, there.degrees(), beside);
-    assert!(matches!(&kept, Obstacle::KeepOut { name, .. } if name == "rack"), "{kept:?}");
-    assert!(matches!(refused(&[leg(f64::NAN, 0.0, 400.0)]), Obstacle::NotFinite));
+    assert!(matches!(&kept, Infeasibility::KeepOut { name, .. } if name == "rack"), "{kept:?}");
+    assert!(matches!(refused(&[leg(f64::NAN, 0.0, 400.0)]), Infeasibility::NotFinite));
     let fast = Leg { feed_mm_s: 15_000.0, ..leg(560.0, -100.0, 400.0) };
-    assert!(matches!(refused(&[leg(560.0, 60.0, 400.0), fast]), Obstacle::AxisSpeed { .. }));
+    assert!(matches!(refused(&[leg(560.0, 60.0, 400.0), fast]), Infeasibility::AxisSpeed { .. }));
     // There and back in a corner rounded over 0.5 mm at 400 mm/s changes the speed within 2.5 ms, a step's time at most.
     let quick = |y_mm: f64| Leg { feed_mm_s: 900.0, blend_mm: 0.5, ..leg(560.0, y_mm, 400.0) };
     assert!(matches!(
         refused(&[quick(0.0), quick(10.0), quick(20.0), quick(10.0)]),
-        Obstacle::AxisAcceleration { .. }
+        Infeasibility::AxisAcceleration { .. }
     ));
     // All axes within ±limits, yet A1 beyond them: behind the arm.
     let found = follow(
@@ -84,14 +86,17 @@ fn speed_and_acceleration_hold_up_to_their_limits() {
             let free = look(0.01, None);
             assert!(too_fast(&arm, &free, &turned(0.999), &[0.0; 6]).is_ok());
             let refused = too_fast(&arm, &free, &turned(1.001), &[0.0; 6]).expect_err("too fast");
-            assert!(matches!(refused, Obstacle::AxisSpeed { axis: found, .. } if found == axis + 1), "{refused:?}");
+            assert!(
+                matches!(refused, Infeasibility::AxisSpeed { axis: found, .. } if found == axis + 1),
+                "{refused:?}"
+            );
             // From 10 °/s to a speed that differs by the acceleration times 10 ms.
             let change = axes.max_acceleration_deg_s2[axis] * 0.01;
             let to = |share: f64| only((10.0 + sign * share * change) * 0.01);
             let held = look(0.01, Some(0.01));
             assert!(too_fast(&arm, &held, &to(0.999), &only(10.0)).is_ok());
             let refused = too_fast(&arm, &held, &to(1.001), &only(10.0)).expect_err("too quick");
-            assert!(matches!(refused, Obstacle::AxisAcceleration { axis: found, .. } if found == axis + 1));
+            assert!(matches!(refused, Infeasibility::AxisAcceleration { axis: found, .. } if found == axis + 1));
         }
     }
 }
@@ -108,7 +113,7 @@ fn an_axis_keeps_the_margin_from_its_limits() {
         for angle_deg in [low + 2.99, high - 2.99, f64::NAN] {
             let found = beyond(&arm, &at(angle_deg));
             assert!(
-                matches!(found, Some(Obstacle::AxisLimit { axis: found, .. }) if found == axis + 1),
+                matches!(found, Some(Infeasibility::AxisLimit { axis: found, .. }) if found == axis + 1),
                 "{found:?}"
             );
         }
@@ -128,7 +133,7 @@ fn the_arm_and_the_tool_keep_their_distances_from_a_box() {
     assert_eq!([distance(470.0, 80.1), distance(575.0, 40.1)], [Ok(()), Ok(())]);
     for (x_mm, y_mm, near) in [(470.0, 79.9, "wrist"), (575.0, 39.9, "tool")] {
         let found = distance(x_mm, y_mm).expect_err("too near");
-        let Obstacle::KeepOut { part, distance_mm, .. } = found else { panic!("{found:?}") };
+        let Infeasibility::KeepOut { part, distance_mm, .. } = found else { panic!("{found:?}") };
         assert!(part == near && (distance_mm - y_mm).abs() < 1e-9, "{part} {distance_mm}");
     }
 }

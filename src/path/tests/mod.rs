@@ -46,7 +46,7 @@ fn points(surface: &BSplineSurface, places: &[Parameter]) -> Vec<Point<Panel>> {
 }
 
 fn tool(waypoint: &Waypoint) -> Rigid<Panel, Tool> {
-    waypoint.pose.to_rigid()
+    waypoint.panel_from_tool
 }
 
 fn fitted(shape: Shape, spoil: Spoil, more: &str) -> (Fit, Region, Vec<Point<Panel>>, recipe::Path) {

@@ -15,7 +15,7 @@ fn a_plan_over_a_plane_by_hand() {
     assert_eq!(waypoints.iter().filter(|waypoint| waypoint.contact).count(), 34);
     let first = KukaPose { x_mm: 3.0, y_mm: 3.0, z_mm: 40.0, c_deg: 180.0, ..KukaPose::default() };
     let apart = tool(&waypoints[0]).inverse() * first.to_rigid::<Panel, Tool>();
-    assert!(apart.turn() < Degrees(1e-6) && apart.origin().mm.coords.norm() < 1e-6, "{}", waypoints[0].pose);
+    assert!(apart.turn() < Degrees(1e-6) && apart.origin().mm.coords.norm() < 1e-6, "{}", waypoints[0].pose());
     assert!(!waypoints[0].contact && waypoints[1].contact && !waypoints[35].contact);
     assert!((plan.length_mm - 344.0).abs() < 1e-6 && (plan.contact_mm - 264.0).abs() < 1e-6);
     let air_s = 80.0 / 60.0;
@@ -52,24 +52,32 @@ fn good_plan() -> (Plan, recipe::Path) {
     (plan(&surface, &region, &grids, &outline, &settings).expect("a plan"), settings)
 }
 
+/// Changes the pose of one waypoint.
+fn spoil(plan: &mut Plan, path: usize, waypoint: usize, change: fn(&mut KukaPose)) {
+    let waypoint = &mut plan.paths[path].waypoints[waypoint];
+    let mut pose = waypoint.pose();
+    change(&mut pose);
+    waypoint.panel_from_tool = pose.to_rigid();
+}
+
 /// One planted defect each; the plan without one is accepted.
 #[test]
 fn every_planted_defect_has_its_reason() {
     let (good, settings) = good_plan();
     assert_eq!(judge(&good, &settings).verdict, Verdict::Accept, "{:?}", judge(&good, &settings));
-    let planted = |spoil: fn(&mut Plan)| {
+    let planted = |defect: fn(&mut Plan)| {
         let mut plan = good.clone();
-        spoil(&mut plan);
+        defect(&mut plan);
         let judgement = judge(&plan, &settings);
         (judgement.verdict, judgement.reasons.first().map(|reason| reason.code.clone()))
     };
     let reject = |code: &'static str| (Verdict::Reject, Some(code.into()));
-    assert_eq!(planted(|plan| plan.paths[1].waypoints[7].pose.b_deg = f64::NAN), reject("not_finite"));
+    assert_eq!(planted(|plan| spoil(plan, 1, 7, |pose| pose.b_deg = f64::NAN)), reject("not_finite"));
     assert_eq!(planted(|plan| plan.paths[1].waypoints[7].feed_mm_s = f64::NAN), reject("not_finite"));
     assert_eq!(planted(|plan| plan.paths[1].waypoints[7].feed_mm_s = 0.0), reject("not_finite"));
     assert_eq!(planted(|plan| plan.duration_s = f64::NAN), reject("not_finite"));
-    assert_eq!(planted(|plan| plan.paths[1].waypoints[20].pose.x_mm += 9.0), reject("large_step"));
-    assert_eq!(planted(|plan| plan.paths[2].waypoints[30].pose.a_deg += 16.0), reject("large_turn"));
+    assert_eq!(planted(|plan| spoil(plan, 1, 20, |pose| pose.x_mm += 9.0)), reject("large_step"));
+    assert_eq!(planted(|plan| spoil(plan, 2, 30, |pose| pose.a_deg += 16.0)), reject("large_turn"));
     assert_eq!(planted(|plan| plan.paths[0].waypoints[0].contact = true), reject("no_air"));
     let review = |code: &'static str| (Verdict::Review, Some(code.into()));
     assert_eq!(planted(|plan| plan.grids[1].covered_mm2 *= 0.94), review("coverage"));
@@ -99,7 +107,7 @@ fn a_path_that_is_not_finite_is_never_followed() {
 #[test]
 fn a_path_that_the_gate_rejects_is_not_for_review() {
     let unreached = panel_reach::Unreached {
-        fault: reach::ReachFault { index: 3, obstacle: reach::Obstacle::OutOfReach { beyond_mm: 5.0 } },
+        fault: reach::ReachFault { index: 3, cause: reach::Infeasibility::OutOfReach { beyond_mm: 5.0 } },
         at: Point::at(0.0, 0.0, 0.0),
         shift: None,
     };

@@ -1,9 +1,9 @@
 //! What happened to the panel and what was asked of the cell: as far as it is known, and where it is not, that.
 
-use super::utc;
 use crate::cycle::{Path, Request};
 use crate::record::{Abraded, Answer, Asked, Bounds, CycleRecord, How, MotionRecord, Wanted};
 use crate::report::page::{Row, Section};
+use crate::words::utc;
 use std::collections::BTreeMap;
 
 /// How often each grid was abraded, whole or in part, or may have been.

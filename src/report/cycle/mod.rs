@@ -4,10 +4,10 @@ mod happened;
 
 use super::checks::{NOT_MEASURED, check_row, shown};
 use super::page::{Figure, Page, Row, Section};
-use crate::cell::Date;
 use crate::geometry::KukaPose;
 use crate::record::{Check, Clock, CycleRecord, Finding, Kind, name};
 use crate::verdict::{Judgement, Reason, Verdict};
+use crate::words::utc;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -238,13 +238,6 @@ fn signature(record: &CycleRecord, times: Times) -> Section {
         rows,
         figures: Vec::new(),
     }
-}
-
-/// Time since 1970 as date and time, UTC.
-pub fn utc(unix_s: i64) -> String {
-    let (date, second) = (Date::of_unix_s(unix_s), unix_s.rem_euclid(86_400));
-    let (hour, minute) = (second / 3_600, second / 60 % 60);
-    format!("{date} {hour:02}:{minute:02}:{:02} UTC", second % 60)
 }
 
 #[cfg(test)]

@@ -130,13 +130,6 @@ fn numbers_keep_four_digits() {
     assert_eq!(texts, ["0.1235", "59.8", "123457", "0.0001234", "-2.5", "0", "100", "3"]);
 }
 
-/// Leap day of a century that is a leap year; the last second before 1970.
-#[test]
-fn dates_are_those_of_the_calendar() {
-    assert_eq!(utc(951_782_400), "2000-02-29 00:00:00 UTC");
-    assert_eq!(utc(-1), "1969-12-31 23:59:59 UTC");
-}
-
 /// A contact path whose end nobody told: 3 waypoints were told, 16 permitted; r1c1 is reached from 2 on, r1c2 from 10,
 /// r1c3 from 30.
 fn cut_short() -> CycleRecord {

@@ -1,7 +1,7 @@
 //! What many clips say together.
 
 use panelprep::geometry::Mask;
-use panelprep::inspect::{Inspection, pieces_of};
+use panelprep::inspect::Inspection;
 use panelprep::sim::{Film, WET_FROM_S};
 
 /// Numbers of all clips.
@@ -30,7 +30,7 @@ impl Tally {
         let true_s = film.break_times_s();
         let (mut missed, mut errors) = (Vec::new(), Vec::new());
         let inside = truth.inside.iter().zip(&region.inside).map(|(truly, inside)| *truly && *inside).collect();
-        for piece in pieces_of(&Mask { inside, ..*truth }) {
+        for piece in (Mask { inside, ..*truth }).pieces() {
             let mut mask = Mask::empty(truth.width, truth.height);
             piece.iter().for_each(|&index| mask.inside[index] = true);
             let area_mm2: f64 = footprint.broken_mm2(&mask).iter().sum();

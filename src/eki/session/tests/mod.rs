@@ -9,9 +9,10 @@ mod window;
 use super::*;
 use crate::eki::fixture::wire;
 use crate::eki::{
-    EchoMismatch, FrameError, Refusal, SequenceError, SetAccSpeed, SetTcp, Signal, StopCause, TcpKind,
+    EchoMismatch, FrameError, MappedInputs, Refusal, SequenceError, SetAccSpeed, SetTcp, Signal, StopCause, TcpKind,
 };
 use crate::geometry::KukaPose;
+use std::time::Duration;
 
 /// A controller as the wire's description has it, as small as it can be: it executes so many commands a second
 /// and answers at once.

@@ -1,48 +1,19 @@
-//! What stands in the cell as a scan shows it: points that no part of the arm may come near.
-//!
-//! Boxes of the cell's file say what always stands there; these say what stands there now: the panel where it was found, and
-//! everything else that the scan saw. What the scan did not see is not known: behind obstacles the boxes must do.
+//! Whether the arm keeps clear of what a scan showed.
 
-use super::obstacle::Obstacle;
+use super::infeasible::Infeasibility;
+use super::margins::parts;
 use crate::geometry::{Base, Point};
 use crate::path::kinematics::{Angles, Kinematics};
-use std::collections::BTreeMap;
-
-/// Of all points in a cube of this side one is kept, mm.
-const CUBE_MM: f64 = 8.0;
-
-/// Points by what they are of.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Obstacles(Vec<(&'static str, Vec<Point<Base>>)>);
-
-impl Obstacles {
-    /// With the points of another thing, thinned.
-    #[must_use]
-    pub fn with(mut self, name: &'static str, points: impl IntoIterator<Item = Point<Base>>) -> Obstacles {
-        let cube = |point: &Point<Base>| [0, 1, 2].map(|axis| (point.mm[axis] / CUBE_MM).floor() as i64);
-        let (mut kept, mut last) = (BTreeMap::new(), None);
-        for point in points {
-            // Neighbours in a scan mostly share a cube.
-            let at = Some(cube(&point)).filter(|at| last != Some(*at));
-            if let Some(at) = at {
-                kept.entry(at).or_insert(point);
-                last = Some(at);
-            }
-        }
-        self.0.push((name, kept.into_values().collect()));
-        self
-    }
-}
 
 /// No part of the arm, nor the tool with its tip there, too near to any of the points.
-pub(super) fn keeps_off(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Result<(), Obstacle> {
+pub(super) fn keeps_clear(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Result<(), Infeasibility> {
     let Some(obstacles) = arm.obstacles() else { return Ok(()) };
-    for (part, from, to, needed_mm) in super::margins::parts(arm, tip, at) {
-        for (name, points) in &obstacles.0 {
+    for (part, from, to, needed_mm) in parts(arm, tip, at) {
+        for (name, points) in obstacles.of_each() {
             let distance_mm =
                 points.iter().map(|point| from_line_mm(*point, from, to)).fold(f64::INFINITY, f64::min);
             if distance_mm < needed_mm {
-                return Err(Obstacle::KeepOut { part, name: (*name).to_owned(), distance_mm, needed_mm });
+                return Err(Infeasibility::KeepOut { part, name: (*name).to_owned(), distance_mm, needed_mm });
             }
         }
     }
@@ -61,6 +32,7 @@ mod tests {
     use super::*;
     use crate::cell::Cell;
     use crate::geometry::{Flange, Joints, KukaPose, Rigid, Tool, Vector};
+    use crate::path::obstacles::Obstacles;
     use crate::path::reach::{Leg, follow};
     use nalgebra::Vector3;
     use std::sync::Arc;
@@ -71,13 +43,6 @@ mod tests {
         let line =
             |x: f64| from_line_mm(Point::at(x, 40.0, 0.0), Point::at(0.0, 0.0, 0.0), Point::at(100.0, 0.0, 0.0));
         assert!((line(30.0) - 40.0).abs() < 1e-12 && (line(-30.0) - 50.0).abs() < 1e-12);
-    }
-
-    /// Points of one cube are one, the first, whether they follow each other or not.
-    #[test]
-    fn points_are_thinned() {
-        let obstacles = Obstacles::default().with("panel", [1.0, 2.0, 9.0, 3.0].map(|x| Point::at(x, 0.0, 0.0)));
-        assert_eq!(obstacles.0[0].1, [1.0, 9.0].map(|x| Point::at(x, 0.0, 0.0)));
     }
 
     /// A tool of 120 mm goes 60 mm along its axis; what stands 30 mm before its end is too near for the 40 mm that it keeps,
@@ -95,8 +60,8 @@ mod tests {
             let obstacles = Obstacles::default().with("panel", [ahead(60.0 + before_mm).origin()]);
             follow(&bare.clone().beside(Arc::new(obstacles)), tool, Some(&at), &[leg])
         };
-        let met = follows(30.0).expect_err("too near").obstacle;
-        assert!(matches!(&met, Obstacle::KeepOut { part: "tool", name, .. } if name == "panel"), "{met}");
+        let met = follows(30.0).expect_err("too near").cause;
+        assert!(matches!(&met, Infeasibility::KeepOut { part: "tool", name, .. } if name == "panel"), "{met}");
         assert!(follows(60.0).is_ok());
     }
 }

@@ -2,6 +2,10 @@
 
 use crate::words::{apart, plain};
 
+/// At a stop in contact the controller's program lifts the tool off by so much, mm: CELL_RETRACT_MM of
+/// config/kuka/cell_config.dat.
+pub const RETRACT_MM: f64 = 50.0;
+
 /// Which singular place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Singular {
@@ -15,7 +19,7 @@ pub enum Singular {
 
 /// What an arm cannot do.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Obstacle {
+pub enum Infeasibility {
     /// Not a number.
     #[error("the pose is not a number")]
     NotFinite,
@@ -98,21 +102,18 @@ pub enum Obstacle {
         needed_mm: f64,
     },
     /// A stop in contact could not lift the tool off.
-    #[error(
-        "at a stop the controller lifts the tool off by {} mm, and from here it cannot: {why}",
-        super::retract::RETRACT_MM
-    )]
+    #[error("at a stop the controller lifts the tool off by {} mm, and from here it cannot: {why}", RETRACT_MM)]
     Retract {
         /// What is in the way of the retract.
-        why: Box<Obstacle>,
+        why: Box<Infeasibility>,
     },
 }
 
-impl Obstacle {
+impl Infeasibility {
     /// The code of the reason for which such a path is refused.
     pub fn code(&self) -> &'static str {
         match self {
-            Obstacle::Retract { .. } => "retract_out_of_reach",
+            Infeasibility::Retract { .. } => "retract_out_of_reach",
             _ => "out_of_reach",
         }
     }
@@ -134,10 +135,10 @@ fn singular_words(which: Singular) -> &'static str {
 
 /// Where a path is refused, and why.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("waypoint {index}: {obstacle}")]
+#[error("waypoint {index}: {cause}")]
 pub struct ReachFault {
     /// The waypoint at or on the way to which it happens, from 0.
     pub index: usize,
     /// Why.
-    pub obstacle: Obstacle,
+    pub cause: Infeasibility,
 }

@@ -1,0 +1,18 @@
+//! The state at rest in which the cycle is after the end of a process.
+
+use super::{At, Cause, Job, State};
+
+/// Nothing that moves goes on. An open motion, tool or water that was on, or an abort that nobody cleared, is Aborted; all
+/// else is Stopped.
+pub(super) fn booted(before: State) -> State {
+    let at = match (before.intent, before.at) {
+        (_, At::Aborting { cause, .. } | At::Aborted { cause } | At::Clearing { cause }) => At::Aborted { cause },
+        (Some(_), _) => At::Aborted { cause: Cause::Interrupted },
+        (None, _) if before.facts.tool_may_run || before.facts.water_may_run => {
+            At::Aborted { cause: Cause::OutputsOn }
+        }
+        (None, _) => At::Stopped,
+    };
+    let facts = before.facts.lasting();
+    State { at, facts, due: None, job: Job { running: false, ..before.job }, ..before }
+}

@@ -1,0 +1,90 @@
+//! Neighbouring places of a raster, and its connected pieces.
+
+/// The steps, column and row, to the four places beside one …
+pub const BESIDE: [(isize, isize); 4] = [(-1, 0), (1, 0), (0, -1), (0, 1)];
+/// … and to the eight around it.
+pub const AROUND: [(isize, isize); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
+
+/// The size of a raster whose places are counted row by row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Raster {
+    /// Places in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+impl Raster {
+    /// A place's neighbours by these steps, in their order.
+    pub fn neighbours<'a>(
+        self,
+        index: usize,
+        steps: &'a [(isize, isize)],
+    ) -> impl Iterator<Item = usize> + use<'a> {
+        let (column, row) = (index % self.width, index / self.width);
+        steps.iter().filter_map(move |&(right, down)| {
+            let (column, row) = (column.checked_add_signed(right)?, row.checked_add_signed(down)?);
+            (column < self.width && row < self.height).then_some(row * self.width + column)
+        })
+    }
+
+    /// The connected pieces of the places that hold, by their first places; each in the order in which a breadth-first
+    /// search from its first place reaches it.
+    pub fn pieces(self, steps: &[(isize, isize)], holds: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
+        self.joined_pieces(steps, holds, |_, _| true)
+    }
+
+    /// The same, where two neighbours that hold are connected only if they are `joined`.
+    pub fn joined_pieces(
+        self,
+        steps: &[(isize, isize)],
+        holds: impl Fn(usize) -> bool,
+        joined: impl Fn(usize, usize) -> bool,
+    ) -> Vec<Vec<usize>> {
+        let mut seen = vec![false; self.width * self.height];
+        let mut found = Vec::new();
+        for first in 0..seen.len() {
+            if seen[first] || !holds(first) {
+                continue;
+            }
+            seen[first] = true;
+            let mut piece = vec![first];
+            let mut at = 0;
+            while let Some(&index) = piece.get(at) {
+                at += 1;
+                for next in self.neighbours(index, steps) {
+                    if !seen[next] && holds(next) && joined(index, next) {
+                        seen[next] = true;
+                        piece.push(next);
+                    }
+                }
+            }
+            found.push(piece);
+        }
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SMALL: Raster = Raster { width: 4, height: 3 };
+
+    /// By hand, `#` holds:
+    /// ```text
+    /// # . # #
+    /// . # . .
+    /// . . . #
+    /// ```
+    #[test]
+    fn pieces_touch_beside_or_at_a_corner() {
+        let holds = |index: usize| [0, 2, 3, 5, 11].contains(&index);
+        assert_eq!(SMALL.pieces(&BESIDE, holds), [vec![0], vec![2, 3], vec![5], vec![11]]);
+        assert_eq!(SMALL.pieces(&AROUND, holds), [vec![0, 5, 2, 3], vec![11]]);
+        assert_eq!(
+            SMALL.joined_pieces(&AROUND, holds, |from, to| from + to != 7),
+            [vec![0, 5], vec![2, 3], vec![11]]
+        );
+    }
+}

@@ -1,0 +1,173 @@
+//! The state of a run: frames, stack, local variables, interrupts.
+
+use super::memory::{Meaning, Memory};
+use crate::krl::code::{Cell, Space};
+use crate::krl::program::Program;
+
+#[derive(Debug, Clone)]
+pub(super) struct Frame {
+    pub(super) routine: u32,
+    pub(super) return_to: usize,
+    /// Its first cell.
+    pub(super) base: usize,
+    /// Of the stack when it was called.
+    pub(super) height: usize,
+    /// Where an interrupt or trigger broke in: its priority, and what the interrupted program waited for.
+    pub(super) broke_in: Option<BrokeIn>,
+}
+
+#[derive(Debug, Clone)]
+pub(super) struct BrokeIn {
+    pub(super) priority: i32,
+    /// The frame that declared the interrupt.
+    pub(super) declared_in: usize,
+    pub(super) waits_until_ms: Option<u64>,
+    pub(super) braked: Option<bool>,
+}
+
+/// A declared interrupt.
+#[derive(Debug, Clone)]
+pub(super) struct Interrupt {
+    pub(super) number: i32,
+    pub(super) global: bool,
+    /// The frame that declared it.
+    pub(super) declared_in: usize,
+    pub(super) condition: usize,
+    pub(super) call: usize,
+    pub(super) on: bool,
+    /// The condition when it was last looked at.
+    pub(super) was: bool,
+    pub(super) pending: bool,
+}
+
+/// A trigger of a motion.
+#[derive(Debug, Clone)]
+pub(super) struct Trigger {
+    /// Of its motion, once that is planned.
+    pub(super) sequence: Option<u64>,
+    pub(super) call: usize,
+    pub(super) base: usize,
+}
+
+/// One interpreter: the state of a run. The program is handed over with each call, always the same one.
+#[derive(Debug, Clone)]
+pub struct Interpreter {
+    pub(super) meaning: Meaning,
+    /// The robot interpreter: it moves the arm, waits for it, has interrupts.
+    pub(super) moves: bool,
+    pub(super) at: usize,
+    pub(super) stack: Vec<Cell>,
+    /// Parameters and local variables.
+    pub(super) cells: Vec<Cell>,
+    pub(super) frames: Vec<Frame>,
+    pub(super) interrupts: Vec<Interrupt>,
+    /// Triggers of the motion that comes next, and of those that are planned.
+    pub(super) armed: Vec<Trigger>,
+    pub(super) waits_until_ms: Option<u64>,
+    /// In this interrupt BRAKE was asked for; true where what was planned is lost.
+    pub(super) braked: Option<bool>,
+    /// The motion of this statement is planned.
+    pub(super) planned: bool,
+    /// CONTINUE: of this statement.
+    pub(super) keeps_going: Option<usize>,
+    /// ON_ERROR_PROCEED: the next statement's fault is passed over.
+    pub(super) proceeds: u8,
+    /// Of the statement that an interrupt broke into.
+    pub(super) saved: Vec<(bool, Option<usize>, usize)>,
+    pub(super) statement: usize,
+    pub(super) statement_height: usize,
+    /// While an interrupt's condition is looked at: the first cell of the routine that declared it, and how many frames
+    /// there are outside of the functions that the condition calls.
+    pub(super) condition_base: Option<(usize, usize)>,
+}
+
+impl Interpreter {
+    /// An interpreter without a program to run; `moves` for the robot's.
+    pub fn new(meaning: Meaning, moves: bool) -> Self {
+        Interpreter {
+            meaning,
+            moves,
+            at: 0,
+            stack: Vec::new(),
+            cells: Vec::new(),
+            frames: Vec::new(),
+            interrupts: Vec::new(),
+            armed: Vec::new(),
+            waits_until_ms: None,
+            braked: None,
+            planned: false,
+            keeps_going: None,
+            proceeds: 0,
+            saved: Vec::new(),
+            statement: 0,
+            statement_height: 0,
+            condition_base: None,
+        }
+    }
+
+    /// Forgets everything and begins at this routine, which takes no arguments.
+    pub fn begin(&mut self, program: &Program, routine: u32) {
+        self.clear();
+        self.enter(program, routine, usize::MAX, 0);
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        let Interpreter { stack, cells, frames, interrupts, armed, saved, .. } = self;
+        // What was reserved is used again: a cycle begins 83 times a second.
+        stack.clear();
+        cells.clear();
+        frames.clear();
+        interrupts.clear();
+        armed.clear();
+        saved.clear();
+        (self.at, self.statement, self.statement_height) = (0, 0, 0);
+        (self.waits_until_ms, self.braked, self.planned, self.keeps_going) = (None, None, false, None);
+        (self.proceeds, self.condition_base) = (0, None);
+    }
+
+    /// Whether there is something to execute.
+    #[inline]
+    pub fn is_idle(&self) -> bool {
+        self.frames.is_empty()
+    }
+
+    /// The file and line that is executed.
+    pub fn place(&self, program: &Program) -> String {
+        let location = program.statements.get(self.statement);
+        location.map_or(String::new(), |at| format!("{}:{}", program.files[at.file], at.line))
+    }
+
+    pub(super) fn enter(&mut self, program: &Program, routine: u32, return_to: usize, height: usize) {
+        let entry = &program.routines[routine as usize];
+        let base = self.cells.len();
+        self.cells.resize(base + entry.frame_cells as usize, Cell::Unset);
+        let parameters = entry.parameter_cells as usize;
+        let given = self.stack.len().saturating_sub(parameters);
+        for (cell, value) in self.cells[base..].iter_mut().zip(&self.stack[given..]) {
+            *cell = *value;
+        }
+        self.stack.truncate(given);
+        self.at = entry.start as usize;
+        self.frames.push(Frame { routine, return_to, base, height, broke_in: None });
+    }
+
+    pub(super) fn local(&self, program: &Program, memory: &Memory, name: &str, cells: usize) -> Option<Vec<Cell>> {
+        for frame in self.frames.iter().rev().filter(|frame| frame.broke_in.is_none()) {
+            let entry = &program.routines[frame.routine as usize];
+            let Some(local) = entry.locals.iter().find(|local| local.name == name) else { continue };
+            let at = frame.base + local.offset as usize;
+            if !local.by_reference {
+                return self.cells.get(at..at + cells).map(<[Cell]>::to_vec);
+            }
+            let Some(Cell::Address(address)) = self.cells.get(at) else { continue };
+            let from = address.offset as usize;
+            let within = match address.space {
+                Space::Frame => &self.cells,
+                _ => &memory.cells,
+            };
+            return within.get(from..from + cells).map(<[Cell]>::to_vec);
+        }
+        None
+    }
+}

@@ -1,0 +1,66 @@
+//! The memory of an interpreter, and how it interprets what public documents leave open.
+
+use crate::krl::code::Cell;
+use crate::krl::program::Program;
+
+/// What public documents leave open. Each may be one or the other on a controller; the programs must work with both.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Meaning {
+    /// RESUME needs `$ADVANCE` = 0 at its moment; else the program stops.
+    pub resume_needs_advance_0: bool,
+    /// INTERRUPT ON fires where the condition holds already.
+    pub on_fires_at_once: bool,
+    /// AND and OR leave out their right side where the left one decides.
+    pub short_circuit: bool,
+    /// `{X 1}` assigned to a variable leaves its other components as they were; else they become invalid.
+    pub aggregate_keeps_rest: bool,
+    /// A trigger may fire a while after the arm has reached its point, even when the advance run goes on already.
+    pub late_triggers: bool,
+    /// An approximated motion from standstill waits for the next motion, or for a statement that stops the advance run.
+    pub lone_approximation_waits: bool,
+    /// EKI_Clear of a channel that was never initialised stops the interpreter.
+    pub clear_of_unknown_stops: bool,
+    /// EKI_Open within two cycles after EKI_Clear fails: the server exists already.
+    pub immediate_reopen_fails: bool,
+    /// The trigger of a motion behind which nothing is planned may not fire at all.
+    pub triggers_get_lost: bool,
+    /// A program that the safety controller stops is told as stopped a few cycles later, and executes statements until then.
+    pub stops_late: bool,
+}
+
+/// Memory that both interpreters share, and what was executed.
+#[derive(Debug, Clone)]
+pub struct Memory {
+    /// The data lists' cells.
+    pub cells: Vec<Cell>,
+    /// How often each statement was executed.
+    pub hits: Vec<u32>,
+    /// Of each condition, whether it was ever TRUE and ever FALSE; by the step's place.
+    pub branches: Vec<[bool; 2]>,
+}
+
+impl Memory {
+    /// As the data lists say it.
+    pub fn new(program: &Program) -> Self {
+        Memory {
+            cells: program.memory.clone(),
+            hits: vec![0; program.statements.len()],
+            branches: vec![[false; 2]; program.code.len()],
+        }
+    }
+
+    /// A shared INT; 0 where it holds none.
+    #[inline]
+    pub fn int(&self, cell: Option<u32>) -> i32 {
+        match cell.and_then(|cell| self.cells.get(cell as usize)) {
+            Some(Cell::Int(number)) => *number,
+            _ => 0,
+        }
+    }
+
+    /// A shared BOOL; FALSE where it holds none.
+    #[inline]
+    pub fn bool(&self, cell: Option<u32>) -> bool {
+        matches!(cell.and_then(|cell| self.cells.get(cell as usize)), Some(Cell::Bool(true)))
+    }
+}

@@ -1,0 +1,37 @@
+//! A program that can be executed: its steps, routines, memory and texts.
+
+use super::code::{Cell, Entry, Location, Op, Shared};
+use super::condense::Condensed;
+
+/// A program that can be executed.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Program {
+    /// The steps.
+    pub code: Vec<Op>,
+    /// Where each statement stands.
+    pub statements: Vec<Location>,
+    /// All routines.
+    pub routines: Vec<Entry>,
+    /// Shared memory as the data lists say it.
+    pub memory: Vec<Cell>,
+    /// All shared variables.
+    pub shared: Vec<Shared>,
+    /// All texts.
+    pub texts: Vec<String>,
+    /// The files' names.
+    pub files: Vec<String>,
+    /// Steps that are taken together.
+    pub(super) condensed: Condensed,
+}
+
+impl Program {
+    /// The routine of this name.
+    pub fn routine(&self, name: &str) -> Option<u32> {
+        self.routines.iter().position(|routine| routine.name == name).and_then(|index| u32::try_from(index).ok())
+    }
+
+    /// The first cell of the shared variable of this name.
+    pub fn cell(&self, name: &str) -> Option<u32> {
+        self.shared.iter().find(|shared| shared.name == name).map(|shared| shared.offset)
+    }
+}

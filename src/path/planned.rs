@@ -1,0 +1,143 @@
+//! What a plan is: waypoints, the paths that they make, and what these reach; and why there is none.
+
+use super::coverage::GridCoverage;
+use super::edge::Overhang;
+use super::orientation::OrientationError;
+use super::raster::RasterError;
+use crate::geometry::{KukaPose, Panel, Rigid, Tool};
+use crate::panel::GridId;
+use crate::surface::Spread;
+
+/// One pose to move to in a straight line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Waypoint {
+    /// The tool in the panel's frame.
+    pub panel_from_tool: Rigid<Panel, Tool>,
+    /// Is the disc on the panel here? A move is one in contact where both its ends are.
+    pub contact: bool,
+    /// Speed of the tool's point on the way here, mm/s.
+    pub feed_mm_s: f64,
+    /// Rounding of the corner here, mm; 0 stops.
+    pub blend_mm: f64,
+}
+
+impl Waypoint {
+    /// Whether pose, feed and rounding are numbers, and the feed above 0.
+    pub fn is_finite(&self) -> bool {
+        let fed = self.feed_mm_s.is_finite() && self.feed_mm_s > 0.0;
+        fed && self.pose().is_finite() && self.blend_mm.is_finite()
+    }
+
+    /// The tool in the panel's frame as commands, programs and files state it.
+    pub fn pose(&self) -> KukaPose {
+        KukaPose::from_rigid(&self.panel_from_tool)
+    }
+
+    /// The tool in the panel's frame as the controller reads it. It differs from [`Waypoint::panel_from_tool`] by the
+    /// rounding of three angles; what is followed and sent begins with this one.
+    pub fn as_sent(&self) -> Rigid<Panel, Tool> {
+        self.pose().to_rigid()
+    }
+}
+
+/// The waypoints over one or more grids, from the air to the air.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ToolPath {
+    /// What it abrades.
+    pub grids: Vec<GridId>,
+    /// Where the tool goes.
+    pub waypoints: Vec<Waypoint>,
+}
+
+/// Smallest and largest distance between neighbouring rows, on the surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StepOver {
+    /// Smallest, mm.
+    pub min_mm: f64,
+    /// Largest, mm.
+    pub max_mm: f64,
+}
+
+/// Paths and what they reach.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// One path for each area of neighbouring grids, in the order of travel.
+    pub paths: Vec<ToolPath>,
+    /// Length of all moves, mm.
+    pub length_mm: f64,
+    /// Length of the moves in contact, mm.
+    pub contact_mm: f64,
+    /// Time for all moves, s, with starting and stopping where the path stops.
+    pub duration_s: f64,
+    /// Covered share of all grids together, 0…1.
+    pub coverage: f64,
+    /// The same for each grid.
+    pub grids: Vec<GridCoverage>,
+    /// Time under the disc over all that is treated; `None` where nothing is.
+    pub dwell: Option<Spread>,
+    /// The same for each grid.
+    pub grid_dwell: Vec<(GridId, Spread)>,
+    /// Distance between neighbouring rows, turns apart; `None` where no path has two rows.
+    pub step_over_mm: Option<StepOver>,
+    /// How far the disc leaves the panel.
+    pub overhang: Overhang,
+}
+
+impl Plan {
+    /// The largest ratio of the longest to the shortest time under the disc, of all together and of each grid, with the
+    /// grid where it is one's; `None` where nothing is treated.
+    pub fn dwell_ratio(&self) -> Option<(f64, Option<GridId>)> {
+        let all = self.dwell.map(|dwell| (dwell.ratio(), None));
+        let grids = self.grid_dwell.iter().map(|(id, dwell)| (dwell.ratio(), Some(*id)));
+        all.into_iter().chain(grids).max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// Whether every pose, feed, rounding, length and time is a number, and every feed above 0.
+    pub fn is_finite(&self) -> bool {
+        let moves = self.paths.iter().flat_map(|path| &path.waypoints).all(Waypoint::is_finite);
+        let dwell = self.dwell_ratio().is_none_or(|(ratio, _)| ratio.is_finite());
+        let sums = [self.length_mm, self.contact_mm, self.duration_s, self.coverage];
+        // Without an outline the disc reaches beyond it without end.
+        moves && dwell && sums.iter().all(|sum| sum.is_finite()) && !self.overhang.largest_mm.is_nan()
+    }
+}
+
+/// Why there is no plan.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PlanError {
+    /// Nothing to plan.
+    #[error("no grid was asked for")]
+    NoGrids,
+    /// The region has no such grid.
+    #[error("the region has no grid {grid}; its grids are r1c1 to r{rows}c{columns}")]
+    UnknownGrid {
+        /// The grid asked for.
+        grid: GridId,
+        /// Rows of the region.
+        rows: usize,
+        /// Columns of the region.
+        columns: usize,
+    },
+    /// A grid would be abraded twice.
+    #[error("grid {grid} was asked for twice")]
+    Repeated {
+        /// The grid.
+        grid: GridId,
+    },
+    /// No rows.
+    #[error("grid {grid}: {cause}")]
+    Raster {
+        /// The grid.
+        grid: GridId,
+        /// Why.
+        cause: RasterError,
+    },
+    /// No pose.
+    #[error("grid {grid}: {cause}")]
+    Orientation {
+        /// The grid.
+        grid: GridId,
+        /// Why.
+        cause: OrientationError,
+    },
+}

@@ -1,0 +1,201 @@
+//! Follows a path from place to place, in the configuration in which the arm stands or in the one with the most room.
+
+use super::clearance::keeps_clear;
+use super::infeasible::{Infeasibility, ReachFault};
+use super::leg::{Leg, Look, between};
+use super::margins::{axis_limit, beyond, keeps_out, room, too_fast};
+use crate::geometry::{Base, Flange, Joints, Point, Rigid, Tool, Vector};
+use crate::path::kinematics::{Angles, Kinematics, nearest_way};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+/// Longest step between two looks.
+const STEP_MM: f64 = 10.0;
+/// Largest turn between two looks, degrees.
+const STEP_DEG: f64 = 3.0;
+/// An axis that turns farther in such a step has left its way, degrees.
+const FLIP_DEG: f64 = 30.0;
+/// Shifts of the panel that are tried, mm, along each axis of the base.
+const SHIFTS_MM: [f64; 6] = [10.0, 20.0, 40.0, 60.0, 100.0, 150.0];
+
+/// How the arm follows a path.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Travel {
+    /// The axes at each waypoint.
+    pub joints: Vec<Joints>,
+    /// Least room that is left beyond the margins, degrees, over all axes and the wrist's pole.
+    pub room_deg: f64,
+}
+
+/// Follows a path from where the axes stand, or, without that, in the configuration that has the most room.
+///
+/// # Errors
+/// The first cause in the configuration that comes farthest.
+pub fn follow(
+    arm: &Kinematics,
+    flange_from_tool: Rigid<Flange, Tool>,
+    from: Option<&Joints>,
+    legs: &[Leg],
+) -> Result<Travel, ReachFault> {
+    let mut looks = looks(arm, flange_from_tool, from, legs)?;
+    let ways: Vec<Vec<Angles>> = looks.par_iter().map(|look| arm.ways(&look.base_from_flange)).collect();
+    looks.iter_mut().zip(ways).for_each(|(look, ways)| look.ways = ways);
+    let Some(first) = looks.first() else { return Ok(Travel { joints: Vec::new(), room_deg: f64::INFINITY }) };
+    if first.ways.is_empty() {
+        return Err(ReachFault { index: 0, cause: out_of_reach(arm, first) });
+    }
+    let starts = match from {
+        Some(joints) => vec![joints.degrees()],
+        None => first.ways.iter().flat_map(|way| turns(arm, way)).collect(),
+    };
+    let (mut best, mut farthest): (Option<Travel>, Option<(usize, ReachFault)>) = (None, None);
+    for start in starts {
+        match track(arm, &looks, start) {
+            Ok(travel) if best.as_ref().is_none_or(|best| travel.room_deg > best.room_deg) => best = Some(travel),
+            Ok(_) => {}
+            Err((step, fault)) if farthest.as_ref().is_none_or(|(before, _)| step > *before) => {
+                farthest = Some((step, fault));
+            }
+            Err(_) => {}
+        }
+    }
+    let missing = || ReachFault { index: 0, cause: axis_limit(arm, &first.ways) };
+    best.ok_or_else(|| farthest.map_or_else(missing, |(_, fault)| fault))
+}
+
+/// The ways in which the arm may stand with its flange there, out of all margins and keep-out boxes; `tip` is the tool's.
+pub fn postures(arm: &Kinematics, base_from_flange: &Rigid<Base, Flange>, tip: Point<Flange>) -> Vec<Joints> {
+    let look = Look {
+        index: 0,
+        base_from_flange: *base_from_flange,
+        tip: *base_from_flange * tip,
+        seconds: 0.0,
+        change_s: None,
+        is_end: true,
+        ways: Vec::new(),
+    };
+    let may_stand = |way: &Angles| {
+        room(arm, &look, way).is_ok()
+            && keeps_out(arm, look.tip, way).is_ok()
+            && keeps_clear(arm, look.tip, way).is_ok()
+    };
+    arm.ways(base_from_flange).into_iter().filter(may_stand).map(Joints::from).collect()
+}
+
+/// The smallest shift of the panel along an axis of the base with which the arm follows the path; `None` where none of
+/// those tried helps.
+pub fn helpful_shift(
+    arm: &Kinematics,
+    flange_from_tool: Rigid<Flange, Tool>,
+    legs: &[Leg],
+) -> Option<Vector<Base>> {
+    let directions = [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z(), -Vector3::z()];
+    let follows = |step: Vector<Base>| {
+        let moved: Vec<Leg> =
+            legs.iter().map(|leg| Leg { base_from_tool: leg.base_from_tool.displaced(step), ..*leg }).collect();
+        follow(arm, flange_from_tool, None, &moved).is_ok()
+    };
+    SHIFTS_MM.iter().find_map(|mm| directions.map(|d| Vector::new(d * *mm)).into_iter().find(|step| follows(*step)))
+}
+
+fn looks(
+    arm: &Kinematics,
+    flange_from_tool: Rigid<Flange, Tool>,
+    from: Option<&Joints>,
+    legs: &[Leg],
+) -> Result<Vec<Look>, ReachFault> {
+    let tool_from_flange = flange_from_tool.inverse();
+    let finite = |pose: &Rigid<Base, Tool>| pose.isometry().to_homogeneous().iter().all(|n| n.is_finite());
+    let wrong = legs.iter().position(|leg| !(finite(&leg.base_from_tool) && leg.feed_mm_s > 0.0));
+    let start = from.map(|joints| arm.base_from_flange(joints).map(|pose| pose * flange_from_tool));
+    if wrong.is_some() || start == Some(None) {
+        return Err(ReachFault { index: wrong.unwrap_or(0), cause: Infeasibility::NotFinite });
+    }
+    let look = |index, base_from_tool: Rigid<Base, Tool>, seconds, change_s, is_end| Look {
+        index,
+        base_from_flange: base_from_tool * tool_from_flange,
+        tip: base_from_tool.origin(),
+        seconds,
+        change_s,
+        is_end,
+        ways: Vec::new(),
+    };
+    let mut all = Vec::with_capacity(legs.len());
+    let mut before = start.flatten();
+    if let Some(start) = before {
+        all.push(look(0, start, 0.0, None, false));
+    }
+    // Where nothing is known of before, the path begins standing.
+    let mut blend = 0.0;
+    for (index, leg) in legs.iter().enumerate() {
+        let to = leg.base_from_tool;
+        let Some(from) = before else {
+            all.push(look(index, to, 0.0, None, true));
+            before = Some(to);
+            continue;
+        };
+        let (length_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * to).turn());
+        let steps = (length_mm / STEP_MM).max(turn.0 / STEP_DEG).ceil().max(1.0);
+        let seconds = length_mm / leg.feed_mm_s / steps;
+        for step in 1..=steps as usize {
+            let pose = if step as f64 == steps { to } else { between(from, to, step as f64 / steps) };
+            let corner_s = if blend > 0.0 { Some((2.0 * blend / leg.feed_mm_s).max(seconds)) } else { None };
+            let change_s = if step > 1 { Some(seconds) } else { corner_s };
+            all.push(look(index, pose, seconds, change_s, step as f64 == steps));
+        }
+        (before, blend) = (Some(to), leg.blend_mm);
+    }
+    Ok(all)
+}
+
+/// Goes on from step to step in one configuration; how far it came otherwise.
+fn track(arm: &Kinematics, looks: &[Look], start: Angles) -> Result<Travel, (usize, ReachFault)> {
+    let (mut at, mut speed) = (start, [0.0; 6]);
+    let mut travel = Travel { joints: Vec::new(), room_deg: f64::INFINITY };
+    for (step, look) in looks.iter().enumerate() {
+        let fault = |cause| (step, ReachFault { index: look.index, cause });
+        let next = nearest(arm, look, &at).map_err(fault)?;
+        if step > 0 {
+            let turned: Angles = std::array::from_fn(|axis| next[axis] - at[axis]);
+            let axis = widest(&turned);
+            if turned[axis].abs() > FLIP_DEG {
+                return Err(fault(Infeasibility::Flip { axis: axis + 1, turn_deg: turned[axis].abs() }));
+            }
+            speed = too_fast(arm, look, &turned, &speed).map_err(fault)?;
+        }
+        travel.room_deg = travel.room_deg.min(room(arm, look, &next).map_err(fault)?);
+        keeps_out(arm, look.tip, &next).and_then(|()| keeps_clear(arm, look.tip, &next)).map_err(fault)?;
+        at = next;
+        if look.is_end {
+            travel.joints.push(Joints::from(at));
+        }
+    }
+    Ok(travel)
+}
+
+fn widest(turned: &Angles) -> usize {
+    (0..6).fold(0, |widest, axis| if turned[axis].abs() > turned[widest].abs() { axis } else { widest })
+}
+
+/// The way to a place nearest to where the axes stand, turn by turn.
+fn nearest(arm: &Kinematics, look: &Look, at: &Angles) -> Result<Angles, Infeasibility> {
+    nearest_way(&look.ways, at).ok_or_else(|| out_of_reach(arm, look))
+}
+
+fn out_of_reach(arm: &Kinematics, look: &Look) -> Infeasibility {
+    Infeasibility::OutOfReach { beyond_mm: arm.beyond_reach_mm(&look.base_from_flange) }
+}
+
+/// A way and the same with axes 4 and 6 a turn on, where limits allow it.
+fn turns(arm: &Kinematics, way: &Angles) -> Vec<Angles> {
+    let mut all = Vec::new();
+    for turn_4 in [-360.0, 0.0, 360.0] {
+        for turn_6 in [-360.0, 0.0, 360.0] {
+            let turned = [way[0], way[1], way[2], way[3] + turn_4, way[4], way[5] + turn_6];
+            if beyond(arm, &turned).is_none() {
+                all.push(turned);
+            }
+        }
+    }
+    all
+}
