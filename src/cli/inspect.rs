@@ -154,7 +154,7 @@ pub fn inspect(
 fn lasts_s(shots: &[ClipEntry]) -> f64 {
     let mut wet_s = shots.iter().filter(|shot| shot.phase == Phase::Wet).map(|shot| shot.time_s);
     let first_s = wet_s.next().unwrap_or(0.0);
-    wet_s.last().unwrap_or(first_s) - first_s
+    wet_s.next_back().unwrap_or(first_s) - first_s
 }
 
 fn scored(inspection: &Inspection, folder: &Path, clip: &Path) -> Result<(Score, Confusion), Fault> {

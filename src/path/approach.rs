@@ -54,7 +54,7 @@ impl<'a> CornerTour<'a> {
     pub fn stand<'k>(&self, kinematics: &'k Kinematics, panel: &Approach<'_>) -> Result<Stand<'k>, Reason> {
         let mut at = self.begin(kinematics, panel.obstacles)?;
         for &corner in panel.corners {
-            at = self.to_corner(kinematics, (at, corner), panel)?;
+            at = self.joints_at_corner(kinematics, (at, corner), panel)?;
         }
         if panel.corners.is_empty() {
             return Err(no_corner());
@@ -76,7 +76,7 @@ impl<'a> CornerTour<'a> {
         let panel = Approach { base_from_panel, corners: &[], obstacles: None };
         let (mut at, mut chosen, mut why) = (self.begin(kinematics, None)?, Vec::new(), None);
         for corner in 0..self.corners.len() {
-            match self.to_corner(kinematics, (at, corner), &panel) {
+            match self.joints_at_corner(kinematics, (at, corner), &panel) {
                 Ok(joints) => {
                     at = joints;
                     chosen.push(corner);
@@ -114,7 +114,7 @@ impl<'a> CornerTour<'a> {
     }
 
     /// How the axes stand at a corner, where they come by a line from `at`.
-    fn to_corner(
+    fn joints_at_corner(
         &self,
         kinematics: &Kinematics,
         (at, corner): (Joints, usize),
