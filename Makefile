@@ -3,11 +3,12 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: package package-test zivid zivid-stub help setup demo test fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual
+.PHONY: package package-test zivid zivid-stub help setup demo test test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
 	@echo 'make test    format check, lints, all tests'
+	@echo 'make test-long  the same tests with more random walks, and those that take minutes'
 	@echo 'make package a Debian package for the system that this machine has; make package-test installs, upgrades and purges it in a folder'
 	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual'
 	@echo 'make zivid   build the Zivid camera library where the SDK is installed'
@@ -47,6 +48,11 @@ test: setup
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
 	RUST_TEST_THREADS=3 cargo test --locked
+
+# More walks of the link and of the controller's programs than `make test` has, and the tests that it leaves out for their length.
+test-long: setup
+	LINK_WALKS=20000 KRL_WALKS=5000 RUST_TEST_THREADS=2 cargo test --locked --test all -- no_walk_
+	RUST_TEST_THREADS=2 cargo test --locked -- --ignored --skip appends_until_killed --skip the_manual_leads
 
 # A Debian package of the release build, in target/package/. Build it on the system on which it is installed: Ubuntu 24.04 for a cell
 # (the Zivid SDK has packages for Ubuntu alone, Aravis 0.8.25 and newer are in Ubuntu from 24.04 on), Debian 12 for the simulated cell.
