@@ -10,6 +10,7 @@
 use super::model::FILM_ASSUMED;
 use super::place::{elsewhere, too_coarse};
 use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, MIN_TOLD, Quality, most_brighter_percent};
+use super::steady::LEAST_SEEN_PERCENT;
 use crate::cell::Limits;
 use crate::panel::GridId;
 use crate::recipe::{self, Recipe};
@@ -91,6 +92,8 @@ pub struct GridInspection {
     pub seen: bool,
     /// Is all of it that was not seen what the recipe masks?
     pub only_masked: bool,
+    /// Do film and dry panel look so alike on so much of it that a break there would fail the grid?
+    pub no_contrast: bool,
     /// Was so much of it wet already in the dry picture that a break in it would fail the grid?
     pub wet_when_dry: bool,
     /// Broken film, mm².
@@ -214,7 +217,17 @@ fn invalid(
         );
         reasons.push(Reason::new("wet_when_dry", message));
     }
-    let unseen = names(grids, |grid| !grid.seen && !grid.only_masked && !grid.wet_when_dry);
+    let faint = names(grids, |grid| grid.no_contrast);
+    if !faint.is_empty() {
+        let message = format!(
+            "on {} there are places where the film looks as the dry panel does in every channel, so that a break would not show, or \
+             that water never wetted: move the lamp or the diffuser so that they mirror something darker or brighter \
+             (`panelprep tune` shows which), and repeat the test",
+            faint.join(", ")
+        );
+        reasons.push(Reason::new("no_contrast", message));
+    }
+    let unseen = names(grids, |grid| !grid.seen && !grid.only_masked && !grid.wet_when_dry && !grid.no_contrast);
     if !unseen.is_empty() {
         let message = format!(
             "not wholly seen: {}; move the panel into view, lower the exposure where it is too bright, or move the lamp \
@@ -279,6 +292,7 @@ fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings: &recipe::I
         Flaw::Moved => (settings.max_moved_px(), 1),
         Flaw::Focus => (MIN_SHARPNESS, 2),
         Flaw::Frozen => (0.0, 0),
+        Flaw::Outline => (LEAST_SEEN_PERCENT, 0),
     };
     let [worst, limit] = apart(worst, limit, decimals);
     match flaw {
@@ -300,6 +314,10 @@ fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings: &recipe::I
             format!("the panel lies up to {worst} px from where the first picture has it (allowed {limit} px)")
         }
         Flaw::Focus => format!("the panel's edge has as little as {worst} of its first sharpness (needed {limit})"),
+        Flaw::Outline => format!(
+            "as little as {worst} % of the panel's outline can be seen (needed {limit} %), so that nobody knows whether it moved; \
+             give it contrast to what lies beside it, in any colour"
+        ),
         Flaw::Frozen => "they are bit for bit the picture before; the camera stands still".to_owned(),
     }
 }

@@ -6,6 +6,9 @@
 //! ([`wetting`]), and g ([`light`]) from each picture, by the pixels whose state is known. What looks dry long enough has
 //! broken since it first did ([`judging`], row by row in a [`band`]).
 //!
+//! Where the first wet picture shows that the film does not take one part everywhere, it is a mirror, and judged as one
+//! ([`mirror`]).
+//!
 //! Memory is fixed: some 20 bytes for each pixel of the window. Does not know grids or verdicts.
 
 mod answers;
@@ -13,6 +16,7 @@ mod band;
 mod judging;
 mod kernel;
 mod light;
+mod mirror;
 mod region;
 #[cfg(test)]
 mod tests;
@@ -24,6 +28,7 @@ use band::Band;
 use judging::{Past, Rule};
 use kernel::{Adding, BLOCK_PX, BROKE, Block, INSIDE, LEVEL, NEW, OPEN, Sum};
 use light::{Light, TILE_PX};
+use mirror::{Lamp, Mirror};
 use rayon::prelude::*;
 use region::Region;
 use std::ops::Range;
@@ -38,6 +43,9 @@ const ABOUT: [f64; 2] = [0.86, 1.16];
 const MEAN_EVERY: usize = 4;
 const LIGHT_EVERY: usize = 2;
 const HIDDEN_EVERY: usize = 4;
+
+/// Of the region's tiles more than this share that look neither wet nor dry in the first wet picture say that the film mirrors.
+const MOST_ODD: f64 = 0.03;
 
 /// More pictures than these are not counted.
 pub const MOST_PICTURES: usize = u16::MAX as usize;
@@ -76,6 +84,11 @@ pub struct Model {
     next_light: Option<Light>,
     wetting: Wetting,
     watching: bool,
+    /// The last dry picture in its channels, and what lies around the panel in it.
+    dry_rgb: Vec<[u8; 3]>,
+    lamp: Lamp,
+    /// Where the film mirrors, all of this instead.
+    mirror: Option<Box<Mirror>>,
     /// The times of the pictures that were judged, s; the first stands for the beginning.
     times_s: Vec<f32>,
 }
@@ -106,6 +119,9 @@ impl Model {
             next_light: None,
             wetting: Wetting::new(blocks * BLOCK_PX),
             watching: false,
+            dry_rgb: Vec::new(),
+            lamp: Lamp::default(),
+            mirror: None,
             times_s: vec![0.0],
         }
     }
@@ -134,6 +150,10 @@ impl Model {
 
     /// Looks at a picture of the wet panel, and judges nothing yet.
     pub fn look(&mut self, picture: &ColorPicture) -> Look {
+        if let Some(mirror) = &mut self.mirror {
+            return mirror.look(picture);
+        }
+        let is_first = !self.watching;
         let (frozen, sums) = if self.watching {
             self.read(picture, WIDE_Q10)
         } else {
@@ -150,8 +170,51 @@ impl Model {
             frozen,
             film_left: self.wetting.film,
         };
+        if is_first && self.is_mirror(&light) {
+            let place = (self.window, self.columns);
+            let lamp = (std::mem::take(&mut self.lamp), self.persist);
+            let mut mirror = Box::new(Mirror::new(place, &self.dry_rgb, &self.kept, lamp, picture));
+            let look = mirror.look(picture);
+            self.mirror = Some(mirror);
+            return look;
+        }
         self.next_light = Some(light);
         look
+    }
+
+    /// Whether the first wet picture shows places that are neither dry nor as much darker as the film makes the others.
+    fn is_mirror(&self, light: &Light) -> bool {
+        if !self.has_dry() {
+            return false;
+        }
+        let odd_share = self.odd_share(light);
+        if std::env::var("ODD").is_ok() {
+            eprintln!("odd {odd_share:.4} told {:.3}", light.share);
+        }
+        odd_share > MOST_ODD
+    }
+
+    /// The share of the region's tiles of which most pixels look neither dry nor wet.
+    fn odd_share(&self, light: &Light) -> f64 {
+        let (film_q16, columns) = (self.film_q16(), self.columns);
+        let (mut odd_tiles, mut tiles) = (0, 0);
+        for tile_row in 0..self.kept.len() / columns / TILE_PX {
+            let gains = light.blocks_q12(tile_row);
+            for column in 0..columns {
+                let (mut odd, mut all) = (0, 0);
+                for row in (0..TILE_PX).step_by(LIGHT_EVERY) {
+                    let at = (tile_row * TILE_PX + row) * columns + column;
+                    let gain_q12 = &gains[row / kernel::CELL_PX * columns + column];
+                    odd += kernel::odd(&self.brightness[at], &self.dry[at], &self.kept[at], gain_q12, film_q16);
+                    all += self.kept[at].iter().filter(|kept| **kept & INSIDE > 0).count() as u32;
+                }
+                if all >= (TILE_PX * TILE_PX / LIGHT_EVERY / 4) as u32 {
+                    tiles += 1;
+                    odd_tiles += u32::from(2 * odd > all);
+                }
+            }
+        }
+        f64::from(odd_tiles) / f64::from(tiles.max(1))
     }
 
     /// The share of the region that is hidden under this light.
@@ -168,6 +231,9 @@ impl Model {
 
     /// Judges the picture that was looked at last. The pixels that broke now come back, as indices of the window.
     pub fn follow(&mut self, since_wet_s: f64) -> Vec<usize> {
+        if let Some(mirror) = &mut self.mirror {
+            return mirror.follow(since_wet_s);
+        }
         let Some(light) = self.next_light.take().filter(|_| self.times_s.len() < MOST_PICTURES) else {
             return Vec::new();
         };

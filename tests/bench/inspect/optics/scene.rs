@@ -170,8 +170,8 @@ impl Scene {
         let water = Water::new(shape.half, spec.spots, WET_FROM_S + 0.8 * observed_s, &mut random);
         let carbon = random.between(0.03, 0.07);
         let rho = if spec.red { [0.35, 0.06, 0.05] } else { [carbon * 1.05, carbon, carbon * 0.97] };
-        let board = if spec.red { random.between(0.19, 0.27) } else { random.between(0.16, 0.3) };
-        let rough = random.between(0.06, 0.3);
+        let board = if spec.red { random.between(0.09, 0.13) } else { random.between(0.16, 0.3) };
+        let rough = random.between(0.06, 0.45);
         let gloss = random.between(0.5, 1.0);
         let noise = Deviates::new(seed);
         let px_mm = DEPTH_MM / focal;
