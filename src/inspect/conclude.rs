@@ -1,6 +1,7 @@
 //! The end of the test: from what every pixel showed to breaks, grids and a verdict.
 
 use super::InspectError;
+use super::alike::alike;
 use super::doubt::{Dryness, wet_when_dry};
 use super::film::NEVER;
 use super::footprint::Footprint;
@@ -54,10 +55,15 @@ impl Watch {
         let model = &self.model;
         let never_wet = |index: &usize| inside[*index] && model.sees(*index) && !model.ever_wet(*index);
         let never_wet_mm2: f64 = self.footprint.surface_mm2((0..inside.len()).filter(never_wet));
-        self.footprint.lose(|index| was_wet[index] || !model.saw(index));
-        let faint = (0..inside.len()).filter(|&i| inside[i] && model.sees(i) && !model.has_contrast(i));
+        let alike =
+            model.mirror().map_or_else(Vec::new, |mirror| alike(self.footprint.window(), &since_wet_s, mirror));
+        let mut is_alike = vec![false; inside.len()];
+        alike.into_iter().for_each(|index| (since_wet_s[index], is_alike[index]) = (NEVER, true));
+        let faint =
+            (0..inside.len()).filter(|&i| inside[i] && model.sees(i) && (is_alike[i] || !model.has_contrast(i)));
         let mut faint_mm2 = vec![0.0; self.broken_mm2.len()];
         faint.for_each(|index| self.footprint.add_area(index, &mut faint_mm2));
+        self.footprint.lose(|index| was_wet[index] || is_alike[index] || !model.saw(index));
         let grids = self.grids(&since_wet_s, &was_wet, &faint_mm2);
         let observation = Observation {
             observed_s: self.observed_s,
@@ -86,7 +92,7 @@ impl Watch {
             off_dry: &|index| self.model.off_dry(index),
             inside,
             // Where the film mirrors, what a glint is as bright as says nothing.
-            glint_px: if self.model.is_mirror_film() { 0 } else { self.footprint.pixels_of(GLINT_MM2) },
+            glint_px: if self.model.mirror().is_some() { 0 } else { self.footprint.pixels_of(GLINT_MM2) },
             bead_px: self.footprint.pixels_of(BEAD_MM2),
         };
         settled(self.footprint.window(), broke_s, &seen)

@@ -4,7 +4,8 @@
 //! dry long enough has broken ([`model`]). The thesis's own pipeline ([`thesis`], [`film`]) stands beside it (`method =
 //! "thesis"`). The taught pixels of the region, projected to where the panel stands now, turn broken pixels into mm² of
 //! each grid ([`footprint`]). Each picture says whether it can be judged by ([`quality`], [`steady`]); what broke is put
-//! together at the end ([`conclude`], [`settle`], [`pieces`]), without what the dry picture makes doubtful ([`doubt`]). One
+//! together at the end ([`conclude`], [`settle`], [`pieces`]), without what the dry picture makes doubtful ([`doubt`]), or a film
+//! that looks as the dry panel does ([`alike`]). One
 //! gate turns all of it into a verdict ([`gate`], [`place`]). Pictures go in one by one and none is kept: memory does not grow with the clip.
 //!
 //! A dry picture before the spray is part of the test: by it a pixel is wet or not. A place that never becomes wet, or
@@ -13,6 +14,7 @@
 //! Times are counted from the first fully wet picture. Does not decide where the panel stands, does not draw.
 
 mod advice;
+mod alike;
 mod conclude;
 mod connected;
 mod doubt;

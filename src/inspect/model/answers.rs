@@ -1,7 +1,7 @@
 //! What the model knows of each pixel of the window.
 
-use super::Model;
 use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, OPEN, RUN};
+use super::{Mirror, Model};
 
 /// A pixel that showed nothing in a larger share of the pictures was not seen.
 const MOST_UNSEEN: f64 = 0.5;
@@ -93,9 +93,9 @@ impl Model {
         self.mirror.as_ref().is_none_or(|mirror| mirror.has_contrast(index))
     }
 
-    /// Whether the film is judged as a mirror.
-    pub fn is_mirror_film(&self) -> bool {
-        self.mirror.is_some()
+    /// The film as a mirror, where it is judged as one.
+    pub fn mirror(&self) -> Option<&Mirror> {
+        self.mirror.as_deref()
     }
 
     /// When its film broke, s; `None` where it did not.

@@ -26,9 +26,10 @@ use super::footprint::Window;
 use crate::geometry::ColorPicture;
 use band::Band;
 use judging::{Past, Rule};
-use kernel::{Adding, BLOCK_PX, BROKE, Block, INSIDE, LEVEL, NEW, OPEN, Sum};
+use kernel::{Adding, BLOCK_PX, BROKE, Block, CELL_PX, CELLS, INSIDE, LEVEL, NEW, OPEN, Sum};
 use light::{Light, TILE_PX};
-use mirror::{Lamp, Mirror};
+use mirror::Lamp;
+pub use mirror::Mirror;
 use rayon::prelude::*;
 use region::Region;
 use std::ops::Range;
@@ -46,6 +47,9 @@ const HIDDEN_EVERY: usize = 4;
 
 /// Of the region's tiles more than this share that look neither wet nor dry in the first wet picture say that the film mirrors.
 const MOST_ODD: f64 = 0.03;
+/// … and so does more than this share of its cells that were never wet and are this far from their dry brightness.
+const MOST_WRONG_DRY: f64 = 0.005;
+const WRONG_DRY: f64 = 0.04;
 
 /// More pictures than these are not counted.
 pub const MOST_PICTURES: usize = u16::MAX as usize;
@@ -184,14 +188,37 @@ impl Model {
 
     /// Whether the first wet picture shows places that are neither dry nor as much darker as the film makes the others.
     fn is_mirror(&self, light: &Light) -> bool {
-        if !self.has_dry() {
-            return false;
+        self.has_dry() && (self.odd_share(light) > MOST_ODD || self.wrong_dry_share(light) > MOST_WRONG_DRY)
+    }
+
+    /// The share of the region's cells that were wet in no picture and have not the dry brightness either: what no water
+    /// wetted has it to a few percent.
+    fn wrong_dry_share(&self, light: &Light) -> f64 {
+        let gain = u64::from(light::q12(light.global));
+        let (mut wrong, mut cells) = (0, 0);
+        let rows = self.kept.len() / self.columns;
+        for (row, cell) in
+            (0..rows / CELL_PX).flat_map(|row| (0..self.columns * CELLS).map(move |cell| (row, cell)))
+        {
+            let (mut inside, mut never_wet, mut found, mut expected) = (0, 0, 0, 0);
+            for line in row * CELL_PX..(row + 1) * CELL_PX {
+                let at = line * self.columns + cell / CELLS;
+                for i in cell % CELLS * CELL_PX..(cell % CELLS + 1) * CELL_PX {
+                    if self.kept[at][i] & INSIDE > 0 {
+                        inside += 1;
+                        never_wet += usize::from(self.kept[at][i] & kernel::EVER_WET == 0);
+                        found += u64::from(self.brightness[at][i] & kernel::BRIGHTNESS);
+                        expected += u64::from(self.dry[at][i]) * gain / 4096;
+                    }
+                }
+            }
+            if inside >= CELL_PX * CELL_PX * 3 / 4 {
+                cells += 1;
+                let off = (found as f64 / expected.max(1) as f64 - 1.0).abs();
+                wrong += usize::from(never_wet * 5 >= inside * 3 && off > WRONG_DRY);
+            }
         }
-        let odd_share = self.odd_share(light);
-        if std::env::var("ODD").is_ok() {
-            eprintln!("odd {odd_share:.4} told {:.3}", light.share);
-        }
-        odd_share > MOST_ODD
+        wrong as f64 / cells.max(1) as f64
     }
 
     /// The share of the region's tiles of which most pixels look neither dry nor wet.
@@ -204,7 +231,7 @@ impl Model {
                 let (mut odd, mut all) = (0, 0);
                 for row in (0..TILE_PX).step_by(LIGHT_EVERY) {
                     let at = (tile_row * TILE_PX + row) * columns + column;
-                    let gain_q12 = &gains[row / kernel::CELL_PX * columns + column];
+                    let gain_q12 = &gains[row / CELL_PX * columns + column];
                     odd += kernel::odd(&self.brightness[at], &self.dry[at], &self.kept[at], gain_q12, film_q16);
                     all += self.kept[at].iter().filter(|kept| **kept & INSIDE > 0).count() as u32;
                 }

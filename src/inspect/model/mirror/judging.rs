@@ -30,11 +30,18 @@ pub struct Past {
     pub contrast: Block,
     /// In how many pictures it showed neither that it is wet nor that it is dry.
     pub unseen: Block,
+    /// How far from its dry brightness it was while it looked dry: a mean that forgets, 1/64 level; signed.
+    pub off: Block,
 }
 
 impl Past {
-    pub const NONE: Past =
-        Past { since: [0; BLOCK_PX], until: [0; BLOCK_PX], contrast: [0; BLOCK_PX], unseen: [0; BLOCK_PX] };
+    pub const NONE: Past = Past {
+        since: [0; BLOCK_PX],
+        until: [0; BLOCK_PX],
+        contrast: [0; BLOCK_PX],
+        unseen: [0; BLOCK_PX],
+        off: [0; BLOCK_PX],
+    };
 
     /// The contrast of the first wet picture.
     pub fn begin(&mut self, light: &Block, dry: &Block) {
@@ -60,7 +67,7 @@ pub struct Rule {
 pub fn judge([light, before, dry]: [&Block; 3], kept: &mut Block, past: &mut Past, rule: Rule) -> bool {
     // Copies, which nothing else can point at: else the loop is not turned into vectors.
     let (light, before, dry) = (*light, *before, *dry);
-    let (mut state, Past { mut since, mut until, mut contrast, mut unseen }) = (*kept, *past);
+    let (mut state, Past { mut since, mut until, mut contrast, mut unseen, mut off }) = (*kept, *past);
     let mut any = 0;
     for i in 0..BLOCK_PX {
         let (s, d) = (light[i] & !HIDDEN, dry[i] & !HIDDEN);
@@ -76,6 +83,10 @@ pub fn judge([light, before, dry]: [&Block; 3], kept: &mut Block, past: &mut Pas
         let run = was + (up & 1) - (down & 1);
         let change = ((away.wrapping_sub(contrast[i]) as i16) >> 3) as u16;
         contrast[i] = choose(wet, contrast[i].wrapping_add(change), contrast[i]);
+        let signed = s.wrapping_sub(d);
+        let nearer = ((signed.wrapping_sub(off[i]) as i16) >> 3) as u16;
+        let mean = choose(where_(was == 0), signed, off[i].wrapping_add(nearer));
+        off[i] = choose(looks_dry, mean, off[i]);
         let tells = where_(contrast[i] >= MIN_CONTRAST);
         since[i] = choose(where_(was == 0) & up & where_(state[i] & BROKE == 0), rule.before, since[i]);
         until[i] = choose(where_(was == 1) & down, rule.now, until[i]);
@@ -89,7 +100,7 @@ pub fn judge([light, before, dry]: [&Block; 3], kept: &mut Block, past: &mut Pas
         any |= next;
     }
     *kept = state;
-    *past = Past { since, until, contrast, unseen };
+    *past = Past { since, until, contrast, unseen, off };
     any & NEW > 0
 }
 

@@ -17,7 +17,7 @@ use super::kernel::{self, BLOCK_PX, BROKE, Block, EVER_WET, INSIDE, LEVEL, NEW, 
 use super::light::TILE_PX;
 use super::{Look, Window};
 use crate::geometry::ColorPicture;
-pub use judging::MIN_CONTRAST;
+use judging::MIN_CONTRAST;
 use judging::{Past, Rule, judge};
 pub use lamp::Lamp;
 use rayon::prelude::*;
@@ -262,6 +262,18 @@ impl Mirror {
         let (block, at) = self.at(index);
         let (past, time_s) = (&self.past[block], |picture: u16| self.times_s[usize::from(picture)]);
         (self.kept(index) & (BROKE | OPEN) == BROKE).then(|| time_s(past.until[at]) - time_s(past.since[at]))
+    }
+
+    /// How far from its dry brightness it was while it looked dry, levels.
+    pub fn off_levels(&self, index: usize) -> f32 {
+        let (block, at) = self.at(index);
+        f32::from(self.past[block].off[at] as i16) / f32::from(LEVEL)
+    }
+
+    /// By how much film and dry differ there, levels.
+    pub fn contrast_levels(&self, index: usize) -> f32 {
+        let (block, at) = self.at(index);
+        f32::from(self.past[block].contrast[at]) / f32::from(LEVEL)
     }
 
     fn since_s(&self, index: usize) -> f32 {
