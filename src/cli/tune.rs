@@ -9,17 +9,25 @@ use super::load::{self, CellFiles};
 use super::outcome::Outcome;
 use crate::files::{self, ClipEntry};
 use crate::geometry::ColorPicture;
-use crate::inspect::{Advice, Demands, GridContrast, Sampler, Watch, best_threshold, too_coarse};
+use crate::inspect::{
+    Advice, Demands, GridContrast, MIN_CHANGE_LEVELS, Sampler, Watch, best_threshold, too_coarse,
+};
 use crate::phase::Phase;
 use crate::recipe::{Method, Recipe};
 use crate::verdict::{Judgement, Reason};
 use crate::words::{apart, fixed};
 use serde_json::json;
 
+/// The channels of a picture.
+const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 /// Pictures of each phase that are looked at.
 const LOOKED_AT: usize = 10;
 /// Fewer times the noise is too little to tell wet from dry by.
 const MIN_CONTRAST_TO_NOISE: f64 = 5.0;
+/// Of a grid this share may look alike under a film and dry, percent: greasy places do.
+const MOST_FAINT_PERCENT: f64 = 10.0;
+/// A panel that is darker when dry, in levels, needs more light before anything else.
+const DARK_LEVELS: f64 = 40.0;
 /// Light less even than this leaves a part of the panel dark or overexposed sooner than the rest.
 const MIN_EVENNESS: f64 = 0.6;
 
@@ -131,11 +139,43 @@ fn contrast_reason(what: &str, contrast_to_noise: f64) -> Option<Reason> {
     (!is_enough).then(|| Reason::new("contrast", message))
 }
 
+/// Where a break would not show, and what would help.
+fn faint_reason(grids: &[GridContrast]) -> Option<Reason> {
+    let faint: Vec<&GridContrast> = grids.iter().filter(|grid| grid.faint_percent > MOST_FAINT_PERCENT).collect();
+    let mean_dry = faint.iter().map(|grid| grid.dry).sum::<f64>() / faint.len().max(1) as f64;
+    let named: Vec<String> =
+        faint.iter().map(|grid| format!("{} ({:.0} %)", grid.id, grid.faint_percent)).collect();
+    let remedy = if mean_dry < DARK_LEVELS {
+        "more light or a longer exposure"
+    } else {
+        "there the film mirrors something that makes it as bright as the dry panel: move the lamp or the diffuser aside, so that \
+         the panel mirrors the dark there, or take a diffuser so large that it mirrors nothing else"
+    };
+    let message = format!(
+        "the film changes a part of {} by less than {MIN_CHANGE_LEVELS:.0} grey levels in every channel, and a break there would not \
+         show: {remedy}",
+        named.join(", ")
+    );
+    (!faint.is_empty()).then(|| Reason::new("no_contrast", message))
+}
+
+/// Grids that the film makes brighter.
+fn say_brighter(grids: &[GridContrast], outcome: &mut Outcome) {
+    let brighter = |grid: &&GridContrast| grid.channel_to_noise <= -MIN_CONTRAST_TO_NOISE;
+    for grid in grids.iter().filter(brighter) {
+        outcome.say(format!(
+            "{}: the film is brighter than the dry panel, most in {}; it mirrors the lamp or the diffuser there",
+            grid.id, CHANNELS[grid.channel]
+        ));
+    }
+}
+
 fn film_told(found: &Found, demands: &Demands, recipe: &Recipe) -> Outcome {
     let advice = &found.advice;
-    let worst = found.grids.iter().min_by(|a, b| a.contrast_to_noise.total_cmp(&b.contrast_to_noise));
+    let worst = found.grids.iter().min_by(|a, b| a.best_to_noise().total_cmp(&b.best_to_noise()));
     let mut review: Vec<Reason> = found.elsewhere.iter().cloned().collect();
-    review.extend(worst.and_then(|grid| contrast_reason(&format!("grid {}", grid.id), grid.contrast_to_noise)));
+    review.extend(worst.and_then(|grid| contrast_reason(&format!("grid {}", grid.id), grid.best_to_noise())));
+    review.extend(faint_reason(&found.grids));
     review.extend(light_reasons(advice));
     review.extend(too_coarse(found.limit_mm2, demands.min_break_mm2));
     let (persist_s, interval_s) = (demands.persist_s, 1.0 / demands.frames_per_second);
@@ -162,6 +202,7 @@ fn film_told(found: &Found, demands: &Demands, recipe: &Recipe) -> Outcome {
             grid.light
         ));
     }
+    say_brighter(&found.grids, &mut outcome);
     say_light(advice, &mut outcome);
     outcome.say(format!(
         "smallest break that is surely found: {:.1} mm²; a grid fails from {:.1} mm²",
@@ -188,7 +229,8 @@ fn film_told(found: &Found, demands: &Demands, recipe: &Recipe) -> Outcome {
     });
     let grid = |grid: &GridContrast| {
         json!({"id": grid.id.to_string(), "dry": grid.dry, "wet": grid.wet,
-               "contrast_to_noise": grid.contrast_to_noise, "light": grid.light})
+               "contrast_to_noise": grid.contrast_to_noise, "light": grid.light, "channel": CHANNELS[grid.channel],
+               "channel_to_noise": grid.channel_to_noise, "faint_percent": grid.faint_percent})
     };
     outcome.put("grids", json!(found.grids.iter().map(grid).collect::<Vec<_>>()));
     outcome.put("detection_limit_mm2", json!(found.limit_mm2));
@@ -232,7 +274,7 @@ fn thesis_told(advice: &Advice, elsewhere: Option<Reason>) -> Outcome {
 fn say_channels(advice: &Advice, outcome: &mut Outcome) {
     outcome.say("channel     dry    wet  noise  contrast/noise  weight");
     let mut rows = Vec::new();
-    for (name, channel) in ["red", "green", "blue"].iter().zip(&advice.channels) {
+    for (name, channel) in CHANNELS.iter().zip(&advice.channels) {
         let ratio = channel.contrast_to_noise();
         outcome.say(format!(
             "{name:7} {:7.1} {:6.1} {:6.2} {:>15} {:7.2}",

@@ -22,7 +22,7 @@ const MIN_FRAME_SHARE: f64 = 0.8;
 /// Pictures farther apart than this many of the recipe's intervals leave a gap in which a film can break and close.
 const MAX_GAP_INTERVALS: f64 = 5.0;
 /// A film must change the panel by this many grey levels at least: six times the noise of a common camera's pixel.
-const MIN_CHANGE_LEVELS: f64 = 6.0;
+pub const MIN_CHANGE_LEVELS: f64 = 6.0;
 
 /// What is asked of a test: the recipe's values, or the cell's where the recipe has none.
 #[derive(Debug, Clone, Copy, PartialEq)]

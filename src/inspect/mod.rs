@@ -41,7 +41,7 @@ pub use conclude::Inspection;
 pub use connected::pieces_of;
 pub use film_advice::{Flashes, GridContrast};
 pub use footprint::{Footprint, GridFootprint};
-pub use gate::{Demands, GridInspection, Observation};
+pub use gate::{Demands, GridInspection, MIN_CHANGE_LEVELS, Observation};
 pub use pieces::Break;
 pub use place::{MAX_OFF_PX, too_coarse};
 pub use quality::{Flaw, Flawed, Quality};

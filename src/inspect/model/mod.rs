@@ -51,6 +51,14 @@ const MOST_ODD: f64 = 0.03;
 const MOST_WRONG_DRY: f64 = 0.005;
 const WRONG_DRY: f64 = 0.04;
 
+/// Light of which nobody asks whether it is the film's.
+const SURE_LIGHT: std::ops::Range<f64> = 0.94..1.15;
+/// A film becomes brighter while it thins, and darker by itself hardly; so much of what lies around the panel must agree on that.
+const MIN_FILM_BY_ITSELF: f64 = 0.93;
+const MIN_AGREE: f64 = 0.7;
+/// What a film leaves at most, 1/65536.
+const MOST_FILM: f64 = 58_000.0;
+
 /// More pictures than these are not counted.
 pub const MOST_PICTURES: usize = u16::MAX as usize;
 
@@ -85,7 +93,8 @@ pub struct Model {
     past: Vec<Past>,
     region: Region,
     light: Light,
-    next_light: Option<Light>,
+    /// The light of the picture that was looked at last, and how bright the film is in it against what it was at first.
+    next_light: Option<(Light, f64)>,
     wetting: Wetting,
     watching: bool,
     /// The last dry picture in its channels, and what lies around the panel in it.
@@ -166,7 +175,8 @@ impl Model {
             self.before.clone_from(&self.brightness);
             (false, self.sums(WIDE_Q10))
         };
-        let light = self.light.found(&sums, &self.region.inside);
+        let found = self.light.found(&sums, &self.region.inside);
+        let (light, film) = self.by_what_lies_around(found.clone(), picture);
         let look = Look {
             light: light.global,
             told: light.share,
@@ -174,7 +184,7 @@ impl Model {
             frozen,
             film_left: self.wetting.film,
         };
-        if is_first && self.is_mirror(&light) {
+        if is_first && self.is_mirror(&found, picture) {
             let place = (self.window, self.columns);
             let lamp = (std::mem::take(&mut self.lamp), self.persist);
             let mut mirror = Box::new(Mirror::new(place, &self.dry_rgb, &self.kept, lamp, picture));
@@ -182,19 +192,42 @@ impl Model {
             self.mirror = Some(mirror);
             return look;
         }
-        self.next_light = Some(light);
+        self.next_light = Some((light, film));
         look
     }
 
+    /// The light of this picture in what is looked at, as what lies around the panel has it; `None` where that is not sure.
+    fn lit_around(&self, picture: &ColorPicture) -> Option<f64> {
+        let around = self.lamp.at(picture);
+        let weights = self.weights.map(f64::from);
+        let lit = (0..3).map(|i| weights[i] * around.gains[i]).sum::<f64>() / f64::from(LEVEL);
+        (around.agree >= MIN_AGREE).then_some(lit)
+    }
+
+    /// The light, and how bright the film is against what it was at first. Only as long as the film looks as it did, its own
+    /// brightness tells the light; where what lies around the panel says that it became darker, that tells it.
+    fn by_what_lies_around(&self, light: Light, picture: &ColorPicture) -> (Light, f64) {
+        if !self.watching || SURE_LIGHT.contains(&light.global) {
+            return (light, 1.0);
+        }
+        let Some(lit) = self.lit_around(picture) else { return (light, 1.0) };
+        let film = light.global / lit;
+        if film >= MIN_FILM_BY_ITSELF {
+            return (light, 1.0);
+        }
+        (light.brighter(1.0 / film), film)
+    }
+
     /// Whether the first wet picture shows places that are neither dry nor as much darker as the film makes the others.
-    fn is_mirror(&self, light: &Light) -> bool {
-        self.has_dry() && (self.odd_share(light) > MOST_ODD || self.wrong_dry_share(light) > MOST_WRONG_DRY)
+    fn is_mirror(&self, light: &Light, picture: &ColorPicture) -> bool {
+        let is_wrong = |lit: f64| self.wrong_dry_share(lit) > MOST_WRONG_DRY;
+        self.has_dry() && (self.odd_share(light) > MOST_ODD || self.lit_around(picture).is_some_and(is_wrong))
     }
 
     /// The share of the region's cells that were wet in no picture and have not the dry brightness either: what no water
     /// wetted has it to a few percent.
-    fn wrong_dry_share(&self, light: &Light) -> f64 {
-        let gain = u64::from(light::q12(light.global));
+    fn wrong_dry_share(&self, lit: f64) -> f64 {
+        let gain = u64::from(light::q12(lit));
         let (mut wrong, mut cells) = (0, 0);
         let rows = self.kept.len() / self.columns;
         for (row, cell) in
@@ -206,7 +239,10 @@ impl Model {
                 for i in cell % CELLS * CELL_PX..(cell % CELLS + 1) * CELL_PX {
                     if self.kept[at][i] & INSIDE > 0 {
                         inside += 1;
-                        never_wet += usize::from(self.kept[at][i] & kernel::EVER_WET == 0);
+                        if self.kept[at][i] & kernel::EVER_WET > 0 {
+                            continue;
+                        }
+                        never_wet += 1;
                         found += u64::from(self.brightness[at][i] & kernel::BRIGHTNESS);
                         expected += u64::from(self.dry[at][i]) * gain / 4096;
                     }
@@ -215,7 +251,8 @@ impl Model {
             if inside >= CELL_PX * CELL_PX * 3 / 4 {
                 cells += 1;
                 let off = (found as f64 / expected.max(1) as f64 - 1.0).abs();
-                wrong += usize::from(never_wet * 5 >= inside * 3 && off > WRONG_DRY);
+                // At the rim of a place that never wets pixels are in between.
+                wrong += usize::from(never_wet * 10 >= inside * 9 && off > WRONG_DRY);
             }
         }
         wrong as f64 / cells.max(1) as f64
@@ -261,7 +298,7 @@ impl Model {
         if let Some(mirror) = &mut self.mirror {
             return mirror.follow(since_wet_s);
         }
-        let Some(light) = self.next_light.take().filter(|_| self.times_s.len() < MOST_PICTURES) else {
+        let Some((light, film)) = self.next_light.take().filter(|_| self.times_s.len() < MOST_PICTURES) else {
             return Vec::new();
         };
         let brighter = light.global / self.light.global.max(f64::MIN_POSITIVE);
@@ -269,7 +306,7 @@ impl Model {
         let now = self.times_s.len() as u16;
         self.times_s.push(since_wet_s as f32);
         self.judge(Rule {
-            film_q16: self.film_q16(),
+            film_q16: (f64::from(self.film_q16()) * film).min(MOST_FILM) as u16,
             persist: u16::from(self.persist),
             before: now - 1,
             now,
