@@ -18,7 +18,7 @@ use panelprep::recipe::Recipe;
 use rayon::prelude::*;
 
 const DEPTH_MM: f64 = 800.0;
-const BOARD_MM: f64 = 830.0;
+const BOARD_MM: f64 = 860.0;
 /// Tows of the weave, mm.
 const TOW_MM: f64 = 2.0;
 
@@ -294,7 +294,7 @@ impl Scene {
     fn recipe(corners: &[[f64; 2]; 4]) -> Recipe {
         let more = std::env::var("INSPECT").unwrap_or_default();
         let text = format!(
-            "panel = \"optics\"\n[locate]\nbox_min_mm = [-400, -300, -20]\nbox_max_mm = [400, 300, 40]\n\
+            "panel = \"optics\"\n[locate]\nbox_min_mm = [-400, -300, -50]\nbox_max_mm = [400, 300, 60]\n\
              [region]\ncorners_px = {corners:?}\nrows = 3\ncolumns = 4\n[inspect]\n{more}\n"
         );
         Recipe::check("optics.toml", &text).expect("a valid recipe")
