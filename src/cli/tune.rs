@@ -8,13 +8,17 @@ use super::load::{self, CellFiles};
 use super::outcome::Outcome;
 use crate::files::ClipEntry;
 use crate::geometry::ColorPicture;
-use crate::inspect::{Advice, Demands, GridContrast, Sampler, Tuning, Watch, best_threshold, thesis_checks};
+use crate::inspect::{
+    Advice, Demands, GridContrast, MIN_CONTRAST_TO_NOISE, Sampler, Tuning, Watch, best_threshold, thesis_checks,
+};
 use crate::phase::Phase;
 use crate::recipe::{Method, Recipe};
 use crate::verdict::{Judgement, Reason};
 use crate::words::fixed;
 use serde_json::json;
 
+/// The channels of a picture.
+const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 /// Pictures of each phase that are looked at.
 const LOOKED_AT: usize = 10;
 /// Looks at a clip and advises.
@@ -87,6 +91,17 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
+/// Grids that the film makes brighter.
+fn say_brighter(grids: &[GridContrast], outcome: &mut Outcome) {
+    let brighter = |grid: &&GridContrast| grid.channel_to_noise <= -MIN_CONTRAST_TO_NOISE;
+    for grid in grids.iter().filter(brighter) {
+        outcome.say(format!(
+            "{}: the film is brighter than the dry panel, most in {}; it mirrors the lamp or the diffuser there",
+            grid.id, CHANNELS[grid.channel]
+        ));
+    }
+}
+
 fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
     let advice = &found.advice;
     let checks = found.checks(demands);
@@ -105,6 +120,7 @@ fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
             grid.light
         ));
     }
+    say_brighter(&found.grids, &mut outcome);
     say_light(advice, &mut outcome);
     outcome.say(format!(
         "smallest break that is surely found: {:.1} mm²; a grid fails from {:.1} mm²",
@@ -131,7 +147,8 @@ fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
     });
     let grid = |grid: &GridContrast| {
         json!({"id": grid.id.to_string(), "dry": grid.dry, "wet": grid.wet,
-               "contrast_to_noise": grid.contrast_to_noise, "light": grid.light})
+               "contrast_to_noise": grid.contrast_to_noise, "light": grid.light, "channel": CHANNELS[grid.channel],
+               "channel_to_noise": grid.channel_to_noise, "faint_percent": grid.faint_percent})
     };
     outcome.put("grids", json!(found.grids.iter().map(grid).collect::<Vec<_>>()));
     outcome.put("detection_limit_mm2", json!(found.detection_limit_mm2));
@@ -165,7 +182,7 @@ fn thesis_told(advice: &Advice, elsewhere: Option<Reason>) -> Outcome {
 fn say_channels(advice: &Advice, outcome: &mut Outcome) {
     outcome.say("channel     dry    wet  noise  contrast/noise  weight");
     let mut rows = Vec::new();
-    for (name, channel) in ["red", "green", "blue"].iter().zip(&advice.channels) {
+    for (name, channel) in CHANNELS.iter().zip(&advice.channels) {
         let ratio = channel.contrast_to_noise();
         outcome.say(format!(
             "{name:7} {:7.1} {:6.1} {:6.2} {:>15} {:7.2}",

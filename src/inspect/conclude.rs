@@ -1,6 +1,7 @@
 //! The end of the test: computes breaks, grids and a verdict from the history of every pixel.
 
 use super::InspectError;
+use super::alike::alike;
 use super::doubt::{Dryness, wet_when_dry};
 use super::film::NEVER;
 use super::footprint::Footprint;
@@ -56,8 +57,16 @@ impl Watch {
         let model = &self.model;
         let never_wet = |index: &usize| inside[*index] && model.sees(*index) && !model.ever_wet(*index);
         let never_wet_mm2: f64 = self.footprint.surface_mm2((0..inside.len()).filter(never_wet));
-        self.footprint.lose(|index| was_wet[index] || !model.saw(index));
-        let grids = self.grids(&since_wet_s, &was_wet);
+        let alike =
+            model.mirror().map_or_else(Vec::new, |mirror| alike(self.footprint.window(), &since_wet_s, mirror));
+        let mut is_alike = vec![false; inside.len()];
+        alike.into_iter().for_each(|index| (since_wet_s[index], is_alike[index]) = (NEVER, true));
+        let faint =
+            (0..inside.len()).filter(|&i| inside[i] && model.sees(i) && (is_alike[i] || !model.has_contrast(i)));
+        let mut faint_mm2 = vec![0.0; self.broken_mm2.len()];
+        faint.for_each(|index| self.footprint.add_area(index, &mut faint_mm2));
+        self.footprint.lose(|index| was_wet[index] || is_alike[index] || !model.saw(index));
+        let grids = self.grids(&since_wet_s, &was_wet, &faint_mm2);
         let observation = Observation {
             observed_s: self.observed_s,
             frames: self.frames,
@@ -84,7 +93,8 @@ impl Watch {
             was_open_s: &|index| self.model.was_open_s(index),
             off_dry: &|index| self.model.off_dry(index),
             inside,
-            glint_px: self.footprint.pixels_of(GLINT_MM2),
+            // Where the film mirrors, what a glint is as bright as says nothing.
+            glint_px: if self.model.mirror().is_some() { 0 } else { self.footprint.pixels_of(GLINT_MM2) },
             bead_px: self.footprint.pixels_of(BEAD_MM2),
         };
         settled(self.footprint.window(), broke_s, &seen)
@@ -104,7 +114,7 @@ impl Watch {
     }
 
     /// Each grid by the pixels that broke, in the order of their times.
-    fn grids(&self, since_wet_s: &[f32], was_wet: &[bool]) -> Vec<GridInspection> {
+    fn grids(&self, since_wet_s: &[f32], was_wet: &[bool], faint_mm2: &[f64]) -> Vec<GridInspection> {
         let mut broken: Vec<usize> = (0..since_wet_s.len()).filter(|&index| since_wet_s[index] < NEVER).collect();
         broken.sort_by(|&a, &b| since_wet_s[a].total_cmp(&since_wet_s[b]).then(a.cmp(&b)));
         let mut broken_mm2 = vec![0.0; self.broken_mm2.len()];
@@ -129,6 +139,7 @@ impl Watch {
                 failed: time_to_break_s[index].is_some(),
                 seen: footprint.seen() && little_lost,
                 only_masked: footprint.only_masked() && little_lost,
+                no_contrast: faint_mm2[index] >= self.demands.min_break_mm2,
                 wet_when_dry: was_wet_mm2[index] >= self.demands.min_break_mm2,
                 broken_mm2: broken_mm2[index],
                 time_to_break_s: time_to_break_s[index],

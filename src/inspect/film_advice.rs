@@ -8,6 +8,7 @@
 //! longer. What stays dry longer has broken, and is no part of this.
 
 use super::advice::Sampler;
+use super::gate::MIN_CHANGE_LEVELS;
 use crate::geometry::{ColorPicture, Mask, median};
 use crate::panel::GridId;
 use crate::recipe;
@@ -30,6 +31,19 @@ pub struct GridContrast {
     pub contrast_to_noise: f64,
     /// Its dry brightness against that of the whole region.
     pub light: f64,
+    /// The channel in which the film changes it most against the noise: 0 red, 1 green, 2 blue.
+    pub channel: usize,
+    /// How many times the noise that is; negative where the film is brighter than the dry panel.
+    pub channel_to_noise: f64,
+    /// The share of it that the film changes in no channel by [`MIN_CHANGE_LEVELS`], percent: a break would not show there.
+    pub faint_percent: f64,
+}
+
+impl GridContrast {
+    /// The contrast by which the film is told from dry: by the recipe's weights, or in one channel and of either sign.
+    pub fn best_to_noise(&self) -> f64 {
+        self.contrast_to_noise.max(self.channel_to_noise.abs())
+    }
 }
 
 /// The clip's pictures, one by one.
@@ -60,6 +74,13 @@ impl Sampler {
     pub fn contrasts(&self, settings: &recipe::Inspect, grids: &[(GridId, Vec<usize>)]) -> Vec<GridContrast> {
         let weights = shares(settings);
         let (dry, wet) = (self.dry_means(weights), self.wet_means(weights));
+        let of_channel = |channel: usize| {
+            let mut one = [0.0; 3];
+            one[channel] = 1.0;
+            (self.dry_means(one), self.wet_means(one))
+        };
+        let channels = [0, 1, 2].map(of_channel);
+        let levels = self.noise_levels().map(|noise| noise.max(0.1));
         let squares = self.noise_levels().into_iter().zip(weights).map(|(noise, weight)| (noise * weight).powi(2));
         let noise = squares.sum::<f64>().sqrt().max(0.1);
         let whole = dry.values().sum::<f64>() / dry.len().max(1) as f64;
@@ -69,7 +90,28 @@ impl Sampler {
             let count = seen.len() as f64;
             let (dry, wet) = seen.iter().fold((0.0, 0.0), |sum, it| (sum.0 + it.0 / count, sum.1 + it.1 / count));
             let (contrast_to_noise, light) = ((dry - wet) / noise, dry / whole.max(f64::MIN_POSITIVE));
-            (!seen.is_empty()).then_some(GridContrast { id: *id, dry, wet, contrast_to_noise, light })
+            let changes: Vec<[f64; 3]> = pixels
+                .iter()
+                .filter(|index| channels[0].0.contains_key(index))
+                .map(|index| [0, 1, 2].map(|i| channels[i].0[index] - channels[i].1[index]))
+                .collect();
+            let to_noise =
+                [0, 1, 2].map(|i| changes.iter().map(|change| change[i]).sum::<f64>() / count / levels[i]);
+            let channel = (1..3).fold(0, |best, i| if to_noise[i].abs() > to_noise[best].abs() { i } else { best });
+            let faint = |change: &&[f64; 3]| change.iter().all(|levels| levels.abs() < MIN_CHANGE_LEVELS);
+            let faint_percent = 100.0 * changes.iter().filter(faint).count() as f64 / count;
+            let channel_to_noise = to_noise[channel];
+            let grid = GridContrast {
+                id: *id,
+                dry,
+                wet,
+                contrast_to_noise,
+                light,
+                channel,
+                channel_to_noise,
+                faint_percent,
+            };
+            (!seen.is_empty()).then_some(grid)
         };
         grids.iter().filter_map(grid).collect()
     }
@@ -162,6 +204,7 @@ mod tests {
             assert!((found.dry - dry).abs() < 1e-9 && (found.wet - wet).abs() < 1e-9, "{found:?}");
             assert!((found.contrast_to_noise - (dry - wet) / noise).abs() < 1e-9, "{found:?}");
             assert!((found.light - dry / 75.75).abs() < 1e-9, "{found:?}");
+            assert_eq!((found.faint_percent, found.best_to_noise()), (0.0, found.contrast_to_noise), "{found:?}");
         }
         assert_eq!(found.len(), 2);
     }
@@ -192,5 +235,28 @@ mod tests {
         let mut broken = Mask::empty(20, 20);
         (100..140).for_each(|i| broken.inside[i] = true);
         assert!((found(Some(&broken), 3.0) - 0.6).abs() < 1e-9, "unless it is known to have broken");
+    }
+
+    /// By hand: at the left a film that mirrors something red is brighter than the dry panel, by 20 levels in red; at the right it
+    /// is alike to 4 levels. Noise of ±1 level in each channel: σ = 2/√2.
+    #[test]
+    fn a_film_that_is_brighter_or_alike_is_told_by_grid() {
+        let mut sampler = Sampler::new(&Mask { width: 20, height: 20, inside: vec![true; WHOLE] });
+        let halves = |left: [u8; 3], right: [u8; 3]| {
+            let rgb = (0..WHOLE).map(|i| if i % 20 < 10 { left } else { right }).collect();
+            ColorPicture { width: 20, height: 20, rgb }
+        };
+        for odd in [0, 2] {
+            sampler.dry(&halves([60 + odd; 3], [60 + odd; 3]));
+        }
+        for odd in [0, 2] {
+            sampler.wet(&halves([80 + odd, 62 + odd, 60 + odd], [64 + odd; 3]));
+        }
+        let half = |right: bool| (0..WHOLE).filter(|i| (i % 20 >= 10) == right).collect::<Vec<_>>();
+        let id = |column: usize| GridId { row: 1, column };
+        let found = sampler.contrasts(&inspect_table(""), &[(id(1), half(false)), (id(2), half(true))]);
+        assert_eq!((found[0].channel, found[0].faint_percent), (0, 0.0), "{found:?}");
+        assert!((found[0].channel_to_noise + 20.0 / 2.0_f64.sqrt()).abs() < 1e-9, "{found:?}");
+        assert!(found[1].faint_percent == 100.0 && found[1].channel_to_noise < 0.0, "{found:?}");
     }
 }

@@ -10,6 +10,7 @@
 use super::model::FILM_ASSUMED;
 use super::place::{MAX_OFF_PX, elsewhere, too_coarse};
 use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, MIN_TOLD, Quality, most_brighter_percent};
+use super::steady::LEAST_SEEN_PERCENT;
 use crate::cell::Limits;
 use crate::panel::GridId;
 use crate::recipe::{self, Recipe};
@@ -21,7 +22,7 @@ const MIN_FRAME_SHARE: f64 = 0.8;
 /// Pictures farther apart than this many of the recipe's intervals leave a gap in which a film can break and close.
 const MAX_GAP_INTERVALS: f64 = 5.0;
 /// A film must change the panel by this many grey levels at least: six times the noise of a common camera's pixel.
-const MIN_CHANGE_LEVELS: f64 = 6.0;
+pub const MIN_CHANGE_LEVELS: f64 = 6.0;
 
 /// Which of the demands the cell's file states, since the recipe does not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -120,6 +121,8 @@ pub struct GridInspection {
     pub seen: bool,
     /// Is all of it that was not seen what the recipe masks?
     pub only_masked: bool,
+    /// Do film and dry panel look so alike on so much of it that a break there would fail the grid?
+    pub no_contrast: bool,
     /// Was enough of it wet already in the dry picture that a break there would fail the grid?
     pub wet_when_dry: bool,
     /// Broken film, mm².
@@ -180,6 +183,8 @@ pub mod name {
     pub const FIRST_SHARPNESS: &str = "sharpness of the first picture";
     /// Grids with places that were wet in the dry picture.
     pub const WET_GRIDS: &str = "grids that were wet in the dry picture";
+    /// Grids with places where a break would not show.
+    pub const FAINT_GRIDS: &str = "grids with places that look wet as they do dry";
     /// Grids that were not wholly seen.
     pub const UNSEEN_GRIDS: &str = "grids that were not wholly seen";
     /// Grids that the recipe masks.
@@ -366,7 +371,9 @@ impl Film<'_> {
     /// What of each grid was seen, and broke.
     fn grids(&self) -> Vec<Check> {
         let (grids, min_break_mm2) = (self.grids, self.demands.min_break_mm2);
-        let unseen = names(grids, |grid| !grid.seen && !grid.only_masked && !grid.wet_when_dry);
+        let faint = names(grids, |grid| grid.no_contrast);
+        let unseen =
+            names(grids, |grid| !grid.seen && !grid.only_masked && !grid.wet_when_dry && !grid.no_contrast);
         let masked = names(grids, |grid| !grid.seen && grid.only_masked);
         let broken = grids.iter().flat_map(|grid| {
             let (id, when_s) = (grid.id, grid.time_to_break_s);
@@ -378,6 +385,16 @@ impl Film<'_> {
             let failed = when_s.map(|time_s| Check::new(format!("{id} failed after"), "s", time_s));
             std::iter::once(area).chain(failed)
         });
+        let faint = Check::new(name::FAINT_GRIDS, "", faint.len() as f64)
+            .at_most(0.0, SetBy::Program)
+            .rejects("no_contrast", || {
+                format!(
+                    "on {} there are places where the film looks as the dry panel does in every channel, so that a break would \
+                     not show, or that water never wetted: move the lamp or the diffuser so that they mirror something darker or \
+                     brighter (`panelprep tune` shows which), and repeat the test",
+                    faint.join(", ")
+                )
+            });
         let unseen =
             Check::new(name::UNSEEN_GRIDS, "", unseen.len() as f64).at_most(0.0, SetBy::Program).rejects(
                 "not_seen",
@@ -397,7 +414,7 @@ impl Film<'_> {
                     masked.join(", ")
                 )
             });
-        std::iter::once(unseen).chain(broken).chain([masked]).collect()
+        [faint, unseen].into_iter().chain(broken).chain([masked]).collect()
     }
 }
 
@@ -419,6 +436,7 @@ fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings: &recipe::I
         Flaw::Moved => (settings.max_moved_px(), 1),
         Flaw::Focus => (MIN_SHARPNESS, 2),
         Flaw::Frozen => (0.0, 0),
+        Flaw::Outline => (LEAST_SEEN_PERCENT, 0),
     };
     let [worst, limit] = apart(worst, limit, decimals);
     match flaw {
@@ -440,6 +458,10 @@ fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings: &recipe::I
             format!("the panel lies up to {worst} px from where the first picture has it (allowed {limit} px)")
         }
         Flaw::Focus => format!("the panel's edge has as little as {worst} of its first sharpness (needed {limit})"),
+        Flaw::Outline => format!(
+            "as little as {worst} % of the panel's outline can be seen (needed {limit} %), so that nobody knows whether it moved; \
+             give it contrast to what lies beside it, in any colour"
+        ),
         Flaw::Frozen => "they are bit for bit the picture before; the camera stands still".to_owned(),
     }
 }

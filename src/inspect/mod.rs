@@ -4,7 +4,8 @@
 //! dry for long enough has broken ([`model`]). The thesis's own pipeline ([`thesis`], [`film`]) can be chosen instead (`method =
 //! "thesis"`). The taught pixels of the region are projected to the panel's present pose and convert broken pixels into mm² of
 //! each grid ([`footprint`]). Each picture is checked for whether it can be used ([`quality`], [`steady`]). At the end the broken
-//! pixels are assembled ([`conclude`], [`settle`], [`pieces`]), without those that were wet already in the dry picture ([`doubt`]). One
+//! pixels are assembled ([`conclude`], [`settle`], [`pieces`]), without those that were wet already in the dry picture ([`doubt`]), and
+//! without film that looks as the dry panel does ([`alike`]). One
 //! gate turns all of it into a verdict ([`gate`], [`place`]). Pictures are processed one by one and not kept, so that memory does not
 //! grow with the clip.
 //!
@@ -14,6 +15,7 @@
 //! Times are counted from the first fully wet picture. This room does not locate the panel and draws nothing.
 
 mod advice;
+mod alike;
 mod conclude;
 mod doubt;
 mod error;
@@ -41,10 +43,10 @@ pub use conclude::Inspection;
 pub use error::InspectError;
 pub use film_advice::{Flashes, GridContrast};
 pub use footprint::{Footprint, GridFootprint};
-pub use gate::{ByCell, Demands, GridInspection, Observation, name};
+pub use gate::{ByCell, Demands, GridInspection, MIN_CHANGE_LEVELS, Observation, name};
 pub use pieces::Break;
 pub use place::{MAX_OFF_PX, too_coarse};
 pub use quality::{Flaw, Flawed, Quality};
 pub use score::{Confusion, Score, score, score_within};
-pub use tuning::{Tuning, thesis_checks};
+pub use tuning::{MIN_CONTRAST_TO_NOISE, Tuning, thesis_checks};
 pub use watch::{Step, Watch};

@@ -1,7 +1,7 @@
 //! Can each picture be used? What is wrong with those that cannot, and how long the film was not observed because of them.
 
 use super::model::PictureMeasurement;
-use super::steady::Steadiness;
+use super::steady::OutlineMeasurement;
 use crate::recipe;
 
 /// The share of the region that must have the brightness predicted from its state.
@@ -28,12 +28,22 @@ pub enum Flaw {
     Focus,
     /// Bit for bit the picture before.
     Frozen,
+    /// Too little of the outline is seen to tell whether the panel moved.
+    Outline,
 }
 
 impl Flaw {
     /// Every one.
-    pub const ALL: [Flaw; 7] =
-        [Flaw::Darker, Flaw::Brighter, Flaw::Untold, Flaw::Bright, Flaw::Moved, Flaw::Focus, Flaw::Frozen];
+    pub const ALL: [Flaw; 8] = [
+        Flaw::Darker,
+        Flaw::Brighter,
+        Flaw::Untold,
+        Flaw::Bright,
+        Flaw::Moved,
+        Flaw::Focus,
+        Flaw::Frozen,
+        Flaw::Outline,
+    ];
 
     /// Its stable word.
     pub fn word(self) -> &'static str {
@@ -43,6 +53,7 @@ impl Flaw {
             Flaw::Moved => "moved",
             Flaw::Focus => "focus",
             Flaw::Frozen => "frozen",
+            Flaw::Outline => "outline",
         }
     }
 }
@@ -62,7 +73,7 @@ pub struct Quality {
     /// Pictures that were judged by.
     pub usable: usize,
     /// The pictures with each flaw, in the order of [`Flaw::ALL`].
-    pub flawed: [Flawed; 7],
+    pub flawed: [Flawed; 8],
     /// The longest time without a usable picture, s.
     pub longest_unseen_s: f64,
     /// The least and the most light of a usable picture, the dry picture's being 1.
@@ -83,7 +94,7 @@ impl Default for Quality {
     fn default() -> Self {
         Quality {
             usable: 0,
-            flawed: [Flawed::default(); 7],
+            flawed: [Flawed::default(); 8],
             longest_unseen_s: 0.0,
             light: [f64::INFINITY, f64::NEG_INFINITY],
             moved_px: None,
@@ -101,20 +112,20 @@ impl Quality {
     pub fn take(
         &mut self,
         look: &PictureMeasurement,
-        steady: Option<Steadiness>,
+        outline: OutlineMeasurement,
         settings: &recipe::Inspect,
         time_s: f64,
     ) -> bool {
-        if let Some(steady) = steady {
+        if let OutlineMeasurement::Measured(steady) = outline {
             self.moved_px = Some(self.moved_px.unwrap_or(0.0).max(steady.moved_px));
             self.sharpness = Some(self.sharpness.unwrap_or(f64::INFINITY).min(steady.sharpness));
         }
-        let flaw = flaw(look, steady, settings);
+        let flaw = flaw(look, outline, settings);
         self.last_s = time_s;
         match flaw {
             Some((flaw, measured)) => {
                 let Flawed { pictures, worst } = &mut self.flawed[flaw as usize];
-                let least_is_worst = matches!(flaw, Flaw::Untold | Flaw::Focus);
+                let least_is_worst = matches!(flaw, Flaw::Untold | Flaw::Focus | Flaw::Outline);
                 let is_worse = if least_is_worst { measured < *worst } else { measured > *worst };
                 *worst = if *pictures == 0 || is_worse { measured } else { *worst };
                 *pictures += 1;
@@ -142,11 +153,14 @@ pub fn most_brighter_percent(film_left: f64, settings: &recipe::Inspect) -> f64 
 }
 
 /// The first flaw of a picture, and what was measured.
-fn flaw(look: &PictureMeasurement, steady: Option<Steadiness>, settings: &recipe::Inspect) -> Option<(Flaw, f64)> {
+fn flaw(look: &PictureMeasurement, outline: OutlineMeasurement, settings: &recipe::Inspect) -> Option<(Flaw, f64)> {
     let (darker, brighter) = ((1.0 - look.light) * 100.0, (look.light - 1.0) * 100.0);
     let hidden = look.hidden * 100.0;
-    let blurred = steady.map(|steady| steady.sharpness).filter(|sharpness| *sharpness > 0.0);
-    let moved_px = steady.map_or(0.0, |steady| steady.moved_px);
+    let (blurred, moved_px, seen_percent) = match outline {
+        OutlineMeasurement::Measured(steady) => (Some(steady.sharpness), steady.moved_px, None),
+        OutlineMeasurement::Lost(seen_percent) => (None, 0.0, Some(seen_percent)),
+        OutlineMeasurement::NoContrast => (None, 0.0, None),
+    };
     let tests = [
         (look.frozen, Flaw::Frozen, 0.0),
         (blurred.is_some_and(|sharpness| sharpness < MIN_SHARPNESS), Flaw::Focus, blurred.unwrap_or(0.0)),
@@ -155,12 +169,14 @@ fn flaw(look: &PictureMeasurement, steady: Option<Steadiness>, settings: &recipe
         (brighter > most_brighter_percent(look.film_left, settings), Flaw::Brighter, brighter),
         (look.told < MIN_TOLD, Flaw::Untold, look.told * 100.0),
         (moved_px > settings.max_moved_px(), Flaw::Moved, moved_px),
+        (seen_percent.is_some(), Flaw::Outline, seen_percent.unwrap_or(0.0)),
     ];
     tests.into_iter().find(|(has, ..)| *has).map(|(_, flaw, measured)| (flaw, measured))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::steady::Steadiness;
     use super::super::tests::inspect_table;
     use super::*;
 
@@ -173,7 +189,7 @@ mod tests {
     fn each_limit_has_its_flaw() {
         let settings = inspect_table("");
         let found = |look: PictureMeasurement, steady: Steadiness| {
-            flaw(&look, Some(steady), &settings).map(|(flaw, _)| flaw)
+            flaw(&look, OutlineMeasurement::Measured(steady), &settings).map(|(flaw, _)| flaw)
         };
         let looks = [
             (PictureMeasurement { light: 0.61, ..GOOD }, PictureMeasurement { light: 0.59, ..GOOD }, Flaw::Darker),
@@ -196,12 +212,17 @@ mod tests {
         let moved = |moved_px: f64, sharpness: f64| found(GOOD, Steadiness { moved_px, sharpness });
         assert_eq!([moved(1.0, 0.6), moved(1.1, 0.6)], [None, Some(Flaw::Moved)]);
         assert_eq!(
-            [moved(0.0, 0.59), moved(8.0, 0.0)],
-            [Some(Flaw::Focus), Some(Flaw::Moved)],
-            "gone, not blurred"
+            [moved(0.0, 0.59), flaw(&GOOD, OutlineMeasurement::Lost(12.0), &settings).map(|(flaw, _)| flaw)],
+            [Some(Flaw::Focus), Some(Flaw::Outline)],
+            "gone, neither blurred nor moved"
         );
         assert_eq!(
-            flaw(&PictureMeasurement { film_left: 0.5, light: 1.41, ..GOOD }, None, &settings).map(|found| found.0),
+            flaw(
+                &PictureMeasurement { film_left: 0.5, light: 1.41, ..GOOD },
+                OutlineMeasurement::NoContrast,
+                &settings
+            )
+            .map(|found| found.0),
             Some(Flaw::Brighter)
         );
     }
@@ -222,7 +243,7 @@ mod tests {
             (GOOD, blurred(0.5)),
         ];
         for (second, (look, steady)) in shown.iter().enumerate() {
-            quality.take(look, Some(*steady), &inspect_table(""), second as f64);
+            quality.take(look, OutlineMeasurement::Measured(*steady), &inspect_table(""), second as f64);
         }
         assert_eq!((quality.usable, quality.longest_unseen_s, quality.light), (2, 4.0, [0.9, 1.1]));
         quality.end();

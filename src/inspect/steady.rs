@@ -3,7 +3,10 @@
 //! Across the outline, the gradient of a profile has its centre at the edge, and the height of its peak measures the sharpness.
 //! Neither changes with the light, nor with the film inside. For edges with normals nᵢ that moved by δᵢ, the panel moved
 //! by the d that minimises  Σ (nᵢ·d − δᵢ)²,  without outliers.  (1)
-//! An outline without contrast is reported as not measurable.
+//!
+//! Grey levels show the edge on most panels. Where they do not, because a wet panel is as grey as the background beside it, each
+//! profile is taken in the channel in which its edge has the most contrast; the remaining profiles must agree and must constrain the
+//! panel in both directions. An outline without contrast is reported as not measurable: this does not say that the panel moved.
 //!
 //! Is the panel at its located pose? The same profiles in the taught picture give the position of the edge on each when the
 //! panel is at its pose. In the dry picture of a panel at this pose each edge is at the same position of its profile.
@@ -18,10 +21,23 @@ const REACH_PX: i32 = 8;
 /// A profile needs this much contrast in the dry picture, and a peak of this share of it, to carry information.
 const MIN_CONTRAST: f32 = 12.0;
 const MIN_PROFILES: usize = 40;
-/// A profile of the taught picture is expected again if its contrast in the present light is at least this multiple of the least contrast.
+/// Of the contrast of the first picture so much must be left, in grey levels and in the channels.
+const MIN_LEFT: [f32; 2] = [0.3, 0.2];
+/// Of the profiles so much must be seen in grey levels, or else in the channels, percent.
+const MIN_SEEN_PERCENT: [f64; 2] = [50.0, 25.0];
+/// In the channels: so many profiles' worth must hold the panel in its weakest direction, and this share of them must agree with
+/// the whole to so many pixels.
+const MIN_HOLD: f32 = 10.0;
+const MIN_AGREE: f64 = 0.6;
+const AGREE_PX: f32 = 1.0;
+/// A profile of the taught picture is expected again where it keeps so many times the least contrast in today's light.
 const SURE_CONTRAST: f32 = 1.5;
 /// Of a profile's gradient, what is below this share of its largest step is noise.
 const NOISE_SHARE: f32 = 0.25;
+
+/// What of a pixel is looked at: the mean of its channels, or one of them.
+const VIEWS: usize = 4;
+const GRAY: usize = 0;
 
 /// One place on the outline.
 #[derive(Debug, Clone, Copy)]
@@ -45,15 +61,15 @@ struct Edge {
 pub struct Outline {
     places: Vec<EdgeLocation>,
     /// What the taught picture shows at each place, with the panel where it was taught.
-    taught: Vec<Profile>,
-    first: Vec<Option<Edge>>,
+    taught: Vec<[Profile; VIEWS]>,
+    first: Vec<[Option<Edge>; VIEWS]>,
 }
 
 /// What a picture shows across one place.
 #[derive(Debug, Clone, Copy, Default)]
 struct Profile {
     edge: Option<Edge>,
-    /// Mean grey level along it; none beyond the picture.
+    /// Mean level along it; none beyond the picture.
     mean: Option<f32>,
 }
 
@@ -65,6 +81,20 @@ pub struct Steadiness {
     /// Sharpness against the first picture's: 1 is as sharp.
     pub sharpness: f64,
 }
+
+/// What a picture shows of the panel's outline.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum OutlineMeasurement {
+    /// The first picture has no outline to hold against.
+    NoContrast,
+    /// Too little of the first picture's outline is seen to say whether it moved: so many percent of it.
+    Lost(f64),
+    /// The outline is seen.
+    Measured(Steadiness),
+}
+
+/// The least share of the outline by which a picture tells whether the panel moved, percent.
+pub const LEAST_SEEN_PERCENT: f64 = MIN_SEEN_PERCENT[1];
 
 impl Outline {
     /// The taught outline where the panel stands now.
@@ -92,7 +122,7 @@ impl Outline {
         let chosen = if is_long { (0..pixels.len()).step_by(step).filter_map(both).collect() } else { vec![] };
         let picture = taught.scan.picture();
         let (places, then): (Vec<EdgeLocation>, Vec<EdgeLocation>) = chosen.into_iter().unzip();
-        let taught = then.iter().map(|place| Profile::of(place, &picture)).collect();
+        let taught = then.iter().map(|place| profiles(place, &picture)).collect();
         Outline { places, taught, first: Vec::new() }
     }
 
@@ -100,58 +130,128 @@ impl Outline {
     /// and of the median of its profiles, which tells turns and another distance. Where most of the outline is not within
     /// reach of them, it is farther than they reach. `None` where the outline has too little contrast to tell.
     pub fn off_px(&self, picture: &ColorPicture) -> Option<f64> {
-        let now: Vec<Profile> = self.places.iter().map(|place| Profile::of(place, picture)).collect();
-        let both = || self.taught.iter().zip(&now);
-        let mut light: Vec<f32> =
-            both().filter_map(|(then, now)| Some(now.mean? / then.mean.filter(|mean| *mean > 1.0)?)).collect();
-        let light = middle(&mut light);
-        let expected = |edge: &Edge| edge.contrast * light >= SURE_CONTRAST * MIN_CONTRAST;
-        let count = self.taught.iter().filter(|then| then.edge.as_ref().is_some_and(expected)).count();
-        if count < MIN_PROFILES {
-            return None;
-        }
-        let offset = |(place, (then, now)): (&EdgeLocation, (&Profile, &Profile))| {
-            Some((place.normal, now.edge?.offset_px - then.edge.filter(expected)?.offset_px))
+        let now: Vec<[Profile; VIEWS]> = self.places.iter().map(|place| profiles(place, picture)).collect();
+        let light: [f32; VIEWS] = std::array::from_fn(|view| {
+            let both = self.taught.iter().zip(&now);
+            let ratio = |(then, now): (&[Profile; VIEWS], &[Profile; VIEWS])| {
+                Some(now[view].mean? / then[view].mean.filter(|mean| *mean > 1.0)?)
+            };
+            middle(&mut both.filter_map(ratio).collect::<Vec<f32>>())
+        });
+        let expected = |then: &[Profile; VIEWS], view: usize| {
+            let is_sure = |edge: &Edge| edge.contrast * light[view] >= SURE_CONTRAST * MIN_CONTRAST;
+            then[view].edge.filter(is_sure)
         };
-        let offsets: Vec<(Vector2<f32>, f32)> = self.places.iter().zip(both()).filter_map(offset).collect();
-        if 2 * offsets.len() < count {
-            return Some(f64::from(REACH_PX));
-        }
-        let mut off: Vec<f32> = offsets.iter().map(|(_, offset)| offset.abs()).collect();
-        Some(f64::from(moved(&offsets).norm().max(middle(&mut off))))
+        let best = |then: &[Profile; VIEWS]| {
+            let contrast = |view: usize| expected(then, view).map_or(0.0, |edge| edge.contrast * light[view]);
+            (0..VIEWS).fold(GRAY, |best, view| if contrast(view) > contrast(best) { view } else { best })
+        };
+        let by = |view: &dyn Fn(&[Profile; VIEWS]) -> usize| {
+            let count = self.taught.iter().filter(|then| expected(then, view(then)).is_some()).count();
+            if count < MIN_PROFILES {
+                return None;
+            }
+            let offset = |(place, (then, now)): (&EdgeLocation, (&[Profile; VIEWS], &[Profile; VIEWS]))| {
+                let view = view(then);
+                Some((place.normal, now[view].edge?.offset_px - expected(then, view)?.offset_px))
+            };
+            let offsets: Vec<(Vector2<f32>, f32)> =
+                self.places.iter().zip(self.taught.iter().zip(&now)).filter_map(offset).collect();
+            if 2 * offsets.len() < count {
+                return Some(f64::from(REACH_PX));
+            }
+            let mut off: Vec<f32> = offsets.iter().map(|(_, offset)| offset.abs()).collect();
+            Some(f64::from(moved(&offsets).norm().max(middle(&mut off))))
+        };
+        by(&|_| GRAY).or_else(|| by(&best))
     }
 
     /// Takes this picture as the one that later ones are held against. Its own sharpness comes back: the largest step as
     /// a share of the edge; `None` where the outline has no contrast.
     pub fn begin(&mut self, picture: &ColorPicture) -> Option<f64> {
-        self.first = self.places.iter().map(|place| edge(place, picture)).collect();
-        let mut sharp: Vec<f32> = self.first.iter().flatten().map(|edge| edge.sharpness).collect();
-        (sharp.len() >= MIN_PROFILES).then(|| f64::from(middle(&mut sharp)))
+        self.first = self.places.iter().map(|place| edges(place, picture)).collect();
+        let sharpness = |view: &dyn Fn(&[Option<Edge>; VIEWS]) -> Option<Edge>| {
+            let mut sharp: Vec<f32> = self.first.iter().filter_map(view).map(|edge| edge.sharpness).collect();
+            (sharp.len() >= MIN_PROFILES).then(|| f64::from(middle(&mut sharp)))
+        };
+        sharpness(&|edges| edges[GRAY]).or_else(|| sharpness(&clearest))
     }
 
     /// What moved since, and how sharp it is.
-    pub fn hold_against(&self, picture: &ColorPicture) -> Option<Steadiness> {
-        let pairs: Vec<(EdgeLocation, Edge, Option<Edge>)> = (self.places.iter().zip(&self.first))
-            .filter_map(|(place, first)| first.map(|first| (*place, first, edge(place, picture))))
-            .collect();
-        if pairs.len() < MIN_PROFILES {
-            return None;
+    pub fn hold_against(&self, picture: &ColorPicture) -> OutlineMeasurement {
+        let in_gray = |(place, first): (&EdgeLocation, &[Option<Edge>; VIEWS])| {
+            first[GRAY].map(|first| (*place, first, edge(place, picture, GRAY)))
+        };
+        let pairs: Vec<(EdgeLocation, Edge, Option<Edge>)> =
+            self.places.iter().zip(&self.first).filter_map(in_gray).collect();
+        let seen = seen_again(&pairs, MIN_LEFT[0]);
+        let is_seen = percent(seen.len(), pairs.len()) >= MIN_SEEN_PERCENT[0];
+        if pairs.len() >= MIN_PROFILES && is_seen {
+            OutlineMeasurement::Measured(steadiness(&seen))
+        } else {
+            self.in_channels(picture)
         }
-        let seen: Vec<(EdgeLocation, Edge, Edge)> = pairs
-            .iter()
-            .filter_map(|&(place, first, now)| {
-                now.filter(|now| now.contrast > 0.3 * first.contrast).map(|now| (place, first, now))
-            })
-            .collect();
-        // Most of the outline is gone: the panel is elsewhere, or nothing is seen.
-        if seen.len() * 2 < pairs.len() {
-            return Some(Steadiness { moved_px: f64::from(REACH_PX), sharpness: 0.0 });
-        }
-        let shifts: Vec<(Vector2<f32>, f32)> =
-            seen.iter().map(|(place, first, now)| (place.normal, now.offset_px - first.offset_px)).collect();
-        let mut sharp: Vec<f32> = seen.iter().map(|(_, first, now)| now.sharpness / first.sharpness).collect();
-        Some(Steadiness { moved_px: f64::from(moved(&shifts).norm()), sharpness: f64::from(middle(&mut sharp)) })
     }
+
+    /// The same by each profile's best channel.
+    fn in_channels(&self, picture: &ColorPicture) -> OutlineMeasurement {
+        let in_best = |(place, first): (&EdgeLocation, &[Option<Edge>; VIEWS])| {
+            let clearest = clearest(first)?;
+            let now = edges(place, picture);
+            let kept = |view: usize| Some((first[view]?, now[view]?));
+            let contrast = |(first, now): (Edge, Edge)| first.contrast.min(now.contrast);
+            let best = (0..VIEWS).filter_map(kept).reduce(|a, b| if contrast(b) > contrast(a) { b } else { a });
+            Some(best.map_or((*place, clearest, None), |(first, now)| (*place, first, Some(now))))
+        };
+        let pairs: Vec<(EdgeLocation, Edge, Option<Edge>)> =
+            self.places.iter().zip(&self.first).filter_map(in_best).collect();
+        if pairs.len() < MIN_PROFILES {
+            return OutlineMeasurement::NoContrast;
+        }
+        let seen = seen_again(&pairs, MIN_LEFT[1]);
+        let seen_percent = percent(seen.len(), pairs.len());
+        if seen.len() < MIN_PROFILES || seen_percent < MIN_SEEN_PERCENT[1] {
+            return OutlineMeasurement::Lost(seen_percent);
+        }
+        let shifts = shifts(&seen);
+        let d = moved(&shifts);
+        let agree: Vec<Vector2<f32>> =
+            shifts.iter().filter(|(n, shift)| (n.dot(&d) - shift).abs() <= AGREE_PX).map(|(n, _)| *n).collect();
+        let held = agree.iter().map(|n| n * n.transpose()).sum::<Matrix2<f32>>();
+        let is_held = held.symmetric_eigenvalues().min() >= MIN_HOLD;
+        if is_held && agree.len() as f64 >= MIN_AGREE * shifts.len() as f64 {
+            OutlineMeasurement::Measured(steadiness(&seen))
+        } else {
+            // What agrees is what is seen of it.
+            OutlineMeasurement::Lost(percent(agree.len(), pairs.len()).min(MIN_SEEN_PERCENT[1]))
+        }
+    }
+}
+
+fn percent(part: usize, whole: usize) -> f64 {
+    100.0 * part as f64 / whole.max(1) as f64
+}
+
+/// The edge with the most contrast of a place's views.
+fn clearest(edges: &[Option<Edge>; VIEWS]) -> Option<Edge> {
+    edges.iter().flatten().copied().reduce(|a, b| if b.contrast > a.contrast { b } else { a })
+}
+
+/// The edges that kept at least this share of their contrast.
+fn seen_again(pairs: &[(EdgeLocation, Edge, Option<Edge>)], least: f32) -> Vec<(EdgeLocation, Edge, Edge)> {
+    let kept = |&(place, first, now): &(EdgeLocation, Edge, Option<Edge>)| {
+        now.filter(|now| now.contrast > least * first.contrast).map(|now| (place, first, now))
+    };
+    pairs.iter().filter_map(kept).collect()
+}
+
+fn shifts(seen: &[(EdgeLocation, Edge, Edge)]) -> Vec<(Vector2<f32>, f32)> {
+    seen.iter().map(|(place, first, now)| (place.normal, now.offset_px - first.offset_px)).collect()
+}
+
+fn steadiness(seen: &[(EdgeLocation, Edge, Edge)]) -> Steadiness {
+    let mut sharp: Vec<f32> = seen.iter().map(|(_, first, now)| now.sharpness / first.sharpness).collect();
+    Steadiness { moved_px: f64::from(moved(&shifts(seen)).norm()), sharpness: f64::from(middle(&mut sharp)) }
 }
 
 // (1), four times, without what lies more than three times the median away
@@ -174,24 +274,28 @@ fn moved(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
 
 const COUNT: usize = 2 * REACH_PX as usize + 1;
 
-/// The grey levels across a place; `None` where they leave the picture.
-fn profile_of(place: &EdgeLocation, picture: &ColorPicture) -> Option<[f32; COUNT]> {
+/// The levels across a place in one view; `None` where they leave the picture.
+fn profile_of(place: &EdgeLocation, picture: &ColorPicture, view: usize) -> Option<[f32; COUNT]> {
     let mut profile = [0.0_f32; COUNT];
     for (value, step) in profile.iter_mut().zip(-REACH_PX..) {
-        *value = gray(picture, place.at + place.normal * step as f32)?;
+        *value = level(picture, place.at + place.normal * step as f32, view)?;
     }
     Some(profile)
 }
 
-impl Profile {
-    fn of(place: &EdgeLocation, picture: &ColorPicture) -> Self {
-        let mean = profile_of(place, picture).map(|profile| profile.iter().sum::<f32>() / COUNT as f32);
-        Profile { edge: edge(place, picture), mean }
-    }
+fn profiles(place: &EdgeLocation, picture: &ColorPicture) -> [Profile; VIEWS] {
+    std::array::from_fn(|view| {
+        let mean = profile_of(place, picture, view).map(|profile| profile.iter().sum::<f32>() / COUNT as f32);
+        Profile { edge: edge(place, picture, view), mean }
+    })
 }
 
-fn edge(place: &EdgeLocation, picture: &ColorPicture) -> Option<Edge> {
-    let profile = profile_of(place, picture)?;
+fn edges(place: &EdgeLocation, picture: &ColorPicture) -> [Option<Edge>; VIEWS] {
+    std::array::from_fn(|view| edge(place, picture, view))
+}
+
+fn edge(place: &EdgeLocation, picture: &ColorPicture, view: usize) -> Option<Edge> {
+    let profile = profile_of(place, picture, view)?;
     let steps: [f32; COUNT - 1] = std::array::from_fn(|i| profile[i + 1] - profile[i]);
     let contrast = (profile[..4].iter().sum::<f32>() - profile[COUNT - 4..].iter().sum::<f32>()).abs() / 4.0;
     let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));
@@ -207,15 +311,18 @@ fn edge(place: &EdgeLocation, picture: &ColorPicture) -> Option<Edge> {
     Some(Edge { offset_px: sum / weight, sharpness: largest / contrast, contrast })
 }
 
-/// The mean of the channels between four pixels; `None` beyond the picture.
-fn gray(picture: &ColorPicture, at: Vector2<f32>) -> Option<f32> {
+/// One view between four pixels; `None` beyond the picture.
+fn level(picture: &ColorPicture, at: Vector2<f32>, view: usize) -> Option<f32> {
     let within = |at: f32, length: usize| at >= 0.0 && at < length as f32 - 1.0;
     if !within(at.x, picture.width) || !within(at.y, picture.height) {
         return None;
     }
     let (column, row) = (at.x as usize, at.y as usize);
     let (across, down) = (at.x - column as f32, at.y - row as f32);
-    let value = |[r, g, b]: [u8; 3]| f32::from(u16::from(r) + u16::from(g) + u16::from(b)) / 3.0;
+    let value = |rgb: [u8; 3]| match view {
+        GRAY => f32::from(rgb.iter().map(|&level| u16::from(level)).sum::<u16>()) / 3.0,
+        _ => f32::from(rgb[view - 1]),
+    };
     let mix = |row: usize| {
         let pixels = &picture.rgb[row * picture.width + column..][..2];
         value(pixels[0]) * (1.0 - across) + value(pixels[1]) * across
@@ -259,7 +366,7 @@ mod tests {
             ]
         });
         let places: Vec<EdgeLocation> = places.collect();
-        let taught = places.iter().map(|place| Profile::of(place, &square(0.0, 1.0, 70.0))).collect();
+        let taught = places.iter().map(|place| profiles(place, &square(0.0, 1.0, 70.0))).collect();
         Outline { places, taught, first: Vec::new() }
     }
 
@@ -287,37 +394,66 @@ mod tests {
         assert_eq!(off(&dimmed), None, "too dark to tell");
     }
 
+    fn seen(sight: OutlineMeasurement) -> Steadiness {
+        let OutlineMeasurement::Measured(steadiness) = sight else { panic!("{sight:?}") };
+        steadiness
+    }
+
     #[test]
     fn a_shift_and_a_blur_are_measured_whatever_the_film_inside() {
         let mut outline = outline();
         assert!(outline.begin(&square(0.0, 1.0, 70.0)).expect("contrast") > 0.4);
         for shift in [0.0, 0.4, 1.0, 3.0] {
-            let found = outline.hold_against(&square(shift, 1.0, 42.0)).expect("contrast");
+            let found = seen(outline.hold_against(&square(shift, 1.0, 42.0)));
             assert!((found.moved_px - f64::from(shift)).abs() < 0.15, "{shift}: {found:?}");
             assert!(found.sharpness > 0.7, "{found:?}");
         }
-        let blurred = outline.hold_against(&square(0.0, 6.0, 42.0)).expect("contrast");
+        let blurred = seen(outline.hold_against(&square(0.0, 6.0, 42.0)));
         assert!(blurred.moved_px < 0.1 && blurred.sharpness < 0.4, "{blurred:?}");
     }
 
     /// By hand: 16 of 208 places see an edge 4 px farther in, which alone would be a move of 16 · 4/104 = 0.6 px.
     #[test]
-    fn a_drop_at_the_edge_is_no_move_and_a_panel_that_is_gone_is_one() {
+    fn a_drop_at_the_edge_is_no_move_and_an_outline_that_is_gone_is_none_either() {
         let mut outline = outline();
         outline.begin(&square(0.0, 1.0, 70.0)).expect("contrast");
         let mut dented = square(0.0, 1.0, 70.0);
         for row in 60..76 {
             dented.rgb[row * 100 + 18..row * 100 + 24].fill([180; 3]);
         }
-        assert!(outline.hold_against(&dented).expect("contrast").moved_px < 0.1);
-        let gone = Steadiness { moved_px: f64::from(REACH_PX), sharpness: 0.0 };
-        assert_eq!(outline.hold_against(&square(0.0, 1.0, 178.0)), Some(gone));
+        assert!(seen(outline.hold_against(&dented)).moved_px < 0.1);
+        assert_eq!(outline.hold_against(&square(0.0, 1.0, 178.0)), OutlineMeasurement::Lost(0.0));
     }
 
     #[test]
     fn without_contrast_nothing_is_told() {
         let mut outline = outline();
         assert_eq!(outline.begin(&square(0.0, 1.0, 178.0)), None);
-        assert_eq!(outline.hold_against(&square(0.0, 1.0, 70.0)), None);
+        assert_eq!(outline.hold_against(&square(0.0, 1.0, 70.0)), OutlineMeasurement::NoContrast);
+    }
+
+    /// A red panel of (190, 40, 30) on grey of 125: dry 39 grey levels, wet (150, 110, 100) hardly 5. By hand: its red edge
+    /// is 65 and 25 levels then, so that a shift of 2 px is still measured. Wet as (120, 128, 122) no channel shows it.
+    #[test]
+    fn an_outline_without_gray_contrast_is_seen_in_its_colours() {
+        let coloured = |shift: f32, inside: [f32; 3]| {
+            let channels = inside.map(|level| square(shift, 1.0, level).rgb);
+            let mut picture = square(shift, 1.0, 0.0);
+            for (index, pixel) in picture.rgb.iter_mut().enumerate() {
+                // The ground is 125 in place of 180.
+                *pixel = std::array::from_fn(|i| {
+                    let share = (180.0 - f32::from(channels[i][index][0])) / (180.0 - inside[i]);
+                    (125.0 + share * (inside[i] - 125.0)) as u8
+                });
+            }
+            picture
+        };
+        let mut outline = outline();
+        outline.begin(&coloured(0.0, [190.0, 40.0, 30.0])).expect("contrast");
+        for shift in [0.0, 2.0] {
+            let found = seen(outline.hold_against(&coloured(shift, [150.0, 110.0, 100.0])));
+            assert!((found.moved_px - f64::from(shift)).abs() < 0.25, "{shift}: {found:?}");
+        }
+        assert_eq!(outline.hold_against(&coloured(0.0, [120.0, 128.0, 122.0])), OutlineMeasurement::Lost(0.0));
     }
 }

@@ -3,13 +3,17 @@
 
 use super::advice::Advice;
 use super::film_advice::GridContrast;
-use super::gate::Demands;
+use super::gate::{Demands, MIN_CHANGE_LEVELS};
 use super::place::too_coarse;
 use crate::verdict::{Check, Reason, SetBy, Severity};
 use crate::words::{apart, fixed};
 
 /// Fewer times the noise is too little to tell wet from dry by.
-const MIN_CONTRAST_TO_NOISE: f64 = 5.0;
+pub const MIN_CONTRAST_TO_NOISE: f64 = 5.0;
+/// Share of a grid that may look alike under a film and dry, percent: greasy places do.
+const MOST_FAINT_PERCENT: f64 = 10.0;
+/// A panel that is darker when dry, in grey levels, needs more light before anything else.
+const DARK_LEVELS: f64 = 40.0;
 /// Light less even than this leaves a part of the panel dark or overexposed sooner than the rest.
 const MIN_EVENNESS: f64 = 0.6;
 /// Share of the dry region that may be overexposed.
@@ -39,8 +43,8 @@ impl Tuning {
 
     /// Every number that is judged.
     pub fn checks(&self, demands: &Demands) -> Vec<Check> {
-        let worst = self.grids.iter().min_by(|a, b| a.contrast_to_noise.total_cmp(&b.contrast_to_noise));
-        let of_grid = worst.map(|grid| contrast(&format!("grid {}", grid.id), grid.contrast_to_noise));
+        let worst = self.grids.iter().min_by(|a, b| a.best_to_noise().total_cmp(&b.best_to_noise()));
+        let of_grid = worst.map(|grid| contrast(&format!("grid {}", grid.id), grid.best_to_noise()));
         let coarse = too_coarse(self.detection_limit_mm2, demands.min_break_mm2);
         let detection = Check::new("smallest break that is surely found", "mm²", self.detection_limit_mm2)
             .at_most(demands.min_break_mm2, demands.min_break_set_by())
@@ -57,7 +61,13 @@ impl Tuning {
                 )
             });
         let place = place(self.elsewhere.clone());
-        [place].into_iter().chain(of_grid).chain(light(&self.advice)).chain([detection, persist]).collect()
+        [place]
+            .into_iter()
+            .chain(of_grid)
+            .chain(faint(&self.grids))
+            .chain(light(&self.advice))
+            .chain([detection, persist])
+            .collect()
     }
 }
 
@@ -101,6 +111,30 @@ fn contrast(what: &str, contrast_to_noise: f64) -> Check {
                 "the film changes {what} by {found} times the noise, needed are {needed}: more light, or a longer exposure"
             )
         })
+}
+
+/// Where a break would not show, and what would help.
+fn faint(grids: &[GridContrast]) -> Option<Check> {
+    let most = grids.iter().map(|grid| grid.faint_percent).max_by(f64::total_cmp)?;
+    let check = Check::new("part of a grid that looks wet as it does dry, at most", "%", most);
+    Some(check.at_most(MOST_FAINT_PERCENT, SetBy::Program).reviews("no_contrast", || {
+        let faint: Vec<&GridContrast> =
+            grids.iter().filter(|grid| grid.faint_percent > MOST_FAINT_PERCENT).collect();
+        let mean_dry = faint.iter().map(|grid| grid.dry).sum::<f64>() / faint.len().max(1) as f64;
+        let named: Vec<String> =
+            faint.iter().map(|grid| format!("{} ({:.0} %)", grid.id, grid.faint_percent)).collect();
+        let remedy = if mean_dry < DARK_LEVELS {
+            "more light or a longer exposure"
+        } else {
+            "there the film mirrors something that makes it as bright as the dry panel: move the lamp or the diffuser aside, so \
+             that the panel mirrors the dark there, or take a diffuser so large that it mirrors nothing else"
+        };
+        format!(
+            "the film changes a part of {} by less than {MIN_CHANGE_LEVELS:.0} grey levels in every channel, and a break there \
+             would not show: {remedy}",
+            named.join(", ")
+        )
+    }))
 }
 
 fn tenth_up(seconds: f64) -> f64 {

@@ -10,12 +10,13 @@ use crate::verdict::SINCE_CHECKS;
 use serde_json::Value;
 
 /// How the names of those numbers begin that programs did not keep before a finding's numbers were its gate's checks.
-const NAMES_SINCE_CHECKS: [&str; 11] = [
+const NAMES_SINCE_CHECKS: [&str; 12] = [
     crate::locate::refine::FARTHEST,
     film::DRY_PICTURE,
     film::FILM_CHANGE,
     film::FIRST_SHARPNESS,
     film::WET_GRIDS,
+    film::FAINT_GRIDS,
     film::UNSEEN_GRIDS,
     film::MASKED_GRIDS,
     crate::path::TOOL_ERROR,

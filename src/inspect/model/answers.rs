@@ -1,7 +1,7 @@
 //! Queries of the model: the state of each pixel of the window.
 
-use super::Model;
 use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, OPEN, RUN};
+use super::{Mirror, Model};
 
 /// A pixel that showed nothing in a larger share of the pictures was not seen.
 const MOST_UNSEEN: f64 = 0.5;
@@ -20,6 +20,9 @@ impl Model {
 
     /// How bright the region is when dry, grey levels.
     pub fn mean_dry_levels(&self) -> f64 {
+        if let Some(mirror) = &self.mirror {
+            return mirror.mean_dry_levels();
+        }
         let inside =
             self.kept.as_flattened().iter().zip(self.dry.as_flattened()).filter(|(kept, _)| **kept & INSIDE > 0);
         let (sum, count) = inside.fold((0_u64, 0_u64), |(sum, count), (_, dry)| (sum + u64::from(*dry), count + 1));
@@ -34,11 +37,17 @@ impl Model {
 
     /// Whether a pixel of the window was looked at.
     pub fn sees(&self, index: usize) -> bool {
+        if let Some(mirror) = &self.mirror {
+            return mirror.sees(index);
+        }
         self.kept(index) & INSIDE > 0
     }
 
     /// Whether it showed that it is wet or dry, and did so in half of the pictures: no glint, nothing that flickers.
     pub fn saw(&self, index: usize) -> bool {
+        if let Some(mirror) = &self.mirror {
+            return mirror.saw(index);
+        }
         let (block, at) = self.at(index);
         let judged = self.times_s.len() - 1;
         self.sees(index)
@@ -48,16 +57,25 @@ impl Model {
 
     /// Whether it was seen wet in a picture.
     pub fn ever_wet(&self, index: usize) -> bool {
+        if let Some(mirror) = &self.mirror {
+            return mirror.ever_wet(index);
+        }
         self.kept(index) & EVER_WET > 0
     }
 
     /// Whether its film is open now.
     pub fn is_open(&self, index: usize) -> bool {
+        if let Some(mirror) = &self.mirror {
+            return mirror.is_open(index);
+        }
         self.kept(index) & OPEN > 0
     }
 
     /// How long its film was open, where it broke and closed again, s.
     pub fn was_open_s(&self, index: usize) -> Option<f32> {
+        if let Some(mirror) = &self.mirror {
+            return mirror.was_open_s(index);
+        }
         let (block, at) = self.at(index);
         let (past, time_s) = (&self.past[block], |picture: u16| self.times_s[usize::from(picture)]);
         (self.kept(index) & (BROKE | OPEN) == BROKE).then(|| time_s(past.until[at]) - time_s(past.since[at]))
@@ -70,13 +88,29 @@ impl Model {
             / (f32::from(self.dry[block][at]) * (1.0 - self.wetting.film as f32)).max(1.0)
     }
 
+    /// Whether film and dry differ enough there to tell one from the other.
+    pub fn has_contrast(&self, index: usize) -> bool {
+        self.mirror.as_ref().is_none_or(|mirror| mirror.has_contrast(index))
+    }
+
+    /// The film as a mirror, where it is judged as one.
+    pub fn mirror(&self) -> Option<&Mirror> {
+        self.mirror.as_deref()
+    }
+
     /// When its film broke, s; `None` where it did not.
     pub fn broke_s(&self, index: usize) -> Option<f32> {
+        if let Some(mirror) = &self.mirror {
+            return mirror.broke_s(index);
+        }
         (self.kept(index) & BROKE > 0).then(|| self.since_s(index))
     }
 
     /// Since when it has looked dry, though not long enough to count.
     pub fn looks_dry_since_s(&self, index: usize) -> Option<f32> {
+        if let Some(mirror) = &self.mirror {
+            return mirror.looks_dry_since_s(index);
+        }
         let kept = self.kept(index);
         (kept & (BROKE | INSIDE) == INSIDE && kept & RUN > 0).then(|| self.since_s(index))
     }

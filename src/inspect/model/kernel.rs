@@ -141,6 +141,24 @@ fn total(lanes: &Block) -> u32 {
     lanes.iter().copied().map(u32::from).sum()
 }
 
+/// How much of its wet brightness a film may be off, as a part of it, and of its dry brightness a dry place.
+const ODD_WET: u16 = 6;
+const ODD_DRY: u16 = 16;
+/// … and what noise adds.
+const ODD_MARGIN: u16 = 3 * LEVEL;
+
+/// How many of a block's pixels in the region look neither dry nor as the film makes them, in this light.
+pub fn odd(light: &Block, dry: &Block, kept: &Block, gain_q12: &Block, film_q16: u16) -> u32 {
+    let mut odd = 0;
+    for i in 0..BLOCK_PX {
+        let (s, d) = (light[i] & BRIGHTNESS, lit(dry[i], gain_q12[i]));
+        let w = high(d, film_q16);
+        let fits = (s.abs_diff(d) <= d / ODD_DRY + ODD_MARGIN) | (s.abs_diff(w) <= w / ODD_WET + ODD_MARGIN);
+        odd += u32::from(!fits & (kept[i] & INSIDE > 0));
+    }
+    odd
+}
+
 /// How many of a row's pixels in the region a glint or overexposure hides under light of this gain.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn hidden(light: &[Block], dry: &[Block], kept: &[Block], gain_q12: u16) -> u32 {

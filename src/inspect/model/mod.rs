@@ -6,6 +6,9 @@
 //! ([`wetting`], [`preparation`]); g ([`light`]) is estimated from each picture, by the pixels whose state is known. A pixel that looks dry
 //! for long enough has been broken since it first did ([`judging`], row by row in a [`band`]).
 //!
+//! Where the first wet picture shows that the film does not remove one fraction everywhere, it is a mirror, and is judged as one
+//! ([`mirror`]).
+//!
 //! Memory is fixed: about 20 bytes for each pixel of the window. The model does not know grids or verdicts.
 
 mod answers;
@@ -13,6 +16,7 @@ mod band;
 mod judging;
 mod kernel;
 mod light;
+mod mirror;
 mod preparation;
 mod region;
 #[cfg(test)]
@@ -23,8 +27,10 @@ use super::footprint::Window;
 use crate::geometry::ColorPicture;
 use band::Band;
 use judging::{Past, Rule};
-use kernel::{Adding, BLOCK_PX, BROKE, Block, INSIDE, LEVEL, NEW, OPEN, Sum};
+use kernel::{Adding, BLOCK_PX, BROKE, Block, CELL_PX, CELLS, INSIDE, LEVEL, NEW, OPEN, Sum};
 use light::{Light, TILE_PX};
+use mirror::Lamp;
+pub use mirror::Mirror;
 use rayon::prelude::*;
 use region::{HIDDEN_EVERY, LIGHT_EVERY, Region};
 use std::ops::Range;
@@ -37,6 +43,20 @@ const WIDE_Q10: [u16; 2] = [512, 1331];
 const ABOUT: [f64; 2] = [0.86, 1.16];
 /// Every nth row is used for the first mean: thousands of pixels remain.
 const MEAN_EVERY: usize = 4;
+
+/// Of the region's tiles more than this share that look neither wet nor dry in the first wet picture say that the film mirrors.
+const MOST_ODD: f64 = 0.03;
+/// … and so does more than this share of its cells that were never wet and are this far from their dry brightness.
+const MOST_WRONG_DRY: f64 = 0.005;
+const WRONG_DRY: f64 = 0.04;
+
+/// Light of which nobody asks whether it is the film's.
+const SURE_LIGHT: std::ops::Range<f64> = 0.94..1.15;
+/// A film becomes brighter while it thins, and darker by itself hardly; so much of what lies around the panel must agree on that.
+const MIN_FILM_BY_ITSELF: f64 = 0.93;
+const MIN_AGREE: f64 = 0.7;
+/// What a film leaves at most, 1/65536.
+const MOST_FILM: f64 = 58_000.0;
 
 /// More pictures than these are not counted.
 pub const MOST_PICTURES: usize = u16::MAX as usize;
@@ -72,9 +92,15 @@ pub struct Model {
     past: Vec<Past>,
     region: Region,
     light: Light,
-    next_light: Option<Light>,
+    /// The light of the picture that was looked at last, and how bright the film is in it against what it was at first.
+    next_light: Option<(Light, f64)>,
     wetting: Wetting,
     watching: bool,
+    /// The last dry picture in its channels, and what lies around the panel in it.
+    dry_rgb: Vec<[u8; 3]>,
+    lamp: Lamp,
+    /// Where the film mirrors, all of this instead.
+    mirror: Option<Box<Mirror>>,
     /// The times of the pictures that were judged, s; the first stands for the beginning.
     times_s: Vec<f32>,
 }
@@ -105,6 +131,9 @@ impl Model {
             next_light: None,
             wetting: Wetting::new(blocks * BLOCK_PX),
             watching: false,
+            dry_rgb: Vec::new(),
+            lamp: Lamp::default(),
+            mirror: None,
             times_s: vec![0.0],
         }
     }
@@ -133,6 +162,10 @@ impl Model {
 
     /// Looks at a picture of the wet panel, and judges nothing yet.
     pub fn look(&mut self, picture: &ColorPicture) -> PictureMeasurement {
+        if let Some(mirror) = &mut self.mirror {
+            return mirror.look(picture);
+        }
+        let is_first = !self.watching;
         let (frozen, sums) = if self.watching {
             self.read(picture, WIDE_Q10)
         } else {
@@ -141,7 +174,8 @@ impl Model {
             self.before.clone_from(&self.brightness);
             (false, self.sums(WIDE_Q10))
         };
-        let light = self.light.found(&sums, &self.region.inside);
+        let found = self.light.found(&sums, &self.region.inside);
+        let (light, film) = self.by_what_lies_around(found.clone(), picture);
         let look = PictureMeasurement {
             light: light.global,
             told: light.share,
@@ -149,8 +183,101 @@ impl Model {
             frozen,
             film_left: self.wetting.film,
         };
-        self.next_light = Some(light);
+        if is_first && self.is_mirror(&found, picture) {
+            let place = (self.window, self.columns);
+            let lamp = (std::mem::take(&mut self.lamp), self.persist);
+            let mut mirror = Box::new(Mirror::new(place, &self.dry_rgb, &self.kept, lamp, picture));
+            let look = mirror.look(picture);
+            self.mirror = Some(mirror);
+            return look;
+        }
+        self.next_light = Some((light, film));
         look
+    }
+
+    /// The light of this picture in what is looked at, as what lies around the panel has it; `None` where that is not sure.
+    fn lit_around(&self, picture: &ColorPicture) -> Option<f64> {
+        let around = self.lamp.at(picture);
+        let weights = self.weights.map(f64::from);
+        let lit = (0..3).map(|i| weights[i] * around.gains[i]).sum::<f64>() / f64::from(LEVEL);
+        (around.agree >= MIN_AGREE).then_some(lit)
+    }
+
+    /// The light, and how bright the film is against what it was at first. Only as long as the film looks as it did, its own
+    /// brightness tells the light; where what lies around the panel says that it became darker, that tells it.
+    fn by_what_lies_around(&self, light: Light, picture: &ColorPicture) -> (Light, f64) {
+        if !self.watching || SURE_LIGHT.contains(&light.global) {
+            return (light, 1.0);
+        }
+        let Some(lit) = self.lit_around(picture) else { return (light, 1.0) };
+        let film = light.global / lit;
+        if film >= MIN_FILM_BY_ITSELF {
+            return (light, 1.0);
+        }
+        (light.brighter(1.0 / film), film)
+    }
+
+    /// Whether the first wet picture shows places that are neither dry nor as much darker as the film makes the others.
+    fn is_mirror(&self, light: &Light, picture: &ColorPicture) -> bool {
+        let is_wrong = |lit: f64| self.wrong_dry_share(lit) > MOST_WRONG_DRY;
+        self.has_dry() && (self.odd_share(light) > MOST_ODD || self.lit_around(picture).is_some_and(is_wrong))
+    }
+
+    /// The share of the region's cells that were wet in no picture and have not the dry brightness either: what no water
+    /// wetted has it to a few percent.
+    fn wrong_dry_share(&self, lit: f64) -> f64 {
+        let gain = u64::from(light::q12(lit));
+        let (mut wrong, mut cells) = (0, 0);
+        let rows = self.kept.len() / self.columns;
+        for (row, cell) in
+            (0..rows / CELL_PX).flat_map(|row| (0..self.columns * CELLS).map(move |cell| (row, cell)))
+        {
+            let (mut inside, mut never_wet, mut found, mut expected) = (0, 0, 0, 0);
+            for line in row * CELL_PX..(row + 1) * CELL_PX {
+                let at = line * self.columns + cell / CELLS;
+                for i in cell % CELLS * CELL_PX..(cell % CELLS + 1) * CELL_PX {
+                    if self.kept[at][i] & INSIDE > 0 {
+                        inside += 1;
+                        if self.kept[at][i] & kernel::EVER_WET > 0 {
+                            continue;
+                        }
+                        never_wet += 1;
+                        found += u64::from(self.brightness[at][i] & kernel::BRIGHTNESS);
+                        expected += u64::from(self.dry[at][i]) * gain / 4096;
+                    }
+                }
+            }
+            if inside >= CELL_PX * CELL_PX * 3 / 4 {
+                cells += 1;
+                let off = (found as f64 / expected.max(1) as f64 - 1.0).abs();
+                // At the rim of a place that never wets pixels are in between.
+                wrong += usize::from(never_wet * 10 >= inside * 9 && off > WRONG_DRY);
+            }
+        }
+        wrong as f64 / cells.max(1) as f64
+    }
+
+    /// The share of the region's tiles of which most pixels look neither dry nor wet.
+    fn odd_share(&self, light: &Light) -> f64 {
+        let (film_q16, columns) = (self.film_q16(), self.columns);
+        let (mut odd_tiles, mut tiles) = (0, 0);
+        for tile_row in 0..self.kept.len() / columns / TILE_PX {
+            let gains = light.blocks_q12(tile_row);
+            for column in 0..columns {
+                let (mut odd, mut all) = (0, 0);
+                for row in (0..TILE_PX).step_by(LIGHT_EVERY) {
+                    let at = (tile_row * TILE_PX + row) * columns + column;
+                    let gain_q12 = &gains[row / CELL_PX * columns + column];
+                    odd += kernel::odd(&self.brightness[at], &self.dry[at], &self.kept[at], gain_q12, film_q16);
+                    all += self.kept[at].iter().filter(|kept| **kept & INSIDE > 0).count() as u32;
+                }
+                if all >= (TILE_PX * TILE_PX / LIGHT_EVERY / 4) as u32 {
+                    tiles += 1;
+                    odd_tiles += u32::from(2 * odd > all);
+                }
+            }
+        }
+        f64::from(odd_tiles) / f64::from(tiles.max(1))
     }
 
     /// The share of the region that is hidden under this light.
@@ -167,7 +294,10 @@ impl Model {
 
     /// Judges the picture that was looked at last. The pixels that broke now come back, as indices of the window.
     pub fn follow(&mut self, since_wet_s: f64) -> Vec<usize> {
-        let Some(light) = self.next_light.take().filter(|_| self.times_s.len() < MOST_PICTURES) else {
+        if let Some(mirror) = &mut self.mirror {
+            return mirror.follow(since_wet_s);
+        }
+        let Some((light, film)) = self.next_light.take().filter(|_| self.times_s.len() < MOST_PICTURES) else {
             return Vec::new();
         };
         let brighter = light.global / self.light.global.max(f64::MIN_POSITIVE);
@@ -175,7 +305,7 @@ impl Model {
         let now = self.times_s.len() as u16;
         self.times_s.push(since_wet_s as f32);
         self.judge(Rule {
-            film_q16: self.film_q16(),
+            film_q16: (f64::from(self.film_q16()) * film).min(MOST_FILM) as u16,
             persist: u16::from(self.persist),
             before: now - 1,
             now,

@@ -2,6 +2,7 @@
 
 use super::judging::Rule;
 use super::kernel::{HIDDEN, INSIDE, LEVEL, OPEN, RUN};
+use super::mirror::Lamp;
 use super::region::Region;
 use super::wetting::{FILM_ASSUMED, FILM_BINS};
 use super::{Model, WIDE_Q10};
@@ -41,6 +42,11 @@ impl Model {
             }
         }
         self.region = Region::of(&self.kept, self.columns);
+        let window = self.window;
+        let rows = (window.top..window.top + window.height).map(|row| row * picture.width + window.left);
+        self.dry_rgb.clear();
+        rows.for_each(|first| self.dry_rgb.extend_from_slice(&picture.rgb[first..first + window.width]));
+        self.lamp = Lamp::around(&window, picture);
     }
 
     /// Whether a dry picture was taken.
@@ -118,6 +124,6 @@ impl Model {
 
     /// What the film leaves of the dry brightness, where the clip determined it.
     pub fn film(&self) -> Option<f64> {
-        self.wetting.film_known.then_some(self.wetting.film)
+        (self.wetting.film_known && self.mirror.is_none()).then_some(self.wetting.film)
     }
 }

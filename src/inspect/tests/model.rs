@@ -197,3 +197,57 @@ fn a_shadow_on_the_first_wet_picture_is_no_film() {
     assert_eq!(inspection.judgement.verdict, Verdict::Pass, "{:?}", inspection.judgement);
     assert!((inspection.observation.film_left.expect("told") - 55.0 / 105.0).abs() < 0.02);
 }
+
+/// A film that mirrors: on the left grids dark, 30 levels, on the next ones a diffuser, 150 levels, where the dry panel has 105.
+/// Both break to the dry brightness, to the pixel, while the lamp tints the pictures, red by +6 % and blue by −6 %. What lies
+/// around the region, here of the wall, tells the light.
+#[test]
+fn a_film_that_mirrors_is_told_by_either_sign_and_in_tinted_light() {
+    let levels = [[30; 3], [150; 3], [30; 3]];
+    let inspection = mirrored(levels, &[[30, 30, 50, 45], [70, 65, 90, 80]]);
+    assert_eq!(inspection.judgement.verdict, Verdict::Fail, "{:?}", inspection.judgement);
+    assert_eq!((inspection.mask().count(), inspection.breaks.len()), (600, 2));
+    assert_eq!((inspection.grids[0].time_to_break_s, inspection.grids[4].time_to_break_s), (Some(1.0), Some(1.0)));
+    assert_eq!(mirrored(levels, &[]).judgement.verdict, Verdict::Pass);
+}
+
+/// On the right grids the film mirrors what makes it 3 levels brighter than the dry panel: there a break would not show, and they
+/// do not pass, whatever breaks elsewhere.
+#[test]
+fn where_the_film_looks_dry_nothing_is_told() {
+    for blocks in [vec![], vec![[30, 30, 50, 45]]] {
+        let inspection = mirrored([[30; 3], [150; 3], DRY.map(|level| level + 3)], &blocks);
+        assert_eq!(
+            (inspection.judgement.verdict, codes(&inspection)[0]),
+            (Verdict::Invalid, "no_contrast"),
+            "{:?}",
+            inspection.judgement
+        );
+        let faint: Vec<bool> = inspection.grids.iter().map(|grid| grid.no_contrast && !grid.seen).collect();
+        assert_eq!(faint, [false, false, true, false, false, true]);
+    }
+}
+
+/// A film of these levels on the region's left, middle and right grids; the blocks break after the first picture.
+fn mirrored(levels: [[u8; 3]; 3], blocks: &[[usize; 4]]) -> Inspection {
+    let tint = [1.06, 1.0, 0.94];
+    let mut watch = watch(0.0, FILM);
+    watch.push(&exposed(ColorPicture::filled(WIDTH, HEIGHT, DRY), 1), 1.0, Phase::Dry).expect("first");
+    for second in 0..6 {
+        let mut picture = ColorPicture::filled(WIDTH, HEIGHT, DRY);
+        for row in 20..100 {
+            for (column, level) in levels.into_iter().enumerate() {
+                picture.rgb[row * WIDTH + 20 + 40 * column..][..40].fill(level);
+            }
+        }
+        for &[left, top, right, bottom] in blocks.iter().filter(|_| second > 0) {
+            (top..bottom).for_each(|row| picture.rgb[row * WIDTH + left..row * WIDTH + right].fill(DRY));
+        }
+        if second % 2 == 1 {
+            let tinted = |level: u8, i: usize| (f64::from(level) * tint[i]).round() as u8;
+            picture.rgb.iter_mut().for_each(|pixel| *pixel = std::array::from_fn(|i| tinted(pixel[i], i)));
+        }
+        watch.push(&exposed(picture, second), 10.0 + second as f64, Phase::Wet).expect("in order");
+    }
+    watch.finish().expect("wet pictures")
+}

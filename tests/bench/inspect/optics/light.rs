@@ -10,7 +10,8 @@
 //!   above 0.066 (Egan and Hilgeman, Appl. Opt. 12, 1973; Lekner and Dorf, Appl. Opt. 27, 1988): a wet surface of diffuse
 //!   reflectance ρ has  ρ (1 − 0.066)(1 − F)/(n² (1 − 0.474 ρ)).
 //! - A rough surface mirrors a scene as blurred as its slopes scatter, twice their angle (Beckmann and Spizzichino 1963; Cook
-//!   and Torrance 1982); prepregs cured on a tool have slopes of 0.06 to 0.3 rad rms.
+//!   and Torrance 1982); a tool
+//!   leaves slopes of 0.06 rad rms on a prepreg, a peel ply up to 0.45.
 
 use super::random::Random;
 

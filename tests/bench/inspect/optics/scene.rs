@@ -18,7 +18,7 @@ use panelprep::recipe::Recipe;
 use rayon::prelude::*;
 
 const DEPTH_MM: f64 = 800.0;
-const BOARD_MM: f64 = 830.0;
+const BOARD_MM: f64 = 860.0;
 /// Tows of the weave, mm.
 const TOW_MM: f64 = 2.0;
 
@@ -170,8 +170,8 @@ impl Scene {
         let water = Water::new(shape.half, spec.spots, WET_FROM_S + 0.8 * observed_s, &mut random);
         let carbon = random.between(0.03, 0.07);
         let rho = if spec.red { [0.35, 0.06, 0.05] } else { [carbon * 1.05, carbon, carbon * 0.97] };
-        let board = if spec.red { random.between(0.19, 0.27) } else { random.between(0.16, 0.3) };
-        let rough = random.between(0.06, 0.3);
+        let board = if spec.red { random.between(0.09, 0.13) } else { random.between(0.16, 0.3) };
+        let rough = random.between(0.06, 0.45);
         let gloss = random.between(0.5, 1.0);
         let noise = Deviates::new(seed);
         let px_mm = DEPTH_MM / focal;
@@ -294,7 +294,7 @@ impl Scene {
     fn recipe(corners: &[[f64; 2]; 4]) -> Recipe {
         let more = std::env::var("INSPECT").unwrap_or_default();
         let text = format!(
-            "panel = \"optics\"\n[locate]\nbox_min_mm = [-400, -300, -20]\nbox_max_mm = [400, 300, 40]\n\
+            "panel = \"optics\"\n[locate]\nbox_min_mm = [-400, -300, -50]\nbox_max_mm = [400, 300, 60]\n\
              [region]\ncorners_px = {corners:?}\nrows = 3\ncolumns = 4\n[inspect]\n{more}\n"
         );
         Recipe::check("optics.toml", &text).expect("a valid recipe")

@@ -1,0 +1,103 @@
+//! The light of each picture by channel, told by what lies around the panel.
+//!
+//! There nothing mirrors and little becomes wet, so that each channel's median of brightness over dry brightness is its light.
+//! Lamps on the mains tint pictures whose exposure is no multiple of half of the mains' period, each channel by its own share:
+//! phosphors are slow, the diode that feeds them is not. Taken channel by channel, that beat is light like any other.
+
+use super::super::Window;
+use crate::geometry::{ColorPicture, median};
+
+/// So far around the window nothing is looked at, as a share of its size: the panel's own rim, and what is sprayed.
+const AROUND: f64 = 0.06;
+/// So many places are looked at, at most about, and so few tell nothing.
+const PLACES: usize = 1_500;
+const MIN_PLACES: usize = 60;
+/// Levels of a dry place that tells.
+const LEVELS: std::ops::RangeInclusive<u8> = 16..=235;
+/// No lamp changes by more while a panel is tested: what lies around it became wet.
+const PLAUSIBLE: std::ops::Range<f64> = 0.77..1.3;
+/// A place agrees where it is this near to the median.
+const NEAR: f64 = 0.08;
+
+/// What lies around the panel, in the dry picture.
+#[derive(Debug, Clone, Default)]
+pub struct Lamp {
+    places: Vec<(usize, [f64; 3])>,
+}
+
+/// The light of one picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lit {
+    /// Of each channel, against the dry picture.
+    pub gains: [f64; 3],
+    /// The share of the places that agree; 0 of too few, and where no lamp is like that.
+    pub agree: f64,
+}
+
+impl Lamp {
+    /// Around this window in a dry picture.
+    pub fn around(window: &Window, dry: &ColorPicture) -> Self {
+        let margin = |length: usize| (AROUND * length as f64).ceil() as usize;
+        let (across, down) = (margin(window.width), margin(window.height));
+        let columns = window.left.saturating_sub(across)..window.left + window.width + across;
+        let rows = window.top.saturating_sub(down)..window.top + window.height + down;
+        let inside = window.width * window.height;
+        let step =
+            (((dry.width * dry.height).saturating_sub(inside) as f64 / PLACES as f64).sqrt() as usize).max(1);
+        let mut places = Vec::new();
+        for row in (step / 2..dry.height).step_by(step) {
+            for column in (step / 2..dry.width).step_by(step) {
+                let index = row * dry.width + column;
+                let rgb = dry.rgb[index];
+                let is_away = !(rows.contains(&row) && columns.contains(&column));
+                if is_away && rgb.iter().all(|level| LEVELS.contains(level)) {
+                    places.push((index, rgb.map(f64::from)));
+                }
+            }
+        }
+        Lamp { places }
+    }
+
+    /// The light of this picture.
+    pub fn at(&self, picture: &ColorPicture) -> Lit {
+        if self.places.len() < MIN_PLACES {
+            return Lit { gains: [1.0; 3], agree: 0.0 };
+        }
+        let ratios = |i: usize| -> Vec<f64> {
+            self.places.iter().map(|(index, dry)| (f64::from(picture.rgb[*index][i]) + 0.01) / dry[i]).collect()
+        };
+        let gains = [0, 1, 2].map(|i| median(&mut ratios(i)).unwrap_or(1.0).clamp(0.25, 4.0));
+        let near =
+            (0..3).flat_map(|i| ratios(i).into_iter().map(move |ratio| (ratio / gains[i] - 1.0).abs() < NEAR));
+        if !gains.iter().all(|gain| PLAUSIBLE.contains(gain)) {
+            return Lit { gains, agree: 0.0 };
+        }
+        Lit { gains, agree: near.filter(|near| *near).count() as f64 / (3 * self.places.len()) as f64 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: red a tenth brighter, blue a tenth darker; what became wet, the window and less than a half of what lies
+    /// around it, says nothing.
+    #[test]
+    fn a_tint_is_told_by_what_lies_around_the_panel() {
+        let window = Window { left: 40, top: 30, width: 80, height: 60 };
+        let lamp = Lamp::around(&window, &ColorPicture::filled(160, 120, [100; 3]));
+        let mut now = ColorPicture::filled(160, 120, [110, 100, 90]);
+        for row in 0..120 {
+            let wet = if row < 20 { 0..160 } else { 40..120 };
+            now.rgb[row * 160..][wet].fill([30; 3]);
+        }
+        let lit = lamp.at(&now);
+        assert!(lit.gains.iter().zip([1.1, 1.0, 0.9]).all(|(found, real)| (found - real).abs() < 1e-3), "{lit:?}");
+        assert!(lit.agree > 0.5 && lit.agree < 0.9, "{lit:?}");
+        let wet = lamp.at(&ColorPicture::filled(160, 120, [60; 3]));
+        assert_eq!(wet.agree, 0.0, "all around became wet: no lamp");
+        let whole = Window { left: 0, top: 0, width: 160, height: 120 };
+        let none = Lamp::around(&whole, &ColorPicture::filled(160, 120, [100; 3])).at(&now);
+        assert_eq!(none, Lit { gains: [1.0; 3], agree: 0.0 }, "nothing lies around the panel");
+    }
+}
