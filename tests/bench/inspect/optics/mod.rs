@@ -50,7 +50,7 @@ pub fn run(seeds: std::ops::RangeInclusive<u64>, reduction: usize, observed_s: f
 }
 
 fn one(seed: u64, reduction: usize, observed_s: f64, kind: Option<&str>, tally: &mut Tally) {
-    if kind.is_some_and(|kind| scene::Spec::new(seed, observed_s).name != kind) {
+    if kind.is_some_and(|kind| scene::Spec::new(seed).name != kind) {
         return;
     }
     let scene = Scene::new(seed, reduction, observed_s);

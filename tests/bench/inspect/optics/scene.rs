@@ -32,11 +32,10 @@ pub struct Spec {
     pub projector: bool,
     pub frames_per_second: f64,
     pub spots: usize,
-    pub observed_s: f64,
 }
 
 impl Spec {
-    pub fn new(seed: u64, observed_s: f64) -> Self {
+    pub fn new(seed: u64) -> Self {
         let mut random = Random::new(seed, 1);
         let fields = [Field::Dark, Field::Bright, Field::Mixed];
         let kinds = ["dark", "bright", "mixed", "red", "beat", "slow"];
@@ -48,10 +47,9 @@ impl Spec {
             field: if kind == 3 { Field::Dark } else { field },
             red: kind == 3,
             beat: kind == 4,
-            projector: kind == 5 && seed / 6 % 2 == 0,
+            projector: kind == 5 && (seed / 6).is_multiple_of(2),
             frames_per_second: if kind == 5 { slow } else { 5.0 },
-            spots: if (seed / 6 + seed) % 3 == 0 { 0 } else { 2 + (random.bits() % 4) as usize },
-            observed_s,
+            spots: if (seed / 6 + seed).is_multiple_of(3) { 0 } else { 2 + (random.bits() % 4) as usize },
         }
     }
 }
@@ -138,7 +136,7 @@ fn weave([x, y]: [f64; 2], pixel_mm: f64) -> f64 {
 
 impl Scene {
     pub fn new(seed: u64, reduction: usize, observed_s: f64) -> Self {
-        let spec = Spec::new(seed, observed_s);
+        let spec = Spec::new(seed);
         let mut random = Random::new(seed, 2);
         let (width, height) = (1944 / reduction, 1200 / reduction);
         let focal = 2100.0 / reduction as f64;
@@ -178,7 +176,7 @@ impl Scene {
         let mut cloud = vec![[0.0_f32; 3]; width * height];
         let mut seen = Vec::new();
         let mut around = Vec::with_capacity(width * height);
-        for index in 0..width * height {
+        for (index, point) in cloud.iter_mut().enumerate() {
             let ray = [(index % width) as f64, (index / width) as f64];
             let ray = [(ray[0] - camera.cx_px) / focal, (ray[1] - camera.cy_px) / focal];
             let mut z = DEPTH_MM;
@@ -188,7 +186,7 @@ impl Scene {
             let cover = (0.5 - outside / px_mm).clamp(0.0, 1.0);
             let here = if cover >= 0.5 { z } else { BOARD_MM };
             let range = 0.06 * f64::from(noise.at(3 * index));
-            cloud[index] = [ray[0] * here, ray[1] * here, here + range].map(|n| n as f32);
+            *point = [ray[0] * here, ray[1] * here, here + range].map(|n| n as f32);
             let on_board = [ray[0] * BOARD_MM, ray[1] * BOARD_MM, BOARD_MM];
             let lit = above.irradiance(on_board);
             let grain = board * (1.0 + 0.05 * f64::from(noise.at(7 * index + 1)));
@@ -376,13 +374,6 @@ impl Scene {
             mask.inside[one.index] = self.water.opens_s(&one.place) <= time_s;
         }
         mask
-    }
-
-    /// Truth: when the film opens at each pixel, s; infinite where it holds.
-    pub fn opens_s(&self) -> Vec<f64> {
-        let mut opens_s = vec![f64::INFINITY; self.camera.width_px * self.camera.height_px];
-        self.seen.iter().for_each(|one| opens_s[one.index] = self.water.opens_s(&one.place));
-        opens_s
     }
 
     /// Truth: by how many grey levels a calm film changes each pixel in the channel where it changes most.

@@ -51,7 +51,7 @@ impl Grease {
     }
 
     /// How far a place is from the centre, as if the greasy place were a circle, mm; and the direction.
-    fn from_centre(&self, [x, y]: [f64; 2]) -> (f64, [f64; 2]) {
+    fn centred(&self, [x, y]: [f64; 2]) -> (f64, [f64; 2]) {
         let (dx, dy) = (x - self.centre_mm[0], y - self.centre_mm[1]);
         let (away, angle) = (dx.hypot(dy), dy.atan2(dx));
         let wobble: f64 = self
@@ -132,7 +132,7 @@ impl Water {
     pub fn place(&self, at: [f64; 2], down: f64) -> Place {
         let wets_s = 1.2 + 2.2 * (down * 0.9 + self.front.0 * (at[0] / 60.0 + self.front.1).sin().abs()).min(1.0);
         let near = |(index, grease): (usize, &Grease)| {
-            let (away, direction) = grease.from_centre(at);
+            let (away, direction) = grease.centred(at);
             (away < grease.radius_mm + grease.rim_mm).then_some((index, away, direction))
         };
         Place { at, wets_s, grease: self.grease.iter().enumerate().find_map(near) }
