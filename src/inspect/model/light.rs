@@ -77,13 +77,6 @@ impl Light {
         Light { tiles: vec![global; self.tiles.len()], global, ..self.clone() }
     }
 
-    /// So many times the light.
-    pub fn brighter(mut self, times: f64) -> Light {
-        self.tiles.iter_mut().for_each(|tile| *tile *= times);
-        self.global *= times;
-        self
-    }
-
     /// The light on the blocks of one row of tiles, 1/4096, each row of cells once: it goes from tile centre to tile centre.
     pub fn blocks_q12(&self, row: usize) -> Vec<Block> {
         let (rows, columns) = (self.tiles.len() / self.columns, self.columns);

@@ -50,14 +50,8 @@ const MOST_ODD: f64 = 0.03;
 const MOST_WRONG_DRY: f64 = 0.005;
 const WRONG_DRY: f64 = 0.04;
 
-/// Light of which nobody asks whether it is the film's.
-const SURE_LIGHT: std::ops::Range<f64> = 0.94..1.15;
-/// A film becomes brighter while it thins, and darker by itself hardly; so much of what lies around the panel must agree on that.
-const MIN_FILM_BY_ITSELF: f64 = 0.93;
+/// So much of what lies around the panel must agree on the light.
 const MIN_AGREE: f64 = 0.7;
-/// What a film leaves at most, 1/65536.
-const MOST_FILM: f64 = 58_000.0;
-
 /// More pictures than these are not counted.
 pub const MOST_PICTURES: usize = u16::MAX as usize;
 
@@ -92,8 +86,8 @@ pub struct Model {
     past: Vec<Past>,
     region: Region,
     light: Light,
-    /// The light of the picture that was looked at last, and how bright the film is in it against what it was at first.
-    next_light: Option<(Light, f64)>,
+    /// The light of the picture that was looked at last.
+    next_light: Option<Light>,
     wetting: Wetting,
     watching: bool,
     /// The last dry picture in its channels, and what lies around the panel in it.
@@ -174,8 +168,7 @@ impl Model {
             self.before.clone_from(&self.brightness);
             (false, self.sums(WIDE_Q10))
         };
-        let found = self.light.found(&sums, &self.region.inside);
-        let (light, film) = self.by_what_lies_around(found.clone(), picture);
+        let light = self.light.found(&sums, &self.region.inside);
         let look = PictureMeasurement {
             light: light.global,
             told: light.share,
@@ -183,7 +176,7 @@ impl Model {
             frozen,
             film_left: self.wetting.film,
         };
-        if is_first && self.is_mirror(&found, picture) {
+        if is_first && self.is_mirror(&light, picture) {
             let place = (self.window, self.columns);
             let lamp = (std::mem::take(&mut self.lamp), self.persist);
             let mut mirror = Box::new(Mirror::new(place, &self.dry_rgb, &self.kept, lamp, picture));
@@ -191,7 +184,7 @@ impl Model {
             self.mirror = Some(mirror);
             return look;
         }
-        self.next_light = Some((light, film));
+        self.next_light = Some(light);
         look
     }
 
@@ -201,20 +194,6 @@ impl Model {
         let weights = self.weights.map(f64::from);
         let lit = (0..3).map(|i| weights[i] * around.gains[i]).sum::<f64>() / f64::from(LEVEL);
         (around.agree >= MIN_AGREE).then_some(lit)
-    }
-
-    /// The light, and how bright the film is against what it was at first. Only as long as the film looks as it did, its own
-    /// brightness tells the light; where what lies around the panel says that it became darker, that tells it.
-    fn by_what_lies_around(&self, light: Light, picture: &ColorPicture) -> (Light, f64) {
-        if !self.watching || SURE_LIGHT.contains(&light.global) {
-            return (light, 1.0);
-        }
-        let Some(lit) = self.lit_around(picture) else { return (light, 1.0) };
-        let film = light.global / lit;
-        if film >= MIN_FILM_BY_ITSELF {
-            return (light, 1.0);
-        }
-        (light.brighter(1.0 / film), film)
     }
 
     /// Whether the first wet picture shows places that are neither dry nor as much darker as the film makes the others.
@@ -297,7 +276,7 @@ impl Model {
         if let Some(mirror) = &mut self.mirror {
             return mirror.follow(since_wet_s);
         }
-        let Some((light, film)) = self.next_light.take().filter(|_| self.times_s.len() < MOST_PICTURES) else {
+        let Some(light) = self.next_light.take().filter(|_| self.times_s.len() < MOST_PICTURES) else {
             return Vec::new();
         };
         let brighter = light.global / self.light.global.max(f64::MIN_POSITIVE);
@@ -305,7 +284,7 @@ impl Model {
         let now = self.times_s.len() as u16;
         self.times_s.push(since_wet_s as f32);
         self.judge(Rule {
-            film_q16: (f64::from(self.film_q16()) * film).min(MOST_FILM) as u16,
+            film_q16: self.film_q16(),
             persist: u16::from(self.persist),
             before: now - 1,
             now,
