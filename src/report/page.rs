@@ -88,7 +88,7 @@ impl Page {
                 }
             }
         };
-        page.into_string()
+        page.into_string() + "\n"
     }
 }
 

@@ -53,21 +53,24 @@ fn arms(text: &str) -> impl Iterator<Item = String> {
 const TABLES: [(&str, &str); 4] = [
     ("daemon/words.rs", "pub(super) fn robot("),
     ("daemon/words.rs", "pub(super) fn trouble("),
-    ("path/reach/obstacle.rs", "pub fn code("),
+    ("path/reach/infeasible.rs", "pub fn code("),
     ("cli/robot.rs", "fn judgement("),
 ];
 
 /// Calls whose first word is a code, in all files or in those that end so.
-const CALLS: [(&str, &str); 9] = [
+const CALLS: [(&str, &str); 12] = [
     (".rs", "Reason::new("),
     (".rs", ".bound("),
     (".rs", ".doubt("),
     (".rs", " reason("),
     (".rs", "sight::reason("),
     (".rs", "refused("),
-    ("locate/gate.rs", "against.reject("),
-    ("locate/gate.rs", "against.review("),
+    (".rs", ".rejects("),
+    (".rs", ".reviews("),
     ("locate/refine/judge.rs", "beyond(refined"),
+    ("gate.rs", ".broken("),
+    ("judge.rs", ".broken("),
+    ("tuning.rs", ".broken("),
 ];
 
 /// The codes that a file names: behind the calls that make a reason, and in the tables.
@@ -77,7 +80,11 @@ fn codes(path: &Path, text: &str) -> BTreeSet<String> {
     let of = |ending: &&str| name.ends_with(*ending);
     let called = CALLS.iter().filter(|(file, _)| of(file)).flat_map(|(file, call)| {
         // Where the code is not the first argument it is the first that is a word.
-        let most = if *file == ".rs" { 1 } else { 6 };
+        let most = match *call {
+            _ if *file == ".rs" => 1,
+            ".broken(" => 4,
+            _ => 6,
+        };
         text.split(call).skip(1).filter_map(move |rest| rest.split(", ").take(most).find_map(word))
     });
     let given = TABLES.iter().filter(|(file, _)| of(file)).flat_map(|(_, table)| arms(function(text, table)));

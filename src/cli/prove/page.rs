@@ -49,5 +49,5 @@ pub(super) fn of(proofs: &[Proof], by: &str, robot: &Robot) -> String {
             }
         }
     };
-    page.into_string()
+    page.into_string() + "\n"
 }

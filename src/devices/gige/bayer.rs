@@ -93,7 +93,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const FORMATS: &'static [PixelFormat] = PixelFormat::ALL;
+    const FORMATS: &[PixelFormat] = PixelFormat::ALL;
 
     fn picture(width: usize, height: usize, color: impl Fn(usize, usize) -> [u8; 3]) -> ColorPicture {
         let rgb = (0..width * height).map(|index| color(index % width, index / width)).collect();
