@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// More of them: `LINK_WALKS=20000`, as `make bench-link` has it.
-const WALKS: u64 = 5_000;
+const WALKS: u64 = 2_500;
 const WEAK_WALKS: u64 = 400;
 const COMMANDS: usize = 100;
 const FAULTS: usize = 3;
