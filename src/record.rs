@@ -6,151 +6,18 @@
 
 mod asked;
 mod contact;
+mod finding;
 
 pub use crate::verdict::{Check, Limit, SetBy, Severity};
 pub use asked::{Answer, Asked, Front, Wanted, Who};
-pub use contact::{Abraded, Bounds, Contact, ContactPath, EarlierPass, How, Reached, Touched, abraded};
+pub use contact::{
+    Abraded, Bounds, Contact, ContactPath, EarlierPass, How, MotionRecord, Reached, Touched, abraded,
+};
+pub use finding::{CycleId, Finding, KeptFile, Kind, Picture, name};
 
-use crate::cycle::{Motion, Outcome, Path, Request};
+use crate::cycle::{Path, Request};
 use crate::verdict::Judgement;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
-
-/// Number of a cycle in its store, from 1.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-pub struct CycleId(pub i64);
-
-impl std::fmt::Display for CycleId {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        self.0.fmt(f)
-    }
-}
-
-/// Which phase found something.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, strum::IntoStaticStr)]
-#[serde(rename_all = "lowercase")]
-#[expect(missing_docs, reason = "these names are those of the cycle's phases")]
-#[strum(serialize_all = "lowercase")]
-pub enum Kind {
-    Locate,
-    Refine,
-    /// What the arm reaches of the panel, before it is wetted.
-    Reach,
-    Inspect,
-    Plan,
-    Verify,
-    Abrade,
-    /// The gate before a motion.
-    Gate,
-    /// What the robot or its link reported.
-    Robot,
-    /// The self-test before a cycle.
-    SelfTest,
-}
-
-impl Kind {
-    /// Its word, as it is kept.
-    pub fn word(self) -> &'static str {
-        self.into()
-    }
-}
-
-/// Names of numbers that are read again by their name.
-pub mod name {
-    /// How long a film was watched, s.
-    pub const WATCHED: &str = "watched";
-    /// The water, as the recipe states it.
-    pub const WATER: &str = "water, as the recipe states it";
-    /// The lamp, as the recipe states it.
-    pub const LAMP: &str = "lamp, as the recipe states it";
-    /// From a scan in memory to the gate's word, ms.
-    pub const SCAN_TO_VERDICT: &str = "scan to verdict";
-    /// From a decoded wet picture to its result, median, ms.
-    pub const PER_PICTURE: &str = "a picture takes, median";
-    /// Waypoints of a plan, with the first, in air, at which the approach ends.
-    pub const PLANNED: &str = "waypoints";
-    /// Waypoints of a contact path that the robot executed, without the one at which the approach ended.
-    pub const EXECUTED: &str = "waypoints executed";
-    /// Corners that were seen so far.
-    pub const CORNERS: &str = "corners seen";
-    /// What is worn of the disc in use after the largest grid.
-    pub const WORN_BY_A_GRID: &str = "worn of the disc after the largest grid";
-    /// Grids that were begun and not covered as planned.
-    pub const BEGUN: &str = "grids that were not covered as planned";
-    /// Moves of the corner loop.
-    pub const MOVES: &str = "moves after the first picture";
-}
-
-/// A picture to show.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Picture {
-    /// Its short name, `corner_before`.
-    pub name: String,
-    /// What it shows.
-    pub caption: String,
-    /// The JPEG's hash in the store.
-    pub hash: String,
-}
-
-/// What one phase found.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Finding {
-    /// Which phase.
-    pub kind: Kind,
-    /// Abrasions planned by then: 0 before the first.
-    pub pass: u8,
-    /// The gate's word.
-    pub judgement: Judgement,
-    /// Every number that led to it, with its limit.
-    #[serde(rename = "numbers")]
-    pub checks: Vec<Check>,
-    /// What is no single number, such as `base_from_panel`, by its name in the commands' JSON.
-    pub details: BTreeMap<String, serde_json::Value>,
-    /// What was seen, drawn for people.
-    pub pictures: Vec<Picture>,
-    /// The pictures as the cameras gave them.
-    pub shots: Vec<KeptFile>,
-}
-
-impl Finding {
-    /// A finding without checks and pictures.
-    pub fn new(kind: Kind, pass: u8, judgement: Judgement) -> Self {
-        let (checks, details) = (Vec::new(), BTreeMap::new());
-        Finding { kind, pass, judgement, checks, details, pictures: Vec::new(), shots: Vec::new() }
-    }
-
-    /// With these checks beside those that are there.
-    pub fn with(mut self, checks: impl IntoIterator<Item = Check>) -> Self {
-        self.checks.extend(checks);
-        self
-    }
-
-    /// With this detail.
-    pub fn detail(mut self, name: &str, value: impl Into<serde_json::Value>) -> Self {
-        self.details.insert(name.to_owned(), value.into());
-        self
-    }
-
-    /// The names that this detail lists; none where there is no such list.
-    pub fn names(&self, detail: &str) -> Vec<String> {
-        let value = self.details.get(detail);
-        value.and_then(|value| serde_json::from_value(value.clone()).ok()).unwrap_or_default()
-    }
-
-    /// The value of the number with this name.
-    pub fn number(&self, name: &str) -> Option<f64> {
-        self.checks.iter().find(|check| check.name == name)?.value
-    }
-}
-
-/// A kept file: what it was used for, and its hash.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct KeptFile {
-    /// What it was used for, such as `base_from_camera`.
-    pub name: String,
-    /// Its hash in the store.
-    pub hash: String,
-}
 
 /// The error at the tool, by its parts, mm, 95 %.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -196,19 +63,6 @@ impl Budget {
             stated_mm: newer.stated_mm.or(self.stated_mm),
         }
     }
-}
-
-/// A motion as it was committed before its first waypoint.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct MotionRecord {
-    /// The motion.
-    pub motion: Motion,
-    /// How it ended; `None` while it is open.
-    pub outcome: Option<Outcome>,
-    /// Waypoints executed, as the robot said at its end; without meaning where it did not.
-    pub done: u32,
-    /// Of a contact path what it works on, as far as it was kept.
-    pub contact: Option<Contact>,
 }
 
 /// Code of the reason by which a cycle ends that may not abrade again what broke: the part has its result.

@@ -13,26 +13,14 @@ mod file;
 mod findings;
 mod kinds;
 mod manual;
+mod reading;
 mod stated;
 #[cfg(test)]
 mod tests;
 mod tree;
 
-use crate::config::Problem;
 pub use file::{ChannelError, ChannelFile, Element, Memory};
 pub(crate) use findings::Findings;
 pub use kinds::{Environment, Kind, Peer, Protocol, ReadOrder};
+pub(crate) use reading::read;
 pub(crate) use stated::{Signal, StatedChannel, StatedElement, StatedRaw};
-
-/// What a file states, with everything that differs from the manual; `name` is the file's name.
-///
-/// # Errors
-/// Where the text is no XML or no classic EthernetKRL file.
-pub(crate) fn read(name: &str, text: &str) -> Result<(StatedChannel, Findings), Problem> {
-    let root = tree::tree(text)?;
-    manual::is_classic(&root)?;
-    let mut found = Findings::default();
-    manual::check(&root, &mut found);
-    let stated = StatedChannel::of(name, &root, &mut found);
-    Ok((stated, found))
-}

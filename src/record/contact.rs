@@ -4,9 +4,22 @@
 //! any end — a crash, a lost link — the robot has executed at least what it told and at most what was permitted. With the
 //! waypoint from which on the disc reaches each grid, that bounds what was touched.
 
-use super::{CycleId, Finding, Kind, MotionRecord};
-use crate::cycle::{Id, Outcome, Path};
+use super::finding::{CycleId, Finding, Kind};
+use crate::cycle::{Id, Motion, Outcome, Path};
 use serde::{Deserialize, Serialize};
+
+/// A motion as it was committed before its first waypoint.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MotionRecord {
+    /// The motion.
+    pub motion: Motion,
+    /// How it ended; `None` while it is open.
+    pub outcome: Option<Outcome>,
+    /// Waypoints executed, as the robot said at its end; without meaning where it did not.
+    pub done: u32,
+    /// Of a contact path what it works on, as far as it was kept.
+    pub contact: Option<Contact>,
+}
 
 /// What a contact path works on; committed with the motion, before its first waypoint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

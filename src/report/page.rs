@@ -83,8 +83,10 @@ impl Page {
                     h1 { (self.title) }
                     p.sub { (self.subtitle) }
                     (verdict(&self.judgement))
-                    @for section in &self.sections { (section) }
-                    @if !self.made.is_empty() { p.sub { (self.made) } }
+                    // A line for each section, and one for the time of making: whoever compares two pages leaves that line out.
+                    @for section in &self.sections { (PreEscaped("\n")) (section) }
+                    (PreEscaped("\n"))
+                    @if !self.made.is_empty() { p.sub { (self.made) } (PreEscaped("\n")) }
                 }
             }
         };

@@ -1,6 +1,6 @@
 //! Why a recording cannot be used, or not be written.
 
-use super::FORMAT;
+use super::format::FORMAT;
 
 /// What is wrong with a recording. Times are seconds since it began.
 #[derive(Debug, thiserror::Error)]

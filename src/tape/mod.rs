@@ -18,6 +18,7 @@
 
 mod entry;
 mod error;
+mod format;
 mod read;
 mod shown;
 mod topic;
@@ -29,20 +30,8 @@ mod tests;
 
 pub use entry::{Armed, Begin, Ending, Entry, Lost, Shot, Start};
 pub use error::TapeError;
+pub use format::{FORMAT, OLDEST_FORMAT};
 pub use read::{Checked, Entries, check};
 pub use shown::{Lens, Mounted};
 pub use topic::Topic;
 pub use write::Writer;
-
-/// What a recording's records mean. Another number is another meaning, and is not read.
-///
-/// 2: pictures have the camera's time, what was computed has its moment, a recording may begin with a service's cycle.
-/// 3: points have an alpha channel, and the lenses are there: both for those who look at it. What 2 says is read as before.
-pub const FORMAT: u32 = 3;
-/// The oldest that is read.
-pub const OLDEST_FORMAT: u32 = 2;
-
-/// Names of the metadata records, of the attachment that says how the loop began, and of the files beside it.
-const METADATA: &str = "panelprep";
-const END: &str = "panelprep.end";
-const START: &str = "start.json";

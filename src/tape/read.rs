@@ -4,10 +4,10 @@
 
 use super::entry::{Entry, Shot, Start};
 use super::error::TapeError;
+use super::format::{END, FORMAT, METADATA, OLDEST_FORMAT, START};
 use super::topic::Topic;
 use super::well_known::{CompressedImage, PointCloud};
 use super::write::STRIDE;
-use super::{END, FORMAT, METADATA, OLDEST_FORMAT, START};
 use crate::files::read_color;
 use crate::geometry::{Camera, OrganizedCloud};
 use mcap::McapError;

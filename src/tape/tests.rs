@@ -1,5 +1,6 @@
 //! Recordings written, read, cut, changed and replaced.
 
+use super::format::METADATA;
 use super::well_known::{CameraCalibration, CompressedImage, Log, PointCloud};
 use super::*;
 use crate::cycle::State;

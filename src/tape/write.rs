@@ -3,13 +3,13 @@
 
 use super::entry::{Ending, Entry, Lost, Shot, Start};
 use super::error::TapeError;
+use super::format::{END, FORMAT, METADATA, START};
 use super::shown::{FLANGE_FRAME, Lens, Mounted, SCANNER_FRAME, Shown, UNITS, shown};
 use super::topic::Topic;
 use super::well_known::{
     CameraCalibration, CompressedImage, FrameTransform, Level, Log, NumericType, PackedElementField, PointCloud,
     Pose, Quaternion, Vector3, timestamp,
 };
-use super::{END, FORMAT, METADATA, START};
 use crate::files::write_color_png;
 use crate::geometry::{Base, Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, PinholeCamera, Rigid};
 use mcap::records::{MessageHeader, Metadata};

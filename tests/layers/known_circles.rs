@@ -24,7 +24,4 @@ pub const KNOWN_CIRCLES: &[&str] = &[
      daemon::replay::switch, daemon::request, daemon::request_handler, daemon::request_queue, \
      daemon::run, daemon::sight, daemon::single, daemon::single_interlocks, daemon::socket, \
      daemon::wiring, daemon::without_store, daemon::words",
-    "eki::channel, eki::channel::file",
-    "record, record::contact",
-    "tape, tape::error, tape::read, tape::write",
 ];

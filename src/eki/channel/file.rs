@@ -89,7 +89,7 @@ impl ChannelFile {
     /// # Errors
     /// The first thing in it that the controller would refuse or this program cannot use.
     pub fn parse(text: &str) -> Result<Self, ChannelError> {
-        let (stated, found) = super::read("", text).map_err(ChannelError::Wrong)?;
+        let (stated, found) = super::reading::read("", text).map_err(ChannelError::Wrong)?;
         if let Some(first) = found.problems.into_iter().min_by_key(|problem| problem.line) {
             return Err(ChannelError::Wrong(first));
         }

@@ -16,6 +16,7 @@ mod band;
 mod judging;
 mod kernel;
 mod light;
+mod measurement;
 mod mirror;
 mod preparation;
 mod region;
@@ -29,6 +30,7 @@ use band::Band;
 use judging::{Past, Rule};
 use kernel::{Adding, BLOCK_PX, BROKE, Block, CELL_PX, CELLS, INSIDE, LEVEL, NEW, OPEN, Sum};
 use light::{Light, TILE_PX};
+pub use measurement::PictureMeasurement;
 use mirror::Lamp;
 pub use mirror::Mirror;
 use rayon::prelude::*;
@@ -54,21 +56,6 @@ const WRONG_DRY: f64 = 0.04;
 const MIN_AGREE: f64 = 0.7;
 /// More pictures than these are not counted.
 pub const MOST_PICTURES: usize = u16::MAX as usize;
-
-/// The measurements of one picture.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct PictureMeasurement {
-    /// The light against the dry picture's; the region's median.
-    pub light: f64,
-    /// The share of the region whose light agrees with the prediction from its state.
-    pub told: f64,
-    /// The share of the region that glints and overexposure hide.
-    pub hidden: f64,
-    /// Bit-equal to the picture before: the camera stands still.
-    pub frozen: bool,
-    /// τ, read from the clip or assumed.
-    pub film_left: f64,
-}
 
 /// The pixels of a window over time.
 #[derive(Debug)]

@@ -4,8 +4,8 @@
 //! Lamps on the mains tint pictures whose exposure is no multiple of half of the mains' period, each channel by its own share:
 //! phosphors are slow, the diode that feeds them is not. Taken channel by channel, that beat is light like any other.
 
-use super::super::Window;
 use crate::geometry::{ColorPicture, median};
+use crate::inspect::footprint::Window;
 
 /// So far around the window nothing is looked at, as a share of its size: the panel's own rim, and what is sprayed.
 const AROUND: f64 = 0.06;

@@ -15,8 +15,9 @@ mod lamp;
 
 use super::kernel::{self, BLOCK_PX, BROKE, Block, EVER_WET, INSIDE, LEVEL, NEW, OPEN, RUN};
 use super::light::TILE_PX;
-use super::{PictureMeasurement, Window};
+use super::measurement::PictureMeasurement;
 use crate::geometry::ColorPicture;
+use crate::inspect::footprint::Window;
 use judging::MIN_CONTRAST;
 use judging::{Past, Rule, judge};
 pub use lamp::Lamp;

@@ -1,0 +1,20 @@
+//! From a file's text to what it states, and to what differs from the manual.
+
+use super::findings::Findings;
+use super::manual;
+use super::stated::StatedChannel;
+use super::tree;
+use crate::config::Problem;
+
+/// What a file states, with everything that differs from the manual; `name` is the file's name.
+///
+/// # Errors
+/// Where the text is no XML or no classic EthernetKRL file.
+pub(crate) fn read(name: &str, text: &str) -> Result<(StatedChannel, Findings), Problem> {
+    let root = tree::tree(text)?;
+    manual::is_classic(&root)?;
+    let mut found = Findings::default();
+    manual::check(&root, &mut found);
+    let stated = StatedChannel::of(name, &root, &mut found);
+    Ok((stated, found))
+}
