@@ -77,7 +77,15 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
         let page = page(folder, cycle);
         assert_eq!(page.matches("(interrupted)").count(), 2, "once as the reason, once where it was found: {page}");
         if motion.motion.path != MotionPath::Contact {
-            assert!(page.contains("Nothing: the tool touched no grid."), "{motion:?}");
+            // Killed before the contact, or on a busy computer after it: then its end is known.
+            let came_late = record(folder, cycle).motions.iter().any(|one| one.motion.path == MotionPath::Contact);
+            assert_eq!(page.contains("Nothing: the tool touched no grid."), !came_late, "{motion:?}");
+            if came_late {
+                hits.push(cycle);
+            }
+            if hits.len() == 2 {
+                break;
+            }
             continue;
         }
         let executed = motion.executed().expect("it was bounded");
