@@ -114,7 +114,7 @@ fn a_clip_is_labelled_and_is_its_own_truth() {
     // What is drawn and not saved is there again after a reload.
     let both = said(&[on_break, elsewhere]);
     assert!(ask(&page.2, "POST", "draft", &both.to_string()).starts_with("HTTP/1.1 200"));
-    match browsed(&format!("{}#{}", page.2, shots.len() / 2), folder) {
+    match browsed(&format!("{}#{}", page.2, shots.len() / 2), "class=\"area open") {
         Some(dom) => {
             let count = |what: &str| dom.matches(what).count();
             assert_eq!((count("class=\"area open"), count("class=\"grid\"")), (2, 24), "{dom}");

@@ -4,7 +4,7 @@ use super::commands::{TEACH, rendered, started};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command};
 
 /// The program, and the address of its page as it tells it.
 pub fn opened(folder: &Path, command: &str) -> (Child, BufReader<std::process::ChildStderr>, String) {
@@ -35,22 +35,36 @@ pub fn ask(url: &str, method: &str, page: &str, body: &str) -> String {
     String::from_utf8_lossy(&answer).into_owned()
 }
 
-/// What Chromium makes of a page; `None` where there is no Chromium on this computer.
-pub fn browsed(url: &str, folder: &Path) -> Option<String> {
-    let shown = Command::new("chromium")
-        .args([
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--window-size=1400,900",
-            "--virtual-time-budget=20000",
-        ])
-        .arg(format!("--user-data-dir={}", folder.join("browser").display()))
-        .args(["--dump-dom", url])
-        .stderr(Stdio::null())
-        .output()
-        .ok()?;
-    Some(String::from_utf8_lossy(&shown.stdout).into_owned())
+/// The page as Chromium shows it once it contains `awaited`; `None` where there is no Chromium on this computer. On a busy computer
+/// a browser may end before the page has drawn, so up to five browsers are started, each with a profile of its own.
+pub fn browsed(url: &str, awaited: &str) -> Option<String> {
+    let mut shown = String::new();
+    for _ in 0..5 {
+        let profile = tempfile::tempdir().expect("a folder");
+        let browser = Command::new("chromium")
+            .args([
+                "--headless",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--disable-dev-shm-usage",
+                "--window-size=1400,900",
+                "--virtual-time-budget=20000",
+            ])
+            .arg(format!("--user-data-dir={}", profile.path().display()))
+            .args(["--dump-dom", url])
+            .output()
+            .ok()?;
+        shown = String::from_utf8_lossy(&browser.stdout).into_owned();
+        if shown.contains(awaited) {
+            return Some(shown);
+        }
+        eprintln!(
+            "the browser ended ({}) before the page had {awaited:?}: {}",
+            browser.status,
+            String::from_utf8_lossy(&browser.stderr)
+        );
+    }
+    Some(shown)
 }
 
 /// The whole of teaching, live: scan, region, corners; the panel is kept.
@@ -66,7 +80,7 @@ fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
         serde_json::from_str(drawing.split_once("\r\n\r\n").expect("a body").1).expect("JSON");
     assert_eq!(object["panel"], "simulated-panel");
 
-    match browsed(&url, folder) {
+    match browsed(&url, "class=\"corner region") {
         Some(page) => {
             // Four corners of the region, its outline, and the lines between its rows and columns.
             let count = |what: &str| page.matches(what).count();
@@ -112,7 +126,7 @@ fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
     drawn["held_px"] = serde_json::json!([[at(0.4, -0.3), at(0.6, -0.3), at(0.6, -0.02), at(0.4, -0.02)]]);
     drawn["outline_px"] = serde_json::json!([at(-0.1, -0.1), at(1.1, -0.1), at(1.1, 1.1)]);
     assert!(ask(&url, "POST", "save", &drawn.to_string()).starts_with("HTTP/1.1 200"));
-    if let Some(page) = browsed(&url, folder) {
+    if let Some(page) = browsed(&url, "class=\"corner held") {
         let count = |what: &str| page.matches(what).count();
         assert_eq!(
             (count("class=\"corner outline"), count("class=\"corner held"), count("class=\"area held")),
