@@ -3,10 +3,13 @@
 mod backup;
 mod new;
 mod package_files;
+mod simulation;
 
 pub use backup::{Backup, BackupPart, Restore};
 pub use new::{FlangeCameraKind, New, NewCell, NewFile, NewRecipe, RobotKindName, ScannerKind};
 pub use package_files::PackageFiles;
+use simulation::arm_error;
+pub use simulation::{SceneName, Simulation};
 
 use crate::devices::mock::FaultSpec;
 use crate::sim::RealArm;
@@ -262,20 +265,6 @@ pub struct PageOf {
     pub out: Option<PathBuf>,
 }
 
-/// What the simulated cell shows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
-pub enum SceneName {
-    /// The right panel, displaced, with greasy spots.
-    #[default]
-    Good,
-    /// The right panel without grease.
-    Clean,
-    /// The fixture alone.
-    NoPanel,
-    /// Another panel.
-    WrongPanel,
-}
-
 /// How hard the films of a simulated cell are to read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum FilmName {
@@ -442,34 +431,6 @@ fn film_seconds(text: &str) -> Result<f64, String> {
 fn film_rate(text: &str) -> Result<f64, String> {
     let allowed = || "allowed are 0.1 to 60 a second".to_owned();
     text.parse().ok().filter(|rate| (0.1..=60.0).contains(rate)).ok_or_else(allowed)
-}
-
-/// What stands in a simulated cell; without effect on devices of another kind.
-#[derive(Debug, Clone, Copy, Args)]
-pub struct Simulation {
-    /// Everything random in the simulated cell comes from this number.
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
-    /// What stands in the simulated cell.
-    #[arg(long, value_enum, default_value_t)]
-    pub scene: SceneName,
-    /// Which of the seed's places the panel stands at.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub place: u32,
-    /// The simulated arm is off its drawing by so much at the tool, rms, mm; 0 is an arm as it is drawn.
-    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
-    pub arm_error_mm: f64,
-}
-
-impl Default for Simulation {
-    fn default() -> Self {
-        Simulation { seed: 1, scene: SceneName::Good, place: 0, arm_error_mm: 0.0 }
-    }
-}
-
-fn arm_error(text: &str) -> Result<f64, String> {
-    let allowed = || "allowed are 0 to 5 mm".to_owned();
-    text.parse().ok().filter(|mm| (0.0..=5.0).contains(mm)).ok_or_else(allowed)
 }
 
 /// The simulated arm of this seed; `None` where it is as it is drawn.

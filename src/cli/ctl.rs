@@ -1,6 +1,7 @@
 //! `panelprep ctl`: questions to the service, and its answers.
 
 use super::args::{Common, Ctl, CtlAsk, PartArguments};
+use super::asking::{ask, insist, outcome};
 use super::disk;
 use super::fault::Fault;
 use super::follow;
@@ -8,20 +9,8 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::part;
 use crate::cycle::Request;
-use crate::daemon::{Exit, MOST_BYTES, PartNames, RecordIn, Reply, StartRequest, What, request_line};
-use crate::geometry::Joints;
-use serde_json::{Map, Value, json};
-use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
-use std::os::unix::net::UnixStream;
+use crate::daemon::{Exit, PartNames, RecordIn, StartRequest, What};
 use std::path::Path;
-use std::thread;
-use std::time::{Duration, Instant};
-
-/// The service answers a start once it has loaded what was taught.
-const PATIENCE: Duration = Duration::from_secs(60);
-/// A stop or an abort that met a service without a place for it is asked again for so long.
-const INSISTS: Duration = Duration::from_secs(5);
-const AGAIN: Duration = Duration::from_millis(20);
 
 /// Asks, and tells what was answered.
 ///
@@ -43,16 +32,6 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
         CtlAsk::Reset { wait: true } if reply.answer == Exit::Done => follow::to_idle(&socket),
         _ => Ok(outcome(&reply)),
     }
-}
-
-/// How the service stands, where one answers.
-pub(super) fn state_of(socket: &Path) -> Option<String> {
-    ask(socket, &What::State).ok()?.state.map(|state| state.to_string())
-}
-
-/// Where the arm's axes stand, where a service answers and knows it.
-pub(super) fn axes_of(socket: &Path) -> Option<Joints> {
-    ask(socket, &What::State).ok()?.axes_deg.map(Joints::from)
 }
 
 fn what(ask: &CtlAsk) -> Result<What, Fault> {
@@ -87,88 +66,4 @@ fn record_in(file: Option<&Path>) -> Result<RecordIn, Fault> {
     // Without .. and links, as far as the folder is there; where it is not, the service says so.
     let folder = whole.parent().and_then(|folder| folder.canonicalize().ok());
     Ok(RecordIn::File(folder.zip(whole.file_name()).map_or(whole.clone(), |(folder, name)| folder.join(name))))
-}
-
-/// Asks for a stop again and again while the service, or the way to it, is too busy to take it.
-fn insist(socket: &Path, what: &What) -> Result<Reply, Fault> {
-    let since = Instant::now();
-    loop {
-        let answered = ask(socket, what);
-        let is_busy = match &answered {
-            Ok(reply) => reply.reasons.iter().any(|reason| reason.code == "busy"),
-            Err(Fault::NoService { .. }) => false,
-            Err(_) => true,
-        };
-        if !is_busy || since.elapsed() >= INSISTS {
-            return answered;
-        }
-        thread::sleep(AGAIN);
-    }
-}
-
-pub(super) fn ask(socket: &Path, what: &What) -> Result<Reply, Fault> {
-    let named = |error: std::io::Error| Fault::file(socket, error);
-    let mut stream = UnixStream::connect(socket).map_err(|error| match error.kind() {
-        ErrorKind::NotFound | ErrorKind::ConnectionRefused => Fault::NoService { socket: socket.to_owned() },
-        _ => named(error),
-    })?;
-    stream.set_read_timeout(Some(PATIENCE)).map_err(named)?;
-    stream.set_write_timeout(Some(PATIENCE)).map_err(named)?;
-    let line = request_line(what).map_err(Fault::stage)?;
-    // A line that is too long is answered before it is read whole.
-    let written = stream.write_all(line.as_bytes());
-    let mut answer = Vec::new();
-    let read = BufReader::new(stream).take(MOST_BYTES as u64).read_until(b'\n', &mut answer);
-    if answer.is_empty() {
-        written.and(read.map(drop)).map_err(named)?;
-    }
-    serde_json::from_slice(&answer).map_err(|error| Fault::file(socket, error))
-}
-
-/// What scripts read of an answer.
-pub(super) fn object(reply: &Reply) -> Map<String, Value> {
-    let Reply { answer, state, phase, epoch, cycle_id, verdict, recording, reasons, done, .. } = reply;
-    let Reply { panel, pass, film_s, waypoint, of, page, axes_deg, .. } = reply;
-    let json = json!({
-        "verdict": verdict, "reasons": reasons, "answer": answer, "state": state, "phase": phase, "epoch": epoch,
-        "cycle_id": cycle_id, "recording": recording, "panel": panel, "pass": pass, "film_s": film_s,
-        "waypoint": waypoint, "of": of, "page": page, "done": done,
-        "axes_deg": axes_deg,
-    });
-    json.as_object().cloned().unwrap_or_else(Map::new)
-}
-
-/// An answer, for scripts and for people.
-pub(super) fn outcome(reply: &Reply) -> Outcome {
-    let Reply { state, cycle_id, verdict, recording, reasons, panel, page, done, .. } = reply;
-    let mut outcome = Outcome { exit: reply.answer.code(), json: object(reply), words: vec![] };
-    outcome.words.extend(done.clone());
-    if state.is_some() {
-        outcome.say(format!("state: {}", place(reply)));
-    }
-    if let Some(cycle) = cycle_id {
-        let panel = panel.as_ref().map_or(String::new(), |panel| format!(" of panel {panel}"));
-        let verdict = verdict.map_or(String::new(), |verdict| format!(": {}", verdict.word()));
-        outcome.say(format!("cycle {cycle}{panel}{verdict}"));
-    }
-    if let Some(page) = page {
-        outcome.say(format!("page: {}", page.display()));
-    }
-    if let Some(recorded) = recording {
-        outcome.say(&recorded.message);
-    }
-    for reason in reasons {
-        outcome.say(format!("  {} ({})", reason.message, reason.code));
-    }
-    outcome
-}
-
-/// State and phase, and how far the work in it is.
-pub(super) fn place(reply: &Reply) -> String {
-    let Reply { state, phase, pass, film_s, waypoint, of, .. } = reply;
-    let mut parts: Vec<String> = state.iter().chain(phase).cloned().collect();
-    parts.extend(pass.filter(|pass| *pass > 0 && phase.is_some()).map(|pass| format!("pass {pass}")));
-    parts.extend(film_s.map(|seconds| format!("{seconds:.0} s of film")));
-    parts.extend(waypoint.zip(*of).map(|(waypoint, of)| format!("waypoint {waypoint} of {of}")));
-    parts.join(", ")
 }

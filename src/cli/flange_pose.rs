@@ -1,7 +1,7 @@
 //! Where the flange was at a picture that is taken now: as the service says, as the controller says where no service runs, as the
 //! camera's source says, or as a person reads it from the pendant.
 
-use super::ctl;
+use super::asking;
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::output::{answer, tell_line};
@@ -59,8 +59,8 @@ impl<'c> FlangePoses<'c> {
     /// Where the axes stand now, where a service runs and knows it, or where none runs and the controller answers; asked before a
     /// picture.
     pub fn now(&self) -> Option<Joints> {
-        match ctl::state_of(&self.socket) {
-            Some(_) => ctl::axes_of(&self.socket),
+        match asking::state_of(&self.socket) {
+            Some(_) => asking::axes_of(&self.socket),
             None => self.told_by_controller(),
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! It asks for the state a few times a second, so that whoever follows holds no place at the socket.
 
-use super::ctl;
+use super::asking;
 use super::fault::Fault;
 use super::outcome::Outcome;
 use super::output::tell_line;
@@ -31,7 +31,7 @@ pub fn watch(socket: &Path, as_json: bool) -> Result<Outcome, Fault> {
         let reply = state(socket)?;
         let line = if as_json { Value::Object(seen(&reply)).to_string() } else { words(&reply) };
         if told.as_ref() != Some(&line) && writeln!(std::io::stdout(), "{line}").is_err() {
-            return Ok(Outcome { exit: 0, json: ctl::object(&reply), words: vec![] });
+            return Ok(Outcome { exit: 0, json: asking::object(&reply), words: vec![] });
         }
         told = Some(line);
         thread::sleep(EVERY);
@@ -58,7 +58,7 @@ pub fn to_the_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
         let rests = matches!(reply.state.as_deref(), Some("stopped" | "complete" | "aborted"));
         if let (Some(verdict), true, true) = (reply.verdict, rests, is_written(&reply)) {
             let exit = verdict.exit_code();
-            return Ok(Outcome { exit, ..ctl::outcome(&reply) });
+            return Ok(Outcome { exit, ..asking::outcome(&reply) });
         }
         thread::sleep(EVERY);
     }
@@ -78,7 +78,7 @@ pub fn to_idle(socket: &Path) -> Result<Outcome, Fault> {
             continue;
         }
         let exit = if is_at("idle") { Exit::Done } else { Exit::Fault };
-        let mut outcome = Outcome { exit: exit.code(), ..ctl::outcome(&reply) };
+        let mut outcome = Outcome { exit: exit.code(), ..asking::outcome(&reply) };
         if is_at("resetting") {
             let words = "the reset has not ended after";
             outcome.say(format!("{words} {} s: `panelprep ctl state` tells how it goes on", RESETS.as_secs()));
@@ -95,7 +95,7 @@ fn is_written(reply: &Reply) -> bool {
 fn state(socket: &Path) -> Result<Reply, Fault> {
     let since = Instant::now();
     loop {
-        match ctl::ask(socket, &What::State) {
+        match asking::ask(socket, &What::State) {
             Ok(reply) if reply.state.is_some() => return Ok(reply),
             Ok(reply) if since.elapsed() >= GONE => return Ok(reply),
             Err(fault) if since.elapsed() >= GONE => return Err(fault),
@@ -106,7 +106,7 @@ fn state(socket: &Path) -> Result<Reply, Fault> {
 
 /// What changes are told of: not how often the service was asked.
 fn seen(reply: &Reply) -> serde_json::Map<String, Value> {
-    let mut object = ctl::object(reply);
+    let mut object = asking::object(reply);
     object.remove("answer");
     object.insert("recording".to_owned(), json!(reply.recording.as_ref().map(|recorded| &recorded.message)));
     object
@@ -119,5 +119,5 @@ fn words(reply: &Reply) -> String {
     let page = reply.page.as_ref().map_or(String::new(), |page| format!("; page {}", page.display()));
     let reasons: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
     let reasons = if reasons.is_empty() { String::new() } else { format!("; {}", reasons.join("; ")) };
-    format!("{}{cycle}{panel}{page}{reasons}", ctl::place(reply))
+    format!("{}{cycle}{panel}{page}{reasons}", asking::place(reply))
 }

@@ -5,7 +5,7 @@ mod keeping;
 use super::args::{Common, Label};
 use super::disk;
 use super::fault::Fault;
-use super::inspect::Placed;
+use super::inspected::Placed;
 use super::labels::{clip_hash, read_clip};
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;

@@ -4,6 +4,7 @@
 //! Each command is a file of its name: `run` reads and tells, `stage` computes.
 
 pub mod args;
+mod asking;
 mod backup;
 mod calibrate;
 mod check;
@@ -21,6 +22,7 @@ mod flange_pose;
 mod follow;
 mod health;
 mod inspect;
+mod inspected;
 mod kept;
 mod label;
 mod labels;
@@ -44,6 +46,7 @@ mod recording;
 mod refine;
 mod render;
 mod render_boards;
+mod rendered;
 mod replay;
 mod report;
 mod robot;

@@ -4,6 +4,7 @@
 //! takes down what the person at the controller has seen. Nothing moves by it. The answers become a page to sign.
 
 mod page;
+mod proof;
 mod tries;
 
 use super::args::Prove;
@@ -14,6 +15,7 @@ use super::outcome::Outcome;
 use crate::cell::RobotKind;
 use crate::requirements::Purpose;
 use crate::verdict::{Judgement, Reason, Verdict};
+use proof::{Assumption, Finding, Proof};
 use serde_json::json;
 use std::io::BufRead;
 
@@ -21,40 +23,6 @@ use std::io::BufRead;
 const INSTALLATION: &str = include_str!("../../config/kuka/README.md");
 /// Rows that need the tool in contact, or a panel: nothing for this command.
 const IN_CONTACT: [u32; 4] = [20, 21, 22, 40];
-
-/// A row of the page's table.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Assumption {
-    /// Its number on the installation page.
-    pub(super) number: u32,
-    pub(super) assumed: String,
-    pub(super) to_do: String,
-}
-
-/// What came of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
-#[strum(serialize_all = "lowercase")]
-pub(super) enum Finding {
-    Proven,
-    Wrong,
-    Open,
-}
-
-impl Finding {
-    pub(super) fn word(self) -> &'static str {
-        self.into()
-    }
-}
-
-/// One line of the page.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Proof {
-    pub(super) assumption: Assumption,
-    pub(super) finding: Finding,
-    pub(super) evidence: String,
-    /// Tried by this program; else told by the person.
-    pub(super) tried: bool,
-}
 
 /// Goes through the table and writes the page.
 ///

@@ -7,6 +7,7 @@ use super::live::FULL_WIDTH_PX;
 use super::outcome::Outcome;
 use super::output;
 use super::render_boards;
+use super::rendered::Rendered;
 use crate::cell::{self, FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
 use crate::files::{self, Clip, ClipEntry};
 use crate::geometry::{Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, Rigid, Tool};
@@ -21,7 +22,7 @@ use crate::verdict::{Judgement, Verdict};
 use rayon::prelude::*;
 use serde_json::json;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// A file that marks a folder as written by this command, which may then be written again.
 const MARK: &str = ".rendered-by-panelprep";
@@ -33,22 +34,6 @@ const FRAMES_PER_SECOND: f64 = 5.0;
 const SCANNER_MM: f64 = 0.24;
 const FLANGE_MM: f64 = 0.18;
 const TOOL_MM: f64 = 0.05;
-
-/// The folder's files by their role.
-#[derive(Debug, Clone)]
-pub struct Rendered {
-    /// The folder.
-    pub folder: PathBuf,
-    /// Length of its wet films, s.
-    pub seconds: u32,
-}
-
-impl Rendered {
-    /// A file of the folder.
-    pub fn file(&self, name: &str) -> PathBuf {
-        self.folder.join(name)
-    }
-}
 
 impl FilmName {
     /// What it means for the film of this seed.

@@ -6,7 +6,7 @@ use super::calibrate::args::{BoardArgs, CameraName, Touch, Verify};
 use super::calibrate::pose_keys;
 use super::disk;
 use super::fault::Fault;
-use super::render::Rendered;
+use super::rendered::Rendered;
 use crate::calib::{Board, CalibError};
 use crate::cell::{BoardSize, MountedPose, TargetMount};
 use crate::files::{self, ReportedFlange};

@@ -2,6 +2,7 @@
 
 mod film;
 pub mod opening;
+mod telling;
 
 use super::args::{Common, Shoot, Shot};
 use super::disk;
@@ -9,12 +10,13 @@ use super::fault::Fault;
 use super::flange_pose::{FlangePoses, Known};
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use crate::devices::cameras::{Conditions, PictureQuality, ScanQuality};
+use crate::devices::cameras::{PictureQuality, ScanQuality};
 use crate::files;
 use crate::geometry::ColorPicture;
 use crate::verdict::Judgement;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
+use telling::{conditions, words};
 
 impl Shoot {
     fn wanted(&self) -> opening::Wanted {
@@ -136,32 +138,6 @@ fn kept(outcome: &mut Outcome, names: &[PathBuf], picture: &ColorPicture, time_s
     outcome.say(format!("{}: {}×{} px", names[0].display(), picture.width, picture.height));
     outcome.say(format!("  {}", words(&quality)));
     Ok(quality_json(names, [picture.width, picture.height], time_s, &quality))
-}
-
-/// What the camera tells about a shot, in words and for scripts.
-fn conditions(outcome: &mut Outcome, told: &mut Value, conditions: Conditions) {
-    let Conditions { exposure_us, camera_c, throttled_ms } = conditions;
-    (told["exposure_us"], told["camera_c"], told["throttled_ms"]) =
-        (json!(exposure_us), json!(camera_c), json!(throttled_ms));
-    let words = [
-        exposure_us.map(|us| format!("exposed for {:.2} ms", us / 1_000.0)),
-        camera_c.map(|celsius| format!("the camera has {celsius:.1} °C")),
-        throttled_ms.map(|ms| format!("it paused for {ms:.0} ms because it is hot")),
-    ];
-    let words: Vec<String> = words.into_iter().flatten().collect();
-    if !words.is_empty() {
-        outcome.say(format!("  {}", words.join(", ")));
-    }
-}
-
-fn words(quality: &PictureQuality) -> String {
-    format!(
-        "sharpness {:.1} grey levels a pixel at the steepest edges, saturated {:.2} %, dark {:.1} %, mean grey level {:.0} of 255",
-        quality.sharpness_gray_per_px,
-        100.0 * quality.saturated_share,
-        100.0 * quality.dark_share,
-        quality.mean_gray
-    )
 }
 
 fn quality_json(names: &[PathBuf], size_px: [usize; 2], time_s: f64, quality: &PictureQuality) -> Value {

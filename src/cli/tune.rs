@@ -2,7 +2,7 @@
 
 use super::args::{Common, Tune};
 use super::fault::Fault;
-use super::inspect::Placed;
+use super::inspected::Placed;
 use super::labels::{Labels, read_clip};
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;

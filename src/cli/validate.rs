@@ -4,7 +4,7 @@
 //! broke: was half of it found, and how late were its first 10 mm² broken? A place is a connected piece of the mask.
 
 use super::fault::Fault;
-use super::inspect::{Inspected, Placed, inspect};
+use super::inspected::{Inspected, Placed, inspect};
 use super::labels::{self, Labels};
 use super::load::Taught;
 use super::outcome::Outcome;

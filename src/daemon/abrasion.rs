@@ -1,8 +1,10 @@
 //! What is still to be abraded, the plan over it, and what of it was executed.
 
+use super::answers::{figure, figure_alone, grade, reason};
+use super::error::DaemonError;
 use super::ports::{Note, Record};
-use super::sight::{Sight, figure, figure_alone, grade, reason, view};
-use super::{DaemonError, Job};
+use super::setup::CycleSetup;
+use super::sight::{Sight, view};
 use crate::cycle::{Answer, Grade, Trouble};
 use crate::files::content_hash;
 use crate::panel::GridId;
@@ -52,20 +54,20 @@ impl Abrasion {
 
     /// Of the plan with this number: from which waypoint on each grid is reached, when each waypoint is, s, and what it
     /// wears of the disc, mm².
-    pub fn contact(&self, job: &Job<'_>, number: u64) -> Option<(Vec<Reached>, Vec<f64>, f64)> {
+    pub fn contact(&self, cycle: &CycleSetup, number: u64) -> Option<(Vec<Reached>, Vec<f64>, f64)> {
         let (plan, fit) = (self.plan(number)?, self.fit.as_ref()?);
-        let radius_mm = job.recipe.path().disc_diameter_mm() / 2.0;
+        let radius_mm = cycle.recipe.path().disc_diameter_mm() / 2.0;
         let reached = |(grid, first): (GridId, usize)| Reached {
             grid: grid.to_string(),
             first: u32::try_from(first).unwrap_or(u32::MAX),
         };
-        let first = touching::first_reached(plan, &fit.surface, &job.panel.region, radius_mm);
+        let first = touching::first_reached(plan, &fit.surface, &cycle.panel.region, radius_mm);
         let planned = dwell::planned(plan);
         let reached_s = planned.iter().scan(0.0, |at_s, waypoint| {
             *at_s += waypoint.seconds;
             Some(*at_s)
         });
-        let wears_mm2 = DiscUse::of(plan, job.recipe.path(), 0.0).swept_mm2;
+        let wears_mm2 = DiscUse::of(plan, cycle.recipe.path(), 0.0).swept_mm2;
         Some((first.into_iter().map(reached).collect(), reached_s.collect(), wears_mm2))
     }
 
@@ -73,34 +75,38 @@ impl Abrasion {
     /// the localization's own grade.
     pub fn survey(
         &mut self,
-        job: &Job<'_>,
+        cycle: &CycleSetup,
         (pass, found, panel): (u8, Grade, &Approach<'_>),
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        let fit = match self.fitted(job, record)? {
+        let fit = match self.fitted(cycle, record)? {
             Ok(fit) => fit,
             Err(reason) => {
                 record.finding(&rejected(Kind::Reach, pass, reason))?;
                 return Ok(Answer::Graded(Grade::Reject));
             }
         };
-        let kinematics = Kinematics::new(job.arm);
-        let stand = job.tour().stand(&kinematics, panel);
-        let surveyed = survey::survey((job.panel, &fit), stand, job.recipe, self.tool(job));
+        let kinematics = Kinematics::new(&cycle.cell.arm);
+        let stand = cycle.tour().stand(&kinematics, panel);
+        let surveyed = survey::survey((&cycle.panel, &fit), stand, &cycle.recipe, self.tool(cycle));
         let own = grade(&surveyed.judgement);
         record.figure(&figure_alone(survey::drawn_surface(&fit.map)))?;
-        record.finding(&surveyed.finding(pass, &fit.deviation, (job.panel, job.recipe)))?;
+        record.finding(&surveyed.finding(pass, &fit.deviation, (&cycle.panel, &cycle.recipe)))?;
         record.budget(&Budget { fit_mm: Some(fit.deviation.p95_mm), ..Budget::default() })?;
         let both = if own == Grade::Accept { found } else { own };
         Ok(Answer::Graded(both))
     }
 
     /// The surface; a refusal leaves its picture.
-    fn fitted(&mut self, job: &Job<'_>, record: &mut dyn Record) -> Result<Result<Arc<Fit>, Reason>, DaemonError> {
+    fn fitted(
+        &mut self,
+        cycle: &CycleSetup,
+        record: &mut dyn Record,
+    ) -> Result<Result<Arc<Fit>, Reason>, DaemonError> {
         if let Some(fit) = &self.fit {
             return Ok(Ok(fit.clone()));
         }
-        match surface::examine(job.panel, job.recipe.surface()) {
+        match surface::examine(&cycle.panel, cycle.recipe.surface()) {
             Ok(fit) => Ok(Ok(self.fit.insert(Arc::new(fit)).clone())),
             Err(refusal) => {
                 if let Some(map) = &refusal.map {
@@ -114,18 +120,18 @@ impl Abrasion {
     /// Plans a path over the failed grids that this pass has not yet abraded; in pass 0, an air-run, over all grids.
     pub fn make(
         &mut self,
-        job: &Job<'_>,
+        cycle: &CycleSetup,
         (pass, sight): (u8, &Sight),
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
         let failed: Vec<GridId> = match (pass, sight.inspections.last()) {
             // An air-run has no film and shows the whole region.
-            (0, _) => job.panel.region.ids().collect(),
+            (0, _) => cycle.panel.region.ids().collect(),
             (_, Some(film)) => film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect(),
             (_, None) => return Ok(Answer::Failed(Trouble::Unexpected)),
         };
         self.plan = None;
-        self.most_passes = job.recipe.process().max_passes_per_grid();
+        self.most_passes = cycle.recipe.process().max_passes_per_grid();
         let most = self.most_passes;
         let left = failed.into_iter().filter(|grid| self.done.get(grid) != Some(&pass));
         let (worn, grids): (Vec<GridId>, Vec<GridId>) = left.partition(|grid| self.is_worn(grid, pass, most));
@@ -137,7 +143,7 @@ impl Abrasion {
         let planned = if grids.is_empty() {
             Err(self.passes_used(&worn, most))
         } else {
-            self.fitted(job, record)?.and_then(|fit| self.over(job, (&fit, &grids), &panel))
+            self.fitted(cycle, record)?.and_then(|fit| self.over(cycle, (&fit, &grids), &panel))
         };
         let planned = match planned {
             Ok(planned) => planned,
@@ -148,7 +154,7 @@ impl Abrasion {
         };
         let grade = grade(&planned.judgement);
         if let Some(film) = &sight.film_picture {
-            record.figure(&figure(planned.drawn(job.panel, &view(job, film, place)), film))?;
+            record.figure(&figure(planned.drawn(&cycle.panel, &view(cycle, film, place)), film))?;
         }
         let earlier = self.counted_before(&grids);
         let finding = planned.finding(pass, &grids);
@@ -205,19 +211,19 @@ impl Abrasion {
     /// A plan over these grids, the tool turned as the arm reaches best, with every gate's word.
     fn over(
         &self,
-        job: &Job<'_>,
+        cycle: &CycleSetup,
         (fit, grids): (&Fit, &[GridId]),
         panel: &Approach<'_>,
     ) -> Result<Planned, Reason> {
-        let on = (job.panel, fit);
-        let plan = plan::lay(on, grids, job.recipe).map_err(|error| reason("no_path", &error))?;
-        let kinematics = Kinematics::new(job.arm);
-        let reach = Reach::From(job.tour().stand(&kinematics, panel)?);
-        Ok(plan::judge(plan, on, reach, job.recipe, self.tool(job)))
+        let on = (&cycle.panel, fit);
+        let plan = plan::lay(on, grids, &cycle.recipe).map_err(|error| reason("no_path", &error))?;
+        let kinematics = Kinematics::new(&cycle.cell.arm);
+        let reach = Reach::From(cycle.tour().stand(&kinematics, panel)?);
+        Ok(plan::judge(plan, on, reach, &cycle.recipe, self.tool(cycle)))
     }
 
-    fn tool(&self, job: &Job<'_>) -> ToolState {
-        ToolState { error_mm: job.limits.tool_error_mm(), worn_mm2: self.worn_mm2 }
+    fn tool(&self, cycle: &CycleSetup) -> ToolState {
+        ToolState { error_mm: cycle.cell.limits.tool_error_mm(), worn_mm2: self.worn_mm2 }
     }
 
     /// Keeps a plan: its number, and its waypoints after the air point of the approach.
@@ -235,20 +241,20 @@ impl Abrasion {
     /// beside the finding, mm².
     pub fn executed(
         &mut self,
-        job: &Job<'_>,
+        cycle: &CycleSetup,
         (pass, trace): (u8, &Trace),
         (all, done): (u32, u32),
     ) -> (Vec<Note>, f64) {
         let (Some(fit), Some((_, plan))) = (self.fit.clone(), &self.plan) else { return (Vec::new(), 0.0) };
-        let (on, progress) = ((&fit.surface, &job.panel.region), Progress { waypoints: all, done });
-        let abraded = abrade::abraded(plan, on, job.recipe.path(), (trace, progress));
+        let (on, progress) = ((&fit.surface, &cycle.panel.region), Progress { waypoints: all, done });
+        let abraded = abrade::abraded(plan, on, cycle.recipe.path(), (trace, progress));
         for grid in abraded.whole.iter().chain(&abraded.begun) {
             let (times, last) = self.touched.entry(*grid).or_insert((0, 0));
             *times += usize::from(*last != pass);
             *last = pass;
         }
         self.done.extend(abraded.whole.iter().map(|grid| (*grid, pass)));
-        let figures = abraded.drawn(&job.panel.region).map(|drawing| Note::Figure(figure_alone(drawing)));
+        let figures = abraded.drawn(&cycle.panel.region).map(|drawing| Note::Figure(figure_alone(drawing)));
         let finding = abraded.finding(pass, self.most_passes);
         let notes = figures.into_iter().chain([Note::Finding(finding)]).collect();
         (notes, abraded.swept_mm2)

@@ -1,48 +1,20 @@
 //! How an act of the table begins, and what must come from the robot or from computing before it is answered. The acts that
 //! move the arm are in `moves`.
 
+use super::answers::reason;
 use super::computing::{Found, Work, Worked};
+use super::error::DaemonError;
+use super::pending::{Pending, Waits};
+use super::ports::{Finding, RecordError};
 use super::ports::{News, Note, RecordCommand, RobotPort};
-use super::run::Running;
-use super::sight;
+use super::running::Running;
 use super::wiring::{Setting, reads};
-use super::{DaemonError, Finding, RecordError, words};
+use super::words;
 use crate::cycle::{self, Act, Answer, Event, Frames, Id, Report, Switch, Trouble};
 use crate::eki::{Command, CommandId, Epoch, QueueError, SetTcp, State, TcpKind};
 use crate::geometry::KukaPose;
 use crate::record::Kind;
 use crate::verdict::{Judgement, Reason, Verdict};
-
-/// An act whose answer is still to come.
-#[derive(Debug)]
-pub(super) struct Pending {
-    pub id: Id,
-    pub act: Act,
-    pub waits: Waits,
-}
-
-/// What is waited for.
-#[derive(Debug)]
-pub(super) enum Waits {
-    /// A robot that stands.
-    Standing,
-    /// The epoch that was asked for.
-    Epoch,
-    /// The end of the epoch, tool and water proven off; waypoints executed, once it is told.
-    EpochEnd { done: Option<u32> },
-    /// Base and tool, executed and echoed.
-    Frames(CommandId),
-    /// An output that is set, and its feedback.
-    Feedback { last: CommandId, feedback: Option<(u32, bool)> },
-    /// The pose from which a line may begin.
-    Ready(CommandId),
-    /// The end of a path.
-    PathEnd,
-    /// What is computed.
-    Computing,
-    /// In lock step: the robot's next state, and with it the time of the film's next picture.
-    Film,
-}
 
 impl Running<'_> {
     /// Begins an act; what needs no waiting is answered at once.
@@ -171,7 +143,7 @@ impl Running<'_> {
         match waits {
             Ok(waits) => self.wait(id, act, waits),
             Err(error) => {
-                self.note(Kind::Robot, vec![sight::reason("not_sent", &error)])?;
+                self.note(Kind::Robot, vec![reason("not_sent", &error)])?;
                 self.answer(id, Answer::Failed(Trouble::Refused));
             }
         }
@@ -201,7 +173,7 @@ impl Running<'_> {
 
     fn set_frames(&mut self, frames: Frames) -> Result<Waits, QueueError> {
         let nothing = QueueError::FramesNotSet { missing: "a recipe" };
-        let calibrations = self.job().ok_or(nothing)?.calibrations;
+        let calibrations = self.setup().ok_or(nothing)?.calibrations;
         let (base, flange_from_tool, kind) = match frames {
             Frames::Camera => {
                 (KukaPose::default(), KukaPose::from_rigid(&calibrations.flange_from_camera), TcpKind::Other)

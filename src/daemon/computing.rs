@@ -9,16 +9,16 @@
 //! itself, woken by the camera's next picture, whatever the robot and the loop do; in lock step the loop asks for each
 //! step, so that virtual time decides which picture is seen.
 
+mod work;
 mod worker;
 
-use super::abrasion::Abrasion;
-use super::ports::{CameraPort, Keeper, Note};
-use super::sight::Sight;
-use super::{CycleSetup, DaemonError};
+pub use work::Readable;
+pub(super) use work::{Found, Work, Worked};
+
+use super::error::DaemonError;
+use super::ports::{CameraPort, Keeper};
 use crate::cycle::{Act, Answer, Id, Trouble};
-use crate::geometry::KukaPose;
 use crate::supervision::{Supervised, Supervisor, supervised};
-use crate::verdict::Reason;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -26,63 +26,6 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::Duration;
 use worker::Worker;
-
-/// What an act needs.
-#[derive(Debug)]
-pub(super) struct Work {
-    /// The act.
-    pub id: Id,
-    pub act: Act,
-    /// Whether it is the next step of the film under way; then it needs no more than this.
-    pub is_next_picture: bool,
-    pub sight: Sight,
-    pub abrasion: Abrasion,
-    /// Where the active tool stands in the active base, as far as known.
-    pub tip: Option<KukaPose>,
-    pub pass: u8,
-    /// What the cycle works with; none before the first one.
-    pub setup: Option<Arc<CycleSetup>>,
-}
-
-impl Work {
-    /// The next step of the film that this act watches.
-    pub fn next_picture(id: Id, act: Act, pass: u8, setup: Option<Arc<CycleSetup>>) -> Self {
-        let (sight, abrasion) = Default::default();
-        Work { id, act, is_next_picture: true, sight, abrasion, tip: None, pass, setup }
-    }
-}
-
-/// What came of it.
-#[derive(Debug)]
-pub(super) struct Worked {
-    pub id: Id,
-    pub found: Result<Found, DaemonError>,
-    /// Both as they are now; none where the work was lost.
-    pub artifacts: Option<(Sight, Abrasion)>,
-    pub notes: Vec<Note>,
-    /// Whether it is a step of a film.
-    is_of_film: bool,
-}
-
-impl Worked {
-    fn is_last(&self) -> bool {
-        !matches!(self.found, Ok(Found::Watching { .. }))
-    }
-}
-
-/// The result of a piece of work.
-#[derive(Debug)]
-pub(super) enum Found {
-    /// The act's answer.
-    Answer(Answer),
-    /// The film goes on; so many seconds of it were seen.
-    Watching { seen_s: f64 },
-    /// What a self-test found wrong.
-    Wrong(Vec<(Trouble, Reason)>),
-}
-
-/// Looks at the calibrations: what cannot be read, in words.
-pub type Readable = Box<dyn FnMut() -> Vec<Reason> + Send>;
 
 /// No piece of work takes so long: the table has long given up its answer, the robot stands, and whatever hangs in there
 /// keeps every later act from being done.

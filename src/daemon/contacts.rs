@@ -4,62 +4,14 @@
 //! Waypoints are permitted some seconds of motion ahead of what the robot told, well beyond what may be under way, so
 //! that after a crash at any moment the record bounds what was executed.
 
-use super::DaemonError;
-use super::moves::Sent;
+use super::error::DaemonError;
 use super::ports::{RecordCommand, RobotPort};
-use super::run::Running;
+use super::running::Running;
+use super::sent::Sent;
+use super::underway::Underway;
 use crate::cycle::{Motion, Outcome, Path};
 use crate::eki::CommandId;
 use crate::record::ContactPath;
-
-/// Motion that is permitted ahead, in windows of the link: more is permitted below the first, up to the second.
-const LEAST_WINDOWS: f64 = 2.0;
-const MOST_WINDOWS: f64 = 4.0;
-/// Waypoints that are permitted ahead at least, whatever they last.
-const LEAST_AHEAD: u32 = 16;
-
-/// The contact path under way, as far as the record is concerned.
-#[derive(Debug, Default)]
-pub(super) struct Underway {
-    /// Counted as worn of the disc already, mm².
-    reserved_mm2: f64,
-    /// When each waypoint is reached at the planned feed, s; the first of them is the air point where it begins.
-    reached_s: Vec<f64>,
-    window_s: f64,
-    /// So many waypoints may be sent.
-    pub permitted: u32,
-}
-
-impl Underway {
-    fn new(reached_s: Vec<f64>, window_s: f64) -> Self {
-        let mut underway = Underway { reached_s, window_s, ..Underway::default() };
-        underway.permitted = underway.wanted(0).unwrap_or(0);
-        underway
-    }
-
-    fn all(&self) -> u32 {
-        u32::try_from(self.reached_s.len().saturating_sub(1)).unwrap_or(u32::MAX)
-    }
-
-    fn at_s(&self, waypoint: u32) -> f64 {
-        self.reached_s.get(waypoint as usize).or(self.reached_s.last()).copied().unwrap_or(0.0)
-    }
-
-    /// How many may be sent once so many are executed, where that is more than now.
-    fn wanted(&self, done: u32) -> Option<u32> {
-        let (all, now_s) = (self.all(), self.at_s(done));
-        let ahead_s = self.at_s(self.permitted) - now_s;
-        if self.permitted >= all
-            || (ahead_s >= LEAST_WINDOWS * self.window_s && self.permitted >= done.saturating_add(LEAST_AHEAD / 2))
-        {
-            return None;
-        }
-        let until_s = now_s + MOST_WINDOWS * self.window_s;
-        let by_time = u32::try_from(self.reached_s.partition_point(|at_s| *at_s < until_s)).unwrap_or(u32::MAX);
-        let wanted = by_time.max(done.saturating_add(LEAST_AHEAD)).min(all);
-        (wanted > self.permitted).then_some(wanted)
-    }
-}
 
 impl Running<'_> {
     /// Commits that a motion may begin. Before contact the whole path is counted as worn of the disc: what is cut short
@@ -68,7 +20,7 @@ impl Running<'_> {
         if motion.path != Path::Contact {
             return Ok(self.ports.record.keep(RecordCommand::OpenIntent(*motion))?);
         }
-        let planned = self.job().and_then(|job| self.abrasion.contact(&job, motion.plan));
+        let planned = self.setup().and_then(|cycle| self.abrasion.contact(cycle, motion.plan));
         // Of a plan that is not known nothing is sent.
         let (grids, reached_s, wears_mm2) = planned.unwrap_or_default();
         self.underway = Underway::new(reached_s, self.cell.limits.window_s());
@@ -107,8 +59,9 @@ impl Running<'_> {
     /// What a contact path did, by the poses that the robot reported, and what it wore of the disc.
     fn abraded(&mut self, motion: &Motion, done: u32, reserved_mm2: f64) -> Result<(), DaemonError> {
         let (mut abrasion, trace) = (std::mem::take(&mut self.abrasion), std::mem::take(&mut self.trace));
-        let found =
-            self.job().map(|job| abrasion.executed(&job, (self.state.job.pass, &trace), (motion.waypoints, done)));
+        let found = self
+            .setup()
+            .map(|cycle| abrasion.executed(cycle, (self.state.job.pass, &trace), (motion.waypoints, done)));
         self.abrasion = abrasion;
         let Some((notes, worn_mm2)) = found else { return Ok(()) };
         self.keep(notes)?;

@@ -2,10 +2,9 @@
 
 use super::caller;
 use super::lending::SharedCameras;
-use super::protocol::{Exit, Reply};
+use super::reply::{Exit, Reply};
 use super::request::{PreparedCycle, Request, StartRequest, What};
 use super::request_queue::{NotTaken, RequestSender};
-use super::words;
 use crate::record::Who;
 use crate::verdict::Reason;
 use std::sync::Arc;
@@ -57,7 +56,7 @@ impl Gateway {
             }
             what => (what, caller::named(who)),
         };
-        let in_log = (!matches!(what, What::State)).then(|| (words::what(&what), caller::in_log(&who)));
+        let in_log = (!matches!(what, What::State)).then(|| (what.words(), caller::in_log(&who)));
         let (reply, answer) = oneshot::channel();
         let failed = |code, message: &str| Reply::refused(Exit::Fault, vec![Reason::new(code, message)]);
         if let Err(error) = self.queue.send(Request { what, who, reply: Some(reply) }) {

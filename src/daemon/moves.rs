@@ -1,9 +1,10 @@
 //! Motions: each path through the gate whole, then sent, then heard of until the robot stands at its end.
 
-use super::DaemonError;
-use super::acts::{Pending, Waits};
+use super::error::DaemonError;
+use super::pending::{Pending, Waits};
 use super::ports::RobotPort;
-use super::run::Running;
+use super::running::Running;
+use super::sent::{End, Sent};
 use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::{Command, CommandId, MoveJ, MoveLin, QueueError, SetAccSpeed, State};
 use crate::geometry::{Base, Joints, Panel, Rigid, Tool};
@@ -22,45 +23,6 @@ const DEVIATION_DEG: f64 = 0.5;
 
 /// Share of the axes' speed and acceleration between named poses, %.
 const AXIS_PERCENT: u8 = 20;
-
-/// Where a path ends.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum End {
-    Joints(Joints),
-    Tip(Rigid<Base, Tool>),
-}
-
-/// The path that was sent last.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Sent {
-    id: Id,
-    motion: Motion,
-    first: CommandId,
-    last: CommandId,
-    end: End,
-    told: u32,
-}
-
-impl Sent {
-    /// Which path it is.
-    pub fn path(&self) -> Path {
-        self.motion.path
-    }
-
-    /// The command of its first waypoint.
-    pub fn first(&self) -> CommandId {
-        self.first
-    }
-
-    /// Waypoints executed, where all commands up to this one are.
-    pub fn waypoints(&self, done: CommandId) -> u32 {
-        if matches!(self.motion.path, Path::Contact | Path::Air) {
-            (done.0 + 1).saturating_sub(self.first.0).min(self.motion.waypoints)
-        } else {
-            u32::from(done >= self.last) * self.motion.waypoints
-        }
-    }
-}
 
 impl Running<'_> {
     pub(super) fn begin_move(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
@@ -129,7 +91,7 @@ impl Running<'_> {
     fn chosen_route(&mut self, motion: Motion) -> Option<Gated> {
         let Path::Corner { view } = motion.path else { return self.route(motion) };
         self.sight.corners.begin_choice(view);
-        let candidates = self.sight.corners.candidates(view, &self.job()?);
+        let candidates = self.sight.corners.candidates(view, self.setup()?);
         for &corner in &candidates {
             self.sight.corners.choose(view, corner);
             let gated = self.route(motion)?;
@@ -171,23 +133,23 @@ impl Running<'_> {
 
     /// The path as it is sent; `None` where it is not known where from or where to.
     fn route(&self, motion: Motion) -> Option<Gated> {
-        let (job, state) = (&self.job()?, self.robot_state?);
+        let (cycle, state) = (self.setup()?, self.robot_state?);
         let place = self.sight.place();
         let pad: Rigid<Panel, Tool> = state.base_from_tcp.to_rigid();
         let standing = &Standing {
-            limits: job.limits,
-            arm: job.arm,
+            limits: &cycle.cell.limits,
+            arm: &cycle.cell.arm,
             flange_from_tool: state.flange_from_tool.to_rigid(),
             joints: state.joints,
             obstacles: self.sight.obstacles().filter(|_| matches!(motion.path, Path::Corner { .. })),
         };
-        let settings = job.recipe.path();
+        let settings = cycle.recipe.path();
         match motion.path {
             Path::Park => None,
             Path::Corner { .. } => {
                 let from: Rigid<Base, Tool> = state.base_from_tcp.to_rigid();
                 // The camera is the tool here.
-                let to = Rigid::claim(*self.sight.corner_pose(job)?.isometry());
+                let to = Rigid::claim(*self.sight.corner_pose(cycle)?.isometry());
                 Some(routes::view(standing, from, to))
             }
             Path::Approach => {

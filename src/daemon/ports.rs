@@ -5,30 +5,14 @@
 //! The traits `RobotPort`, `CameraPort`, `RecordPort` and `RequestPort` give the commands as functions.
 
 mod cameras;
+mod port;
 mod record;
 mod requests;
 mod robot;
 
 pub use crate::record::Finding;
 pub use cameras::{CameraAnswer, CameraCommand, CameraFault, CameraPort, NoCameras, Picture2d};
-pub use record::{Figure, Kept, Note, Record, RecordAnswer, RecordCommand, RecordError, RecordPort};
+pub use port::{Command, Port};
+pub use record::{Figure, Keeper, Kept, Note, Record, RecordAnswer, RecordCommand, RecordError, RecordPort};
 pub use requests::{News, RequestAnswer, RequestCommand, RequestPort, Requester};
 pub use robot::{LinkedRobot, RobotAnswer, RobotCommand, RobotPort};
-
-use crate::geometry::ColorPicture;
-
-/// A command of a port.
-pub trait Command {
-    /// What its port answers.
-    type Answer;
-}
-
-/// Performs commands, one at a time.
-pub trait Port<C: Command> {
-    /// Performs a command and gives its answer.
-    fn perform(&mut self, command: C) -> C::Answer;
-}
-
-/// Keeps a picture, which takes longer than a loop may wait; its name in the store comes back. None where the disk is full and
-/// the picture was dropped.
-pub type Keeper = Box<dyn FnMut(&ColorPicture) -> Result<Option<String>, RecordError> + Send>;

@@ -10,12 +10,9 @@
 //! the service can read. Reads and writes no socket: see `socket`.
 
 use super::lending::ShotRequest;
-use super::replay::Recorded;
 use super::request::{StartRequest, What};
 use crate::cycle::Request;
-use crate::verdict::{Reason, Verdict};
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
 
 /// The longest line, with its end: a recipe and its escapes. Only a start is that long.
 pub const MOST_BYTES: usize = 256 * 1_024;
@@ -134,92 +131,6 @@ pub fn request_line(what: &What) -> Result<String, ProtocolError> {
     let object = serde_json::to_string(&line)
         .map_err(|error| ProtocolError::NotUnderstood { problem: error.to_string() })?;
     Ok(object + "\n")
-}
-
-/// How it went.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Exit {
-    /// The table took it.
-    Done,
-    /// Not now, or not so.
-    Refused,
-    /// Not with a cell in this condition.
-    Fault,
-}
-
-impl Exit {
-    /// The exit code of `panelprep ctl`.
-    pub fn code(self) -> u8 {
-        match self {
-            Exit::Done => 0,
-            Exit::Refused => 2,
-            Exit::Fault => 3,
-        }
-    }
-}
-
-/// The reply to a request.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Reply {
-    /// How it went.
-    pub answer: Exit,
-    /// The PackML word; none where the loop was not asked.
-    pub state: Option<String>,
-    /// The phase inside Execute; where the cycle is held, the one in which it goes on.
-    pub phase: Option<String>,
-    /// The panel of the cycle that runs or ran last.
-    pub panel: Option<String>,
-    /// Its abrasions so far.
-    pub pass: Option<u8>,
-    /// Seconds of the film that is under way.
-    pub film_s: Option<f64>,
-    /// Waypoints executed of the path that is under way.
-    pub waypoint: Option<u32>,
-    /// All of them.
-    pub of: Option<u32>,
-    /// The page of the last cycle, once it is written.
-    pub page: Option<PathBuf>,
-    /// Where the arm's axes stand, degrees, while it stands and the link to it lives.
-    #[serde(default)]
-    pub axes_deg: Option<[f64; 6]>,
-    /// The robot's last epoch.
-    pub epoch: Option<u32>,
-    /// The cycle that runs, or ran last since the service started.
-    pub cycle_id: Option<i64>,
-    /// Its verdict, once it has one.
-    pub verdict: Option<Verdict>,
-    /// Its recording, where it has one.
-    pub recording: Option<Recorded>,
-    /// What was done, where the state does not say it.
-    pub done: Option<String>,
-    /// Why it was refused, or why the cell is in this state.
-    pub reasons: Vec<Reason>,
-}
-
-impl Reply {
-    /// An answer of which the loop knows nothing.
-    pub fn refused(answer: Exit, reasons: Vec<Reason>) -> Self {
-        Reply {
-            answer,
-            state: None,
-            phase: None,
-            panel: None,
-            pass: None,
-            film_s: None,
-            waypoint: None,
-            of: None,
-            page: None,
-            axes_deg: None,
-            epoch: None,
-            cycle_id: None,
-            verdict: None,
-            recording: None,
-            done: None,
-            reasons,
-        }
-    }
 }
 
 #[cfg(test)]

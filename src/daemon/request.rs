@@ -5,9 +5,10 @@
 //! [`cycle::Request`] inside of it.
 
 use super::lending::ShotRequest;
-use super::protocol::Reply;
 use super::replay::RecordingPlan;
-use super::{CycleSetup, words};
+use super::reply::Reply;
+use super::setup::CycleSetup;
+use super::words;
 use crate::cycle;
 use crate::record::{Front, Who};
 use crate::store::CycleStart;
@@ -66,11 +67,27 @@ pub enum What {
 
 impl std::fmt::Debug for What {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&words::what(self))
+        f.write_str(&self.words())
     }
 }
 
 impl What {
+    /// What is requested, as it stands in the log.
+    pub(super) fn words(&self) -> String {
+        match self {
+            What::State => "state".to_owned(),
+            What::Table(cycle::Request::Unhold { dried: true }) => "unhold --dried".to_owned(),
+            What::Table(request) => words::request_word(*request).to_owned(),
+            What::NewDisc => "new-disc".to_owned(),
+            What::Begin(prepared) => format!("start of panel {}", prepared.setup.panel_name()),
+            What::Start(StartRequest { recipe, .. }) | What::Unprepared { recipe, .. } => {
+                format!("start by {recipe}")
+            }
+            What::Shoot(shot) => shot.word().to_owned(),
+            What::Leave => "leave".to_owned(),
+        }
+    }
+
     /// Whether it must reach the loop before everything else, however much waits.
     pub(super) fn is_urgent(&self) -> bool {
         matches!(self, What::Leave | What::Table(cycle::Request::Stop | cycle::Request::Abort))

@@ -6,8 +6,8 @@
 
 use super::lending::SharedCameras;
 use super::ports::{News, Requester};
-use super::protocol::{Exit, Reply};
 use super::replay::{Recording, RecordingSwitch};
+use super::reply::{Exit, Reply};
 use super::request::{Request, What};
 use super::request_queue::RequestQueue;
 use super::words;

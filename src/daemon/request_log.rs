@@ -1,7 +1,7 @@
 //! Requests on the record: what was requested, by whom, and what came of it.
 
 use super::ports::{News, RecordCommand, RobotPort};
-use super::run::Running;
+use super::running::Running;
 use super::{DaemonError, words};
 use crate::cycle::{Event, Refusal, Request};
 use crate::record::{Answer, Asked, Clock, Front, Wanted, Who};

@@ -1,10 +1,10 @@
 //! Reports of the robot: each becomes an event of the table, the answer to the pending act, or both.
 
-use super::DaemonError;
-use super::acts::{Pending, Waits};
+use super::answers::reason;
+use super::error::DaemonError;
+use super::pending::{Pending, Waits};
 use super::ports::News;
-use super::run::Running;
-use super::sight::reason;
+use super::running::Running;
 use crate::cycle::{self, Act, Answer, Event, Id, Path, Report, Trouble};
 use crate::eki::{self, Mode, StopCause};
 use crate::path::trace::PoseReport;

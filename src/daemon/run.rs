@@ -1,26 +1,26 @@
 //! The loop itself: one for a service, for a single cycle and for a replay.
 
 use super::abrasion::Abrasion;
-use super::acts::{Pending, Waits};
+use super::answers::reason;
 use super::computing::Computing;
-use super::contacts::Underway;
 use super::corrected::Corrected;
-use super::deadlines::{Deadlines, seconds};
-use super::moves::Sent;
+use super::deadlines::seconds;
+use super::error::DaemonError;
+use super::pending::Waits;
 use super::ports::{News, RecordCommand, RecordPort, RequestPort, RobotPort};
 use super::request::{PreparedCycle, Request, What};
-use super::sight::{Sight, reason};
-use super::{CellSetup, CycleSetup, DaemonError, Job, words};
+use super::running::{Outside, Running};
+use super::setup::{CellSetup, CycleSetup};
+use super::sight::Sight;
+use super::words;
 use crate::cycle::{self, Act, Deadline, Effect, Event, Report, State, Trouble, step};
-use crate::eki;
 use crate::geometry::{Base, Panel, Rigid};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
 use crate::path::trace::Trace;
-use crate::record::{Answer, Front, Kind, Wanted, Who};
+use crate::record::{Answer, Kind, Wanted};
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
-use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -86,86 +86,7 @@ pub fn run(start: LoopStart, ports: Ports<'_>) -> Result<LoopOutcome, DaemonErro
     Ok(LoopOutcome { state, verdict, base_from_panel: sight.place(), inspections: sight.inspections, passes })
 }
 
-/// The ports but the cameras, which are where it is computed.
-pub(super) struct Outside<'a> {
-    pub robot: Corrected<'a>,
-    pub record: &'a mut dyn RecordPort,
-    pub requests: &'a mut dyn RequestPort,
-}
-
-/// The memory of the loop; that of the table is [`State`].
-pub(super) struct Running<'p> {
-    pub cell: Arc<CellSetup>,
-    /// What the cycle works with; none before the first one.
-    pub cycle: Option<Arc<CycleSetup>>,
-    /// The loop was started for this one cycle.
-    is_single: bool,
-    pub lock_step: bool,
-    pub computing: Computing<'p>,
-    pub ports: Outside<'p>,
-    pub state: State,
-    pub events: VecDeque<Event>,
-    deadlines: Deadlines,
-    pub sight: Sight,
-    pub abrasion: Abrasion,
-    pub trace: Trace,
-    pub underway: Underway,
-    pub pending: Option<Pending>,
-    pub sent: Option<Sent>,
-    pub robot_state: Option<eki::State>,
-    pub condition: cycle::Robot,
-    verdict: Option<Verdict>,
-    /// Who made the request that was taken up last.
-    pub requester: Who,
-    /// The disk was found full, and not yet otherwise.
-    is_disk_full: bool,
-}
-
-impl<'p> Running<'p> {
-    fn new(
-        (cell, cycle): (Arc<CellSetup>, Option<Arc<CycleSetup>>),
-        computing: Computing<'p>,
-        ports: Outside<'p>,
-        (state, lock_step): (State, bool),
-    ) -> Self {
-        Running {
-            cell,
-            is_single: cycle.is_some(),
-            cycle,
-            lock_step,
-            computing,
-            ports,
-            state,
-            events: VecDeque::from([Event::Told(Report::Boot)]),
-            deadlines: Deadlines::default(),
-            sight: Sight::default(),
-            abrasion: Abrasion::default(),
-            trace: Trace::default(),
-            underway: Underway::default(),
-            pending: None,
-            sent: None,
-            robot_state: None,
-            condition: cycle::Robot::Unknown,
-            verdict: None,
-            requester: Who::by(Front::Program),
-            is_disk_full: false,
-        }
-    }
-
-    /// Goes on where another loop began a cycle.
-    fn remember(&mut self, before: Begin) {
-        if let Begin::Cycle { robot, armed } = before {
-            self.events.clear();
-            (self.robot_state, self.condition) = (robot.map(|robot| *robot), self.state.facts.robot);
-            self.deadlines = Deadlines::of(&armed);
-        }
-    }
-
-    /// What the phases of the cycle take.
-    pub fn job(&self) -> Option<Job<'_>> {
-        self.cycle.as_deref().map(CycleSetup::job)
-    }
-
+impl Running<'_> {
     fn live(&mut self) -> Result<(), DaemonError> {
         let ended = self.run();
         if ended.is_err() {
@@ -358,8 +279,8 @@ impl<'p> Running<'p> {
     }
 
     fn span(&self, deadline: Deadline) -> Duration {
-        let (job, limits) = (self.job(), &self.cell.limits);
-        let process = job.as_ref().map(|job| job.recipe.process());
+        let (job, limits) = (self.setup(), &self.cell.limits);
+        let process = job.map(|job| job.recipe.process());
         seconds(match (deadline, process) {
             (Deadline::Answer, _) => self.answer_s(),
             (Deadline::Stop, _) => limits.stop_deadline_s(),
@@ -379,7 +300,7 @@ impl<'p> Running<'p> {
                 let path_s = self.abrasion.plan(motion.plan).map_or(0.0, |plan| plan.duration_s);
                 MOVE_S + SLOWEST * path_s
             }
-            Some(Act::Film) => self.job().map_or(0.0, |job| job.demands().filmed_s()) + FILM_SPARE_S,
+            Some(Act::Film) => self.setup().map_or(0.0, |job| job.demands().filmed_s()) + FILM_SPARE_S,
             Some(
                 Act::Locate
                 | Act::Refine { .. }

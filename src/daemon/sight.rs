@@ -1,17 +1,19 @@
 //! What is seen of the panel: where it stands, and what the film did. The artifacts live here.
 
+use super::answers::{MISSING, blind, figure, grade, reason, unseen};
 use super::corners::Corners;
-use super::ports::{CameraFault, CameraPort, Figure, Picture2d, Record};
-use super::{DaemonError, Job};
-use crate::cycle::{Answer, Film, Grade, Trouble};
+use super::error::DaemonError;
+use super::ports::{CameraPort, Picture2d, Record};
+use super::setup::CycleSetup;
+use crate::cycle::{Answer, Film, Trouble};
 use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid, median};
 use crate::inspect::Inspection;
 use crate::path::approach::Approach;
 use crate::path::reach::Obstacles;
 use crate::phase::Phase;
 use crate::record::{Budget, Finding, Kind};
-use crate::stages::{self, Drawing, film, rejected};
-use crate::verdict::{Judgement, Reason, Verdict};
+use crate::stages::{self, Drawing, film};
+use crate::verdict::{Judgement, Verdict};
 use crate::{locate, report};
 use std::sync::Arc;
 use std::time::Instant;
@@ -49,9 +51,6 @@ pub(super) struct Filming {
     elapsed_ms: Vec<f64>,
 }
 
-/// What cannot be computed without what an earlier act leaves.
-pub(super) const MISSING: Answer = Answer::Failed(Trouble::Unexpected);
-
 impl Sight {
     /// Where the panel stands, as well as is known.
     pub fn place(&self) -> Option<Rigid<Base, Panel>> {
@@ -59,8 +58,8 @@ impl Sight {
     }
 
     /// Where the flange camera should stand to see the corner as it was taught (Eq. 3.22).
-    pub fn corner_pose(&self, job: &Job<'_>) -> Option<Rigid<Base, FlangeCamera>> {
-        Some(self.place? * job.corners.get(self.corners.aimed())?.teaching.panel_from_camera)
+    pub fn corner_pose(&self, cycle: &CycleSetup) -> Option<Rigid<Base, FlangeCamera>> {
+        Some(self.place? * cycle.corners.get(self.corners.aimed())?.teaching.panel_from_camera)
     }
 
     /// Where the panel stands before the arm, by way of the corners that hold it.
@@ -85,7 +84,7 @@ impl Sight {
     /// A 3D shot, and the panel in it. What films said of the panel's grids stays.
     pub fn locate(
         &mut self,
-        job: &Job<'_>,
+        cycle: &CycleSetup,
         eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
@@ -98,9 +97,9 @@ impl Sight {
         let picture = scan.picture();
         record.picture("scan", &picture)?;
         let begun = Instant::now();
-        let (camera, base_from_camera) = (&job.calibrations.scanner, job.calibrations.base_from_camera);
+        let (camera, base_from_camera) = (&cycle.calibrations.scanner, cycle.calibrations.base_from_camera);
         let view = locate::View { scan: &scan, camera, base_from_camera };
-        let located = stages::locate::locate(job.panel, view, job.recipe.locate());
+        let located = stages::locate::locate(&cycle.panel, view, cycle.recipe.locate());
         let obstacles = located.obstacles().map(Arc::new);
         let elapsed_ms = elapsed_ms(begun);
         let nowhere = || Drawing {
@@ -116,10 +115,10 @@ impl Sight {
         let place = located.fit.as_ref().map(|fit| fit.base_from_panel);
         let located_mm = located.fit.as_ref().map(|fit| fit.uncertainty_mm);
         record.budget(&Budget {
-            hand_eye_mm: job.calibrations.hand_eye_mm,
-            robot_mm: job.calibrations.robot_mm,
+            hand_eye_mm: cycle.calibrations.hand_eye_mm,
+            robot_mm: cycle.calibrations.robot_mm,
             locate_mm: located_mm,
-            stated_mm: job.limits.tool_error_mm(),
+            stated_mm: cycle.cell.limits.tool_error_mm(),
             ..Budget::default()
         })?;
         (self.located, self.place, self.located_mm, self.obstacles) = (place, place, located_mm, obstacles);
@@ -145,13 +144,13 @@ impl Sight {
     /// Begins to watch, and the camera to film.
     pub fn film(
         &self,
-        job: &Job<'_>,
+        cycle: &CycleSetup,
         pass: u8,
         eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Result<Filming, Answer>, DaemonError> {
         let (Some(place), Some((dry, dry_s))) = (self.place, &self.dry) else { return Ok(Err(MISSING)) };
-        let begun = film::Filming::begin(&watched(job, place), job.demands().observation_s);
+        let begun = film::Filming::begin(&watched(cycle, place), cycle.demands().observation_s);
         let begun = begun.and_then(|mut filming| {
             filming.push(dry, *dry_s, Phase::Dry)?;
             Ok(Filming { filming, place, first_s: None, seen_s: 0.0, elapsed_ms: Vec::new() })
@@ -159,7 +158,7 @@ impl Sight {
         match begun {
             Ok(mut filming) => {
                 record.frame(dry, *dry_s, Phase::Dry)?;
-                match eyes.begin_film(job.demands().frames_per_second) {
+                match eyes.begin_film(cycle.demands().frames_per_second) {
                     Ok(began_s) => {
                         filming.filming.begins(began_s);
                         Ok(Ok(filming))
@@ -178,7 +177,7 @@ impl Sight {
     /// Takes the film's next picture where one is due; after the last one judges the film. Times are the camera's own.
     pub fn watch(
         &mut self,
-        job: &Job<'_>,
+        cycle: &CycleSetup,
         filming: Filming,
         pass: u8,
         eyes: &mut dyn CameraPort,
@@ -206,17 +205,17 @@ impl Sight {
         }
         let since_s = time_s - *filming.first_s.get_or_insert(time_s);
         filming.seen_s = since_s;
-        if since_s < job.demands().filmed_s() {
+        if since_s < cycle.demands().filmed_s() {
             return Ok(Ok(filming));
         }
         // A camera that is lost now has delivered all that is needed.
         let dropped = eyes.end_film().inspect_err(|error| tracing::warn!("the film's end: {error}")).ok();
-        self.finish(job, (filming, dropped), pass, record).map(Err)
+        self.finish(cycle, (filming, dropped), pass, record).map(Err)
     }
 
     fn finish(
         &mut self,
-        job: &Job<'_>,
+        cycle: &CycleSetup,
         (mut filming, dropped): (Filming, Option<u64>),
         pass: u8,
         record: &mut dyn Record,
@@ -225,7 +224,7 @@ impl Sight {
             Ok(filmed) => filmed,
             Err(error) => return unseen(Kind::Inspect, pass, reason("film", &error), record),
         };
-        let setup = watched(job, filming.place);
+        let setup = watched(cycle, filming.place);
         if let Some(last) = &filmed.last {
             record.picture("film", last)?;
             for drawing in filmed.drawn(&setup) {
@@ -246,69 +245,26 @@ impl Sight {
 }
 
 /// What a film of the panel at this place is watched with.
-fn watched<'a>(job: &'a Job<'_>, place: Rigid<Base, Panel>) -> film::Setup<'a> {
+fn watched<'a>(cycle: &'a CycleSetup, place: Rigid<Base, Panel>) -> film::Setup<'a> {
     film::Setup {
-        panel: job.panel,
-        camera: &job.calibrations.scanner,
-        camera_from_panel: job.calibrations.base_from_camera.inverse() * place,
-        demands: job.demands(),
-        recipe: job.recipe,
+        panel: &cycle.panel,
+        camera: &cycle.calibrations.scanner,
+        camera_from_panel: cycle.calibrations.base_from_camera.inverse() * place,
+        demands: cycle.demands(),
+        recipe: &cycle.recipe,
     }
 }
 
 /// The view of the 3D camera, with the panel where it stands.
-pub(super) fn view<'a>(job: &'a Job<'_>, picture: &'a ColorPicture, place: Rigid<Base, Panel>) -> report::View<'a> {
-    let camera_from_panel = job.calibrations.base_from_camera.inverse() * place;
-    report::View { picture, camera: &job.calibrations.scanner, camera_from_panel }
-}
-
-/// A drawing for the record. It decides nothing: where it could not be drawn, the bare picture stands.
-pub(super) fn figure(drawing: Drawing, bare: &ColorPicture) -> Figure {
-    let Drawing { name, caption, picture } = drawing;
-    match picture {
-        Ok(picture) => Figure { name, caption, picture },
-        Err(error) => {
-            let caption = format!("{caption}; nothing is drawn on it: {error}");
-            Figure { name, caption, picture: bare.clone() }
-        }
-    }
-}
-
-/// A drawing that stands on no picture.
-pub(super) fn figure_alone(drawing: Drawing) -> Figure {
-    figure(drawing, &ColorPicture::filled(1, 1, [245; 3]))
+pub(super) fn view<'a>(
+    cycle: &'a CycleSetup,
+    picture: &'a ColorPicture,
+    place: Rigid<Base, Panel>,
+) -> report::View<'a> {
+    let camera_from_panel = cycle.calibrations.base_from_camera.inverse() * place;
+    report::View { picture, camera: &cycle.calibrations.scanner, camera_from_panel }
 }
 
 fn elapsed_ms(begun: Instant) -> f64 {
     begun.elapsed().as_secs_f64() * 1e3
-}
-
-/// A gate's word for the table.
-pub(super) fn grade(judgement: &Judgement) -> Grade {
-    match judgement.verdict {
-        Verdict::Accept => Grade::Accept,
-        Verdict::Review => Grade::Review,
-        _ => Grade::Reject,
-    }
-}
-
-pub(super) fn reason(code: &'static str, error: &dyn std::error::Error) -> Reason {
-    Reason::new(code, error.to_string())
-}
-
-pub(super) fn blind(
-    kind: Kind,
-    pass: u8,
-    error: &CameraFault,
-    record: &mut dyn Record,
-) -> Result<Answer, DaemonError> {
-    record.finding(&rejected(kind, pass, reason("no_picture", error)))?;
-    Ok(Answer::Failed(Trouble::Camera))
-}
-
-/// A picture that cannot be read: of a corner that is a rejection, of a film it says nothing.
-pub(super) fn unseen(kind: Kind, pass: u8, reason: Reason, record: &mut dyn Record) -> Result<Answer, DaemonError> {
-    record.finding(&rejected(kind, pass, reason))?;
-    let of_film = kind == Kind::Inspect;
-    Ok(if of_film { Answer::Failed(Trouble::Picture) } else { Answer::Graded(Grade::Reject) })
 }

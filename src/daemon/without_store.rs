@@ -1,6 +1,6 @@
 //! The service while its store cannot be opened, as on a full disk: it answers requests, does nothing else, and tries again.
 
-use super::protocol::{Exit, Reply};
+use super::reply::{Exit, Reply};
 use super::request::{Request, What};
 use super::request_queue::RequestQueue;
 use crate::verdict::Reason;

@@ -1,6 +1,5 @@
 //! States, refusals and causes in words for the people at the cell: what is, and what to do.
 
-use super::request::{StartRequest, What};
 use crate::cycle::{At, Cause, Epoch, Hold, Phase, Refusal, Request, Robot, State, Trouble, Why, step};
 use crate::verdict::Reason;
 
@@ -16,20 +15,6 @@ pub fn request_word(request: Request) -> &'static str {
         Request::Stop => "stop",
         Request::Abort => "abort",
         Request::Clear => "clear",
-    }
-}
-
-/// What is requested, as it stands in the log.
-pub(super) fn what(what: &What) -> String {
-    match what {
-        What::State => "state".to_owned(),
-        What::Table(Request::Unhold { dried: true }) => "unhold --dried".to_owned(),
-        What::Table(request) => request_word(*request).to_owned(),
-        What::NewDisc => "new-disc".to_owned(),
-        What::Begin(prepared) => format!("start of panel {}", prepared.setup.panel_name()),
-        What::Start(StartRequest { recipe, .. }) | What::Unprepared { recipe, .. } => format!("start by {recipe}"),
-        What::Shoot(shot) => shot.word().to_owned(),
-        What::Leave => "leave".to_owned(),
     }
 }
 

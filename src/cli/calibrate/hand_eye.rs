@@ -5,73 +5,23 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::args::{HandEye as Args, MountName};
+use super::boards;
 use super::in_use::InUse;
+use super::keeping::{keep, provenance};
+use super::mounted::{Mounted, cell, intrinsics};
 use super::sight::Sight;
-use super::{date, files, keep, provenance};
+use super::{date, files};
 use crate::calib::detect::Detected;
 use crate::calib::hand_eye::{MIN_STATIONS, hand_eye};
 use crate::calib::turned::same_way_round;
 use crate::calib::{Arrangement, Board, BoardObservation, CalibError, HandEye, Station, gate, next_pose};
-use crate::cell::{Cell, FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
-use crate::geometry::{Base, Camera, Frame, KukaPose, PinholeCamera, Point, Rigid};
+use crate::cell::{FlangeCameraMount, MountedPose, ScannerMount};
+use crate::geometry::{Base, Frame, KukaPose, PinholeCamera, Point, Rigid};
 use crate::verdict::{Judgement, Reason};
 use rayon::prelude::*;
 use serde_json::json;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
-
-/// What the command needs to know of a mount besides its chain.
-pub trait Mounted: Arrangement {
-    /// Its rough place in the cell's file.
-    fn rough(cell: &Cell) -> Option<Rigid<Self::To, Self::From>>;
-
-    /// Points of a 3D camera as this mount's camera sees them.
-    fn points(seen: BoardObservation<Camera>) -> Option<BoardObservation<Self::From>>;
-
-    /// A point of the base as the camera sees it, where the camera stands still.
-    fn seen_from(mount: &Rigid<Self::To, Self::From>, point: Point<Base>) -> Option<Point<Self::From>>;
-}
-
-impl Mounted for ScannerMount {
-    fn rough(cell: &Cell) -> Option<Rigid<Base, Camera>> {
-        cell.rough().base_from_camera
-    }
-
-    fn points(seen: BoardObservation<Camera>) -> Option<BoardObservation<Camera>> {
-        Some(seen)
-    }
-
-    fn seen_from(mount: &Rigid<Base, Camera>, point: Point<Base>) -> Option<Point<Camera>> {
-        Some(mount.inverse() * point)
-    }
-}
-
-impl Mounted for FlangeCameraMount {
-    fn rough(cell: &Cell) -> Option<Rigid<Self::To, Self::From>> {
-        cell.rough().flange_from_camera
-    }
-
-    fn points(_: BoardObservation<Camera>) -> Option<BoardObservation<Self::From>> {
-        None
-    }
-
-    fn seen_from(_: &Rigid<Self::To, Self::From>, _: Point<Base>) -> Option<Point<Self::From>> {
-        None
-    }
-}
-
-/// The cell's file, where there is one: it only bounds the result.
-pub fn cell(common: &Common) -> Result<Option<Cell>, Fault> {
-    if !common.cell.is_file() {
-        return Ok(None);
-    }
-    Ok(Some(Cell::check(&common.cell.display().to_string(), &disk::read_text(&common.cell)?)?))
-}
-
-/// The intrinsics that `--intrinsics` names.
-pub fn intrinsics(file: &Path) -> Result<Intrinsics, Fault> {
-    Ok(Intrinsics::check(&file.display().to_string(), &disk::read_text(file)?)?)
-}
 
 /// Calibrates and writes the file.
 ///
@@ -92,7 +42,7 @@ struct Look {
 }
 
 fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
-    let board = super::board(&args.board)?;
+    let board = boards::board(&args.board)?;
     let lens = intrinsics(&args.intrinsics)?;
     let camera = lens.camera;
     let cell = cell(common)?;
@@ -206,7 +156,7 @@ fn looks(
     };
     let is_there = |image: &str| folder.join(image).is_file();
     let poses = files::picture_poses(&file.display().to_string(), &disk::read_text(file)?, &is_there)?;
-    let (window, done) = (super::window(&args.board), AtomicUsize::new(0));
+    let (window, done) = (boards::window(&args.board), AtomicUsize::new(0));
     let look = |pose: &files::PicturePose| {
         let sight = Sight::read(&folder.join(&pose.image), camera)?;
         let found = sight.detect(board, window);

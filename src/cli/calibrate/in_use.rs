@@ -5,7 +5,7 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::load::{CellFiles, NO_AXES};
 use super::files::Points;
-use super::hand_eye;
+use super::mounted;
 use crate::cell::{Cell, CorrectionNumbers, RobotCorrection};
 use crate::files::content_hash;
 use crate::geometry::{Base, Flange, Joints, Point, Rigid};
@@ -25,7 +25,7 @@ impl InUse {
     /// # Errors
     /// Where a file cannot be read or is not what it must be.
     pub fn of(named: Option<&Path>, common: &Common) -> Result<Option<Self>, Fault> {
-        let cell = hand_eye::cell(common)?;
+        let cell = mounted::cell(common)?;
         let of_cell = cell.as_ref().and_then(|cell| cell.calibration().robot_correction.clone());
         let Some(file) = named.map(Path::to_owned).or(of_cell) else { return Ok(None) };
         let cell = match cell {

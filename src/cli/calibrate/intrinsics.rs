@@ -5,7 +5,9 @@ use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::super::pictures;
 use super::args::{Intrinsics as Args, ModelName};
-use super::{date, keep, provenance};
+use super::boards;
+use super::date;
+use super::keeping::{keep, provenance};
 use crate::calib::detect::{self, Detected};
 use crate::calib::intrinsics::{Calibrated, LensModel, MIN_VIEWS, Options, View, ViewResult, calibrate};
 use crate::calib::{Board, CalibError, gate};
@@ -29,8 +31,8 @@ struct Picture {
 /// # Errors
 /// Where a picture cannot be read, or sizes differ.
 pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
-    let board = super::board(&args.board)?;
-    let window = super::window(&args.board);
+    let board = boards::board(&args.board)?;
+    let window = boards::window(&args.board);
     let read = |file: &std::path::PathBuf| {
         let bytes = disk::read(file)?;
         let gray = files::read_gray(&bytes).map_err(|error| Fault::file(file, error))?;

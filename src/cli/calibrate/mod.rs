@@ -3,13 +3,16 @@
 //! A rejected calibration writes nothing; one under review is written, with its doubts told.
 
 pub mod args;
+mod boards;
 pub mod date;
 mod files;
 mod hand_eye;
 mod history;
 mod in_use;
 mod intrinsics;
+mod keeping;
 pub mod live;
+mod mounted;
 mod over_volume;
 mod robot;
 mod robot_advice;
@@ -19,20 +22,16 @@ mod taught_corner;
 mod tcp;
 mod three_points;
 mod tips;
+mod verification;
 pub mod verify;
 
 pub use date::now_unix_s;
 pub use files::pose_keys;
 
 use super::args::Common;
-use super::disk;
 use super::fault::Fault;
 use super::outcome::Outcome;
-use crate::calib::Board;
-use crate::cell::Provenance;
-use crate::verdict::{Judgement, Verdict};
-use args::{BoardArgs, Calibrate, What};
-use std::path::Path;
+use args::{Calibrate, What};
 
 /// Runs a calibration; `progress` tells of long work.
 ///
@@ -61,28 +60,4 @@ pub fn run(args: &Calibrate, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
         What::History => history::run(common),
         What::Strike(args) => history::strike(args, common),
     }
-}
-
-fn board(args: &BoardArgs) -> Result<Board, Fault> {
-    Board::parse(&args.board, args.square_mm).map_err(Fault::stage)
-}
-
-fn window(args: &BoardArgs) -> Option<usize> {
-    args.subpix.map(|half_window_px| half_window_px as usize)
-}
-
-fn provenance(pictures: Vec<String>, residuals: Vec<f64>) -> Provenance {
-    let program = Some(concat!("panelprep ", env!("CARGO_PKG_VERSION")).to_owned());
-    Provenance { program, pictures, residuals }
-}
-
-/// Writes a calibration unless it was rejected, and says so.
-fn keep(outcome: &mut Outcome, judgement: &Judgement, file: &Path, text: &str) -> Result<(), Fault> {
-    if judgement.verdict == Verdict::Reject {
-        outcome.say(format!("{}: not written", file.display()));
-        return Ok(());
-    }
-    disk::write_through(file, text)?;
-    outcome.say(format!("{}: written", file.display()));
-    Ok(())
 }

@@ -8,10 +8,11 @@ use super::super::fault::Fault;
 use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
 use super::args::{CameraName, Verify};
+use super::files;
 use super::in_use::InUse;
 use super::sight::Sight;
 use super::target::Target;
-use super::{files, verify};
+use super::verification;
 use crate::calib::health::{self, BoardMeasurement};
 use crate::calib::{BoardObservation, CalibError, board_pose};
 use crate::geometry::FlangeCamera;
@@ -99,8 +100,8 @@ fn tell(
 ) -> Result<Outcome, Fault> {
     let worst_mm = left.iter().map(|one| one.error_mm).fold(0.0, f64::max);
     let rms_mm = (left.iter().map(|one| one.error_mm.powi(2)).sum::<f64>() / left.len() as f64).sqrt();
-    let verification = verify::verification(files, "flange_camera", worst_mm, calibration_hash);
-    let mut outcome = verify::kept(files, &verification, args.pictures.as_deref())?;
+    let verification = verification::verification(files, "flange_camera", worst_mm, calibration_hash);
+    let mut outcome = verification::kept(files, &verification, args.pictures.as_deref())?;
     outcome.put("rms_mm", json!(rms_mm));
     let places = left.iter().map(|one| {
         let place = one.place.mm;

@@ -5,8 +5,11 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::args::Robot as Args;
+use super::boards;
+use super::keeping::{keep, provenance};
+use super::mounted;
 use super::sight::Sight;
-use super::{date, files, hand_eye, keep, provenance, robot_advice};
+use super::{date, files, robot_advice};
 use crate::calib::hand_eye::{MIN_STATIONS, hand_eye as mount_of};
 use crate::calib::robot::{
     self, ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, Touched,
@@ -31,7 +34,7 @@ struct Look {
 /// # Errors
 /// Where a file is not what it must be.
 pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
-    let cell = match hand_eye::cell(common)? {
+    let cell = match mounted::cell(common)? {
         Some(cell) => cell,
         None => Cell::check("", "")?,
     };
@@ -46,7 +49,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     ];
     for (kind, poses, lens) in rigs {
         let (Some(poses), Some(lens)) = (poses, lens) else { continue };
-        let camera = hand_eye::intrinsics(lens)?.camera;
+        let camera = mounted::intrinsics(lens)?.camera;
         let mut looks = looks(args, (poses, &geometry), &camera, &mut aside, progress)?;
         let rig = data.rigs.len();
         let started = match kind {
@@ -78,7 +81,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     let judgement = gate::robot(&found, data.views.len());
     let mut outcome = Outcome::of(&judgement);
     tell(&mut outcome, &found, &aside);
-    let board = super::board(&args.board)?;
+    let board = boards::board(&args.board)?;
     robot_advice::tell(&mut outcome, &cell, &found, (&data, &cameras, &board));
     if gate::needs_no_correction(&found) {
         outcome.say(format!("{}: not written, the arm needs no correction", args.out.display()));
@@ -107,7 +110,7 @@ fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
 
 /// The touches; corners are those of the rig whose board stands still, or of a picture of the fixed camera.
 fn touches(args: &Args, file: &Path, data: &RobotData, cameras: &[PinholeCamera]) -> Result<Vec<ArmTouch>, Fault> {
-    let board = super::board(&args.board)?;
+    let board = boards::board(&args.board)?;
     let folder = file.parent().unwrap_or(Path::new("."));
     let is_there = |image: &str| folder.join(image).is_file();
     let stated = files::arm_touches(&file.display().to_string(), &disk::read_text(file)?, &is_there)?;
@@ -137,7 +140,7 @@ fn touches(args: &Args, file: &Path, data: &RobotData, cameras: &[PinholeCamera]
                     Some(seen) => *seen,
                     None => {
                         let sight = Sight::read(&folder.join(&image), &cameras[rig])?;
-                        let found = sight.detect(&board, super::window(&args.board)).map_err(Fault::stage)?;
+                        let found = sight.detect(&board, boards::window(&args.board)).map_err(Fault::stage)?;
                         let seen = board_pose::<Camera>(&cameras[rig], &BoardObservation::Pixels(found.corners));
                         let seen = seen.map_err(Fault::stage)?.camera_from_board;
                         looked.insert(image, seen);
@@ -168,14 +171,14 @@ fn looks(
     aside: &mut Vec<(String, String)>,
     progress: &(dyn Fn(&str) + Sync),
 ) -> Result<Vec<Look>, Fault> {
-    let board = super::board(&args.board)?;
+    let board = boards::board(&args.board)?;
     let folder = file.parent().unwrap_or(Path::new("."));
     let is_there = |image: &str| folder.join(image).is_file();
     let poses = files::arm_poses(&file.display().to_string(), &disk::read_text(file)?, &is_there)?;
     progress(&format!("{}: corners of {} pictures", file.display(), poses.len()));
     let look = |pose: &files::NamedPose| {
         let sight = Sight::read(&folder.join(&pose.image), camera)?;
-        let found = sight.detect(&board, super::window(&args.board));
+        let found = sight.detect(&board, boards::window(&args.board));
         Ok(found.map_err(|error| (pose.image.clone(), error.to_string())).map(|detected| Look {
             sight,
             corners: detected.corners,
@@ -193,7 +196,7 @@ fn start<A: Arrangement>(
     camera: &PinholeCamera,
     looks: &mut [Look],
 ) -> Result<Rig, Fault> {
-    let board = super::board(&args.board)?;
+    let board = boards::board(&args.board)?;
     let mut pictures: Vec<_> =
         looks.iter_mut().map(|look| (look.pose.base_from_flange, &mut look.corners)).collect();
     same_way_round::<A>(camera, &board, &mut pictures).map_err(Fault::stage)?;

@@ -3,6 +3,7 @@
 use super::super::disk;
 use super::super::fault::Fault;
 use super::args::BoardArgs;
+use super::boards;
 use crate::calib::{Board, CalibError};
 use crate::cell::{BoardSize, MountedPose, TargetMount};
 use crate::geometry::{Base, Board as BoardFrame, Rigid};
@@ -30,8 +31,8 @@ impl Target {
             return Err(Fault::file(file, missing));
         };
         let board = Board::parse(&size.board, size.square_mm).map_err(|error| Fault::file(file, error))?;
-        if let Some(named) = named.filter(|named| super::board(named).as_ref().ok() != Some(&board)) {
-            let square_mm = super::board(named).map_or(f64::NAN, |board| board.square_mm());
+        if let Some(named) = named.filter(|named| boards::board(named).as_ref().ok() != Some(&board)) {
+            let square_mm = boards::board(named).map_or(f64::NAN, |board| board.square_mm());
             let said = BoardSize { board: named.board.clone(), square_mm };
             let message = format!(
                 "this target is the board {size}, the command says {said}; correct the command or leave both out, or learn the \

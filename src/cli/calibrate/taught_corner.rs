@@ -7,7 +7,7 @@ use super::super::fault::Fault;
 use super::super::load::{self, CellFiles};
 use super::super::outcome::Outcome;
 use super::args::{CameraName, Verify};
-use super::verify;
+use super::verification;
 use crate::calib::{CalibError, health};
 use crate::geometry::{Base, Flange, Rigid};
 use crate::locate::corner::find_taught;
@@ -53,8 +53,8 @@ pub fn run(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outco
     let (px_per_mm, _) = camera.value.px_per_mm_at(in_camera.mm.z);
     let error_px = found.distance_px(expected);
     let hash = files.hash_with_arm(&[&camera.text, &mount.text]);
-    let verification = verify::verification(files, "flange_camera", error_px / px_per_mm, hash);
-    let mut outcome = verify::kept(files, &verification, args.pictures.as_deref())?;
+    let verification = verification::verification(files, "flange_camera", error_px / px_per_mm, hash);
+    let mut outcome = verification::kept(files, &verification, args.pictures.as_deref())?;
     outcome.put("error_px", json!(error_px));
     Ok(outcome)
 }

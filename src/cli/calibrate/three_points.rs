@@ -6,10 +6,12 @@ use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::super::pictures;
 use super::args::{HandEye as Args, MountName};
-use super::hand_eye::{Mounted, cell, intrinsics};
+use super::boards;
 use super::in_use::InUse;
+use super::keeping::{keep, provenance};
+use super::mounted::{Mounted, cell, intrinsics};
 use super::sight::Sight;
-use super::{date, files, keep, provenance};
+use super::{date, files};
 use crate::calib::three_points::{ThreePoints, three_points};
 use crate::calib::{BoardObservation, CalibError, gate};
 use crate::cell::{FlangeCameraMount, MountedPose, ScannerMount};
@@ -31,13 +33,13 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
 }
 
 fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
-    let board = super::board(&args.board)?;
+    let board = boards::board(&args.board)?;
     let camera = intrinsics(&args.intrinsics)?.camera;
     let Some(image) = &args.image else {
         return Err(Fault::stage(CalibError::Points("--image is missing: the picture of the board".to_owned())));
     };
     let sight = Sight::read(image, &camera)?;
-    let detected = sight.detect_telling(&board, super::window(&args.board), progress).map_err(Fault::stage)?;
+    let detected = sight.detect_telling(&board, boards::window(&args.board), progress).map_err(Fault::stage)?;
     let read = |file: &PathBuf| -> Result<files::Points, Fault> {
         Ok(files::points(&file.display().to_string(), &disk::read_text(file)?)?)
     };

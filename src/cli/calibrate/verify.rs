@@ -6,18 +6,20 @@ use super::super::fault::Fault;
 use super::super::load::{CellFiles, flange_file};
 use super::super::outcome::Outcome;
 use super::args::{BoardArgs, CameraName, Touch, Verify};
+use super::boards;
+use super::keeping::provenance;
 use super::over_volume;
 use super::sight::Sight;
 use super::target::Target;
-use super::{date, files, provenance, taught_corner, tips};
-use crate::calib::health::{self, BoardMeasurement, Demands, Verification};
+use super::verification::{kept, verification};
+use super::{date, files, taught_corner, tips};
+use crate::calib::health::{self, BoardMeasurement};
 use crate::calib::{Board, BoardObservation, CalibError, board_pose};
 use crate::cell::{BoardSize, MountedPose, TargetMount};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose};
 use crate::report::{self, Left};
-use crate::store::{Store, calibration_hash};
+use crate::store::calibration_hash;
 use crate::verdict::{Judgement, Reason};
-use crate::words::apart;
 use serde_json::json;
 use std::path::Path;
 
@@ -96,7 +98,7 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
         let Some(named) = &named else {
             return wrong("--learn writes which board it is: name --board and --square-mm");
         };
-        let board = super::board(named)?;
+        let board = boards::board(named)?;
         let seen = look(args, &files, (&board, window), progress)?;
         return learn(file, &board, named, &seen);
     }
@@ -133,18 +135,6 @@ fn subject(camera: CameraName) -> &'static str {
     match camera {
         CameraName::Scanner => "scanner",
         CameraName::FlangeCamera => "flange_camera",
-    }
-}
-
-/// A verification of now.
-pub fn verification(files: &CellFiles, subject: &str, error_mm: f64, calibration_hash: String) -> Verification {
-    Verification {
-        subject: subject.to_owned(),
-        error_mm,
-        limit_mm: files.cell.limits().verify_limit_mm(),
-        calibration_hash,
-        at_unix_s: date::now_unix_s(),
-        struck: None,
     }
 }
 
@@ -206,26 +196,5 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
         outcome.say(format!("  corner [{column}, {row}]: {error_mm:.3} mm"));
     }
     outcome.put("errors_mm", json!(errors_mm));
-    Ok(outcome)
-}
-
-/// Keeps a verification in the store, judges it, and draws the trend.
-pub fn kept(files: &CellFiles, verification: &Verification, pictures: Option<&Path>) -> Result<Outcome, Fault> {
-    let (store, number) = Store::keep_verification_in(files.store_folder(), verification).map_err(Fault::stage)?;
-    let (error_mm, limit_mm) = (verification.error_mm, verification.limit_mm);
-    let reject = health::beyond(verification, Demands::of(files.cell.limits()));
-    let mut outcome = Outcome::of(&Judgement::of(reject.into_iter().collect(), vec![]));
-    outcome.put("error_mm", json!(error_mm));
-    outcome.put("limit_mm", json!(limit_mm));
-    outcome.put("number", json!(number));
-    let [off, allowed] = apart(error_mm, limit_mm, 3);
-    outcome
-        .say(format!("{}: {off} mm off, allowed are {allowed} mm; kept as number {number}", verification.subject));
-    if let Some(folder) = pictures {
-        let all = store.verifications(&verification.subject).map_err(Fault::stage)?;
-        let file = folder.join(format!("trend_{}.svg", verification.subject));
-        disk::write(&file, report::trend(&verification.subject, &all))?;
-        outcome.say(format!("{}: the trend", file.display()));
-    }
     Ok(outcome)
 }

@@ -1,6 +1,6 @@
 //! Facts of the cell's files: the store, the calibrations with their age, the controller's EthernetKRL files.
 
-use super::Check;
+use super::check::Check;
 use crate::calib::health::{Demands, health};
 use crate::cell::{Cell, RobotKind};
 use crate::check::check_files;

@@ -1,15 +1,17 @@
 //! Facts of what is connected: cameras, the robot's ports, the service. Nothing is moved.
 
-use super::{Check, machine, zivid};
+use super::borrowed::borrowed;
+use super::check::Check;
+use super::{machine, zivid};
 use crate::cell::{Camera, Cell, Gige, RobotKind};
 use crate::cli::fault::Fault;
 use crate::cli::load::{Calibrated, CellFiles};
 use crate::cli::shoot::opening;
-use crate::cli::{ctl, live};
+use crate::cli::{asking, live};
 use crate::daemon::{BorrowedFlangeCamera, Single, SingleError};
 use crate::devices::cameras::{CameraError, FlangeCamera as _, RecordedFlangeCamera, RecordedScanner};
 use crate::eki::LinkLoss;
-use crate::geometry::{ColorPicture, PinholeCamera};
+use crate::geometry::PinholeCamera;
 
 /// Both cameras, and the sockets that a network camera needs.
 pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
@@ -40,7 +42,7 @@ pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
 fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
     let name = "flange camera";
     let calibrated = || files.flange_camera().ok().map(|lens| [lens.value.width_px, lens.value.height_px]);
-    if let Some(state) = ctl::state_of(&files.socket()) {
+    if let Some(state) = asking::state_of(&files.socket()) {
         let taken = BorrowedFlangeCamera::new(files.socket()).capture();
         return (borrowed(name, &state, taken.map(|taken| taken.picture)), calibrated());
     }
@@ -70,20 +72,6 @@ fn gige_camera(_: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
     (Check::wrong("flange camera", found, "use a program that was built with it, or kind = \"recorded\""), None)
 }
 
-/// A camera that the service has, and what came of asking it for a shot; a cell that is at work is not disturbed.
-pub(super) fn borrowed(name: &str, state: &str, taken: Result<ColorPicture, CameraError>) -> Check {
-    let holder = format!("held by the service, which is {state}");
-    match taken {
-        Ok(picture) => Check::right(name, format!("{holder}: delivers {}×{}", picture.width, picture.height)),
-        Err(CameraError::AtWork) => Check::right(name, format!("{holder}; not tried, since the cell is at work")),
-        Err(error) => Check::wrong(
-            name,
-            format!("{holder}: {error}"),
-            "look at its power, cable and address; read the service's log",
-        ),
-    }
-}
-
 fn simulated(name: &str) -> Check {
     Check::right(name, "simulated: its pictures are rendered")
 }
@@ -102,7 +90,7 @@ fn recorded(
 
 /// Whether the service runs, and whether the robot answers: where the service holds its ports, the service is asked.
 pub(super) fn robot_and_service(files: &CellFiles, sum: Option<i32>) -> Vec<Check> {
-    match ctl::state_of(&files.socket()) {
+    match asking::state_of(&files.socket()) {
         Some(state) => {
             let robot = format!("held by the service, which is {state}");
             vec![Check::right("service", format!("runs: {state}")), Check::right("robot", robot)]

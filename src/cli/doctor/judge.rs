@@ -1,6 +1,6 @@
 //! From a fact of the computer to a line for a person. Pure.
 
-use super::Check;
+use super::check::Check;
 use crate::cell::{Mains, ZividSettings, ZividUse};
 use crate::daemon::FLOOR_MB;
 use crate::devices::zivid::{Flicker, Light, Warmth};

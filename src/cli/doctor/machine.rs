@@ -1,6 +1,7 @@
 //! Facts of the computer: this program, its disk, its clock, its sockets.
 
-use super::{Check, judge};
+use super::check::Check;
+use super::judge;
 use crate::cli::calibrate::now_unix_s;
 use crate::daemon;
 use crate::devices::gige::socket_buffer_bytes;

@@ -4,7 +4,9 @@
 //! be not looked at, which counts as not right. `judge` turns facts into words, `machine` finds those of the computer,
 //! `cell` those of the cell's files, and `devices` and `zivid` those of what is connected.
 
+mod borrowed;
 mod cell;
+mod check;
 mod devices;
 mod judge;
 mod machine;
@@ -15,30 +17,8 @@ use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::verdict::{Judgement, Reason, Verdict};
+use check::Check;
 use serde_json::json;
-
-/// One thing that was looked at.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Check {
-    /// What it is.
-    pub name: String,
-    /// Nothing is wrong with it.
-    pub ok: bool,
-    /// What was found.
-    pub found: String,
-    /// What to do about it; empty where it is right.
-    pub advice: String,
-}
-
-impl Check {
-    fn right(name: impl Into<String>, found: impl Into<String>) -> Self {
-        Check { name: name.into(), ok: true, found: found.into(), advice: String::new() }
-    }
-
-    fn wrong(name: impl Into<String>, found: impl Into<String>, advice: impl Into<String>) -> Self {
-        Check { name: name.into(), ok: false, found: found.into(), advice: advice.into() }
-    }
-}
 
 /// Looks at everything and tells.
 ///

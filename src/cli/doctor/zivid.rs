@@ -1,9 +1,10 @@
 //! A Zivid: does it deliver, does the light go with its exposures, is it warm, and what does its SDK compute on?
 
-use super::devices::borrowed;
-use super::{Check, judge, machine};
+use super::borrowed::borrowed;
+use super::check::Check;
+use super::{judge, machine};
 use crate::cell::ZividCamera;
-use crate::cli::ctl;
+use crate::cli::asking;
 use crate::cli::load::CellFiles;
 use crate::cli::shoot::opening;
 use crate::daemon::BorrowedScanner;
@@ -16,7 +17,7 @@ use std::time::{Duration, Instant};
 /// shots where that is asked for.
 pub(super) fn checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<Check> {
     let graphics = machine::graphics_processor();
-    if let Some(state) = ctl::state_of(&files.socket()) {
+    if let Some(state) = asking::state_of(&files.socket()) {
         let taken = BorrowedScanner::new(files.socket()).capture_3d();
         return vec![graphics, borrowed("scanner", &state, taken.map(|taken| taken.cloud.picture()))];
     }

@@ -12,7 +12,7 @@ use super::super::output::tell_line;
 use super::ask::{Asker, Question};
 use super::connected::{self, Found};
 use super::recipe::parsed;
-use super::set;
+use super::setting::set;
 use crate::cell::Cell;
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;

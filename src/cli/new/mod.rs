@@ -9,12 +9,11 @@ mod ask;
 mod cell;
 mod connected;
 mod recipe;
+mod setting;
 
 use super::args::{Common, New, NewFile};
 use super::fault::Fault;
 use super::outcome::Outcome;
-use crate::config::set_value;
-use toml_edit::{DocumentMut, Value};
 
 /// Asks, and writes the file.
 ///
@@ -24,14 +23,5 @@ pub fn run(args: &New, common: &Common) -> Result<Outcome, Fault> {
     match &args.what {
         NewFile::Cell(args) => cell::run(args, common),
         NewFile::Recipe(args) => recipe::run(args, common),
-    }
-}
-
-/// Sets a value of a file's text, in a table that is there; the comment beside it stays.
-fn set(document: &mut DocumentMut, table: &str, key: &str, value: impl Into<Value>) {
-    let mut below = table.split('.').filter(|name| !name.is_empty());
-    let home = below.try_fold(document.as_table_mut(), |home, name| home.get_mut(name)?.as_table_mut());
-    if let Some(home) = home {
-        set_value(home, key, value);
     }
 }

@@ -5,7 +5,7 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::ask::{Asker, Question};
-use super::set;
+use super::setting::set;
 use crate::cell::Cell;
 use crate::config::{Problem, Problems};
 use crate::recipe::Recipe;

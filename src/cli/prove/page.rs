@@ -1,7 +1,7 @@
 //! The page to sign.
 
 use super::super::calibrate::now_unix_s;
-use super::{Finding, Proof};
+use super::proof::{Finding, Proof};
 use crate::cell::Robot;
 use crate::words::utc;
 use maud::{DOCTYPE, PreEscaped, html};

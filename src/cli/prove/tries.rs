@@ -2,7 +2,7 @@
 
 use super::super::fault::Fault;
 use super::super::live;
-use super::Finding;
+use super::proof::Finding;
 use crate::cell::Cell;
 use crate::daemon::Single;
 use crate::eki::Command;

@@ -5,7 +5,7 @@
 //! size that it has, and is opened for that one.
 
 use super::super::args::{Shot, Simulation};
-use super::super::ctl;
+use super::super::asking;
 use super::super::fault::Fault;
 use super::super::live::{self, Simulated};
 use super::super::load::{Calibrated, CellFiles};
@@ -110,7 +110,7 @@ fn simulated(files: &CellFiles, wanted: &Wanted, scanner: Option<PinholeCamera>)
 /// The socket of the service, where it runs and has this camera. A recording is played by whoever opens it.
 fn service(files: &CellFiles, is_recorded: bool, progress: &dyn Fn(&str)) -> Option<PathBuf> {
     let socket = files.socket();
-    let state = if is_recorded { None } else { ctl::state_of(&socket) }?;
+    let state = if is_recorded { None } else { asking::state_of(&socket) }?;
     progress(&format!("the service, which is {state}, takes the pictures"));
     Some(socket)
 }

@@ -7,7 +7,7 @@ use super::super::flange_pose::FlangePoses;
 use super::super::load::{self, CellFiles};
 use super::super::output::{answer, tell_line};
 use super::super::shoot::opening::{self, Wanted};
-use super::super::{ctl, live};
+use super::super::{asking, live};
 use crate::files;
 use crate::geometry::{Base, ColorPicture, Flange, Rigid};
 use crate::page::Local;
@@ -42,7 +42,7 @@ pub fn ready(args: &Teach, cell: &CellFiles) -> Result<Teach, Fault> {
 fn simulated(args: &Teach, cell: &CellFiles) -> Result<Option<sim::Cell>, Fault> {
     let is_simulated =
         [cell.cell.scanner().is_simulated(), cell.cell.flange_camera().is_simulated()].contains(&true);
-    if args.live.is_none() || !is_simulated || ctl::state_of(&cell.socket()).is_some() {
+    if args.live.is_none() || !is_simulated || asking::state_of(&cell.socket()).is_some() {
         return Ok(None);
     }
     Ok(Some(live::simulated_cell(&cell.scanner()?.value, args.simulation)?))

@@ -1,10 +1,12 @@
 //! Who does the work: it has the cameras and the film under way, and calls the phases.
 
-use super::{Found, Readable, Work, Worked};
+use super::work::{Found, Readable, Work, Worked};
 use crate::cycle::{Act, Answer, Grade, Trouble};
+use crate::daemon::answers::MISSING;
+use crate::daemon::error::DaemonError;
 use crate::daemon::ports::{CameraPort, Keeper, Kept, Note, Record, RecordError};
-use crate::daemon::sight::{Filming, MISSING};
-use crate::daemon::{CycleSetup, DaemonError, Job};
+use crate::daemon::setup::CycleSetup;
+use crate::daemon::sight::Filming;
 use crate::files::ClipEntry;
 use crate::geometry::{Frame, Rigid};
 use crate::record::{KeptFile, Picture};
@@ -62,9 +64,9 @@ impl<'p> Worker<'p> {
         let mut keep = self.keep.take();
         let mut notes = Notes { notes: Vec::new(), keep: keep.as_mut() };
         let setup = work.setup.take();
-        let found = match (work.act, setup.as_deref().map(CycleSetup::job)) {
+        let found = match (work.act, setup.as_deref()) {
             (Act::SelfTest, _) => Ok(Found::Wrong(self.test())),
-            (_, Some(job)) => self.phase(&mut work, &job, &mut notes),
+            (_, Some(cycle)) => self.phase(&mut work, cycle, &mut notes),
             (_, None) => Ok(Found::Answer(MISSING)),
         };
         let notes = notes.notes;
@@ -73,22 +75,22 @@ impl<'p> Worker<'p> {
         Worked { id: work.id, found, artifacts: Some((work.sight, work.abrasion)), notes, is_of_film }
     }
 
-    fn phase(&mut self, work: &mut Work, job: &Job<'_>, notes: &mut Notes<'_>) -> Result<Found, DaemonError> {
+    fn phase(&mut self, work: &mut Work, cycle: &CycleSetup, notes: &mut Notes<'_>) -> Result<Found, DaemonError> {
         let (pass, cameras) = (work.pass, &mut *self.cameras);
         let answer = match work.act {
-            Act::Film => return self.film(work, job, notes),
-            Act::Locate => work.sight.locate(job, cameras, notes)?,
+            Act::Film => return self.film(work, cycle, notes),
+            Act::Locate => work.sight.locate(cycle, cameras, notes)?,
             Act::DryPicture => work.sight.dry_picture(cameras, notes)?,
-            Act::Plan { pass } => work.abrasion.make(job, (pass, &work.sight), notes)?,
+            Act::Plan { pass } => work.abrasion.make(cycle, (pass, &work.sight), notes)?,
             Act::Refine { view } => match work.tip() {
                 Some(tip) => {
-                    let answer = work.sight.refine(job, (view, tip), cameras, notes)?;
-                    work.surveyed(job, answer, notes)?
+                    let answer = work.sight.refine(cycle, (view, tip), cameras, notes)?;
+                    work.surveyed(cycle, answer, notes)?
                 }
                 None => MISSING,
             },
             Act::Verify { view } => match work.tip() {
-                Some(tip) => work.sight.verify(job, (pass, view, tip), cameras, notes)?,
+                Some(tip) => work.sight.verify(cycle, (pass, view, tip), cameras, notes)?,
                 None => MISSING,
             },
             _ => MISSING,
@@ -97,13 +99,13 @@ impl<'p> Worker<'p> {
     }
 
     /// Begins the film, or watches it for one more picture.
-    fn film(&mut self, work: &mut Work, job: &Job<'_>, notes: &mut Notes<'_>) -> Result<Found, DaemonError> {
+    fn film(&mut self, work: &mut Work, cycle: &CycleSetup, notes: &mut Notes<'_>) -> Result<Found, DaemonError> {
         let cameras = &mut *self.cameras;
         let watched = match (work.is_next_picture, self.filming.take()) {
-            (true, Some(filming)) => work.sight.watch(job, filming, work.pass, cameras, notes)?,
+            (true, Some(filming)) => work.sight.watch(cycle, filming, work.pass, cameras, notes)?,
             (true, None) => Err(MISSING),
             // It only looks: nothing of it is new.
-            (false, _) => std::mem::take(&mut work.sight).film(job, work.pass, cameras, notes)?,
+            (false, _) => std::mem::take(&mut work.sight).film(cycle, work.pass, cameras, notes)?,
         };
         Ok(match watched {
             Ok(filming) => Found::Watching { seen_s: self.filming.insert(filming).seen_s },
@@ -121,10 +123,15 @@ impl<'p> Worker<'p> {
 
 impl Work {
     /// Where the corner says that the panel's place is good: whether the arm reaches it, before it is wetted.
-    fn surveyed(&mut self, job: &Job<'_>, answer: Answer, notes: &mut Notes<'_>) -> Result<Answer, DaemonError> {
+    fn surveyed(
+        &mut self,
+        cycle: &CycleSetup,
+        answer: Answer,
+        notes: &mut Notes<'_>,
+    ) -> Result<Answer, DaemonError> {
         match (answer, self.sight.approach()) {
             (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(panel)) => {
-                self.abrasion.survey(job, (self.pass, grade, &panel), notes)
+                self.abrasion.survey(cycle, (self.pass, grade, &panel), notes)
             }
             (answer, _) => Ok(answer),
         }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::geometry::Rigid;
 use crate::geometry::{Pixel, Point, Vector};
 use crate::panel::{CornerTeaching, TaughtCorner, panel_from_base_at_teaching};
 

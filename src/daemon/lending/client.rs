@@ -1,8 +1,11 @@
 //! Cameras that the service has, as a command uses them.
 
-use super::super::protocol::{Reply, request_line};
+use super::super::protocol::request_line;
+use super::super::reply::Reply;
 use super::super::request::What;
-use super::{AT_WORK, Sent, ShotRequest};
+use super::request::ShotRequest;
+use super::sent::Sent;
+use super::shared::AT_WORK;
 use crate::devices::cameras::{
     CameraError, Conditions, FlangeCamera, FlangePicture, Picture, Scanner, Shot, Which,
 };

@@ -1,6 +1,8 @@
 //! One connection that asks for shots.
 
-use super::{Lent, Sent, SharedCameras, ShotRequest};
+use super::request::ShotRequest;
+use super::sent::Sent;
+use super::shared::{Lent, SharedCameras};
 use crate::devices::cameras::{CameraError, Conditions};
 use crate::files;
 use crate::geometry::ColorPicture;
@@ -101,7 +103,7 @@ fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &Lent<'_>) -> R
     let sent = pictures(stream, time_s, lent);
     // However the film came to its end, and unless the loop has ended it: what is taken next needs the camera as it was.
     let dropped = {
-        let mut inside = lent.0.lock();
+        let mut inside = lent.lock();
         std::mem::take(&mut inside.films).then(|| inside.cameras.scanner.end_clip())
     };
     sent?;

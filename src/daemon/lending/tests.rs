@@ -5,13 +5,21 @@ use super::super::request::What;
 use super::super::tests::standing_state;
 use super::*;
 use crate::cycle::{At, Phase, State};
+use crate::daemon::cameras::Cameras;
 use crate::daemon::ports::CameraPort as _;
 use crate::devices::cameras::{CameraError, FlangePicture, Picture, Shot, Which};
+use crate::devices::cameras::{Conditions, FlangeCamera, Scanner};
+use crate::eki;
+use crate::geometry::Joints;
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use std::io::{BufRead, BufReader};
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
+use std::sync::atomic::Ordering;
+use std::thread;
+use std::time::Duration;
 
 const CONDITIONS: Conditions =
     Conditions { exposure_us: Some(10_000.0), camera_c: Some(41.5), throttled_ms: Some(0.0) };

@@ -1,6 +1,6 @@
 //! The cameras as the loop sees them. Each command exposes once, now.
 
-use super::{Command, Port};
+use super::port::{Command, Port};
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use serde::Serialize;
 

@@ -1,6 +1,6 @@
 //! What is remembered. Each command returns when it is on disk.
 
-use super::{Command, Port};
+use super::port::{Command, Port};
 use crate::cycle::{Event, Motion, Outcome};
 use crate::files::ClipEntry;
 use crate::geometry::ColorPicture;
@@ -9,6 +9,10 @@ use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass, Fin
 use crate::store::CycleStart;
 use crate::verdict::{Reason, Verdict};
 use std::sync::Arc;
+
+/// Keeps a picture, which takes longer than a loop may wait; its name in the store comes back. None where the disk is full and
+/// the picture was dropped.
+pub type Keeper = Box<dyn FnMut(&ColorPicture) -> Result<Option<String>, RecordError> + Send>;
 
 /// A picture that is drawn for people.
 #[derive(Debug, Clone, PartialEq)]

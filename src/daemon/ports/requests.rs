@@ -1,6 +1,6 @@
 //! Where requests come from, and what is told of them.
 
-use super::{Command, Port};
+use super::port::{Command, Port};
 use crate::cycle::{self, Id, Refusal, State};
 use crate::daemon::request::Request;
 use crate::record::CycleId;

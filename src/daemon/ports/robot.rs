@@ -1,6 +1,6 @@
 //! The robot as the loop sees it: commands in, reports out, and the clock by which its motions run.
 
-use super::{Command as PortCommand, Port};
+use super::port::{Command as PortCommand, Port};
 use crate::daemon::lending::LastState;
 use crate::devices::robot::BlockingLink;
 use crate::devices::world::Follower;

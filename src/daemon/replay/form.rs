@@ -2,73 +2,17 @@
 
 mod cameras;
 mod record;
+mod recordable;
 mod requests;
 mod robot;
 
 pub(super) use cameras::of_film;
+#[cfg(test)]
+pub(super) use recordable::told;
+pub use recordable::{Heard, Recordable};
 
-use super::queue::Recorder;
-use super::switch::RecordingSwitch;
-use crate::daemon::ports::Command;
-use crate::eki::Time;
 use crate::record::name;
-use crate::tape::{Shot, Topic};
-use serde::Serialize;
-use serde::de::DeserializeOwned;
 use serde_json::Value;
-
-/// What came back from a port.
-#[derive(Debug, Default)]
-pub struct Heard {
-    pub value: Value,
-    pub shot: Option<Shot>,
-}
-
-/// A command that a recording can hold.
-pub trait Recordable: Command {
-    /// The command's topic, and its words in the recording; null where the loop only listens. `None` where the command is not
-    /// recorded, since it follows from what the loop hears.
-    fn said(&self) -> Option<(Topic, Value)>;
-
-    /// The answer in the recording; `None` where an answer such as this one is not recorded.
-    fn heard(answer: &Self::Answer, recorder: &Recorder) -> Option<Heard>;
-
-    /// The answer that the recording has.
-    fn answer(&self, heard: Heard) -> Result<Self::Answer, serde_json::Error>;
-
-    /// The answer where the recording has none: the command is not recorded, nothing came, or the replay has parted from the
-    /// recording. `now` is the clock's last reading.
-    fn otherwise(&self, now: Time, has_parted: bool) -> Self::Answer;
-
-    /// Whether this is what came, where the loop waits for one particular thing.
-    fn fits(&self, _heard: &Value) -> bool {
-        true
-    }
-
-    /// Whether a recording may leave it out.
-    fn is_optional(&self) -> bool {
-        false
-    }
-
-    /// What the switch has to know before the command is performed.
-    fn before(&self, _switch: &RecordingSwitch) {}
-
-    /// What the switch has to know of the answer.
-    fn after(_answer: &mut Self::Answer, _switch: &RecordingSwitch) {}
-}
-
-/// A value as it is written down; null where it cannot be.
-pub(super) fn told(value: &impl Serialize) -> Value {
-    serde_json::to_value(value).unwrap_or(Value::Null)
-}
-
-fn value(value: Value) -> Option<Heard> {
-    Some(Heard { value, shot: None })
-}
-
-fn read<T: DeserializeOwned>(heard: Heard) -> Result<T, serde_json::Error> {
-    serde_json::from_value(heard.value)
-}
 
 /// A finding as it is compared, without what a stop-watch said: that is the machine's doing.
 pub(super) fn timeless(mut finding: Value) -> Value {

@@ -84,7 +84,7 @@ fn no_plan_is_sent_that_its_gate_rejects() {
     let fake = Fake::new(Scene::Good);
     let (cell, recipe, taught, calibrations) = fake.files();
     let setup = fake::setup(&cell, &recipe, &taught, calibrations);
-    let (job, (panel, _)) = (setup.job(), taught);
+    let (job, (panel, _)) = (&setup, taught);
     let (arm, place) = (Kinematics::new(cell.arm()), crate::panel::panel_from_base_at_teaching().inverse());
     let fit = crate::surface::fit(&panel, recipe.surface()).expect("a surface");
     let grids = ["r2c3".parse().expect("a grid")];
@@ -94,7 +94,8 @@ fn no_plan_is_sent_that_its_gate_rejects() {
     let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).expect("in reach");
     let plan = panel_reach::turned(&plan, reached.spin);
     let joints = reached.travel.joints[0];
-    let standing = Standing { limits: job.limits, arm: job.arm, flange_from_tool, joints, obstacles: None };
+    let standing =
+        Standing { limits: &job.cell.limits, arm: &job.cell.arm, flange_from_tool, joints, obstacles: None };
     let first = plan.paths[0].waypoints[0].as_sent();
     let gated = |plan: &Plan| routes::contact(&standing, place, (first, plan), recipe.path());
     assert!(gated(&plan).is_good(), "{:?}", gated(&plan).judgement);
@@ -166,7 +167,7 @@ fn the_arm_stands_where_its_own_corners_lead() {
     let fake = Fake::new(Scene::Good);
     let (cell, recipe, taught, calibrations) = fake.files();
     let setup = fake::setup(&cell, &recipe, &taught, calibrations);
-    let (job, (_, corners)) = (setup.job(), taught);
+    let (job, (_, corners)) = (&setup, taught);
     let (arm, place) = (Kinematics::new(cell.arm()), crate::panel::panel_from_base_at_teaching().inverse());
     let at = |corners: &[usize], obstacles: Option<&Arc<Obstacles>>| {
         job.tour().stand(&arm, &Approach { base_from_panel: place, corners, obstacles })
@@ -216,14 +217,15 @@ fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
         };
         let cell = cell.clone().corrected(smooth);
         let setup = fake::setup(&cell, &recipe, &taught, calibrations);
-        let job = setup.job();
+        let job = &setup;
         let arm = Kinematics::new(cell.arm());
         let flange_from_tool = calibrations.flange_from_tool;
         let stand = panel_reach::Stand { arm: &arm, flange_from_tool, base_from_panel: place, from: None };
         let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).expect("in reach");
         let plan = panel_reach::turned(&plan, reached.spin);
         let joints = reached.travel.joints[0];
-        let standing = Standing { limits: job.limits, arm: job.arm, flange_from_tool, joints, obstacles: None };
+        let standing =
+            Standing { limits: &job.cell.limits, arm: &job.cell.arm, flange_from_tool, joints, obstacles: None };
         let from = plan.paths[0].waypoints[0].as_sent();
         let contact = routes::contact(&standing, place, (from, &plan), recipe.path());
         let [here, there] = [0, 1].map(|index| place * plan.paths[0].waypoints[index].as_sent());

@@ -36,14 +36,15 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
     let by_loop = story.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned");
     let grids: Vec<GridId> =
         by_loop.names("grids").iter().map(|name| name.parse().expect("a grid's name")).collect();
-    let job = setup.job();
-    let (panel, recipe) = (job.panel, job.recipe);
-    let (kinematics, base_from_panel) = (Kinematics::new(job.arm), story.outcome.base_from_panel.expect("found"));
+    let job = &setup;
+    let (panel, recipe) = (&job.panel, &job.recipe);
+    let (kinematics, base_from_panel) =
+        (Kinematics::new(&job.cell.arm), story.outcome.base_from_panel.expect("found"));
     let panel_stands = Approach { base_from_panel, corners: &[0, 1], obstacles: None };
     let stand = job.tour().stand(&kinematics, &panel_stands).expect("in reach");
     let fit = crate::surface::fit(panel, recipe.surface()).expect("a surface");
     let laid = plan::lay((panel, &fit), &grids, recipe).expect("a path");
-    let tool = ToolState { error_mm: job.limits.tool_error_mm(), worn_mm2: 0.0 };
+    let tool = ToolState { error_mm: job.cell.limits.tool_error_mm(), worn_mm2: 0.0 };
     let by_command = plan::judge(laid, (panel, &fit), plan::Reach::From(stand), recipe, tool);
     assert!(!grids.is_empty() && by_command.checks.len() > 10);
     assert_eq!(by_loop.checks, by_command.checks);

@@ -12,7 +12,9 @@ use super::super::super::load::CellFiles;
 use super::super::super::outcome::Outcome;
 use super::super::super::output::tell_line as tell;
 use super::super::args::HandEye;
+use super::super::boards;
 use super::session::{Asked, Session};
+use super::so_far::next_pose;
 use super::view::{self, View};
 use crate::calib::{Board, BoardObservation, board_pose, detect};
 use crate::cell::RobotKind;
@@ -89,7 +91,7 @@ pub fn run(
         if known.as_ref().is_some_and(|known| !super::say_mount(known)) {
             return Ok(());
         }
-        let proposed = known.as_ref().and_then(super::next_pose);
+        let proposed = known.as_ref().and_then(next_pose);
         let is_there = match proposed {
             Some(pose) => tour.goes_to(&pose.to_rigid())?,
             None => false,
@@ -165,7 +167,7 @@ fn distance_mm(
     let Some(first) = pictures.first() else { return Ok(0.0) };
     let sight = super::super::sight::Sight::read(first, camera)?;
     let found =
-        detect::detect(&sight.name, &sight.gray, board, super::super::window(&args.board)).map_err(Fault::stage)?;
+        detect::detect(&sight.name, &sight.gray, board, boards::window(&args.board)).map_err(Fault::stage)?;
     let seen: BoardObservation<geometry::FlangeCamera> = BoardObservation::Pixels(found.corners);
     let posed = board_pose(camera, &seen).map_err(Fault::stage)?;
     Ok((posed.camera_from_board * board.middle()).mm.z)

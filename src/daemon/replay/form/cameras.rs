@@ -1,6 +1,6 @@
 //! The cameras' commands and answers in a recording.
 
-use super::{Heard, Recordable, read, told, value};
+use super::recordable::{Heard, Recordable, read, told, value};
 use crate::daemon::ports::{CameraAnswer, CameraCommand, CameraFault, Picture2d};
 use crate::daemon::replay::queue::Recorder;
 use crate::eki::Time;

@@ -1,6 +1,6 @@
 //! The record's commands and answers in a recording.
 
-use super::{Heard, Recordable, read, told, value};
+use super::recordable::{Heard, Recordable, read, told, value};
 use crate::daemon::ports::{Kept, Note, RecordAnswer, RecordCommand, RecordError};
 use crate::daemon::replay::queue::Recorder;
 use crate::daemon::replay::switch::RecordingSwitch;

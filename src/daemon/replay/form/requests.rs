@@ -1,6 +1,6 @@
 //! Requests, and what is told of them, in a recording.
 
-use super::{Heard, Recordable, value};
+use super::recordable::{Heard, Recordable, value};
 use crate::cycle;
 use crate::daemon::ports::{News, RequestAnswer, RequestCommand};
 use crate::daemon::replay::queue::Recorder;

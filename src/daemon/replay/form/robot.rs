@@ -1,6 +1,6 @@
 //! The robot's commands and answers in a recording.
 
-use super::{Heard, Recordable, read, told, value};
+use super::recordable::{Heard, Recordable, read, told, value};
 use crate::daemon::ports::{RobotAnswer, RobotCommand};
 use crate::daemon::replay::queue::Recorder;
 use crate::eki::{QueueError, Time};

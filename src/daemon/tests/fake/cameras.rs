@@ -2,7 +2,7 @@
 
 use super::super::super::*;
 use super::Shared;
-use crate::geometry::{Base, ColorPicture};
+use crate::geometry::{Base, ColorPicture, Rigid};
 use crate::sim::WET_FROM_S;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 

@@ -4,7 +4,7 @@ use super::super::super::*;
 use super::{Shared, World};
 use crate::cycle::Path;
 use crate::eki::{self, Command, CommandId, Epoch, Mode, MoveLin, QueueError, Report, Time};
-use crate::geometry::{KukaPose, Panel};
+use crate::geometry::{Base, Flange, Joints, KukaPose, Panel, Tool};
 
 impl World {
     fn queue(&mut self, command: Command) -> Result<CommandId, QueueError> {

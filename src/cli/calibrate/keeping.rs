@@ -1,0 +1,24 @@
+//! Writes what was calibrated, with what proves it.
+
+use super::super::disk;
+use super::super::fault::Fault;
+use super::super::outcome::Outcome;
+use crate::cell::Provenance;
+use crate::verdict::{Judgement, Verdict};
+use std::path::Path;
+
+pub(super) fn provenance(pictures: Vec<String>, residuals: Vec<f64>) -> Provenance {
+    let program = Some(concat!("panelprep ", env!("CARGO_PKG_VERSION")).to_owned());
+    Provenance { program, pictures, residuals }
+}
+
+/// Writes a calibration unless it was rejected, and says so.
+pub(super) fn keep(outcome: &mut Outcome, judgement: &Judgement, file: &Path, text: &str) -> Result<(), Fault> {
+    if judgement.verdict == Verdict::Reject {
+        outcome.say(format!("{}: not written", file.display()));
+        return Ok(());
+    }
+    disk::write_through(file, text)?;
+    outcome.say(format!("{}: written", file.display()));
+    Ok(())
+}

@@ -1,0 +1,62 @@
+//! A camera's mount, and what the cell's files say of it beforehand.
+
+use super::super::args::Common;
+use super::super::disk;
+use super::super::fault::Fault;
+use crate::calib::{Arrangement, BoardObservation};
+use crate::cell::{Cell, FlangeCameraMount, Intrinsics, ScannerMount};
+use crate::geometry::{Base, Camera, Point, Rigid};
+use std::path::Path;
+
+/// What the command needs to know of a mount besides its chain.
+pub trait Mounted: Arrangement {
+    /// Its rough place in the cell's file.
+    fn rough(cell: &Cell) -> Option<Rigid<Self::To, Self::From>>;
+
+    /// Points of a 3D camera as this mount's camera sees them.
+    fn points(seen: BoardObservation<Camera>) -> Option<BoardObservation<Self::From>>;
+
+    /// A point of the base as the camera sees it, where the camera stands still.
+    fn seen_from(mount: &Rigid<Self::To, Self::From>, point: Point<Base>) -> Option<Point<Self::From>>;
+}
+
+impl Mounted for ScannerMount {
+    fn rough(cell: &Cell) -> Option<Rigid<Base, Camera>> {
+        cell.rough().base_from_camera
+    }
+
+    fn points(seen: BoardObservation<Camera>) -> Option<BoardObservation<Camera>> {
+        Some(seen)
+    }
+
+    fn seen_from(mount: &Rigid<Base, Camera>, point: Point<Base>) -> Option<Point<Camera>> {
+        Some(mount.inverse() * point)
+    }
+}
+
+impl Mounted for FlangeCameraMount {
+    fn rough(cell: &Cell) -> Option<Rigid<Self::To, Self::From>> {
+        cell.rough().flange_from_camera
+    }
+
+    fn points(_: BoardObservation<Camera>) -> Option<BoardObservation<Self::From>> {
+        None
+    }
+
+    fn seen_from(_: &Rigid<Self::To, Self::From>, _: Point<Base>) -> Option<Point<Self::From>> {
+        None
+    }
+}
+
+/// The cell's file, where there is one: it only bounds the result.
+pub fn cell(common: &Common) -> Result<Option<Cell>, Fault> {
+    if !common.cell.is_file() {
+        return Ok(None);
+    }
+    Ok(Some(Cell::check(&common.cell.display().to_string(), &disk::read_text(&common.cell)?)?))
+}
+
+/// The intrinsics that `--intrinsics` names.
+pub fn intrinsics(file: &Path) -> Result<Intrinsics, Fault> {
+    Ok(Intrinsics::check(&file.display().to_string(), &disk::read_text(file)?)?)
+}

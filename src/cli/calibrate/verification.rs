@@ -1,0 +1,47 @@
+//! A verification, judged and kept in the store.
+
+use super::super::disk;
+use super::super::fault::Fault;
+use super::super::load::CellFiles;
+use super::super::outcome::Outcome;
+use super::date;
+use crate::calib::health::{self, Demands, Verification};
+use crate::report::{self};
+use crate::store::Store;
+use crate::verdict::Judgement;
+use crate::words::apart;
+use serde_json::json;
+use std::path::Path;
+
+/// A verification of now.
+pub fn verification(files: &CellFiles, subject: &str, error_mm: f64, calibration_hash: String) -> Verification {
+    Verification {
+        subject: subject.to_owned(),
+        error_mm,
+        limit_mm: files.cell.limits().verify_limit_mm(),
+        calibration_hash,
+        at_unix_s: date::now_unix_s(),
+        struck: None,
+    }
+}
+
+/// Keeps a verification in the store, judges it, and draws the trend.
+pub fn kept(files: &CellFiles, verification: &Verification, pictures: Option<&Path>) -> Result<Outcome, Fault> {
+    let (store, number) = Store::keep_verification_in(files.store_folder(), verification).map_err(Fault::stage)?;
+    let (error_mm, limit_mm) = (verification.error_mm, verification.limit_mm);
+    let reject = health::beyond(verification, Demands::of(files.cell.limits()));
+    let mut outcome = Outcome::of(&Judgement::of(reject.into_iter().collect(), vec![]));
+    outcome.put("error_mm", json!(error_mm));
+    outcome.put("limit_mm", json!(limit_mm));
+    outcome.put("number", json!(number));
+    let [off, allowed] = apart(error_mm, limit_mm, 3);
+    outcome
+        .say(format!("{}: {off} mm off, allowed are {allowed} mm; kept as number {number}", verification.subject));
+    if let Some(folder) = pictures {
+        let all = store.verifications(&verification.subject).map_err(Fault::stage)?;
+        let file = folder.join(format!("trend_{}.svg", verification.subject));
+        disk::write(&file, report::trend(&verification.subject, &all))?;
+        outcome.say(format!("{}: the trend", file.display()));
+    }
+    Ok(outcome)
+}

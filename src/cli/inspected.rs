@@ -1,0 +1,189 @@
+//! A clip of a folder, inspected.
+
+use super::fault::Fault;
+use super::labels::{Labels, read_clip};
+use super::load::{self, CellFiles, Taught};
+use super::outcome::Outcome;
+use super::output;
+use crate::files::ClipEntry;
+use crate::geometry::{Base, Camera, ColorPicture, Panel, PinholeCamera, Rigid, median};
+use crate::inspect::{Confusion, Demands, Inspection, Score, score};
+use crate::labels::MASK;
+use crate::phase::Phase;
+use crate::recipe::Recipe;
+use crate::stages::film::{Filmed, Filming, Setup};
+use rayon::prelude::*;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Pictures decoded at once; bounds the memory of a long clip.
+const DECODED_AT_ONCE: usize = 8;
+
+/// An inspected clip.
+pub struct Inspected {
+    /// The film.
+    pub filmed: Filmed,
+    /// From a decoded wet picture to its result, median, ms.
+    pub ms_per_frame: f64,
+    /// Agreement with a truth that was given.
+    pub score: Option<(Score, Confusion)>,
+}
+
+/// Where the panel stands in the camera's view.
+#[derive(Debug, Clone, Copy)]
+pub struct Placed {
+    /// The camera.
+    pub camera: PinholeCamera,
+    /// Where it stands.
+    pub base_from_camera: Rigid<Base, Camera>,
+    /// Where the panel stands.
+    pub base_from_panel: Rigid<Base, Panel>,
+    /// Did nobody say where, so that it is taken to stand in its nominal place?
+    pub is_assumed: bool,
+}
+
+impl Placed {
+    /// From the cell's files and where `locate` found the panel.
+    ///
+    /// # Errors
+    /// Where a file is not what it must be.
+    pub fn read(files: &CellFiles, located: Option<&PathBuf>) -> Result<Self, Fault> {
+        Ok(Placed {
+            camera: files.scanner()?.value,
+            base_from_camera: files.base_from_camera()?.value,
+            base_from_panel: load::located(located)?,
+            is_assumed: located.is_none(),
+        })
+    }
+
+    /// What a clip of a taught panel is inspected with.
+    pub fn setup<'a>(&'a self, taught: &'a Taught, recipe: &'a Recipe, demands: Demands) -> Setup<'a> {
+        let camera_from_panel: Rigid<Camera, Panel> = self.base_from_camera.inverse() * self.base_from_panel;
+        Setup { panel: &taught.panel, camera: &self.camera, camera_from_panel, demands, recipe }
+    }
+}
+
+/// Runs the test on the pictures of a clip folder.
+///
+/// # Errors
+/// Where `clip.csv` or a picture is missing, damaged or of another size.
+pub fn inspect(
+    setup: &Setup<'_>,
+    clip: &Path,
+    is_place_assumed: bool,
+    truth: Option<&Path>,
+) -> Result<Inspected, Fault> {
+    let list = clip.join("clip.csv");
+    let parsed = read_clip(clip)?;
+    let shots = parsed.shots();
+    let mut filming = Filming::begin(setup, lasts_s(shots)).map_err(Fault::stage)?;
+    if is_place_assumed {
+        filming.assume_place();
+    }
+    let mut wet_ms = Vec::with_capacity(shots.len());
+    for group in shots.chunks(DECODED_AT_ONCE) {
+        let decoded: Vec<Result<ColorPicture, Fault>> =
+            group.par_iter().map(|shot| load::picture(&clip.join(&shot.file), setup.camera)).collect();
+        for (shot, picture) in group.iter().zip(decoded) {
+            let picture = Arc::new(picture?);
+            let begin = Instant::now();
+            let added = filming.push(&picture, shot.time_s, shot.phase);
+            let added = added.map_err(|error| Fault::file(&clip.join(&shot.file), error))?;
+            let Some(since_wet_s) = added.since_wet_s else { continue };
+            wet_ms.push(begin.elapsed().as_secs_f64() * 1e3);
+            if let Some(grids) = added.opened_on {
+                output::tell_line(&format!("{since_wet_s:6.1} s  the film broke on {grids}"));
+            }
+        }
+    }
+    let filmed = filming.finish().map_err(|error| Fault::file(&list, error))?;
+    let score = truth.map(|folder| scored(&filmed.inspection, folder, clip)).transpose()?;
+    Ok(Inspected { filmed, ms_per_frame: median(&mut wet_ms).unwrap_or_default(), score })
+}
+
+/// From the first picture of the wet panel to the last one, s.
+fn lasts_s(shots: &[ClipEntry]) -> f64 {
+    let mut wet_s = shots.iter().filter(|shot| shot.phase == Phase::Wet).map(|shot| shot.time_s);
+    let first_s = wet_s.next().unwrap_or(0.0);
+    wet_s.next_back().unwrap_or(first_s) - first_s
+}
+
+fn scored(inspection: &Inspection, folder: &Path, clip: &Path) -> Result<(Score, Confusion), Fault> {
+    let file = folder.join(MASK);
+    let truth = Labels::read(folder, clip)?.mask;
+    let agreement = score(&inspection.mask(), &truth, &inspection.footprint.region());
+    let named = |error| Fault::file(&file, error);
+    Ok((agreement.map_err(named)?, inspection.confusion(&truth).map_err(named)?))
+}
+
+impl Inspected {
+    pub fn outcome(&self, mask: Option<PathBuf>) -> Outcome {
+        let inspection = &*self.filmed.inspection;
+        let mut outcome = Outcome::of(&inspection.judgement);
+        outcome.put_checks(&inspection.checks);
+        let breaks: Vec<_> = inspection
+            .breaks
+            .iter()
+            .map(|found| {
+                let grids: Vec<String> = found.grids.iter().map(ToString::to_string).collect();
+                json!({"area_mm2": found.area_mm2, "first_seen_s": found.first_seen_s, "grids": grids,
+                       "closed_again": found.closed_again()})
+            })
+            .collect();
+        let grids: Vec<_> = inspection
+            .grids
+            .iter()
+            .map(|grid| {
+                json!({"id": grid.id.to_string(), "failed": grid.failed, "seen": grid.seen,
+                       "wet_when_dry": grid.wet_when_dry,
+                       "broken_mm2": grid.broken_mm2, "time_to_break_s": grid.time_to_break_s})
+            })
+            .collect();
+        let observation = &inspection.observation;
+        outcome.say(format!(
+            "watched {:.1} s, {} wet pictures, {} breaks; {:.1} ms a picture",
+            observation.observed_s,
+            observation.frames,
+            breaks.len(),
+            self.ms_per_frame
+        ));
+        outcome.put("observed_s", json!(observation.observed_s));
+        outcome.put("frames", json!(observation.frames));
+        outcome.put("breaks", json!(breaks));
+        outcome.put("grids", json!(grids));
+        let quality = &observation.quality;
+        let limit_mm2 = observation.detection_limit_mm2;
+        outcome.say(format!(
+            "{} of them can be judged by; light {:.2} to {:.2} of the dry picture's; wet in no picture {:.1} %; smallest \
+             break that is surely found {limit_mm2:.1} mm²",
+            quality.usable, quality.light[0], quality.light[1], observation.never_wet_percent
+        ));
+        outcome.put("usable_frames", json!(quality.usable));
+        outcome.put("never_wet_percent", json!(observation.never_wet_percent));
+        outcome.put("detection_limit_mm2", json!(limit_mm2));
+        outcome.put("outline_off_px", json!(quality.off_px));
+        outcome.put("light", json!(quality.light.map(|share| share.is_finite().then_some(share))));
+        outcome.put("moved_px", json!(quality.moved_px));
+        outcome.put("sharpness", json!(quality.sharpness));
+        outcome.put("mask", json!(mask));
+        outcome.put("ms_per_frame", json!(self.ms_per_frame));
+        if let Some((score, confusion)) = &self.score {
+            outcome.say(format!(
+                "against the truth: intersection over union {:.3}, precision {:.3}, recall {:.3}; grids: {} rightly \
+                 failed, {} wrongly failed, {} wrongly passed",
+                score.iou, score.precision, score.recall, confusion.true_fail, confusion.false_fail, confusion.false_pass
+            ));
+            outcome.put(
+                "score",
+                json!({
+                    "iou": score.iou, "precision": score.precision, "recall": score.recall,
+                    "grids": {"true_fail": confusion.true_fail, "false_fail": confusion.false_fail,
+                              "false_pass": confusion.false_pass, "true_pass": confusion.true_pass},
+                }),
+            );
+        }
+        outcome
+    }
+}

@@ -1,0 +1,35 @@
+//! A row of the installation page, and what came of it.
+
+/// A row of the page's table.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Assumption {
+    /// Its number on the installation page.
+    pub(super) number: u32,
+    pub(super) assumed: String,
+    pub(super) to_do: String,
+}
+
+/// What came of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
+#[strum(serialize_all = "lowercase")]
+pub(super) enum Finding {
+    Proven,
+    Wrong,
+    Open,
+}
+
+impl Finding {
+    pub(super) fn word(self) -> &'static str {
+        self.into()
+    }
+}
+
+/// One line of the page.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Proof {
+    pub(super) assumption: Assumption,
+    pub(super) finding: Finding,
+    pub(super) evidence: String,
+    /// Tried by this program; else told by the person.
+    pub(super) tried: bool,
+}

@@ -1,0 +1,19 @@
+//! The files of a rendered folder.
+
+use std::path::PathBuf;
+
+/// The folder's files by their role.
+#[derive(Debug, Clone)]
+pub struct Rendered {
+    /// The folder.
+    pub folder: PathBuf,
+    /// Length of its wet films, s.
+    pub seconds: u32,
+}
+
+impl Rendered {
+    /// A file of the folder.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+}

@@ -1,0 +1,31 @@
+//! What is told of a shot.
+
+use super::super::outcome::Outcome;
+use crate::devices::cameras::{Conditions, PictureQuality};
+use serde_json::{Value, json};
+
+/// What the camera tells about a shot, in words and for scripts.
+pub(super) fn conditions(outcome: &mut Outcome, told: &mut Value, conditions: Conditions) {
+    let Conditions { exposure_us, camera_c, throttled_ms } = conditions;
+    (told["exposure_us"], told["camera_c"], told["throttled_ms"]) =
+        (json!(exposure_us), json!(camera_c), json!(throttled_ms));
+    let words = [
+        exposure_us.map(|us| format!("exposed for {:.2} ms", us / 1_000.0)),
+        camera_c.map(|celsius| format!("the camera has {celsius:.1} °C")),
+        throttled_ms.map(|ms| format!("it paused for {ms:.0} ms because it is hot")),
+    ];
+    let words: Vec<String> = words.into_iter().flatten().collect();
+    if !words.is_empty() {
+        outcome.say(format!("  {}", words.join(", ")));
+    }
+}
+
+pub(super) fn words(quality: &PictureQuality) -> String {
+    format!(
+        "sharpness {:.1} grey levels a pixel at the steepest edges, saturated {:.2} %, dark {:.1} %, mean grey level {:.0} of 255",
+        quality.sharpness_gray_per_px,
+        100.0 * quality.saturated_share,
+        100.0 * quality.dark_share,
+        quality.mean_gray
+    )
+}

@@ -1,0 +1,59 @@
+//! What a phase found, as the table hears it and as the record keeps it.
+
+use super::error::DaemonError;
+use super::ports::{CameraFault, Figure, Record};
+use crate::cycle::{Answer, Grade, Trouble};
+use crate::geometry::ColorPicture;
+use crate::record::Kind;
+use crate::stages::{Drawing, rejected};
+use crate::verdict::{Judgement, Reason, Verdict};
+
+/// What cannot be computed without what an earlier act leaves.
+pub(super) const MISSING: Answer = Answer::Failed(Trouble::Unexpected);
+
+/// A drawing for the record. It decides nothing: where it could not be drawn, the bare picture stands.
+pub(super) fn figure(drawing: Drawing, bare: &ColorPicture) -> Figure {
+    let Drawing { name, caption, picture } = drawing;
+    match picture {
+        Ok(picture) => Figure { name, caption, picture },
+        Err(error) => {
+            let caption = format!("{caption}; nothing is drawn on it: {error}");
+            Figure { name, caption, picture: bare.clone() }
+        }
+    }
+}
+
+/// A drawing that stands on no picture.
+pub(super) fn figure_alone(drawing: Drawing) -> Figure {
+    figure(drawing, &ColorPicture::filled(1, 1, [245; 3]))
+}
+
+/// A gate's word for the table.
+pub(super) fn grade(judgement: &Judgement) -> Grade {
+    match judgement.verdict {
+        Verdict::Accept => Grade::Accept,
+        Verdict::Review => Grade::Review,
+        _ => Grade::Reject,
+    }
+}
+
+pub(super) fn reason(code: &'static str, error: &dyn std::error::Error) -> Reason {
+    Reason::new(code, error.to_string())
+}
+
+pub(super) fn blind(
+    kind: Kind,
+    pass: u8,
+    error: &CameraFault,
+    record: &mut dyn Record,
+) -> Result<Answer, DaemonError> {
+    record.finding(&rejected(kind, pass, reason("no_picture", error)))?;
+    Ok(Answer::Failed(Trouble::Camera))
+}
+
+/// A picture that cannot be read: of a corner that is a rejection, of a film it says nothing.
+pub(super) fn unseen(kind: Kind, pass: u8, reason: Reason, record: &mut dyn Record) -> Result<Answer, DaemonError> {
+    record.finding(&rejected(kind, pass, reason))?;
+    let of_film = kind == Kind::Inspect;
+    Ok(if of_film { Answer::Failed(Trouble::Picture) } else { Answer::Graded(Grade::Reject) })
+}

@@ -1,0 +1,68 @@
+//! A piece of work, and what comes of it.
+
+use crate::cycle::{Act, Answer, Id, Trouble};
+use crate::daemon::abrasion::Abrasion;
+use crate::daemon::error::DaemonError;
+use crate::daemon::ports::Note;
+use crate::daemon::setup::CycleSetup;
+use crate::daemon::sight::Sight;
+use crate::geometry::KukaPose;
+use crate::verdict::Reason;
+use std::sync::Arc;
+
+/// What an act needs.
+#[derive(Debug)]
+pub(in crate::daemon) struct Work {
+    /// The act.
+    pub id: Id,
+    pub act: Act,
+    /// Whether it is the next step of the film under way; then it needs no more than this.
+    pub is_next_picture: bool,
+    pub sight: Sight,
+    pub abrasion: Abrasion,
+    /// Where the active tool stands in the active base, as far as known.
+    pub tip: Option<KukaPose>,
+    pub pass: u8,
+    /// What the cycle works with; none before the first one.
+    pub setup: Option<Arc<CycleSetup>>,
+}
+
+impl Work {
+    /// The next step of the film that this act watches.
+    pub fn next_picture(id: Id, act: Act, pass: u8, setup: Option<Arc<CycleSetup>>) -> Self {
+        let (sight, abrasion) = Default::default();
+        Work { id, act, is_next_picture: true, sight, abrasion, tip: None, pass, setup }
+    }
+}
+
+/// What came of it.
+#[derive(Debug)]
+pub(in crate::daemon) struct Worked {
+    pub id: Id,
+    pub found: Result<Found, DaemonError>,
+    /// Both as they are now; none where the work was lost.
+    pub artifacts: Option<(Sight, Abrasion)>,
+    pub notes: Vec<Note>,
+    /// Whether it is a step of a film.
+    pub(super) is_of_film: bool,
+}
+
+impl Worked {
+    pub(super) fn is_last(&self) -> bool {
+        !matches!(self.found, Ok(Found::Watching { .. }))
+    }
+}
+
+/// The result of a piece of work.
+#[derive(Debug)]
+pub(in crate::daemon) enum Found {
+    /// The act's answer.
+    Answer(Answer),
+    /// The film goes on; so many seconds of it were seen.
+    Watching { seen_s: f64 },
+    /// What a self-test found wrong.
+    Wrong(Vec<(Trouble, Reason)>),
+}
+
+/// Looks at the calibrations: what cannot be read, in words.
+pub type Readable = Box<dyn FnMut() -> Vec<Reason> + Send>;

@@ -1,0 +1,35 @@
+//! Why a cycle cannot begin or go on.
+
+use super::ports::RecordError;
+use crate::supervision::ThreadFault;
+
+/// Why a cycle cannot begin, or had to end where no verdict is possible.
+#[derive(Debug, thiserror::Error)]
+pub enum DaemonError {
+    /// An input or output without a name.
+    #[error("the cell's file has no \"{name}\" in [{table}]; a cycle needs it")]
+    NotWired {
+        /// The table.
+        table: &'static str,
+        /// The name.
+        name: &'static str,
+    },
+    /// A key that a cycle needs.
+    #[error("the cell's file does not state {key}; a cycle needs it")]
+    NotStated {
+        /// The key.
+        key: &'static str,
+    },
+    /// No corner was taught.
+    #[error("no corner of this panel was taught; teach it with --corner and --flange")]
+    NoCorner,
+    /// The system gives no thread to compute on.
+    #[error("the thread that computes cannot start: {0}")]
+    Thread(std::io::Error),
+    /// A thread of the program failed; the robot was told to stop.
+    #[error(transparent)]
+    Broken(#[from] ThreadFault),
+    /// The store does not write.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+}

@@ -1,0 +1,26 @@
+//! Where the robot was last heard to stand.
+
+use crate::eki;
+use crate::geometry::Joints;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// How old the robot's last state may be when the axes are said to stand where it says.
+const FRESH: Duration = Duration::from_millis(500);
+
+/// The robot's last state, and when it came. Clones are the same one.
+#[derive(Debug, Clone, Default)]
+pub struct LastState(Arc<Mutex<Option<(eki::State, Instant)>>>);
+
+impl LastState {
+    /// This is the last one; `None` where the link is lost.
+    pub fn is(&self, state: Option<&eki::State>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = state.map(|state| (*state, Instant::now()));
+    }
+
+    /// Where the axes stand, while the arm stands and the state is fresh.
+    pub(super) fn stands(&self) -> Option<Joints> {
+        let (state, came) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;
+        (came.elapsed() < FRESH && !state.moving).then_some(state.joints)
+    }
+}

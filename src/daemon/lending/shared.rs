@@ -1,0 +1,128 @@
+//! The service's cameras, and who has them.
+
+use super::last_state::LastState;
+use crate::cycle::State;
+use crate::daemon::cameras::Cameras;
+use crate::daemon::ports::{CameraAnswer, CameraCommand, CameraFault, Port};
+use crate::devices::cameras::{FlangeCamera, Scanner};
+use crate::geometry::Joints;
+use crate::verdict::Reason;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// The cell's cameras, whatever they are.
+pub type AllCameras = Cameras<Box<dyn Scanner>, Box<dyn FlangeCamera>>;
+
+/// Whoever asks for a shot waits so long for the end of another one.
+const NEXT_PATIENCE: Duration = Duration::from_secs(1);
+
+/// The code of the reason why there is no shot while the cell is at work.
+pub(super) const AT_WORK: &str = "at_work";
+
+pub(super) struct Inside {
+    pub(super) cameras: AllCameras,
+    /// A film that is lent is under way.
+    pub(super) films: bool,
+}
+
+/// The service's cameras. Clones are the same ones.
+#[derive(Clone)]
+pub struct SharedCameras(Arc<Shared>);
+
+struct Shared {
+    inside: Mutex<Inside>,
+    last: LastState,
+    /// The cell rests, and no cycle is under way.
+    rests: AtomicBool,
+    is_lent: AtomicBool,
+}
+
+impl SharedCameras {
+    /// Shares these cameras of a cell whose robot's last state is here.
+    pub fn new(cameras: AllCameras, last: LastState) -> Self {
+        let (rests, is_lent) = (AtomicBool::new(false), AtomicBool::new(false));
+        let inside = Mutex::new(Inside { cameras, films: false });
+        SharedCameras(Arc::new(Shared { inside, last, rests, is_lent }))
+    }
+
+    /// How the cell stands now.
+    pub(in crate::daemon) fn cell_is(&self, state: &State) {
+        self.0.rests.store(state.at.rests() && !state.job.running, Ordering::Relaxed);
+    }
+
+    /// Something begins that may need the cameras: they are lent no more until the cell's state is told again.
+    pub(in crate::daemon) fn are_needed(&self) {
+        self.0.rests.store(false, Ordering::Relaxed);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inside> {
+        self.0.inside.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Does something with the cameras for the loop; a film that is lent ends before.
+    fn with<T>(&self, act: impl FnOnce(&mut AllCameras) -> T) -> T {
+        let mut inside = self.lock();
+        if std::mem::take(&mut inside.films) {
+            // Who asked for the film is told that the cell is at work.
+            let _ = inside.cameras.scanner.end_clip();
+        }
+        act(&mut inside.cameras)
+    }
+
+    /// Lends the cameras, or says why not. Whoever has just sent the last byte of a shot is waited for.
+    pub(super) fn lend(&self) -> Result<Lent<'_>, Reason> {
+        let since = Instant::now();
+        while self.0.is_lent.swap(true, Ordering::Acquire) {
+            if since.elapsed() > NEXT_PATIENCE {
+                return Err(Reason::new("busy", "somebody else takes pictures now; ask again when that has ended"));
+            }
+            thread::sleep(Duration::from_millis(2));
+        }
+        Ok(Lent(self))
+    }
+
+    /// Where the axes stand, while the arm stands and its state is fresh.
+    pub(in crate::daemon) fn stands(&self) -> Option<Joints> {
+        self.0.last.stands()
+    }
+}
+
+impl std::fmt::Debug for SharedCameras {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SharedCameras").field("rests", &self.0.rests).field("is_lent", &self.0.is_lent).finish()
+    }
+}
+
+/// The cameras, lent until this is dropped.
+pub(super) struct Lent<'a>(&'a SharedCameras);
+
+impl Drop for Lent<'_> {
+    fn drop(&mut self) {
+        self.0.0.is_lent.store(false, Ordering::Release);
+    }
+}
+
+impl Lent<'_> {
+    /// The cameras, whether or not the cell still rests.
+    pub(super) fn lock(&self) -> MutexGuard<'_, Inside> {
+        self.0.lock()
+    }
+
+    /// The cameras for one shot, or for one picture of a film, where the cell still rests.
+    pub(super) fn cameras(&self) -> Result<MutexGuard<'_, Inside>, Reason> {
+        let inside = self.0.lock();
+        // Asked once they are locked: whoever locks them later finds the shot ended.
+        if self.0.0.rests.load(Ordering::Relaxed) {
+            return Ok(inside);
+        }
+        Err(Reason::new(AT_WORK, "the cell is at work; ask again when the cycle has ended"))
+    }
+}
+
+impl Port<CameraCommand> for SharedCameras {
+    fn perform(&mut self, command: CameraCommand) -> Result<CameraAnswer, CameraFault> {
+        self.with(|cameras| cameras.perform(command))
+    }
+}

@@ -1,0 +1,35 @@
+//! An act that is under way, and what it waits for.
+
+use crate::cycle::{Act, Id};
+use crate::eki::CommandId;
+
+/// An act whose answer is still to come.
+#[derive(Debug)]
+pub(super) struct Pending {
+    pub id: Id,
+    pub act: Act,
+    pub waits: Waits,
+}
+
+/// What is waited for.
+#[derive(Debug)]
+pub(super) enum Waits {
+    /// A robot that stands.
+    Standing,
+    /// The epoch that was asked for.
+    Epoch,
+    /// The end of the epoch, tool and water proven off; waypoints executed, once it is told.
+    EpochEnd { done: Option<u32> },
+    /// Base and tool, executed and echoed.
+    Frames(CommandId),
+    /// An output that is set, and its feedback.
+    Feedback { last: CommandId, feedback: Option<(u32, bool)> },
+    /// The pose from which a line may begin.
+    Ready(CommandId),
+    /// The end of a path.
+    PathEnd,
+    /// What is computed.
+    Computing,
+    /// In lock step: the robot's next state, and with it the time of the film's next picture.
+    Film,
+}

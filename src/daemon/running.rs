@@ -1,0 +1,101 @@
+//! The memory of the loop.
+
+use super::abrasion::Abrasion;
+use super::computing::Computing;
+use super::corrected::Corrected;
+use super::deadlines::Deadlines;
+use super::pending::Pending;
+use super::ports::{RecordPort, RequestPort};
+use super::sent::Sent;
+use super::setup::{CellSetup, CycleSetup};
+use super::sight::Sight;
+use super::underway::Underway;
+use crate::cycle::{self, Event, Report, State};
+use crate::eki;
+use crate::path::trace::Trace;
+use crate::record::{Front, Who};
+use crate::tape::Begin;
+use crate::verdict::Verdict;
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+/// The ports but the cameras, which are where it is computed.
+pub(super) struct Outside<'a> {
+    pub robot: Corrected<'a>,
+    pub record: &'a mut dyn RecordPort,
+    pub requests: &'a mut dyn RequestPort,
+}
+
+/// The memory of the loop; that of the table is [`State`].
+pub(super) struct Running<'p> {
+    pub cell: Arc<CellSetup>,
+    /// What the cycle works with; none before the first one.
+    pub cycle: Option<Arc<CycleSetup>>,
+    /// The loop was started for this one cycle.
+    pub is_single: bool,
+    pub lock_step: bool,
+    pub computing: Computing<'p>,
+    pub ports: Outside<'p>,
+    pub state: State,
+    pub events: VecDeque<Event>,
+    pub deadlines: Deadlines,
+    pub sight: Sight,
+    pub abrasion: Abrasion,
+    pub trace: Trace,
+    pub underway: Underway,
+    pub pending: Option<Pending>,
+    pub sent: Option<Sent>,
+    pub robot_state: Option<eki::State>,
+    pub condition: cycle::Robot,
+    pub verdict: Option<Verdict>,
+    /// Who made the request that was taken up last.
+    pub requester: Who,
+    /// The disk was found full, and not yet otherwise.
+    pub is_disk_full: bool,
+}
+
+impl<'p> Running<'p> {
+    pub(super) fn new(
+        (cell, cycle): (Arc<CellSetup>, Option<Arc<CycleSetup>>),
+        computing: Computing<'p>,
+        ports: Outside<'p>,
+        (state, lock_step): (State, bool),
+    ) -> Self {
+        Running {
+            cell,
+            is_single: cycle.is_some(),
+            cycle,
+            lock_step,
+            computing,
+            ports,
+            state,
+            events: VecDeque::from([Event::Told(Report::Boot)]),
+            deadlines: Deadlines::default(),
+            sight: Sight::default(),
+            abrasion: Abrasion::default(),
+            trace: Trace::default(),
+            underway: Underway::default(),
+            pending: None,
+            sent: None,
+            robot_state: None,
+            condition: cycle::Robot::Unknown,
+            verdict: None,
+            requester: Who::by(Front::Program),
+            is_disk_full: false,
+        }
+    }
+
+    /// Goes on where another loop began a cycle.
+    pub(super) fn remember(&mut self, before: Begin) {
+        if let Begin::Cycle { robot, armed } = before {
+            self.events.clear();
+            (self.robot_state, self.condition) = (robot.map(|robot| *robot), self.state.facts.robot);
+            self.deadlines = Deadlines::of(&armed);
+        }
+    }
+
+    /// What the phases of the cycle take.
+    pub(super) fn setup(&self) -> Option<&CycleSetup> {
+        self.cycle.as_deref()
+    }
+}

@@ -1,0 +1,123 @@
+//! What a cell and a cycle are set up with: read once, then never changed.
+
+use super::error::DaemonError;
+use super::wiring::Wiring;
+use crate::cell::{Arm, Cell, Limits};
+use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};
+use crate::inspect::Demands;
+use crate::panel::{TaughtCorner, TaughtPanel};
+use crate::path::approach::CornerTour;
+use crate::recipe::Recipe;
+use std::sync::Arc;
+
+/// Where cameras and tool are, as calibrated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Calibrations {
+    /// The 3D camera.
+    pub scanner: PinholeCamera,
+    /// Where it stands.
+    pub base_from_camera: Rigid<Base, Camera>,
+    /// The flange camera.
+    pub flange_camera: PinholeCamera,
+    /// How it is mounted.
+    pub flange_from_camera: Rigid<Flange, FlangeCamera>,
+    /// Where the sanding tool's contact is.
+    pub flange_from_tool: Rigid<Flange, Tool>,
+    /// Error of both camera mounts at the panel, mm, 95 %, where their files state it.
+    pub hand_eye_mm: Option<f64>,
+    /// Error of robot and tool, mm, 95 %, where the tool was touched against known points.
+    pub robot_mm: Option<f64>,
+}
+
+/// What the cell's file states of the cell, for every cycle and between cycles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CellSetup {
+    /// The cell's limits.
+    pub limits: Limits,
+    /// The arm.
+    pub arm: Arm,
+    /// Outputs and feedbacks.
+    pub wiring: Wiring,
+    /// Where the arm parks.
+    pub park: Joints,
+    /// `[poses.ready]`: on the way to and from the park pose, where the cell names one.
+    pub ready: Option<Joints>,
+}
+
+impl CellSetup {
+    /// Takes what the cell's file states.
+    ///
+    /// # Errors
+    /// Where the cell does not name what a cycle needs.
+    pub fn new(cell: &Cell) -> Result<Self, DaemonError> {
+        cell.limits().workspace().ok_or(DaemonError::NotStated { key: "limits.box_min_mm" })?;
+        Ok(CellSetup {
+            limits: cell.limits().clone(),
+            arm: cell.arm().clone(),
+            wiring: Wiring::of(cell.io())?,
+            park: cell.park().ok_or(DaemonError::NotStated { key: "poses.park" })?,
+            ready: cell.pose("ready"),
+        })
+    }
+}
+
+/// What one cycle works with: the loop and the thread that computes share it, and nothing of it changes while the cycle runs.
+#[derive(Debug, Clone)]
+pub struct CycleSetup {
+    /// The cell.
+    pub(super) cell: Arc<CellSetup>,
+    /// The recipe.
+    pub(super) recipe: Recipe,
+    /// What was taught.
+    pub(super) panel: TaughtPanel,
+    /// Its corners; the corner loop takes the first ones whose moves pass the gate.
+    pub(super) corners: Vec<TaughtCorner>,
+    /// The calibrations.
+    pub(super) calibrations: Calibrations,
+}
+
+impl CycleSetup {
+    /// Joins the cell, the recipe, the taught panel with its corners, and the calibrations.
+    ///
+    /// # Errors
+    /// Where no corner was taught.
+    pub fn new(
+        cell: Arc<CellSetup>,
+        recipe: Recipe,
+        (panel, corners): (TaughtPanel, Vec<TaughtCorner>),
+        calibrations: Calibrations,
+    ) -> Result<Self, DaemonError> {
+        if corners.is_empty() {
+            return Err(DaemonError::NoCorner);
+        }
+        Ok(CycleSetup { cell, recipe, panel, corners, calibrations })
+    }
+
+    /// The panel's name.
+    pub fn panel_name(&self) -> &str {
+        self.recipe.panel()
+    }
+
+    /// The cell.
+    pub fn cell(&self) -> Arc<CellSetup> {
+        self.cell.clone()
+    }
+
+    /// The arm's way over the views of the taught corners.
+    pub fn tour(&self) -> CornerTour<'_> {
+        CornerTour {
+            limits: &self.cell.limits,
+            arm: &self.cell.arm,
+            park: self.cell.park,
+            ready: self.cell.ready,
+            flange_from_camera: self.calibrations.flange_from_camera,
+            flange_from_tool: self.calibrations.flange_from_tool,
+            corners: &self.corners,
+        }
+    }
+
+    /// What is asked of a film.
+    pub fn demands(&self) -> Demands {
+        Demands::of(&self.recipe, &self.cell.limits)
+    }
+}

@@ -1,0 +1,52 @@
+//! How far a contact path under way may go.
+
+/// Motion that is permitted ahead, in windows of the link: more is permitted below the first, up to the second.
+const LEAST_WINDOWS: f64 = 2.0;
+
+const MOST_WINDOWS: f64 = 4.0;
+
+/// Waypoints that are permitted ahead at least, whatever they last.
+const LEAST_AHEAD: u32 = 16;
+
+/// The contact path under way, as far as the record is concerned.
+#[derive(Debug, Default)]
+pub(super) struct Underway {
+    /// Counted as worn of the disc already, mm².
+    pub reserved_mm2: f64,
+    /// When each waypoint is reached at the planned feed, s; the first of them is the air point where it begins.
+    reached_s: Vec<f64>,
+    window_s: f64,
+    /// So many waypoints may be sent.
+    pub permitted: u32,
+}
+
+impl Underway {
+    pub fn new(reached_s: Vec<f64>, window_s: f64) -> Self {
+        let mut underway = Underway { reached_s, window_s, ..Underway::default() };
+        underway.permitted = underway.wanted(0).unwrap_or(0);
+        underway
+    }
+
+    pub fn all(&self) -> u32 {
+        u32::try_from(self.reached_s.len().saturating_sub(1)).unwrap_or(u32::MAX)
+    }
+
+    fn at_s(&self, waypoint: u32) -> f64 {
+        self.reached_s.get(waypoint as usize).or(self.reached_s.last()).copied().unwrap_or(0.0)
+    }
+
+    /// How many may be sent once so many are executed, where that is more than now.
+    pub fn wanted(&self, done: u32) -> Option<u32> {
+        let (all, now_s) = (self.all(), self.at_s(done));
+        let ahead_s = self.at_s(self.permitted) - now_s;
+        if self.permitted >= all
+            || (ahead_s >= LEAST_WINDOWS * self.window_s && self.permitted >= done.saturating_add(LEAST_AHEAD / 2))
+        {
+            return None;
+        }
+        let until_s = now_s + MOST_WINDOWS * self.window_s;
+        let by_time = u32::try_from(self.reached_s.partition_point(|at_s| *at_s < until_s)).unwrap_or(u32::MAX);
+        let wanted = by_time.max(done.saturating_add(LEAST_AHEAD)).min(all);
+        (wanted > self.permitted).then_some(wanted)
+    }
+}
