@@ -7,7 +7,7 @@ use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
 use super::part;
 use super::zivid;
-use crate::calib::{CalibError, budget, health};
+use crate::calib::budget;
 use crate::cell::LensExtent;
 use crate::cycle::Request;
 use crate::daemon::{Calibrations, CellSetup, CycleSetup, PartNames, PreparedCycle};
@@ -58,6 +58,10 @@ impl Calibrated {
         texts.extend(zivid::settings(&files.cell)?);
         Ok(Calibrated { values, flange_camera_extent, texts })
     }
+
+    fn of_cycle(&self) -> (Calibrations, &LensExtent) {
+        (self.values, &self.flange_camera_extent)
+    }
 }
 
 /// A recipe with what was taught of its panel.
@@ -102,33 +106,22 @@ impl TaughtRecipe {
     /// A cycle for the service to begin.
     ///
     /// # Errors
-    /// Where no corner was taught.
+    /// Where no corner was taught, or one where the lens is not known.
     pub fn prepared(self, cell: Arc<CellSetup>, calibrated: &Calibrated) -> Result<PreparedCycle, Fault> {
-        self.seen_where_the_lens_is_known(calibrated)?;
         let (request, start) = (self.request(), self.start(calibrated));
         let TaughtRecipe { recipe, taught: Taught { panel, corners, .. }, .. } = self;
-        let setup = CycleSetup::new(cell, recipe, (panel, corners), calibrated.values).map_err(Fault::stage)?;
+        let setup = CycleSetup::new(cell, recipe, (panel, corners), calibrated.of_cycle()).map_err(Fault::stage)?;
         Ok(PreparedCycle { request, setup, start, recording: None })
     }
 
     /// What the one cycle of a command works with.
     ///
     /// # Errors
-    /// Where the cell does not name what a cycle needs, or no corner was taught.
+    /// Where the cell does not name what a cycle needs, or its corners do not serve.
     pub fn setup(&self, files: &CellFiles, calibrated: &Calibrated) -> Result<CycleSetup, Fault> {
-        self.seen_where_the_lens_is_known(calibrated)?;
         let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
         let taught = (self.taught.panel.clone(), self.taught.corners.clone());
-        CycleSetup::new(cell, self.recipe.clone(), taught, calibrated.values).map_err(Fault::stage)
-    }
-
-    /// A taught corner must lie where the lens of the flange camera is known: it is looked at there again.
-    fn seen_where_the_lens_is_known(&self, calibrated: &Calibrated) -> Result<(), Fault> {
-        let pixels = self.taught.corners.iter().map(|corner| corner.teaching.reference_px);
-        match health::outside_of_lens(&calibrated.flange_camera_extent, pixels) {
-            Some(reason) => Err(Fault::stage(CalibError::Points(format!("a taught corner: {}", reason.message)))),
-            None => Ok(()),
-        }
+        CycleSetup::new(cell, self.recipe.clone(), taught, calibrated.of_cycle()).map_err(Fault::stage)
     }
 
     /// What the record of its cycle begins with.

@@ -13,7 +13,7 @@ use crate::path::approach::{Approach, CornerTour};
 use crate::path::disc::DiscUse;
 use crate::path::dwell::{self, Dwell, GridDwell};
 use crate::path::panel_reach::Stand;
-use crate::path::{self, Kinematics, Program, ProgramName, Spread, Waypoint, WaypointLimits};
+use crate::path::{self, Kinematics, Program, ProgramName, Spread, Waypoint};
 use crate::recipe::Recipe;
 use crate::report::{View, dwell_map, overlap_map};
 use crate::stages::plan::{self, Reach};
@@ -63,8 +63,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let is_looked_at = !matches!(reach, Reach::Unknown);
     let mut stage = plan::judge(plan, on, reach, &recipe, tool);
     if files.cell.limits().workspace().is_some() || program.is_some() {
-        let limits = WaypointLimits::from(files.cell.limits());
-        stage.judgement = path::judge_in_base(&stage.plan, base_from_panel, &limits).and(stage.judgement);
+        stage = stage.held_in_base(base_from_panel, files.cell.limits());
     }
     let reach_words = match &stage.reached {
         Some(reached) => format!(

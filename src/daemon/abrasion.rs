@@ -16,10 +16,10 @@ use crate::path::{Kinematics, Plan, dwell, touching};
 use crate::record::{Budget, EarlierPass, Kind, PASSES_USED, Reached};
 use crate::stages::abrade::{self, Progress};
 use crate::stages::plan::{self, Planned, Reach};
-use crate::stages::rejected;
+use crate::stages::rejected_by;
 use crate::stages::survey::{self, ToolState};
 use crate::surface::{self, Fit};
-use crate::verdict::Reason;
+use crate::verdict::{Check, Limit, Reason, SetBy, Severity};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -81,8 +81,8 @@ impl Abrasion {
     ) -> Result<Answer, DaemonError> {
         let fit = match self.fitted(cycle, record)? {
             Ok(fit) => fit,
-            Err(reason) => {
-                record.finding(&rejected(Kind::Reach, pass, reason))?;
+            Err(check) => {
+                record.finding(&rejected_by(Kind::Reach, pass, *check))?;
                 return Ok(Answer::Graded(Grade::Reject));
             }
         };
@@ -102,7 +102,7 @@ impl Abrasion {
         &mut self,
         cycle: &CycleSetup,
         record: &mut dyn Record,
-    ) -> Result<Result<Arc<Fit>, Reason>, DaemonError> {
+    ) -> Result<Result<Arc<Fit>, Box<Check>>, DaemonError> {
         if let Some(fit) = &self.fit {
             return Ok(Ok(fit.clone()));
         }
@@ -112,7 +112,7 @@ impl Abrasion {
                 if let Some(map) = &refusal.map {
                     record.figure(&figure_alone(survey::drawn_surface(map)))?;
                 }
-                Ok(Err(reason("no_surface", &refusal.error)))
+                Ok(Err(Box::new(refusal.error.check())))
             }
         }
     }
@@ -147,8 +147,8 @@ impl Abrasion {
         };
         let planned = match planned {
             Ok(planned) => planned,
-            Err(reason) => {
-                record.finding(&rejected(Kind::Plan, pass, reason))?;
+            Err(check) => {
+                record.finding(&rejected_by(Kind::Plan, pass, *check))?;
                 return Ok(Answer::Graded(Grade::Reject));
             }
         };
@@ -173,9 +173,14 @@ impl Abrasion {
     }
 
     fn is_worn(&self, grid: &GridId, pass: u8, most: usize) -> bool {
-        let (times, last) = self.touched.get(grid).map_or((0, None), |(times, last)| (*times, Some(*last)));
+        let last = self.touched.get(grid).map(|(_, last)| *last);
         // An air-run abrades nothing; the rest of a pass that was left belongs to that pass.
-        pass > 0 && times + self.before(grid).count() >= most && last != Some(pass)
+        pass > 0 && self.times(grid) >= most && last != Some(pass)
+    }
+
+    /// How often a grid was abraded, in this cycle and in earlier ones that count.
+    fn times(&self, grid: &GridId) -> usize {
+        self.touched.get(grid).map_or(0, |(times, _)| *times) + self.before(grid).count()
     }
 
     /// The passes of earlier cycles that count for this grid.
@@ -193,7 +198,7 @@ impl Abrasion {
         grids.iter().flat_map(|grid| self.before(grid).map(move |earlier| words(grid, earlier))).collect()
     }
 
-    fn passes_used(&self, worn: &[GridId], most: usize) -> Reason {
+    fn passes_used(&self, worn: &[GridId], most: usize) -> Box<Check> {
         let names = worn.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
         let earlier = self.counted_before(worn);
         let message = match earlier.is_empty() {
@@ -205,7 +210,10 @@ impl Abrasion {
                 earlier.join("; ")
             ),
         };
-        Reason::new(PASSES_USED, message)
+        let times = worn.iter().map(|grid| self.times(grid)).max().unwrap_or(most);
+        let check = Check::new("abrasions of a grid so far", "", times as f64)
+            .within(Limit::Below(most as f64), SetBy::recipe("process.max_passes_per_grid"));
+        Box::new(check.rejects(PASSES_USED, || message))
     }
 
     /// A plan over these grids, the tool turned as the arm reaches best, with every gate's word.
@@ -214,11 +222,11 @@ impl Abrasion {
         cycle: &CycleSetup,
         (fit, grids): (&Fit, &[GridId]),
         panel: &Approach<'_>,
-    ) -> Result<Planned, Reason> {
+    ) -> Result<Planned, Box<Check>> {
         let on = (&cycle.panel, fit);
-        let plan = plan::lay(on, grids, &cycle.recipe).map_err(|error| reason("no_path", &error))?;
+        let plan = plan::lay(on, grids, &cycle.recipe).map_err(|error| refused(reason("no_path", &error)))?;
         let kinematics = Kinematics::new(&cycle.cell.arm);
-        let reach = Reach::From(cycle.tour().stand(&kinematics, panel)?);
+        let reach = Reach::From(cycle.tour().stand(&kinematics, panel).map_err(refused)?);
         Ok(plan::judge(plan, on, reach, &cycle.recipe, self.tool(cycle)))
     }
 
@@ -264,4 +272,9 @@ impl Abrasion {
     pub fn passes(&self) -> impl Iterator<Item = (GridId, usize)> + '_ {
         self.touched.iter().map(|(grid, (times, _))| (*grid, *times))
     }
+}
+
+/// A path that cannot be laid or reached at all.
+fn refused(reason: Reason) -> Box<Check> {
+    Box::new(Check::new("a path over these grids", "", None).gives(Some(reason), Severity::Reject))
 }

@@ -23,6 +23,9 @@ pub enum DaemonError {
     /// No corner was taught.
     #[error("no corner of this panel was taught; teach it with --corner and --flange")]
     NoCorner,
+    /// A corner was taught where nothing may be measured.
+    #[error("a taught corner: {0}")]
+    CornerOutsideOfLens(String),
     /// The system gives no thread to compute on.
     #[error("the thread that computes cannot start: {0}")]
     Thread(std::io::Error),

@@ -12,7 +12,7 @@ use crate::path::reach::{self, Obstacles};
 use crate::path::routes::{self, Gated, LinearMotion, PathSpeed, Standing};
 use crate::path::trace::Trace;
 use crate::path::{Kinematics, judge_joints, taught_axis};
-use crate::record::Kind;
+use crate::record::{Finding, Kind};
 use crate::verdict::Reason;
 use crate::words::apart;
 use std::sync::Arc;
@@ -98,8 +98,13 @@ impl Running<'_> {
             if gated.is_good() {
                 return Some(gated);
             }
-            let why =
-                gated.judgement.reasons.iter().map(|reason| reason.message.as_str()).collect::<Vec<_>>().join("; ");
+            let why = gated
+                .judgement()
+                .reasons
+                .iter()
+                .map(|reason| reason.message.as_str())
+                .collect::<Vec<_>>()
+                .join("; ");
             tracing::warn!("the arm does not come to corner {}: {why}", corner + 1);
             self.sight.corners.leave_out(corner, &why);
         }
@@ -120,7 +125,8 @@ impl Running<'_> {
             return Ok(());
         };
         if !gated.is_good() {
-            self.note(Kind::Gate, gated.judgement.reasons)?;
+            let finding = Finding::new(Kind::Gate, self.state.job.pass, gated.judgement());
+            self.record(finding.with(gated.broken))?;
             self.answer(id, Answer::Failed(Trouble::Gate));
             return Ok(());
         }

@@ -2,7 +2,8 @@
 
 use super::error::DaemonError;
 use super::wiring::Wiring;
-use crate::cell::{Arm, Cell, Limits};
+use crate::calib::health;
+use crate::cell::{Arm, Cell, LensExtent, Limits};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};
 use crate::inspect::Demands;
 use crate::panel::{TaughtCorner, TaughtPanel};
@@ -77,18 +78,23 @@ pub struct CycleSetup {
 }
 
 impl CycleSetup {
-    /// Joins the cell, the recipe, the taught panel with its corners, and the calibrations.
+    /// Joins the cell, the recipe, the taught panel with its corners, and the calibrations with what is known of the flange
+    /// camera's lens.
     ///
     /// # Errors
-    /// Where no corner was taught.
+    /// Where no corner was taught, or one where the lens is not known: the camera looks at it there again.
     pub fn new(
         cell: Arc<CellSetup>,
         recipe: Recipe,
         (panel, corners): (TaughtPanel, Vec<TaughtCorner>),
-        calibrations: Calibrations,
+        (calibrations, flange_camera_extent): (Calibrations, &LensExtent),
     ) -> Result<Self, DaemonError> {
         if corners.is_empty() {
             return Err(DaemonError::NoCorner);
+        }
+        let pixels = corners.iter().map(|corner| corner.teaching.reference_px);
+        if let Some(reason) = health::outside_of_lens(flange_camera_extent, pixels) {
+            return Err(DaemonError::CornerOutsideOfLens(reason.message));
         }
         Ok(CycleSetup { cell, recipe, panel, corners, calibrations })
     }

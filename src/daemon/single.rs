@@ -175,7 +175,7 @@ impl<'r> Single<'r> {
             None,
             line.speed_mm_s,
         );
-        accepted(gated.judgement)?;
+        accepted(gated.judgement())?;
         // By their names the first corner's; what it needs is what every straight way through the air needs.
         self.held_to_interlocks("a straight motion", single_interlocks::motion(Path::Corner { view: 0 }), cell)?;
         self.robot.send(Command::SetAccSpeed(moves::speeds(gated.speed)))?;

@@ -127,7 +127,7 @@ impl<'a> CornerTour<'a> {
         let to = Rigid::claim(*(panel.base_from_panel * taught.teaching.panel_from_camera).isometry());
         let (limits, arm, obstacles) = (self.limits, self.arm, panel.obstacles);
         let gated = routes::view(&Standing { limits, arm, flange_from_tool, joints: at, obstacles }, from, to);
-        let refused = gated.judgement.reasons.into_iter().next();
+        let refused = gated.judgement().reasons.into_iter().next();
         let on_the_way = |reason: Reason| Reason {
             message: format!("on the way to corner {}: {}", corner + 1, reason.message),
             ..reason

@@ -7,10 +7,10 @@
 
 use super::coverage::MIN_COVERAGE;
 use super::planned::{Plan, ToolPath, Waypoint};
-use super::waypoint_gate::{Route, WaypointLimits, judge_route};
+use super::waypoint_gate::{Route, WaypointLimits, broken_by_route};
 use crate::geometry::{Base, Degrees, Panel, Rigid, Tool, Vector};
 use crate::recipe;
-use crate::verdict::{Check, Judgement, Reason, SetBy, Severity};
+use crate::verdict::{Check, Judgement, SetBy, Severity};
 use crate::words::{apart, fixed, percent_apart};
 use nalgebra::{Isometry3, Vector3};
 
@@ -29,13 +29,14 @@ pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
 
 /// Every number of what a plan reaches, and the verdict on the plan.
 pub fn judged(plan: &Plan, settings: &recipe::Path) -> (Vec<Check>, Judgement) {
-    let mut reject: Vec<Reason> = plan.paths.iter().flat_map(|path| motion_faults(path, settings)).collect();
-    if reject.is_empty() && !plan.is_finite() {
-        reject.push(Reason::new("not_finite", "the length, the time or the reach of the path is not a number"));
+    let mut of_motion: Vec<Check> = plan.paths.iter().flat_map(|path| broken_steps(path, settings)).collect();
+    if of_motion.is_empty() && !plan.is_finite() {
+        let words = || "the length, the time or the reach of the path is not a number".to_owned();
+        of_motion.push(not_a_number("length, time and reach of the path", words));
     }
-    let checks = [coverage(plan), evenness(plan, settings)].concat();
-    let shortfalls = Judgement::of_checks(&checks).reasons;
-    (checks, Judgement::of(reject, shortfalls))
+    let checks = [of_motion, coverage(plan), evenness(plan, settings)].concat();
+    let judgement = Judgement::of_checks(&checks);
+    (checks, judgement)
 }
 
 /// The tool's Z on the panel at its nominal place: the mean over the plan.
@@ -48,13 +49,13 @@ pub fn taught_axis(plan: &Plan) -> Option<Vector<Base>> {
 }
 
 /// The gate before a motion on a whole plan where the panel stands, from its first waypoint on: the cell's box, steps,
-/// turns, and the tilt against the taught direction.
-pub fn judge_in_base(plan: &Plan, base_from_panel: Rigid<Base, Panel>, limits: &WaypointLimits) -> Judgement {
+/// turns, and the tilt against the taught direction. Lists what is not as it must be.
+pub fn broken_in_base(plan: &Plan, base_from_panel: Rigid<Base, Panel>, limits: &WaypointLimits) -> Vec<Check> {
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
     let poses: Vec<Rigid<Base, Tool>> =
         waypoints.map(|waypoint| base_from_panel * waypoint.panel_from_tool).collect();
     let from = poses.first().copied().unwrap_or_else(|| Rigid::claim(Isometry3::identity()));
-    judge_route(&Route { from, waypoints: &poses, taught_axis: taught_axis(plan) }, limits)
+    broken_by_route(&Route { from, waypoints: &poses, taught_axis: taught_axis(plan) }, limits)
 }
 
 /// The check of a press-in.
@@ -90,16 +91,24 @@ pub fn check_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Option<
     }))
 }
 
-fn motion_faults(path: &ToolPath, settings: &recipe::Path) -> Vec<Reason> {
+/// A number of the path that is none.
+fn not_a_number(what: &str, words: impl FnOnce() -> String) -> Check {
+    Check::new(what, "", f64::NAN).broken(true, Severity::Reject, "not_finite", words)
+}
+
+/// Each step and turn between waypoints that is larger than it may be; of what is kept there is none.
+fn broken_steps(path: &ToolPath, settings: &recipe::Path) -> Vec<Check> {
     let name = path.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
     if let Some(index) = path.waypoints.iter().position(|waypoint| !waypoint.is_finite()) {
-        return vec![Reason::new("not_finite", format!("grid {name}: waypoint {index} is not a number"))];
+        let words = || format!("grid {name}: waypoint {index} is not a number");
+        return vec![not_a_number("waypoint", words)];
     }
-    let mut reasons = Vec::new();
+    let mut broken = Vec::new();
     let in_air = |waypoint: Option<&Waypoint>| waypoint.is_some_and(|waypoint| !waypoint.contact);
     if !(in_air(path.waypoints.first()) && in_air(path.waypoints.last())) {
-        let message = format!("grid {name}: the path does not begin and end above the panel");
-        reasons.push(Reason::new("no_air", message));
+        let words = || format!("grid {name}: the path does not begin and end above the panel");
+        let ends = Check::new("ends of the path above the panel", "", None);
+        broken.push(ends.broken(true, Severity::Reject, "no_air", words));
     }
     for (index, pair) in path.waypoints.windows(2).enumerate() {
         let (from, to) = (pair[0].panel_from_tool, pair[1].panel_from_tool);
@@ -111,21 +120,24 @@ fn motion_faults(path: &ToolPath, settings: &recipe::Path) -> Vec<Reason> {
                 + settings.approach_mm()
                 + settings.press_in_mm()
         };
-        if step_mm > limit_mm {
-            let [step, limit] = apart(step_mm, limit_mm, 2);
-            let message = format!("grid {name}: {step} mm from waypoint {index} to the next, allowed {limit}");
-            reasons.push(Reason::new("large_step", message));
-        }
-        if turn > MAX_TURN {
-            let [turn, limit] = apart(turn.0, MAX_TURN.0, 3);
-            let message = format!(
-                "grid {name}: the tool turns by {turn}° from waypoint {index} to the next, allowed {limit}°; set a smaller \
-                 waypoint_spacing_mm or another reference_axis"
-            );
-            reasons.push(Reason::new("large_turn", message));
-        }
+        let step = Check::new("step from a waypoint to the next", "mm", step_mm)
+            .at_most(limit_mm, SetBy::recipe("path.waypoint_spacing_mm"))
+            .rejects("large_step", || {
+                let [step, limit] = apart(step_mm, limit_mm, 2);
+                format!("grid {name}: {step} mm from waypoint {index} to the next, allowed {limit}")
+            });
+        let turned = Check::new("turn of the tool from a waypoint to the next", "°", turn.0)
+            .at_most(MAX_TURN.0, SetBy::Program)
+            .rejects("large_turn", || {
+                let [turn, limit] = apart(turn.0, MAX_TURN.0, 3);
+                format!(
+                    "grid {name}: the tool turns by {turn}° from waypoint {index} to the next, allowed {limit}°; set a \
+                     smaller waypoint_spacing_mm or another reference_axis"
+                )
+            });
+        broken.extend([step, turned].into_iter().filter(|check| !check.is_kept()));
     }
-    reasons
+    broken
 }
 
 fn turn_between(from: Rigid<Panel, Tool>, to: Rigid<Panel, Tool>) -> Degrees {

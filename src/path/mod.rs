@@ -39,7 +39,7 @@ mod waypoint_gate;
 pub use crate::surface::Spread;
 pub use coverage::{GridCoverage, MIN_COVERAGE, step_overs_mm};
 pub use edge::{Outline, Overhang};
-pub use gate::{OF_GRID, TOOL_ERROR, check_pad, judge, judge_in_base, judge_pad, judged, taught_axis};
+pub use gate::{OF_GRID, TOOL_ERROR, broken_in_base, check_pad, judge, judge_pad, judged, taught_axis};
 pub use kinematics::Kinematics;
 pub use krl::{Program, ProgramName, ProgramNameError, krl};
 pub use orientation::{OrientationError, Reference, Stance, panel_from_tool};

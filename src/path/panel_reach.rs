@@ -5,7 +5,7 @@
 //! the grid, the waypoint, the axis and how far it is off, and a shift of the panel that would help.
 
 use super::disc::DiscUse;
-use super::gate::judge;
+use super::gate::judged;
 use super::kinematics::Kinematics;
 use super::plan::plan;
 use super::planned::{Plan, PlanError, Waypoint};
@@ -15,7 +15,7 @@ use crate::panel::{GridId, Region};
 use crate::recipe;
 use crate::surface::dwell::foot;
 use crate::surface::{BSplineSurface, Parameter};
-use crate::verdict::{Check, Judgement, Reason, Severity, Verdict};
+use crate::verdict::{Check, Judgement, Reason, Severity};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
@@ -173,7 +173,7 @@ pub struct GridReach {
     /// Panel that the disc sweeps on the path over this grid alone, mm².
     pub swept_mm2: f64,
     /// Why the gate rejects that path; empty where it does not.
-    pub refused: Vec<Reason>,
+    pub refused: Vec<Check>,
 }
 
 /// The reach of every grid of a region, each by the path that would abrade it alone: known before the panel is wetted.
@@ -194,8 +194,8 @@ pub fn of_grids(
         let plan = plan(surface, region, &[*id], outline, settings)?;
         // Whether it is reached at all: the path that is taken has its spin chosen then.
         let outcome = with_room(&plan, stand, settings, 0.0).map(|reached| reached.travel.room_deg);
-        let gated = judge(&plan, settings);
-        let refused = if gated.verdict == Verdict::Reject { gated.reasons } else { Vec::new() };
+        let mut refused = judged(&plan, settings).0;
+        refused.retain(|check| check.severity == Severity::Reject && check.reason().is_some());
         Ok(GridReach { id: *id, outcome, swept_mm2: DiscUse::of(&plan, settings, 0.0).swept_mm2, refused })
     };
     let all: Vec<Result<GridReach, PlanError>> = ids.par_iter().map(of_grid).collect();
@@ -206,15 +206,20 @@ pub fn of_grids(
 /// fails; where none is, the panel stands wrong. A path that the gate rejects is rejected, whichever grid it is over: no
 /// person can accept what would never be sent.
 pub fn judge_grids(grids: &[GridReach]) -> Judgement {
-    let reason = |grid: &GridReach| {
+    Judgement::of_checks(&broken_by_grids(grids))
+}
+
+/// The grids that are not reached, and what the gate rejects of the path over one; empty where all is well.
+pub fn broken_by_grids(grids: &[GridReach]) -> Vec<Check> {
+    let is_none_reached = grids.iter().all(|grid| grid.outcome.is_err());
+    let severity = if is_none_reached { Severity::Reject } else { Severity::Review };
+    let unreached = |grid: &GridReach| {
         let unreached = grid.outcome.as_ref().err()?;
-        Some(Reason::new(unreached.fault.cause.code(), format!("grid {}, {}", grid.id, words(unreached))))
+        let reason = Reason::new(unreached.fault.cause.code(), format!("grid {}, {}", grid.id, words(unreached)));
+        Some(Check::new(format!("{ROOM}, grid {}", grid.id), "°", None).gives(Some(reason), severity))
     };
-    let reasons: Vec<Reason> = grids.iter().filter_map(reason).collect();
-    let refused = Judgement::of(grids.iter().flat_map(|grid| grid.refused.iter().cloned()).collect(), vec![]);
-    let reach =
-        if reasons.len() < grids.len() { Judgement::of(vec![], reasons) } else { Judgement::of(reasons, vec![]) };
-    refused.and(reach)
+    let refused = grids.iter().flat_map(|grid| grid.refused.iter().cloned());
+    refused.chain(grids.iter().filter_map(unreached)).collect()
 }
 
 /// The room that is left where the arm follows a plan; where it does not, the plan is rejected in words: grid and waypoint,

@@ -3,15 +3,15 @@
 //! A way through air is a straight line cut into steps, so that the gate sees all of it. A contact path is the plan's,
 //! in the panel's frame, which is the base that was set. Every path is followed axis by axis from where the axes stand.
 
-use super::gate::{judge, judge_pad, taught_axis};
+use super::gate::{check_pad, judged, taught_axis};
 use super::kinematics::Kinematics;
 use super::planned::{Plan, Waypoint};
 use super::reach::{Leg, Obstacles, ReachFault, between, follow, retracts};
-use super::waypoint_gate::{Route, WaypointLimits, judge_route};
+use super::waypoint_gate::{Route, WaypointLimits, broken_by_route};
 use crate::cell::{self, Limits};
 use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Rigid, Tool, Vector};
 use crate::recipe;
-use crate::verdict::{Judgement, Reason, Verdict};
+use crate::verdict::{Check, Judgement, Reason, Severity, Verdict};
 use crate::words::apart;
 use nalgebra::Vector3;
 use std::sync::Arc;
@@ -71,8 +71,8 @@ pub struct PathSpeed {
 /// A path that may be sent, or why not.
 #[derive(Debug, Clone)]
 pub struct Gated {
-    /// The gate's verdict.
-    pub judgement: Judgement,
+    /// What is not as it must be; empty where the path may be sent.
+    pub broken: Vec<Check>,
     /// The motions.
     pub points: Vec<LinearMotion>,
     /// How fast they are.
@@ -86,7 +86,18 @@ pub struct Gated {
 impl Gated {
     /// Whether it may be sent.
     pub fn is_good(&self) -> bool {
-        self.judgement.verdict == Verdict::Accept
+        self.judgement().verdict == Verdict::Accept
+    }
+
+    /// The gate's verdict.
+    pub fn judgement(&self) -> Judgement {
+        Judgement::of_checks(&self.broken)
+    }
+
+    /// The same path, refused for this as well.
+    fn refused_for(self, mut broken: Vec<Check>) -> Self {
+        broken.extend(self.broken);
+        Gated { broken, joints: None, ..self }
     }
 }
 
@@ -163,23 +174,25 @@ pub fn contact(
         gated(standing, base_from_panel, (from, points), (taught_axis(plan), speed_mm_s, acceleration_m_s2));
     let in_contact = waypoints(plan).into_iter().filter(|waypoint| waypoint.contact);
     let places = in_contact.map(|waypoint| base_from_panel * waypoint.panel_from_tool);
-    let of_plan = judge(plan, settings)
-        .and(judge_pad(settings, standing.limits.tool_error_mm()))
-        .and(standing.where_measured(places));
-    if of_plan.verdict != Verdict::Reject {
+    let of_plan = judged(plan, settings).0.into_iter();
+    let of_plan = of_plan
+        .chain(check_pad(settings, standing.limits.tool_error_mm()))
+        .chain(standing.where_measured(places))
+        .filter(|check| check.reason().is_some());
+    let of_plan: Vec<Check> = of_plan.collect();
+    if Judgement::of_checks(&of_plan).verdict != Verdict::Reject {
         return gated;
     }
-    Gated { judgement: of_plan.and(gated.judgement), joints: None, ..gated }
+    gated.refused_for(of_plan)
 }
 
 /// The way to a view of a corner, which is measured from there.
 pub fn view(standing: &Standing<'_>, from: Rigid<Base, Tool>, to: Rigid<Base, Tool>) -> Gated {
     let gated = air(standing, Rigid::<Base, Base>::identity(), (from, to), None);
-    let measured = standing.where_measured([to]);
-    if measured.verdict != Verdict::Reject {
-        return gated;
+    match standing.where_measured([to]) {
+        Some(outside) => gated.refused_for(vec![outside]),
+        None => gated,
     }
-    Gated { judgement: measured.and(gated.judgement), joints: None, ..gated }
 }
 
 fn gated<Active: crate::geometry::Frame>(
@@ -193,23 +206,26 @@ fn gated<Active: crate::geometry::Frame>(
         points.iter().map(|point| base_from_active * point.pose.to_rigid::<Active, Tool>()).collect();
     let from = base_from_active * from;
     let route = Route { from, waypoints: &poses, taught_axis };
-    let (mut judgement, mut joints) = (judge_route(&route, &WaypointLimits::from(standing.limits)), None);
-    if judgement.verdict == Verdict::Accept {
+    let (mut broken, mut joints) = (broken_by_route(&route, &WaypointLimits::from(standing.limits)), None);
+    if broken.is_empty() {
         let legs = poses.iter().zip(&points).map(|(pose, point)| Leg {
             base_from_tool: *pose,
             feed_mm_s: point.speed_m_s.map_or(speed_mm_s, |speed_m_s| 1_000.0 * speed_m_s),
             blend_mm: point.blend_mm,
         });
-        match standing.followed(from, &legs.collect::<Vec<_>>()) {
-            Ok(travel) => match standing.retracts(&points, &poses, &travel) {
-                Ok(()) => joints = travel.last().copied(),
-                Err(reason) => judgement = Judgement::of(vec![reason], vec![]),
-            },
-            Err(reason) => judgement = Judgement::of(vec![reason], vec![]),
+        let followed = standing.followed(from, &legs.collect::<Vec<_>>());
+        let leaves = followed.and_then(|travel| {
+            standing.retracts(&points, &poses, &travel)?;
+            Ok(travel.last().copied())
+        });
+        match leaves {
+            Ok(last) => joints = last,
+            Err(reason) => broken
+                .push(Check::new("waypoint that the arm follows", "", None).gives(Some(reason), Severity::Reject)),
         }
     }
     Gated {
-        judgement,
+        broken,
         points,
         speed: PathSpeed { speed_m_s: speed_mm_s / 1_000.0, acceleration_m_s2 },
         end: poses.last().copied(),
@@ -219,18 +235,18 @@ fn gated<Active: crate::geometry::Frame>(
 
 impl Standing<'_> {
     /// Where the tip is to be exact, the arm's correction must have been measured.
-    fn where_measured(&self, tips: impl IntoIterator<Item = Rigid<Base, Tool>>) -> Judgement {
+    fn where_measured(&self, tips: impl IntoIterator<Item = Rigid<Base, Tool>>) -> Option<Check> {
         let (arm, tool_from_flange) = (Kinematics::new(self.arm), self.flange_from_tool.inverse());
         let outside = tips.into_iter().map(|tip| tip * tool_from_flange).find(|flange| !arm.is_measured(flange));
-        let reason = outside.map(|flange| {
+        outside.map(|flange| {
             let place = KukaPose::from_rigid(&flange);
             let message = format!(
                 "the flange would stand at {place}, outside of the volume over which the arm's correction was measured; \
                  calibrate the arm with pictures from there, or with axis angles"
             );
-            Reason::new("outside_correction", message)
-        });
-        Judgement::of(reason.into_iter().collect(), vec![])
+            let check = Check::new("pose of the flange where the arm's correction was measured", "", None);
+            check.broken(true, Severity::Reject, "outside_correction", || message)
+        })
     }
 
     /// Whether the arm could leave the panel from each waypoint in contact.

@@ -7,7 +7,7 @@
 
 use crate::cell::{Limits, Workspace};
 use crate::geometry::{Base, Degrees, Joints, Rigid, Tool, Vector};
-use crate::verdict::{Judgement, Reason};
+use crate::verdict::{Check, Judgement, SetBy, Severity};
 use crate::words::{apart, list, plain};
 
 /// What a path may do.
@@ -47,38 +47,48 @@ pub struct Route<'a> {
 
 /// Accepts a path of lines or rejects all of it.
 pub fn judge_route(route: &Route<'_>, limits: &WaypointLimits) -> Judgement {
+    Judgement::of_checks(&broken_by_route(route, limits))
+}
+
+/// Everything of a path of lines that is not as it must be; empty where the path may be sent.
+pub fn broken_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check> {
+    let refused = |what: &str, code: &'static str, words: String| {
+        vec![Check::new(what, "", None).broken(true, Severity::Reject, code, || words)]
+    };
     let Some(workspace) = limits.workspace else {
         let message = "the cell's file states no box_min_mm and box_max_mm; without them nothing moves in lines";
-        return Judgement::of(vec![Reason::new("no_box", message)], vec![]);
+        return refused("the cell's box", "no_box", message.to_owned());
     };
     if route.waypoints.is_empty() {
-        return Judgement::of(vec![Reason::new("no_waypoints", "the path has no waypoint")], vec![]);
+        return refused("waypoints", "no_waypoints", "the path has no waypoint".to_owned());
     }
     let all = || std::iter::once(&route.from).chain(route.waypoints);
     if let Some(index) = all().position(|pose| !is_finite(pose)) {
-        let message = format!("waypoint {index} is not a number");
-        return Judgement::of(vec![Reason::new("not_finite", message)], vec![]);
+        return refused("waypoint", "not_finite", format!("waypoint {index} is not a number"));
     }
-    let mut reasons = Vec::new();
+    let mut broken = Vec::new();
     for (index, (from, to)) in all().zip(route.waypoints).enumerate() {
         let index = index + 1;
-        reasons.extend(outside(index, to, workspace));
-        reasons.extend(jump(index, (from, to), limits));
-        reasons.extend(route.taught_axis.and_then(|axis| tilted(index, to, axis, limits.max_tilt)));
+        broken.extend(outside(index, to, workspace));
+        broken.extend(jump(index, (from, to), limits));
+        broken.extend(route.taught_axis.and_then(|axis| tilted(index, to, axis, limits.max_tilt)));
     }
-    Judgement::of(reasons, vec![])
+    broken
 }
 
 /// Accepts axis angles or rejects them.
 pub fn judge_joints(joints: &Joints) -> Judgement {
     let angles = joints.degrees();
     let wrong = angles.iter().position(|angle| !angle.is_finite() || angle.abs() > LARGEST_AXIS_DEG);
-    let reason = |axis: usize| {
-        let angle = plain(angles[axis]);
-        let message = format!("axis {} is to go to {angle}°, allowed is ±{LARGEST_AXIS_DEG}°", axis + 1);
-        Reason::new("axis_limit", message)
+    let check = |axis: usize| {
+        Check::new(format!("axis {}", axis + 1), "°", angles[axis].abs())
+            .at_most(LARGEST_AXIS_DEG, SetBy::Program)
+            .rejects("axis_limit", || {
+                let angle = plain(angles[axis]);
+                format!("axis {} is to go to {angle}°, allowed is ±{LARGEST_AXIS_DEG}°", axis + 1)
+            })
     };
-    Judgement::of(wrong.map(reason).into_iter().collect(), vec![])
+    Judgement::of_checks(&wrong.map(check))
 }
 
 /// No axis of such an arm turns farther.
@@ -88,7 +98,8 @@ fn is_finite(pose: &Rigid<Base, Tool>) -> bool {
     pose.isometry().to_homogeneous().iter().all(|number| number.is_finite())
 }
 
-fn outside(index: usize, pose: &Rigid<Base, Tool>, workspace: Workspace) -> Option<Reason> {
+/// How far a waypoint is outside of the box, where it is.
+fn outside(index: usize, pose: &Rigid<Base, Tool>, workspace: Workspace) -> Option<Check> {
     let tip = pose.origin().mm;
     // Each number beside the side of the box that is nearer to it.
     let beside = |mm: f64, axis: usize| {
@@ -106,37 +117,47 @@ fn outside(index: usize, pose: &Rigid<Base, Tool>, workspace: Workspace) -> Opti
             list(workspace.max.mm.coords.as_slice())
         )
     };
-    (!workspace.holds(pose.origin())).then(|| Reason::new("outside_box", message()))
+    let beyond = |axis: usize| {
+        let (low, high) = (workspace.min.mm[axis], workspace.max.mm[axis]);
+        (low - tip[axis]).max(tip[axis] - high)
+    };
+    let beyond_mm = (0..3).map(beyond).fold(0.0, f64::max);
+    let check = Check::new("waypoint outside of the cell's box", "mm", beyond_mm)
+        .at_most(0.0, SetBy::cell("limits.box_min_mm"));
+    (!workspace.holds(pose.origin())).then(|| check.broken(true, Severity::Reject, "outside_box", message))
 }
 
 fn jump(
     index: usize,
     (from, to): (&Rigid<Base, Tool>, &Rigid<Base, Tool>),
     limits: &WaypointLimits,
-) -> Vec<Reason> {
+) -> impl Iterator<Item = Check> {
     let before = if index == 1 { "where the arm stands".to_owned() } else { format!("waypoint {}", index - 1) };
     let (step_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * *to).turn());
-    let mut reasons = Vec::new();
-    if step_mm > limits.max_step_mm {
-        let [step, allowed] = apart(step_mm, limits.max_step_mm, 1);
-        let message = format!("{step} mm from {before} to waypoint {index}, allowed {allowed}");
-        reasons.push(Reason::new("large_step", message));
-    }
-    if turn > limits.max_turn {
-        let [turn, allowed] = apart(turn.0, limits.max_turn.0, 3);
-        let message = format!("the tool turns by {turn}° from {before} to waypoint {index}, allowed {allowed}°");
-        reasons.push(Reason::new("large_turn", message));
-    }
-    reasons
+    let step = Check::new("step from a waypoint to the next", "mm", step_mm)
+        .at_most(limits.max_step_mm, SetBy::cell("limits.max_step_mm"))
+        .rejects("large_step", || {
+            let [step, allowed] = apart(step_mm, limits.max_step_mm, 1);
+            format!("{step} mm from {before} to waypoint {index}, allowed {allowed}")
+        });
+    let turned = Check::new("turn of the tool from a waypoint to the next", "°", turn.0)
+        .at_most(limits.max_turn.0, SetBy::cell("limits.max_turn_deg"))
+        .rejects("large_turn", || {
+            let [turn, allowed] = apart(turn.0, limits.max_turn.0, 3);
+            format!("the tool turns by {turn}° from {before} to waypoint {index}, allowed {allowed}°")
+        });
+    [step, turned].into_iter().filter(|check| !check.is_kept())
 }
 
-fn tilted(index: usize, pose: &Rigid<Base, Tool>, taught: Vector<Base>, allowed: Degrees) -> Option<Reason> {
+fn tilted(index: usize, pose: &Rigid<Base, Tool>, taught: Vector<Base>, allowed: Degrees) -> Option<Check> {
     let tilt = (*pose * Vector::<Tool>::new(nalgebra::Vector3::z())).angle_to(taught);
     let message = || {
         let [tilt, allowed] = apart(tilt.0, allowed.0, 3);
         format!("at waypoint {index} the tool leans {tilt}° from its taught direction, allowed {allowed}°")
     };
-    (tilt.0.is_nan() || tilt > allowed).then(|| Reason::new("tilt", message()))
+    let check = Check::new("tilt of the tool against its taught direction", "°", tilt.0)
+        .at_most(allowed.0, SetBy::cell("limits.max_tilt_deg"));
+    (!check.is_kept()).then(|| check.rejects("tilt", message))
 }
 
 #[cfg(test)]

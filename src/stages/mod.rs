@@ -23,7 +23,7 @@ use crate::imaging::ImagingError;
 use crate::panel::GridId;
 use crate::record::{Finding, Kind};
 use crate::report::ReasonPicture;
-use crate::verdict::{Judgement, Reason};
+use crate::verdict::{Check, Judgement, Reason};
 
 /// A picture that explains a result to a person, or why it could not be drawn. It decides nothing.
 #[derive(Debug)]
@@ -51,6 +51,11 @@ impl From<ReasonPicture> for Drawing {
 /// A phase that ended in a rejection for this reason before it measured anything.
 pub fn rejected(kind: Kind, pass: u8, reason: Reason) -> Finding {
     Finding::new(kind, pass, Judgement::of(vec![reason], vec![]))
+}
+
+/// A phase that ended in a rejection by this check.
+pub fn rejected_by(kind: Kind, pass: u8, check: Check) -> Finding {
+    Finding::new(kind, pass, Judgement::of_checks([&check])).with([check])
 }
 
 fn reason(code: &'static str, error: &dyn std::error::Error) -> Reason {

@@ -3,11 +3,12 @@
 
 use super::survey::ToolState;
 use super::{Drawing, names};
-use crate::geometry::{Panel, Point};
+use crate::cell::Limits;
+use crate::geometry::{Base, Panel, Point, Rigid};
 use crate::panel::{Grid, GridId, TaughtPanel};
 use crate::path::disc::DiscUse;
 use crate::path::panel_reach::{self, Reached, Stand};
-use crate::path::{self, Plan, PlanError, ToolPath, check_pad};
+use crate::path::{self, Plan, PlanError, ToolPath, WaypointLimits, check_pad};
 use crate::recipe::Recipe;
 use crate::record::{Check, Finding, Kind, name};
 use crate::report::View;
@@ -88,6 +89,15 @@ pub fn judge(
 }
 
 impl Planned {
+    /// Also judged as the gate before the motion will do it where the panel stands: box, steps, turns and tilt.
+    #[must_use]
+    pub fn held_in_base(mut self, base_from_panel: Rigid<Base, Panel>, limits: &Limits) -> Self {
+        let broken = path::broken_in_base(&self.plan, base_from_panel, &WaypointLimits::from(limits));
+        self.judgement = Judgement::of_checks(&broken).and(self.judgement);
+        self.checks.extend(broken);
+        self
+    }
+
     /// The path over the panel in a picture of it.
     pub fn drawn(&self, panel: &TaughtPanel, view: &View<'_>) -> Drawing {
         let contact = |path: &ToolPath| -> Vec<Point<Panel>> {

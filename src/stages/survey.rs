@@ -25,6 +25,8 @@ pub struct ToolState {
 pub struct Surveyed {
     /// Every grid; none where the arm does not come to the panel, or the surface allows no path.
     pub grids: Vec<GridReach>,
+    /// Grids that are not reached, and steps that are too large.
+    broken: Vec<Check>,
     /// What the tool must be fit for.
     of_tool: Vec<Check>,
     /// The verdict.
@@ -39,8 +41,12 @@ pub fn survey(
     recipe: &Recipe,
     tool: ToolState,
 ) -> Surveyed {
-    let rejected =
-        |reason| Surveyed { grids: vec![], of_tool: vec![], judgement: Judgement::of(vec![reason], vec![]) };
+    let rejected = |reason| Surveyed {
+        grids: vec![],
+        broken: vec![],
+        of_tool: vec![],
+        judgement: Judgement::of(vec![reason], vec![]),
+    };
     let stand = match stand {
         Ok(stand) => stand,
         Err(reason) => return rejected(reason),
@@ -49,9 +55,10 @@ pub fn survey(
     match panel_reach::of_grids(&fit.surface, around, &stand, settings) {
         Ok(grids) => {
             let (pad, disc) = (check_pad(settings, tool.error_mm), disc(&grids, settings, tool));
-            let judgement =
-                panel_reach::judge_grids(&grids).and(Judgement::of_checks(&pad)).and(Judgement::of_checks([&disc]));
-            Surveyed { grids, of_tool: pad.into_iter().chain([disc]).collect(), judgement }
+            let of_tool: Vec<Check> = pad.into_iter().chain([disc]).collect();
+            let broken = panel_reach::broken_by_grids(&grids);
+            let judgement = Judgement::of_checks(broken.iter().chain(&of_tool));
+            Surveyed { grids, broken, of_tool, judgement }
         }
         Err(error) => rejected(super::reason("no_path", &error)),
     }
@@ -83,7 +90,7 @@ impl Surveyed {
                     .at_least(all, SetBy::Program),
                 Check::new("room beyond the arm's margins, at least", "°", least_deg),
             ]);
-        let finding = finding.with(self.of_tool.iter().cloned());
+        let finding = finding.with(self.broken.iter().chain(&self.of_tool).cloned());
         if missed.is_empty() { finding } else { finding.detail("out_of_reach", names(&missed)) }
     }
 }

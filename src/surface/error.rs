@@ -3,6 +3,7 @@
 use super::basis::{DEGREE, KnotError};
 use super::bspline::SurfaceError;
 use crate::geometry::Pixel;
+use crate::verdict::{Check, SetBy, Severity};
 use crate::words::{apart, fixed};
 
 /// Fewer pixels in a pair of spans do not determine it.
@@ -92,4 +93,33 @@ pub enum FitError {
     /// The region makes no knots.
     #[error(transparent)]
     Knots(#[from] KnotError),
+}
+
+impl FitError {
+    /// The number that the scan does not keep, with its limit, and the rejection that follows; where no number is at fault, the
+    /// rejection alone.
+    pub fn check(&self) -> Check {
+        let rejects = |check: Check| check.broken(true, Severity::Reject, "no_surface", || self.to_string());
+        let recipe = SetBy::recipe;
+        rejects(match self {
+            FitError::TooFine { pixels, .. } => {
+                Check::new("pixels in the poorest span of the surface", "", *pixels as f64)
+                    .at_least(MIN_PIXELS as f64, SetBy::Program)
+            }
+            FitError::Hole { size_mm, limit_mm, .. } => Check::new("largest hole in the region", "mm", *size_mm)
+                .at_most(*limit_mm, recipe("surface.max_hole_mm")),
+            FitError::Missing { percent, limit_percent } => {
+                Check::new("region without points that fit", "%", *percent)
+                    .at_most(*limit_percent, recipe("surface.max_missing_percent"))
+            }
+            FitError::PoorFit { rms_mm, limit_mm, .. } => Check::new("residual of the surface, rms", "mm", *rms_mm)
+                .at_most(*limit_mm, recipe("surface.max_rms_mm")),
+            FitError::NoPoints
+            | FitError::NoControlPoint { .. }
+            | FitError::Undetermined { .. }
+            | FitError::Fold { .. }
+            | FitError::Surface(_)
+            | FitError::Knots(_) => Check::new("the surface of the region", "", None),
+        })
+    }
 }

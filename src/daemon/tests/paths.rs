@@ -98,7 +98,7 @@ fn no_plan_is_sent_that_its_gate_rejects() {
         Standing { limits: &job.cell.limits, arm: &job.cell.arm, flange_from_tool, joints, obstacles: None };
     let first = plan.paths[0].waypoints[0].as_sent();
     let gated = |plan: &Plan| routes::contact(&standing, place, (first, plan), recipe.path());
-    assert!(gated(&plan).is_good(), "{:?}", gated(&plan).judgement);
+    assert!(gated(&plan).is_good(), "{:?}", gated(&plan).judgement());
     let mut doubtful = plan.clone();
     doubtful.grid_dwell[0].1.low_s *= 0.1;
     assert_eq!(path::judge(&doubtful, recipe.path()).verdict, Verdict::Review);
@@ -111,7 +111,7 @@ fn no_plan_is_sent_that_its_gate_rejects() {
         spoil(&mut spoilt);
         let refused = gated(&spoilt);
         assert!(!refused.is_good() && refused.joints.is_none(), "{code}");
-        assert_eq!(refused.judgement.reasons[0].code, code);
+        assert_eq!(refused.judgement().reasons[0].code, code);
     }
 }
 
@@ -231,8 +231,8 @@ fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
         let [here, there] = [0, 1].map(|index| place * plan.paths[0].waypoints[index].as_sent());
         let view = routes::view(&standing, here, there);
         for gated in [contact, view] {
-            assert_eq!(gated.is_good(), code.is_none(), "{:?}", gated.judgement);
-            assert_eq!(gated.judgement.reasons.first().map(|reason| reason.code.to_string()).as_deref(), code);
+            assert_eq!(gated.is_good(), code.is_none(), "{:?}", gated.judgement());
+            assert_eq!(gated.judgement().reasons.first().map(|reason| reason.code.to_string()).as_deref(), code);
             assert_eq!(gated.joints.is_none(), code.is_some());
         }
     }

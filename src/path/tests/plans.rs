@@ -1,7 +1,7 @@
 //! Plans by hand, what is refused, and the program for running one by hand.
 
 use super::*;
-use crate::verdict::Reason;
+use crate::verdict::{Check, Severity};
 
 /// By hand: on a plane seen from +z with feed along x, Z = (0, 0, −1), X = (1, 0, 0), Y = Z × X = (0, −1, 0), which is
 /// C = 180°; approach and retract stand 40 mm above; 5 rows of 44 mm with 4 turns of 11 mm are 264 mm of contact, beside
@@ -111,12 +111,19 @@ fn a_path_that_the_gate_rejects_is_not_for_review() {
         at: Point::at(0.0, 0.0, 0.0),
         shift: None,
     };
-    let grid = |column: usize, outcome: Result<f64, Box<panel_reach::Unreached>>, refused: Vec<Reason>| {
+    let grid = |column: usize, outcome: Result<f64, Box<panel_reach::Unreached>>, refused: Vec<Check>| {
         panel_reach::GridReach { id: GridId { row: 1, column }, outcome, swept_mm2: 1.0, refused }
     };
     let mut grids = vec![grid(1, Ok(20.0), vec![]), grid(2, Err(Box::new(unreached)), vec![])];
     assert_eq!(panel_reach::judge_grids(&grids).verdict, Verdict::Review);
-    grids.push(grid(3, Ok(20.0), vec![Reason::new("large_turn", "grid r1c3: the tool turns by 20°")]));
+    grids.push(grid(
+        3,
+        Ok(20.0),
+        vec![
+            Check::new("step", "mm", 9.0)
+                .broken(true, Severity::Reject, "large_turn", || "grid r1c3: the tool turns by 20°".to_owned()),
+        ],
+    ));
     let judgement = panel_reach::judge_grids(&grids);
     assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Reject, "large_turn"));
 }

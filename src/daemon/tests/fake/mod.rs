@@ -13,7 +13,7 @@ pub use record::Memory;
 use robot::FakeRobot;
 
 use super::super::*;
-use crate::cell;
+use crate::cell::{self, LensExtent};
 use crate::cycle::{self, Event, Motion, Outcome, Path, Refusal, State};
 use crate::devices::mock::Arm;
 use crate::eki::{Command, Report, SetTcp};
@@ -425,7 +425,7 @@ fn computing(cameras: Box<dyn CameraPort + Send>, readable: Vec<Reason>, lock_st
 /// What a cycle of this cell works with.
 pub fn setup(cell: &cell::Cell, recipe: &Recipe, taught: &TaughtHere, calibrations: Calibrations) -> CycleSetup {
     let cell = Arc::new(CellSetup::new(cell).expect("complete"));
-    CycleSetup::new(cell, recipe.clone(), taught.clone(), calibrations).expect("a corner")
+    CycleSetup::new(cell, recipe.clone(), taught.clone(), (calibrations, &LensExtent::default())).expect("a corner")
 }
 
 pub type TaughtHere = (TaughtPanel, Vec<TaughtCorner>);
