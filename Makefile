@@ -3,14 +3,16 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: package package-test zivid zivid-stub help setup demo test test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual
+.PHONY: deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo test test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
 	@echo 'make test    format check, lints, all tests'
 	@echo 'make test-long  the same tests with more random walks, and those that take minutes'
 	@echo 'make package a Debian package for the system that this machine has; make package-test installs, upgrades and purges it in a folder'
-	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual'
+	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual'
+	@echo 'make deny    licences, duplicates, sources and known faults of all crates; make mutants: changes of the code that no test notices'
+	@echo 'make fuzz    search for bytes over which a reader falls, SECONDS=60 each; one alone: make fuzz-krl SECONDS=600'
 	@echo 'make zivid   build the Zivid camera library where the SDK is installed'
 	@echo 'make fixtures  record the cycles in fixtures/ anew, which `make test` replays'
 	@echo 'make setup   install what is missing (Debian packages); the others call it'
@@ -54,6 +56,54 @@ test-long: setup
 	LINK_WALKS=20000 KRL_WALKS=5000 RUST_TEST_THREADS=2 cargo test --locked --test all -- no_walk_
 	RUST_TEST_THREADS=2 cargo test --locked -- --ignored --skip appends_until_killed --skip the_manual_leads
 
+# Licences, duplicates, sources, and advisories where their database can be had: deny.toml. What was not looked at is told.
+CARGO_DENY := target/tools/bin/cargo-deny
+$(CARGO_DENY):
+	cargo install --locked --quiet --root target/tools --target-dir $(BUILT)/cargo-deny --version '^0.20' cargo-deny
+
+deny: $(CARGO_DENY)
+	$(CARGO_DENY) --locked check licenses bans sources
+	@$(CARGO_DENY) --locked check advisories || { \
+	  $(CARGO_DENY) --locked fetch db >/dev/null 2>&1 && exit 1; \
+	  echo 'advisories: not run, their database cannot be had here; run make deny where the network reaches it' >&2; }
+
+# Changes of the code one by one, each of which must turn a unit test red (.cargo/mutants.toml says which). All of them take a
+# day, so a run takes one of 24 parts: make mutants PART=7; one file alone: make mutants MUTANTS='--file src/cycle/step.rs'.
+# The crates are built once in the folder of the build; the copy that is changed is built without optimization.
+CARGO_MUTANTS := target/tools/bin/cargo-mutants
+$(CARGO_MUTANTS):
+	cargo install --locked --quiet --root target/tools --target-dir $(BUILT)/cargo-mutants --version '^27' cargo-mutants
+
+PART := 0
+MUTANTS := --shard $(PART)/24
+mutants: setup $(CARGO_MUTANTS)
+	CARGO_TARGET_DIR=$(abspath $(BUILT)) CARGO_PROFILE_DEV_OPT_LEVEL=0 $(CARGO_MUTANTS) mutants --output target $(MUTANTS)
+
+# Search for bytes over which a reader falls, led by coverage: libFuzzer on stable Rust, one target after the other for SECONDS
+# each. What is found is written to target/fuzz/found; what leads on is kept in target/fuzz/corpus. All crates are built
+# with counters, in a folder of their own: the first build takes some ten minutes.
+SECONDS := 60
+FUZZ_TARGETS := framer wire channel session request recipe cell lens mounts pcd ply clip picture pose tape zivid_settings krl backup worker labels
+FUZZ_HOST := $(shell rustc -vV 2>/dev/null | sed -n 's/^host: //p')
+FUZZ := target/fuzz/$(FUZZ_HOST)/fuzz/examples/fuzz
+FUZZ_FLAGS := --cfg fuzzing -Cpasses=sancov-module $(addprefix -Cllvm-args=-sanitizer-coverage-,level=4 inline-8bit-counters pc-table trace-compares)
+.PHONY: fuzz-build $(addprefix fuzz-,$(FUZZ_TARGETS))
+
+fuzz-build: setup
+	RUSTFLAGS='$(FUZZ_FLAGS)' cargo build --locked --profile fuzz --target $(FUZZ_HOST) --target-dir target/fuzz --no-default-features \
+	  --features fuzz --example fuzz
+
+fuzz: $(addprefix fuzz-,$(FUZZ_TARGETS))
+
+# One second and 256 MB an execution at most. The seeds are written before the search begins.
+$(addprefix fuzz-,$(FUZZ_TARGETS)): fuzz-%: fuzz-build
+	mkdir -p target/fuzz/corpus/$* target/fuzz/seeds/$* target/fuzz/found fixtures/fuzz/$*
+	FUZZ_TARGET=$* FUZZ_SEEDS=target/fuzz/seeds/$* $(FUZZ) -max_total_time=$(SECONDS) -timeout=1 -rss_limit_mb=256 -max_len=65536 \
+	  -artifact_prefix=target/fuzz/found/$*- -print_final_stats=1 target/fuzz/corpus/$* target/fuzz/seeds/$* fixtures/fuzz/$* \
+	  >target/fuzz/$*.log 2>&1 || { tail -40 target/fuzz/$*.log; exit 1; }
+	@echo "$* $$(sed -n 's/^stat::number_of_executed_units: */executions /p;s/^stat::average_exec_per_sec: */a second /p;s/^stat::peak_rss_mb: */MB /p' \
+	  target/fuzz/$*.log | tr '\n' ' ') $$(grep -o 'cov: [0-9]*' target/fuzz/$*.log | tail -1)"
+
 # A Debian package of the release build, in target/package/. Build it on the system on which it is installed: Ubuntu 24.04 for a cell
 # (the Zivid SDK has packages for Ubuntu alone, Aravis 0.8.25 and newer are in Ubuntu from 24.04 on), Debian 12 for the simulated cell.
 # With the camera library in it where `make zivid` has made one before.
@@ -94,7 +144,7 @@ $(ZIVID_STUB): $(shell find $(ZIVID) -name '*.h' -o -name '*.cpp')
 	$(ZIVID_BUILD) -Werror -I$(ZIVID)/stub $(ZIVID)/panelprep_zivid.cpp $(ZIVID)/stub/play.cpp -o $@.new
 	mv $@.new $@
 
-bench: bench-seeds bench-robots bench-locate bench-inspect bench-link bench-calib bench-surface bench-worker bench-cameras bench-recording bench-manual
+bench: bench-seeds bench-robots bench-locate bench-inspect bench-damage bench-link bench-calib bench-surface bench-worker bench-cameras bench-recording bench-manual
 
 # Every command of the manual, from the package to a cell in daily work, over the devices' real interfaces and in real time.
 bench-manual: setup
@@ -116,6 +166,12 @@ bench-inspect: setup
 	  rm -rf $(OPENCV_PEER); echo 'Python OpenCV cannot be set up; the bench runs without it.' >&2; }
 	if test -x $(OPENCV_PEER)/bin/python; then export PANELPREP_PEERS=$(CURDIR)/$(OPENCV_PEER)/bin/python; fi; \
 	  cargo bench --locked --bench inspect
+
+# 10,000 damaged scans, corner pictures and clips: none may turn a broken film to a pass or move a pose unnoticed. Fewer:
+# make bench-damage DAMAGED='scans=400 pictures=400 clips=200'.
+DAMAGED :=
+bench-damage: setup
+	cargo bench --locked --bench damage -- $(DAMAGED)
 
 # The 3D camera's worker, over the played camera: a full-size shot through its socket, two hundred kills. Five minutes.
 bench-worker: setup zivid-stub

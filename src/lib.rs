@@ -4,6 +4,8 @@
 //! paragraphs. `tests/layers.rs` reads this file and the code and holds both to it. Disk, sockets, processes and clocks are
 //! touched by `disk`, `supervision`, `store`, `backup`, `page`, `devices`, `daemon` and `cli` alone.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+// A result is handled, or an `expect` beside it says why it is not.
+#![cfg_attr(not(test), deny(clippy::let_underscore_must_use))]
 // `println!` and its kin panic where nobody reads: see `cli::output`.
 #![cfg_attr(not(test), deny(clippy::print_stdout, clippy::print_stderr))]
 

@@ -10,6 +10,7 @@ mod commands;
 mod config_files;
 mod doctor;
 mod follow;
+mod fuzz;
 mod gauntlet;
 mod health;
 mod hostile;

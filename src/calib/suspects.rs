@@ -80,7 +80,8 @@ impl std::fmt::Display for Suspect {
             Fault::Exchanged { key, other } => write!(f, "its {key} and {other} fit when exchanged; correct them"),
             Fault::Unknown { needed } => {
                 let mut pose = String::new();
-                let _ = write!(pose, "{needed}"); // Writing to a `String` cannot fail.
+                #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
+                let _ = write!(pose, "{needed}");
                 write!(f, "the picture says that the flange was at {pose}; correct the pose, or leave it out")
             }
         }

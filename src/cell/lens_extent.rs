@@ -55,6 +55,7 @@ impl LensExtent {
         Some(LensExtent { model: model?, left_out: left_out?.0, supported })
     }
 
+    #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
     pub(super) fn to_toml(&self) -> String {
         let mut text = String::new();
         // Writing to a `String` cannot fail.

@@ -68,7 +68,7 @@ const RESIDUALS: RangeInclusive<f64> = 0.0..=100_000.0;
 
 pub(super) fn line(text: &mut String, key: &str, value: Option<impl std::fmt::Display>) {
     if let Some(value) = value {
-        // Writing to a `String` cannot fail.
+        #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
         let _ = writeln!(text, "{key} = {value}");
     }
 }

@@ -120,9 +120,9 @@ impl RobotCorrection {
     }
 
     /// The file that [`RobotCorrection::check`] reads back to the last bit.
+    #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
     pub fn to_toml(&self) -> String {
         let mut text = format!("[robot_correction]\nkind = {}\n", toml::Value::from(self.numbers.kind()));
-        // Writing to a `String` cannot fail.
         let _ = writeln!(text, "numbers = {:?}", self.numbers.list());
         if let CorrectionNumbers::Smooth { middle_mm, half_mm, .. } = &self.numbers {
             let _ = writeln!(text, "middle_mm = {middle_mm:?}\nhalf_mm = {half_mm:?}");

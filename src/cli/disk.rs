@@ -54,7 +54,8 @@ pub fn write_new(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
         _ => Fault::file(file, error),
     });
     made?.write_all(bytes.as_ref()).map_err(|error| {
-        let _ = fs::remove_file(file); // Best effort: the error that counts is the first one.
+        #[expect(clippy::let_underscore_must_use, reason = "best effort: the error that counts is the first one")]
+        let _ = fs::remove_file(file);
         Fault::file(file, error)
     })
 }
@@ -74,7 +75,8 @@ fn placed(file: &Path, bytes: &[u8], flush: impl Fn(&File) -> std::io::Result<()
         fs::rename(&beside, file)
     };
     write().map_err(|error| {
-        let _ = fs::remove_file(&beside); // Best effort: the error that counts is the first one.
+        #[expect(clippy::let_underscore_must_use, reason = "best effort: the error that counts is the first one")]
+        let _ = fs::remove_file(&beside);
         named(error)
     })
 }

@@ -14,7 +14,7 @@ pub fn start(usual: LevelFilter) {
     let log = fmt().with_writer(out).with_ansi(false).with_target(false).with_max_level(level);
     // It would be told by `eprintln!`, which panics where nobody reads.
     let log = log.log_internal_errors(false);
-    // Set once for each process; a second one changes nothing.
+    #[expect(clippy::let_underscore_must_use, reason = "set once for each process; a second one changes nothing")]
     let _ = match std::env::var_os("JOURNAL_STREAM") {
         Some(_) => tracing::subscriber::set_global_default(log.without_time().finish()),
         None => tracing::subscriber::set_global_default(log.finish()),

@@ -28,5 +28,6 @@ pub fn answer() -> Result<Option<String>, Fault> {
 
 /// Tells a line of progress, or what is wrong, on standard error. Where that cannot be written there is nobody to tell.
 pub fn tell_line(line: &str) {
+    #[expect(clippy::let_underscore_must_use, reason = "nobody reads: there is no other place to say it")]
     let _ = writeln!(io::stderr().lock(), "{line}");
 }

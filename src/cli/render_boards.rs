@@ -205,6 +205,7 @@ fn poses_text<C: Frame>(arm: Option<&RealArm>, shots: &[BoardShot<C>]) -> Result
 }
 
 /// A points file with the corners that the program asks to be touched.
+#[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
 fn points_text(
     board: &Board,
     arm: Option<&RealArm>,
@@ -223,7 +224,6 @@ fn points_text(
             Some(_) => (base_from_flange * Point::<Flange>::at(0.0, 0.0, sim::TOOL_LENGTH_MM)).mm,
         };
         let [x, y, z] = [tip.x, tip.y, tip.z];
-        // Writing to a `String` cannot fail.
         let _ = writeln!(text, "p{number}_mm = [{x:.3}, {y:.3}, {z:.3}]\np{number}_corner = [{column}, {row}]");
         if let Some(joints) = joints {
             let _ = writeln!(text, "p{number}_axes_deg = {:?}", joints.degrees());
@@ -250,6 +250,7 @@ fn held_at(place: Point<Base>, turn_deg: [f64; 3], out_mm: f64) -> Rigid<Base, F
 
 /// Poses that hold the tip at corners of a board that stands still; without `image`, of the one before the camera on the
 /// flange. Corners to which the arm does not come are left out.
+#[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
 fn corners_text(
     arm: &RealArm,
     board: &Board,
@@ -272,6 +273,7 @@ fn corners_text(
 }
 
 /// Poses that hold the tip at each of two spots.
+#[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
 fn touches_text(arm: Option<&RealArm>) -> Result<String, Fault> {
     let mut text = String::new();
     for (spot, place) in [Point::at(520.0, 30.0, 250.0), Point::at(450.0, -120.0, 300.0)].into_iter().enumerate() {

@@ -106,7 +106,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     }
     let ended = ended.map_err(Fault::of_loop)?;
     drop((socket, person));
-    // A panic in there was reported where it happened.
+    #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
     let ended = ended.state;
     tracing::info!("ends in {}", ended.at.word());

@@ -101,7 +101,10 @@ impl<'p> Computing<'p> {
             Executor::Inline { queue, .. } => queue.push_back(work),
             Executor::Thread { queue, under_way, .. } => {
                 under_way.push_back(work.id);
-                // Refused only where the thread has ended, which `ready` finds out.
+                #[expect(
+                    clippy::let_underscore_must_use,
+                    reason = "refused only where the thread has ended, which `ready` finds out"
+                )]
                 let _ = queue.send(work);
             }
         }

@@ -44,7 +44,10 @@ impl Gateway {
                     Ok(prepared) => (What::Begin(Box::new(prepared)), who),
                     Err(refused) => {
                         let what = What::Unprepared { recipe, reasons: refused.reasons.clone() };
-                        // Where it is not taken, the service has ended, or this user has too many requests waiting.
+                        #[expect(
+                            clippy::let_underscore_must_use,
+                            reason = "where it is not taken, the service has ended, or this user has too many requests waiting"
+                        )]
                         let _ = self.queue.send(Request::new(what, who));
                         return refused;
                     }

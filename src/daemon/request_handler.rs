@@ -174,7 +174,7 @@ impl RequestHandler {
     fn answer(&mut self, answer: Exit, reasons: Vec<Reason>, state: &State) {
         let done = self.done.take();
         if let Some(waiting) = self.waiting.take() {
-            // Whoever hung up does not want to know.
+            #[expect(clippy::let_underscore_must_use, reason = "whoever hung up does not want to know")]
             let _ = waiting.send(Reply { done, ..self.reply(answer, reasons, state) });
         }
     }
@@ -259,7 +259,10 @@ impl RequestHandler {
         self.answer(Exit::Done, self.reasons(state), state);
         self.tell(state);
         if let Some(id) = self.ended.take_if(|_| state.at.rests()) {
-            // Without a writer the record stays; its page can be made of it.
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "without a writer the record stays; its page can be made of it"
+            )]
             let _ = self.parts.pages.send(EndedCycle { id, recording: self.parts.recording.take() });
         }
         if let Some(request) = self.leaving(state) {

@@ -90,7 +90,10 @@ impl Running<'_> {
     fn live(&mut self) -> Result<(), DaemonError> {
         let ended = self.run();
         if ended.is_err() {
-            // Best effort: without a controller its own watchdog stops it.
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "best effort: without a controller its own watchdog stops it"
+            )]
             let _ = self.ports.robot.abort();
         }
         ended

@@ -194,7 +194,7 @@ impl Sight {
         let added = match filming.filming.push(&picture, time_s, Phase::Wet) {
             Ok(added) => added,
             Err(error) => {
-                // Nobody will ask for the next one.
+                #[expect(clippy::let_underscore_must_use, reason = "nobody will ask for the next one")]
                 let _ = eyes.end_film();
                 return unseen(Kind::Inspect, pass, reason("film", &error), record).map(Err);
             }

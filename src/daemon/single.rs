@@ -286,7 +286,10 @@ impl<'r> Single<'r> {
         if self.robot.now() <= until {
             return Ok(());
         }
-        // It is told to stop; what it says to that is of no more use.
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "it is told to stop; what it says to that is of no more use"
+        )]
         let _ = self.robot.abort();
         Err(SingleError::Late(allowed))
     }

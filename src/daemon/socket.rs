@@ -110,7 +110,10 @@ impl Socket {
 
 impl Drop for Socket {
     fn drop(&mut self) {
-        // Best effort: a file that stays is replaced by the next service.
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "best effort: a file that stays is replaced by the next service"
+        )]
         let _ = fs::remove_file(&self.path);
     }
 }
@@ -137,7 +140,10 @@ fn clear_the_way(path: &Path) -> Result<(), SocketError> {
 
 fn serve(runtime: &Runtime, listener: &UnixListener, gateway: &Gateway, sign: &Supervised) {
     let places = Places::default();
-    // Where it is not permitted, the system shares the processors out as it does among all.
+    #[expect(
+        clippy::let_underscore_must_use,
+        reason = "where it is not permitted, the system shares the processors out as it does among all"
+    )]
     let _ = rustix::process::setpriority_process(None, NICE);
     runtime.block_on(async {
         let mut signs = interval(SIGN);
@@ -190,7 +196,10 @@ async fn attend(stream: UnixStream, who: Who, mut place: Place, gateway: Gateway
 async fn tell(stream: &UnixStream, reply: &Reply) {
     let Ok(mut line) = serde_json::to_vec(reply) else { return };
     line.push(b'\n');
-    // Whoever hung up, or does not listen, does not want to know.
+    #[expect(
+        clippy::let_underscore_must_use,
+        reason = "whoever hung up, or does not listen, does not want to know"
+    )]
     let _ = timeout(CLIENT_PATIENCE, write(stream, &line)).await;
 }
 

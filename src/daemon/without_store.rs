@@ -32,7 +32,7 @@ pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, 
         if let Some(reply) = reply {
             let answer = if matches!(what, What::State) { Exit::Done } else { Exit::Fault };
             let state = Some("aborted".to_owned());
-            // Whoever hung up does not want to know.
+            #[expect(clippy::let_underscore_must_use, reason = "whoever hung up does not want to know")]
             let _ = reply.send(Reply { state, ..Reply::refused(answer, vec![why]) });
         }
     }

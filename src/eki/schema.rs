@@ -188,8 +188,8 @@ impl Node {
         &mut self.children[at]
     }
 
+    #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
     fn write(&self, fields: &[Field], values: &[f64], text: &mut String) {
-        // Writing to a string cannot fail.
         let _ = write!(text, "<{}", self.name);
         for (name, field) in &self.attributes {
             let value = values[*field];

@@ -85,6 +85,10 @@ impl Local {
         let gate = Arc::new(Gate { hosts: [address.to_string(), format!("localhost:{}", address.port())] });
         let router = pages.layer(middleware::from_fn_with_state(gate, pass));
         let until = async {
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "whoever holds the sender may have gone, which ends the page as well"
+            )]
             let _ = done.await;
         };
         let served = runtime.block_on(async { axum::serve(listener, router).with_graceful_shutdown(until).await });

@@ -70,6 +70,7 @@ pub struct Program<'a> {
 }
 
 /// The program's text.
+#[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
 pub fn krl(program: &Program<'_>, settings: &recipe::Path) -> String {
     let mut text = format!(
         "&ACCESS RVP\n&REL 1\nDEF {}()\n\
@@ -100,7 +101,6 @@ pub fn krl(program: &Program<'_>, settings: &recipe::Path) -> String {
     let (mut feed, mut blend) = (String::new(), String::new());
     for path in &program.plan.paths {
         let grids = path.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
-        // A String takes every write.
         let _ = writeln!(text, "; grid {grids}");
         let mut contact = false;
         for waypoint in &path.waypoints {

@@ -50,7 +50,10 @@ impl Blobs {
         let written = write_flushed(&part, bytes).map_err(at("write", &part));
         let renamed = written.and_then(|()| fs::rename(&part, &path).map_err(at("rename", &part)));
         if renamed.is_err() {
-            // The first error is the one to report; a part that stays is never read.
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "the first error is the one to report; a part that stays is never read"
+            )]
             let _ = fs::remove_file(&part);
         }
         renamed?;

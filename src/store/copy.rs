@@ -113,7 +113,8 @@ pub(super) fn keep_earlier(connection: &Connection, folder: &Path, version: i64)
     let part = folder.join(format!("panelprep.schema-{version}.part"));
     let remove = || {
         for file in [part.clone(), folder.join(format!("panelprep.schema-{version}.part-journal"))] {
-            let _ = fs::remove_file(file); // what cannot be removed is told by what comes next
+            #[expect(clippy::let_underscore_must_use, reason = "what cannot be removed is told by what comes next")]
+            let _ = fs::remove_file(file);
         }
     };
     // What a process that ended left behind.

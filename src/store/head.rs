@@ -60,7 +60,11 @@ pub(super) struct Turn<'f>(&'f File);
 
 impl Drop for Turn<'_> {
     fn drop(&mut self) {
-        let _ = self.0.unlock(); // the file closes with the store; a lock that could not be given back goes with it
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "the file closes with the store; a lock that could not be given back goes with it"
+        )]
+        let _ = self.0.unlock();
     }
 }
 
@@ -160,10 +164,10 @@ fn read_from(file: &File) -> Result<Option<Read>, Error> {
     }
 }
 
+#[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
 fn written(head: &Head, count: u64) -> Vec<u8> {
     let place = |place: &ChainPosition| format!("{} {}", place.link, hex(&place.hash));
     let mut text = format!("{MARK}\ncount {count}\nat {}\n", place(&head.at));
-    // Writing to a text cannot fail.
     let _ = writeln!(text, "next {}", head.next.as_ref().map_or("none".to_owned(), place));
     let _ = writeln!(text, "database {}", head.database.as_ref().map_or("none".to_owned(), hex));
     let check = content_hash(text.as_bytes());

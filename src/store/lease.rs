@@ -51,6 +51,10 @@ impl Drop for Lease {
     /// Unlocks, and does not leave it to the closing of the file: a child process between its fork and its exec still
     /// holds a copy of the descriptor, and with it the lock.
     fn drop(&mut self) {
-        let _ = self.locked.unlock(); // the folder closes next; a lock that could not be given back goes with it
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "the folder closes next; a lock that could not be given back goes with it"
+        )]
+        let _ = self.locked.unlock();
     }
 }

@@ -159,7 +159,7 @@ impl Drop for Store {
         }
         // Where another connection is open, its log stays, and the file alone is not the database.
         let database = if log_of(&path).exists() { None } else { file_hash(&path).ok() };
-        // Without it the head says the same of the chain.
+        #[expect(clippy::let_underscore_must_use, reason = "without it the head says the same of the chain")]
         let _ = head.take_turn().and_then(|_turn| head.close(last, database));
     }
 }

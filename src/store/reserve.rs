@@ -38,7 +38,7 @@ impl Reserve {
         let taken = rustix::fs::fallocate(&file, rustix::fs::FallocateFlags::empty(), 0, bytes);
         let taken = taken.map_err(std::io::Error::from).and_then(|()| file.sync_all());
         if taken.is_err() {
-            // Half a reserve takes what others need.
+            #[expect(clippy::let_underscore_must_use, reason = "half a reserve takes what others need")]
             let _ = fs::remove_file(&self.path);
         }
         taken
@@ -48,7 +48,10 @@ impl Reserve {
     pub fn release(&self) -> bool {
         let released = fs::remove_file(&self.path).is_ok();
         if released && let Some(folder) = self.path.parent() {
-            // The blocks are free once the folder is on the disk; where that fails, the next writing tells.
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "the blocks are free once the folder is on the disk; where that fails, the next writing tells"
+            )]
             let _ = File::open(folder).and_then(|folder| folder.sync_all());
         }
         released

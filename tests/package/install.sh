@@ -94,15 +94,15 @@ in_root --purge panelprep
 [ ! -e "$root/etc/panelprep" ] && [ ! -e "$root/var/lib/panelprep" ] || wrong 'empty folders stay after a purge'
 echo 'installed, upgraded, removed and purged; store and configuration stayed'
 
-# The units as systemd reads them, with the drop-in of a Zivid camera and without.
+# The units as systemd reads them, with the files beside them and without.
 if command -v systemd-analyze >/dev/null; then
     in_root --install "$package"
-    for dropin in '' panelprep-zivid.conf; do
+    for dropin in '' panelprep-zivid.conf panelprep-network.conf; do
         units=$(mktemp -d -p "$root")
         sed "s#/usr/bin/panelprep#$root/usr/bin/panelprep#" "$root/usr/lib/systemd/system/panelprep.service" >"$units/panelprep.service"
         if [ -n "$dropin" ]; then
             mkdir "$units/panelprep.service.d"
-            cp "$root/usr/share/panelprep/$dropin" "$units/panelprep.service.d/zivid.conf"
+            cp "$root/usr/share/panelprep/$dropin" "$units/panelprep.service.d/$dropin"
         fi
         said=$(SYSTEMD_UNIT_PATH="$units:" systemd-analyze verify --man=no panelprep.service 2>&1) || wrong "systemd: $said"
         # A line that systemd does not know is told, and is no error to it.

@@ -51,6 +51,9 @@ struct Motion {
     box_max_mm: [f64; 3],
 }
 
+/// Where the networks of the cell stand for the service's unit.
+const NETWORKS: &str = "/etc/systemd/system/panelprep.service.d/network.conf";
+
 /// Asks, and writes the file.
 pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     if args.out.symlink_metadata().is_ok() {
@@ -67,6 +70,7 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     if !to_check.is_empty() {
         let tables = to_check.join(", ");
         outcome.say(format!("hold the numbers of these tables against your cell before anything moves: {tables}"));
+        outcome.say(format!("the service reaches only the networks in {NETWORKS}: see the manual, network"));
     }
     outcome.put("file", json!(args.out));
     outcome.put("to_check", json!(to_check));

@@ -48,7 +48,7 @@ impl From<CameraError> for Broken {
 pub fn serve(mut stream: UnixStream, request: ShotRequest, cameras: &SharedCameras) {
     let sent = shots(&mut stream, request, cameras);
     if let Err(Broken::Told(reasons)) = sent {
-        // Whoever hung up does not want to know.
+        #[expect(clippy::let_underscore_must_use, reason = "whoever hung up does not want to know")]
         let _ = head(&mut stream, &Sent::Failed { reasons });
     }
 }

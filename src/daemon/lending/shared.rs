@@ -65,7 +65,10 @@ impl SharedCameras {
     fn with<T>(&self, act: impl FnOnce(&mut AllCameras) -> T) -> T {
         let mut inside = self.lock();
         if std::mem::take(&mut inside.films) {
-            // Who asked for the film is told that the cell is at work.
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "who asked for the film is told that the cell is at work"
+            )]
             let _ = inside.cameras.scanner.end_clip();
         }
         act(&mut inside.cameras)

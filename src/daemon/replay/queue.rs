@@ -176,7 +176,10 @@ impl Recording {
         let Recording { file, recorder, thread } = self;
         recorder.close();
         if recorder.ends() {
-            // A panic in there was reported where it happened, and leaves a recording that is not whole.
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "a panic in there was reported where it happened, and leaves a recording that is not whole"
+            )]
             let _ = thread.join();
         }
         recorder.told(&file)

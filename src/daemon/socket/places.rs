@@ -62,7 +62,7 @@ impl Places {
 impl Inside {
     fn gives_way(&mut self, uid: Option<u32>) {
         if let Some(at) = self.taken.iter().position(|taken| taken.uid == uid) {
-            // Refused where it is about to leave by itself.
+            #[expect(clippy::let_underscore_must_use, reason = "refused where it is about to leave by itself")]
             let _ = self.taken.remove(at).wanted.send(());
         }
     }
@@ -71,6 +71,7 @@ impl Inside {
 impl Place {
     /// Waits until somebody else needs the place.
     pub async fn is_wanted(&mut self) {
+        #[expect(clippy::let_underscore_must_use, reason = "a place whose giver has gone is wanted back as well")]
         let _ = (&mut self.wanted).await;
     }
 }

@@ -175,7 +175,7 @@ impl Drop for GigeCamera {
         self.is_ending.store(true, Ordering::Relaxed);
         self.asks = None;
         if let Some(thread) = self.thread.take() {
-            // A panic in there was reported where it happened.
+            #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
             let _ = thread.join();
         }
     }
@@ -212,7 +212,7 @@ impl Link {
                         self.lost(why.clone());
                     }
                     let is_lost = picture.is_err();
-                    // Who asked may have given up meanwhile.
+                    #[expect(clippy::let_underscore_must_use, reason = "who asked may have given up meanwhile")]
                     let _ = reply.send(picture);
                     if is_lost {
                         self.let_go();

@@ -23,17 +23,37 @@ pub fn burst_bytes(size_px: [usize; 2], packet_bytes: u16) -> usize {
 
 /// The largest receive buffer that the system gives, bytes, where it says so.
 pub fn rmem_max() -> Option<usize> {
-    std::fs::read_to_string("/proc/sys/net/core/rmem_max").ok()?.trim().parse().ok()
+    if let Ok(text) = std::fs::read_to_string("/proc/sys/net/core/rmem_max") {
+        return text.trim().parse().ok();
+    }
+    // The service sees no such file (`ProcSubset=pid`); a socket that asks for all gets that much, counted twice.
+    let socket = std::net::UdpSocket::bind((std::net::Ipv4Addr::LOCALHOST, 0)).ok()?;
+    largest(&socket)
 }
 
-/// This computer's subnets, as the kernel lists them.
+/// What a socket gets that asks for as much as can be said.
+fn largest(socket: &std::net::UdpSocket) -> Option<usize> {
+    let socket = socket2::SockRef::from(socket);
+    socket.set_recv_buffer_size(i32::MAX as usize / 2).ok()?;
+    socket.recv_buffer_size().ok().map(|granted| granted / 2)
+}
+
+/// This computer's subnets, as the kernel lists them; the service sees its own process alone in /proc.
 pub(super) fn subnets_here() -> Vec<Subnet> {
-    subnets(&std::fs::read_to_string("/proc/net/route").unwrap_or_default())
+    subnets(&std::fs::read_to_string("/proc/self/net/route").unwrap_or_default())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A socket tells what the kernel's file tells.
+    #[test]
+    fn the_largest_buffer_is_found_without_the_kernels_file() {
+        let socket = std::net::UdpSocket::bind((std::net::Ipv4Addr::LOCALHOST, 0)).expect("a socket");
+        let file = std::fs::read_to_string("/proc/sys/net/core/rmem_max").expect("it is there");
+        assert_eq!(largest(&socket), file.trim().parse().ok());
+    }
 
     /// 3,145,728 bytes in packets of 1,364: 2,307 and two more, for each of which 2,048 + 256 bytes are counted and half asked.
     #[test]

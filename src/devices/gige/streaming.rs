@@ -187,7 +187,10 @@ impl Shutter for Streaming {
 impl Drop for Streaming {
     fn drop(&mut self) {
         if !self.lost.load(Ordering::Relaxed) {
-            // Best effort: a camera that nobody controls stops by itself.
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "best effort: a camera that nobody controls stops by itself"
+            )]
             let _ = self.camera.stop_acquisition();
         }
     }

@@ -238,7 +238,7 @@ impl Template {
 }
 
 fn write_value(out: &mut Vec<u8>, value: &Value) {
-    // Writing into memory cannot fail.
+    #[expect(clippy::let_underscore_must_use, reason = "writing into memory cannot fail")]
     let _ = match value {
         Value::Int(number) => write!(out, "{number}"),
         Value::Real(number) => write_real(out, *number),

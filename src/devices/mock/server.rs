@@ -90,7 +90,7 @@ impl Shared {
 
     fn hang_up(&mut self, channel: Channel) {
         if let Some(stream) = self.stream(channel).take() {
-            // It may be gone already.
+            #[expect(clippy::let_underscore_must_use, reason = "it may be gone already")]
             let _ = stream.shutdown(Shutdown::Both);
         }
         self.ways_in[channel as usize].clear();
@@ -180,7 +180,7 @@ impl Drop for MockServer {
     fn drop(&mut self) {
         self.ends.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            // Its panic was reported where it happened.
+            #[expect(clippy::let_underscore_must_use, reason = "its panic was reported where it happened")]
             let _ = thread.join();
         }
     }
@@ -222,6 +222,7 @@ impl Rounds {
             self.handle.lock().hang_up(*channel);
         }
         for reader in self.readers.drain(..) {
+            #[expect(clippy::let_underscore_must_use, reason = "its panic was reported where it happened")]
             let _ = reader.join();
         }
     }

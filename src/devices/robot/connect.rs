@@ -44,7 +44,28 @@ fn set_up(stream: &TcpStream) -> Result<(), IoError> {
     Ok(())
 }
 
-/// What the system says.
+/// What the system says, and where a permission is looked for.
 pub(super) fn failed(channel: Channel, error: &IoError) -> LinkLoss {
-    LinkLoss::System { channel, problem: error.to_string() }
+    let networks = match error.kind() {
+        ErrorKind::PermissionDenied => {
+            "; a firewall, or the service's unit: are the cell's networks in /etc/systemd/system/panelprep.service.d/network.conf?"
+        }
+        _ => "",
+    };
+    LinkLoss::System { channel, problem: format!("{error}{networks}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As the kernel says it where a unit's IPAddressDeny holds the packet back.
+    #[test]
+    fn a_network_that_the_unit_does_not_allow_is_told() {
+        let said = failed(Channel::Command, &IoError::from_raw_os_error(rustix::io::Errno::PERM.raw_os_error()));
+        assert!(said.to_string().contains("panelprep.service.d/network.conf"), "{said}");
+        let other =
+            failed(Channel::Command, &IoError::from_raw_os_error(rustix::io::Errno::NETUNREACH.raw_os_error()));
+        assert!(!other.to_string().contains("network.conf"), "{other}");
+    }
 }

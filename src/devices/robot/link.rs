@@ -161,7 +161,10 @@ impl RobotLink {
                 Err(queue::Empty { closed: true, .. }) => std::future::pending().await,
                 Err(queue::Empty { told, .. }) if self.pace == Pace::LockStep && self.granted != Some(told) => {
                     self.granted = Some(told);
-                    // Refused only where the thread has ended, which closes the queue.
+                    #[expect(
+                        clippy::let_underscore_must_use,
+                        reason = "refused only where the thread has ended, which closes the queue"
+                    )]
                     let _ = self.orders.send(LinkRequest::Grant { told });
                 }
                 Err(_) => {}
@@ -199,7 +202,7 @@ impl Drop for RobotLink {
             }
             std::thread::sleep(Duration::from_millis(1));
         }
-        // Its panic was reported where it happened.
+        #[expect(clippy::let_underscore_must_use, reason = "its panic was reported where it happened")]
         let _ = thread.join();
     }
 }

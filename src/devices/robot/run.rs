@@ -154,7 +154,7 @@ impl Link {
                 biased;
                 order = self.orders.recv() => {
                     let Some(order) = order else {
-                        // Refused only where nothing was sent.
+                        #[expect(clippy::let_underscore_must_use, reason = "refused only where nothing was sent")]
                         let _ = self.session.abort();
                         return Err(Deserted);
                     };
@@ -294,7 +294,10 @@ impl Link {
             }
             Ok::<(), IoError>(())
         };
-        // Where it cannot leave, the controller's own watchdog stops the robot.
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "where it cannot leave, the controller's own watchdog stops the robot"
+        )]
         let _ = tokio::time::timeout(FAREWELL, leave).await;
     }
 }

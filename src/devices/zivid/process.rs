@@ -57,7 +57,7 @@ const LOOK: Duration = Duration::from_millis(5);
 impl Peer for Process {
     fn kill(&mut self) {
         let Some(child) = &mut self.child else { return };
-        // Fails only where it has ended already.
+        #[expect(clippy::let_underscore_must_use, reason = "fails only where it has ended already")]
         let _ = child.kill();
         if self.ended(DEATH).is_some() {
             return;

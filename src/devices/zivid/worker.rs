@@ -67,7 +67,7 @@ struct Camera {
 /// Where what it says cannot be read or answered: then there is nobody to go on with.
 pub fn serve(mut daemon: UnixStream, sensor: Box<dyn Sensor>) -> Result<(), WorkerError> {
     greet(&mut daemon, Ok(sensor.sdk()))?;
-    // A hint; without it a shot takes a few milliseconds more.
+    #[expect(clippy::let_underscore_must_use, reason = "a hint; without it a shot takes a few milliseconds more")]
     let _ = rustix::net::sockopt::set_socket_send_buffer_size(&daemon, SOCKET_BYTES);
     let camera = Arc::new(Mutex::new(Camera { sensor, serial: None, taken: 0 }));
     let mut worker = Worker { camera, settings: HashMap::new(), clip: None };
@@ -370,7 +370,7 @@ impl Clip {
         lock(queue).is_over = true;
         news.notify_all();
         if let Some(thread) = self.thread.take() {
-            // A panic in there was reported where it happened.
+            #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
             let _ = thread.join();
         }
         let queue = lock(queue);

@@ -135,7 +135,7 @@ fn put(sheet: &Sheet, drawn: &Drawn) -> Result<(), Vec<String>> {
 
 async fn end(State(inside): State<Arc<Inside>>) -> Response {
     if let Some(tell) = inside.saved.lock().unwrap_or_else(PoisonError::into_inner).1.take() {
-        // Refused where it has ended already.
+        #[expect(clippy::let_underscore_must_use, reason = "refused where it has ended already")]
         let _ = tell.send(());
     }
     Json(json!({ "done": true })).into_response()

@@ -1,0 +1,110 @@
+//! Damaged scans, corner pictures and clips of the simulated cell through the stages: no damage turns a broken film to a pass,
+//! and none moves the panel's pose by more than 0.02 mm without being told.
+//! `cargo bench --bench damage -- [scans=4000] [pictures=4000] [clips=2000] [reduction=1] [seed=1]`
+
+#[path = "damage/bytes.rs"]
+mod bytes;
+#[path = "damage/cell.rs"]
+mod cell;
+
+use bytes::DAMAGES;
+use cell::{Found, Held};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use std::process::ExitCode;
+use std::time::Instant;
+
+/// A pose that is off by no more is as good as the undamaged one, mm.
+const MOVED_MM: f64 = 0.02;
+
+/// What came of files with one kind of damage.
+#[derive(Default)]
+struct Tally {
+    files: usize,
+    /// The reader refused the file.
+    refused: usize,
+    /// The verdict is not an accept.
+    told: usize,
+    /// Accepted, with what the undamaged files give.
+    harmless: usize,
+    /// Accepted, and not what the undamaged files give.
+    unnoticed: usize,
+    /// The farthest that an accepted pose was moved, mm.
+    moved_mm: f64,
+}
+
+impl Tally {
+    fn take(&mut self, found: &Found) -> bool {
+        self.files += 1;
+        match *found {
+            Found::Refused => self.refused += 1,
+            Found::Told => self.told += 1,
+            Found::Pose { moved_mm } => {
+                self.moved_mm = self.moved_mm.max(moved_mm);
+                match moved_mm <= MOVED_MM {
+                    true => self.harmless += 1,
+                    false => self.unnoticed += 1,
+                }
+            }
+            Found::StillFails => self.harmless += 1,
+            Found::Passed => self.unnoticed += 1,
+        }
+        matches!(*found, Found::Passed) || matches!(*found, Found::Pose { moved_mm } if moved_mm > MOVED_MM)
+    }
+
+    fn print(&self, what: &str, damage: &str) {
+        let Tally { files, refused, told, harmless, unnoticed, moved_mm } = self;
+        println!("{what:8} {damage:22} {files:6} {refused:8} {told:6} {harmless:9} {unnoticed:10} {moved_mm:9.4}");
+    }
+}
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let number = |name: &str, usual: u64| {
+        let text = arguments.iter().find_map(|argument| argument.strip_prefix(name)?.strip_prefix('='));
+        text.map_or(usual, |text| text.parse().expect("a number"))
+    };
+    let held = Held::new(number("seed", 1), number("reduction", 1) as usize);
+    println!("file     damage                  files  refused   told  harmless  unnoticed  moved, mm");
+    let parts: [(&str, u64, fn(&Held, &Damage, &mut Pcg64) -> Found); 3] = [
+        ("scan", number("scans", 4_000), Held::located),
+        ("picture", number("pictures", 4_000), Held::refined),
+        ("clip", number("clips", 2_000), Held::inspected),
+    ];
+    let (mut all, mut wrong) = (0, 0);
+    for (what, count, judge) in parts {
+        let begun = Instant::now();
+        let mut tallies: [Tally; DAMAGES.len()] = Default::default();
+        for index in 0..count {
+            let kind = (index % DAMAGES.len() as u64) as usize;
+            let mut draw = Pcg64::seed_from_u64(index);
+            if tallies[kind].take(&judge(&held, &DAMAGES[kind].1, &mut draw)) {
+                println!("{what} {index}: {}, not noticed", DAMAGES[kind].0);
+            }
+        }
+        for (tally, (damage, _)) in tallies.iter().zip(DAMAGES) {
+            tally.print(what, damage);
+            (all, wrong) = (all + tally.files, wrong + tally.unnoticed);
+        }
+        println!("{what}: {count} in {:.1} s", begun.elapsed().as_secs_f64());
+    }
+    println!(
+        "{all} damaged files, {wrong} turned to a pass or moved a pose by more than {MOVED_MM} mm unnoticed (needed 0)"
+    );
+    if wrong == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// What happens to the bytes of a file.
+type Damage = fn(&mut Vec<u8>, &mut Pcg64);
+
+/// A damaged copy of a file.
+fn damaged(file: &[u8], damage: &Damage, draw: &mut Pcg64) -> Vec<u8> {
+    let mut bytes = file.to_vec();
+    damage(&mut bytes, draw);
+    bytes
+}
+
+/// One of these.
+fn one_of(count: usize, draw: &mut Pcg64) -> usize {
+    draw.random_range(0..count)
+}

@@ -1,0 +1,39 @@
+//! What happens to a file: bits, blocks, its end.
+
+use rand::RngExt;
+use rand_pcg::Pcg64;
+
+/// What happens to the bytes of a file.
+pub const DAMAGES: [(&str, fn(&mut Vec<u8>, &mut Pcg64)); 6] = [
+    ("one bit", |bytes, draw| flip(bytes, 1, draw)),
+    ("some bits", |bytes, draw| {
+        let count = draw.random_range(2..200);
+        flip(bytes, count, draw);
+    }),
+    ("cut short", |bytes, draw| bytes.truncate(draw.random_range(0..bytes.len()))),
+    ("a block of zeros", |bytes, draw| block(bytes, draw).fill(0)),
+    ("a block of noise", |bytes, draw| {
+        let seed: u64 = draw.random();
+        let mut noise = <Pcg64 as rand::SeedableRng>::seed_from_u64(seed);
+        block(bytes, draw).iter_mut().for_each(|byte| *byte = noise.random());
+    }),
+    ("a block of elsewhere", |bytes, draw| {
+        let length = draw.random_range(1..=bytes.len().min(1 << 16));
+        let [from, to] = [0, 1].map(|_| draw.random_range(0..=bytes.len() - length));
+        bytes.copy_within(from..from + length, to);
+    }),
+];
+
+fn flip(bytes: &mut [u8], count: usize, draw: &mut Pcg64) {
+    for _ in 0..count {
+        let at = draw.random_range(0..bytes.len());
+        bytes[at] ^= 1 << draw.random_range(0..8);
+    }
+}
+
+/// A block as disks and packets have them, up to 64 KiB.
+fn block<'b>(bytes: &'b mut [u8], draw: &mut Pcg64) -> &'b mut [u8] {
+    let length = draw.random_range(1..=bytes.len().min(1 << 16));
+    let at = draw.random_range(0..=bytes.len() - length);
+    &mut bytes[at..at + length]
+}

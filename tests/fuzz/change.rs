@@ -1,0 +1,68 @@
+//! Seeded changes of bytes, as damage and as other people's programs make them.
+
+use rand::RngExt;
+use rand_pcg::Pcg64;
+
+/// Numbers at the ends of their ranges, and what parsers look for.
+const PIECES: [&[u8]; 24] = [
+    b"0",
+    b"-1",
+    b"2147483647",
+    b"4294967296",
+    b"1e400",
+    b"nan",
+    b"-0.0",
+    b"inf",
+    b"\0",
+    b"\xFF\xFF\xFF\xFF",
+    b"\xFF",
+    b"\n",
+    b"\r\n",
+    b"\"",
+    b"'",
+    b"[",
+    b"]",
+    b"{",
+    b"}",
+    b"=",
+    b"<a>",
+    b"&lt;",
+    b"\xC3",
+    b"\xE2\x80\xA8",
+];
+/// The longest that a change makes of it.
+const MOST_BYTES: usize = 64 << 10;
+
+/// The bytes with some changes; `other` is what they may be crossed with.
+pub fn changed(bytes: &[u8], other: &[u8], draw: &mut Pcg64) -> Vec<u8> {
+    let mut bytes = bytes.to_vec();
+    for _ in 0..draw.random_range(1..5) {
+        if bytes.is_empty() {
+            bytes.push(draw.random());
+        }
+        let at = draw.random_range(0..bytes.len());
+        let length = draw.random_range(1..64).min(bytes.len() - at);
+        match draw.random_range(0..8) {
+            0 => bytes[at] ^= 1 << draw.random_range(0..8),
+            1 => bytes[at] = draw.random(),
+            2 => drop(bytes.drain(at..at + length)),
+            3 => {
+                let again = bytes[at..at + length].to_vec();
+                bytes.splice(at..at, again);
+            }
+            4 => bytes.truncate(at),
+            5 if !other.is_empty() => {
+                let from = draw.random_range(0..other.len());
+                let until = (from + length).min(other.len());
+                bytes.splice(at..at, other[from..until].iter().copied());
+            }
+            _ => {
+                let piece = PIECES[draw.random_range(0..PIECES.len())];
+                let until = at + draw.random_range(0..2) * length.min(piece.len());
+                bytes.splice(at..until, piece.iter().copied());
+            }
+        }
+    }
+    bytes.truncate(MOST_BYTES);
+    bytes
+}

@@ -1,0 +1,94 @@
+//! Every file of the corpus, every seed, and seeded changes of them, through each target: no panic, no execution of more than
+//! a second of computing. How much memory an execution takes is judged by `make fuzz`.
+
+use super::change::changed;
+use super::targets::{TARGETS, Target};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use rustix::time::{ClockId, clock_gettime};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::time::Duration;
+
+/// Changes by target; `FUZZ_CHANGES` in the environment asks for more.
+const CHANGES: u64 = 3_000;
+/// What an execution may compute for. The thread's own clock: other tests run beside it.
+const LONGEST: Duration = Duration::from_secs(1);
+/// A target ends here, whatever is left of its changes.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+fn computed() -> Duration {
+    let now = clock_gettime(ClockId::ThreadCPUTime);
+    Duration::new(now.tv_sec.cast_unsigned(), now.tv_nsec as u32)
+}
+
+fn corpus(target: &Target) -> Vec<Vec<u8>> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/fuzz").join(target.name);
+    let mut files: Vec<_> =
+        std::fs::read_dir(folder).into_iter().flatten().map(|entry| entry.expect("a file").path()).collect();
+    files.sort();
+    files.iter().map(|file| std::fs::read(file).expect("a file")).collect()
+}
+
+/// Why an execution is not as it must be.
+fn wrong(target: &Target, bytes: &[u8]) -> Option<String> {
+    let before = computed();
+    let ended = catch_unwind(AssertUnwindSafe(|| (target.run)(bytes)));
+    let took = computed() - before;
+    match ended {
+        Err(panic) => {
+            let words = panic.downcast_ref::<String>().cloned();
+            let words = words.or_else(|| panic.downcast_ref::<&str>().map(|words| (*words).to_owned()));
+            Some(format!("it panics: {}", words.unwrap_or_default()))
+        }
+        Ok(()) => (took > LONGEST).then(|| format!("it computes for {took:?}")),
+    }
+}
+
+/// Writes down what is wrong, so that it can be given to `make fuzz` and kept.
+fn keep(target: &Target, bytes: &[u8], why: &str) -> String {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("fuzz");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let file = folder.join(format!("{}-{}", target.name, panelprep::files::content_hash(bytes)));
+    std::fs::write(&file, bytes).expect("written");
+    format!("{}: {why}; the bytes are in {}", target.name, file.display())
+}
+
+#[test]
+fn no_reader_falls_over_bytes_that_nobody_meant() {
+    let changes = std::env::var("FUZZ_CHANGES").ok().and_then(|text| text.parse().ok()).unwrap_or(CHANGES);
+    let mut found = Vec::new();
+    for (index, target) in TARGETS.iter().enumerate() {
+        let known = [(target.seeds)(), corpus(target)].concat();
+        assert!(!known.is_empty(), "{} has no seed", target.name);
+        found.extend(known.iter().filter_map(|bytes| Some(keep(target, bytes, &wrong(target, bytes)?))));
+        let (mut draw, begun, mut done) = (Pcg64::seed_from_u64(index as u64), computed(), 0);
+        while done < changes && (changes > CHANGES || computed() - begun < PATIENCE) {
+            let [one, other] = [0, 1].map(|_| &known[draw.random_range(0..known.len())]);
+            let bytes = changed(one, other, &mut draw);
+            if let Some(why) = wrong(target, &bytes) {
+                found.push(keep(target, &bytes, &why));
+                break;
+            }
+            done += 1;
+        }
+        println!("{:16} {:4} of the corpus, {done} changes, {:?}", target.name, known.len(), computed() - begun);
+    }
+    assert!(found.is_empty(), "{found:#?}");
+}
+
+/// The judge sees a reader that panics, and one that does not come back in time.
+#[test]
+fn a_reader_that_falls_over_is_told() {
+    let panics = Target { name: "panics", run: |bytes| assert!(bytes.len() < 3, "too long"), seeds: Vec::new };
+    assert_eq!(wrong(&panics, b"ab"), None);
+    assert_eq!(wrong(&panics, b"abc").as_deref(), Some("it panics: too long"));
+    let computes = |_: &[u8]| {
+        let begun = computed();
+        while computed() - begun < LONGEST + Duration::from_millis(20) {
+            std::hint::spin_loop();
+        }
+    };
+    let slow = Target { name: "slow", run: computes, seeds: Vec::new };
+    assert!(wrong(&slow, b"").is_some_and(|why| why.starts_with("it computes for 1.")));
+}

@@ -1,0 +1,276 @@
+//! Bytes that each reader takes, small ones: files of the repository, and what the program itself writes.
+
+use super::targets::CAMERA;
+use panelprep::devices::zivid::wire;
+use panelprep::geometry::ColorPicture;
+use panelprep::{files, tape};
+use serde_json::json;
+use sha2::{Digest, Sha256};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::io::Cursor;
+use std::path::Path;
+
+fn shipped(name: &str) -> Vec<u8> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    std::fs::read(root.join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+fn texts(texts: &[&str]) -> Vec<Vec<u8>> {
+    texts.iter().map(|text| text.as_bytes().to_vec()).collect()
+}
+
+/// One message of each kind, and a stream of both.
+pub fn messages() -> Vec<Vec<u8>> {
+    let state = "<St T=\"1200\" Seq=\"7\" Re=\"3\" Ep=\"2\" Boot=\"77\" Sum=\"-12345\" Mode=\"4\" Flags=\"119\" In=\"5\" Out=\"2\" \
+        Done=\"17\" Under=\"0\"><J A1=\"4.9\" A2=\"-90.0\" A3=\"90.0\" A4=\"0.0\" A5=\"45.5\" A6=\"-185.25\"></J><Tcp X=\"100.25\" \
+        Y=\"-20.5\" Z=\"300.1\" A=\"90.0\" B=\"0.0\" C=\"-179.9\"></Tcp><Base X=\"400.0\" Y=\"0.0\" Z=\"12.5\" A=\"0.5\" B=\"0.0\" \
+        C=\"0.0\"></Base><Tool X=\"0.0\" Y=\"0.0\" Z=\"120.0\" A=\"0.0\" B=\"0.0\" C=\"0.0\"></Tool></St>";
+    let ack = "<Ack Rx=\"20\" Done=\"17\" Free=\"97\" Err=\"0\" ErrId=\"0\" Ep=\"2\"></Ack>";
+    texts(&[state, ack, &format!("\u{7}{ack}\r\n{state}{ack}"), "<!-- a --><a b='&lt;'/>"])
+}
+
+/// The files of both channels.
+pub fn channels() -> Vec<Vec<u8>> {
+    ["config/kuka/CELLCMD.xml", "config/kuka/CELLSTAT.xml"].map(shipped).to_vec()
+}
+
+/// From the first connection to a path, its end, and a stop, at either pace.
+pub fn sessions() -> Vec<Vec<u8>> {
+    // Connect and hear a state; open an epoch and hear that it is open; base, tool, speed and a path; states and
+    // acknowledgements that follow; time; a stop and the state after it.
+    let state = [3, 200, 0, 0, 0, 0, 0, 0, 0, 0];
+    let ack = [6, 0, 0, 0, 0];
+    let mut run = vec![0];
+    run.extend(state);
+    run.extend([8, 0]);
+    run.extend(state);
+    for command in [[9, 0], [9, 1], [9, 2]] {
+        run.extend(command);
+    }
+    run.extend([9, 6, 20]);
+    for _ in 0..8 {
+        run.extend(ack);
+        run.extend(state);
+        run.extend([1, 90, 11]);
+    }
+    run.extend([9, 69, 1, 14, 6, 14, 0, 13]);
+    run.extend(state);
+    run.extend([10, 1, 200]);
+    run.extend(state);
+    run.extend([8, 9]);
+    run.extend(state);
+    run.extend([1, 255, 1, 255, 15, 0]);
+    let lock_step = [&[1][..], &run].concat();
+    vec![run, lock_step]
+}
+
+/// Every line of the socket.
+pub fn requests() -> Vec<Vec<u8>> {
+    let start = json!({"ask": "start", "recipe": "a.toml", "text": "panel = \"a\"", "record": {"file": "/tmp/a.mcap"},
+        "part": {"serial": "SN-7"}, "operator": "Anna"});
+    let lines = [
+        json!({"ask": "state"}),
+        start,
+        json!({"ask": "shoot", "shot": {"scan": {}}}),
+        json!({"ask": "unhold", "dried": true}),
+        json!({"ask": "new_disc"}),
+        json!({"ask": "abort"}),
+    ];
+    lines.iter().map(|line| format!("{line}\n").into_bytes()).collect()
+}
+
+/// The sample recipe.
+pub fn recipes() -> Vec<Vec<u8>> {
+    vec![shipped("config/panels/example.toml")]
+}
+
+/// The sample cells.
+pub fn cells() -> Vec<Vec<u8>> {
+    ["config/cell.toml", "config/cell-example.toml"].map(shipped).to_vec()
+}
+
+/// A lens as its calibration writes it.
+pub fn lenses() -> Vec<Vec<u8>> {
+    vec![panelprep::cell::Intrinsics::of(CAMERA).to_toml().into_bytes()]
+}
+
+/// A mount, and corrections of either kind.
+pub fn mounts() -> Vec<Vec<u8>> {
+    let mount = panelprep::cell::MountedPose::<panelprep::cell::ToolMount>::of(Default::default()).to_toml();
+    let smooth = "kind = \"smooth\"\nnumbers = [0.0, 0.0, 0.0]\nmiddle_mm = [1.0, 2.0, 3.0]\nhalf_mm = [4.0, 5.0, 6.0]\n\
+        left_out_before_mm = 1.0\nleft_out_after_mm = 0.1\n";
+    texts(&[&mount, smooth, &smooth.replace("smooth", "geometry")])
+}
+
+/// Clouds as the Point Cloud Library writes them, in its three encodings.
+pub fn pcd() -> Vec<Vec<u8>> {
+    ["ascii", "binary", "binary_compressed"].map(|kind| shipped(&format!("fixtures/pcl/shot_{kind}.pcd"))).to_vec()
+}
+
+/// A cloud as Zivid's programs write it, and as text.
+pub fn ply() -> Vec<Vec<u8>> {
+    let text = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
+        property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 700 9 9 9\nnan nan nan 0 0 0\n";
+    let binary =
+        files::read_pcd(&shipped("fixtures/pcl/shot_binary.pcd"), &CAMERA).map(|cloud| files::write_ply(&cloud));
+    binary.into_iter().chain([text.as_bytes().to_vec()]).collect()
+}
+
+/// The list of a clip.
+pub fn clips() -> Vec<Vec<u8>> {
+    texts(&["file,time_s,phase\n000.png,0.0,dry\n001.png,0.2,spray\n002.png,0.4,film\n"])
+}
+
+fn small_picture() -> ColorPicture {
+    let rgb = (0..1_200_u32).map(|index| [index as u8, (index / 40) as u8, 200]).collect();
+    ColorPicture { width: 40, height: 30, rgb }
+}
+
+/// A picture in each format, in colour and in grey.
+pub fn pictures() -> Vec<Vec<u8>> {
+    let picture = small_picture();
+    let mut tiff = Cursor::new(Vec::new());
+    let pixels = picture.rgb.as_flattened();
+    let written = image::write_buffer_with_format(
+        &mut tiff,
+        pixels,
+        40,
+        30,
+        image::ExtendedColorType::Rgb8,
+        image::ImageFormat::Tiff,
+    );
+    written.expect("a picture");
+    let color = files::write_color_png(&picture).expect("a picture");
+    let gray = files::write_gray_png(&picture.to_gray()).expect("a picture");
+    let jpeg = files::write_color_jpeg(&picture).expect("a picture");
+    vec![color, gray, jpeg, tiff.into_inner()]
+}
+
+/// Poses bare, named, and as `locate` prints them.
+pub fn poses() -> Vec<Vec<u8>> {
+    let pose = json!({"x_mm": 1.0, "y_mm": -2.5, "z_mm": 3e2, "a_deg": 180.0, "b_deg": 0.0, "c_deg": -0.5});
+    let located = json!({"verdict": "accept", "base_from_panel": pose, "uncertainty_mm": 0.1});
+    let flange = json!({"base_from_flange": pose, "axes_deg": [0.0, -90.0, 90.0, 0.0, 45.0, 0.0]});
+    [pose, located, flange].iter().map(|value| value.to_string().into_bytes()).collect()
+}
+
+/// A recording without checksums and compression, so that changes of it are not all told by them.
+pub fn recordings() -> Vec<Vec<u8>> {
+    let whole = shipped("fixtures/rejected.mcap");
+    let checked = tape::check(&whole[..]).expect("a recording of ours");
+    let options = mcap::WriteOptions::new()
+        .compression(None)
+        .calculate_chunk_crcs(false)
+        .calculate_data_section_crc(false)
+        .calculate_summary_section_crc(false)
+        .calculate_attachment_crcs(false)
+        .disable_seeking(true);
+    let mut out = options.create(mcap::write::NoSeek::new(Vec::new())).expect("memory");
+    let metadata = |name: &str, values: &[(&str, String)]| mcap::records::Metadata {
+        name: name.to_owned(),
+        metadata: values.iter().map(|(key, value)| ((*key).to_owned(), value.clone())).collect(),
+    };
+    out.write_metadata(&metadata("panelprep", &[("format", tape::FORMAT.to_string())])).expect("memory");
+    let start = serde_json::to_vec(&checked.start).expect("JSON");
+    out.attach(&mcap::Attachment {
+        log_time: 0,
+        create_time: 0,
+        name: "start.json".to_owned(),
+        media_type: "application/json".to_owned(),
+        data: Cow::Borrowed(&start),
+    })
+    .expect("memory");
+    let entries = tape::Entries::new(&whole[..], checked.start.unix_ns).map_while(Result::ok);
+    let entries: Vec<tape::Entry> = entries.filter(|entry| entry.shot.is_none()).take(12).collect();
+    let mut channels = BTreeMap::new();
+    for (index, entry) in entries.iter().enumerate() {
+        let (channel, count) = channels.entry(entry.topic.name()).or_insert_with(|| {
+            (out.add_channel(0, entry.topic.name(), "json", &BTreeMap::new()).expect("memory"), 0_u32)
+        });
+        let body = json!({"said": entry.said, "heard": entry.heard}).to_string();
+        let time_ns = checked.start.unix_ns + 1 + index as u64;
+        let header = mcap::records::MessageHeader {
+            channel_id: *channel,
+            sequence: *count,
+            log_time: time_ns,
+            publish_time: time_ns,
+        };
+        out.write_to_known_channel(&header, body.as_bytes()).expect("memory");
+        *count += 1;
+    }
+    let counts: BTreeMap<&str, u32> = channels.iter().map(|(name, (_, count))| (*name, *count)).collect();
+    let end = [("entries", json!(counts).to_string()), ("lost", "[]".to_owned())];
+    out.write_metadata(&metadata("panelprep.end", &end)).expect("memory");
+    out.finish().expect("memory");
+    let small = out.into_inner().into_inner();
+    tape::check(&small[..]).expect("the small one is whole");
+    vec![small]
+}
+
+/// The shipped settings.
+pub fn zivid_settings() -> Vec<Vec<u8>> {
+    ["config/zivid/scan.yml", "config/zivid/film.yml"].map(shipped).to_vec()
+}
+
+/// The controller's programs, and one of each statement.
+pub fn programs() -> Vec<Vec<u8>> {
+    let small = "DEF a()\nDECL INT i[3]\nDECL FRAME f\nFOR i[1]=1 TO 3 STEP 1\nIF i[1]==2 THEN\nLIN f C_DIS\nENDIF\nENDFOR\n\
+        f={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}\nWAIT FOR $IN[1]\nEND\nDEFFCT REAL g(x:IN)\nREAL x\nRETURN x*2.0+SIN(x)\nENDFCT\n";
+    let files = ["cell_config.dat", "cell_judge.src", "cell_link.src", "cell_user.src"];
+    let shipped = files.into_iter().map(|name| shipped(&format!("config/kuka/{name}")));
+    shipped.chain(texts(&[small])).collect()
+}
+
+/// An archive with a cell's file, its seal left out: a seal is put behind whatever comes.
+pub fn archives() -> Vec<Vec<u8>> {
+    let content = b"panel = 1\n";
+    let hash = hexadecimal(content);
+    let manifest = json!({"format": 1, "program": "0.1.0", "made_unix_s": 0, "links": null,
+        "entries": [{"name": "configuration/cell.toml", "bytes": content.len(), "sha256": hash}]});
+    let mut tar = tar::Builder::new(Vec::new());
+    for (name, bytes) in [("manifest.json", manifest.to_string().as_bytes()), ("configuration/cell.toml", content)]
+    {
+        let mut header = tar::Header::new_ustar();
+        header.set_size(bytes.len() as u64);
+        header.set_mode(0o600);
+        header.set_cksum();
+        tar.append_data(&mut header, name, bytes).expect("memory");
+    }
+    let tar = tar.into_inner().expect("memory");
+    // Level 1 packs it; a frame of raw blocks lets changes reach the archive.
+    let packed = zstd::encode_all(&tar[..], 1).expect("memory");
+    vec![packed, raw_frame(&tar)]
+}
+
+/// A zstd frame of one raw block: a window of 1 MiB, no checksum.
+fn raw_frame(content: &[u8]) -> Vec<u8> {
+    let head = ((content.len() as u32) << 3 | 1).to_le_bytes();
+    [&0xFD2F_B528_u32.to_le_bytes()[..], &[0, 0x50], &head[..3], content].concat()
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// These bytes as an archive ends: with their SHA-256 in a frame that zstd skips.
+pub fn sealed(bytes: &[u8]) -> Vec<u8> {
+    let hash: [u8; 32] = Sha256::digest(bytes).into();
+    [bytes, &0x184D_2A50_u32.to_le_bytes(), &48_u32.to_le_bytes(), b"panelprep seal 1", &hash].concat()
+}
+
+/// A frame of the 3D camera's worker, and heads of others.
+pub fn frames() -> Vec<Vec<u8>> {
+    let mut frame = Vec::new();
+    wire::write(&mut frame, (wire::Kind::Reply, 7), b"\"clip_begun\"", &[&[1; 12]]).expect("memory");
+    let heads = ["{\"begin_clip\":{\"settings\":\"a\",\"pictures_per_second\":5.0}}", "\"clip_begun\""];
+    texts(&heads).into_iter().chain([frame]).collect()
+}
+
+/// Labels of a clip.
+pub fn labels() -> Vec<Vec<u8>> {
+    let said = json!({"version": 1, "author": "Anna", "saved_at": "2026-01-01T00:00:00Z", "clip_sha256": "00",
+        "size_px": [40, 30], "clean": false,
+        "breaks": [{"closes_s": null, "shapes": [{"from_s": 1.5, "corners_px": [[1.0, 2.0], [3.0, 4.0], [5.0, 0.5]]}]}]});
+    vec![said.to_string().into_bytes()]
+}

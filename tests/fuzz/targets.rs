@@ -1,0 +1,258 @@
+//! Each reader of bytes from outside as one function of bytes. It must come back, without a panic; where what it read can be
+//! written, that must read back alike.
+
+use super::{seeds, session};
+use panelprep::cell::{
+    Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RobotCorrection, ScannerMount, TargetMount, ToolMount,
+    ZividSettings, ZividUse,
+};
+use panelprep::daemon::{read_request, request_line};
+use panelprep::devices::zivid::{message, wire};
+use panelprep::eki::{ChannelFile, Framer, MAX_DOCUMENT_BYTES};
+use panelprep::geometry::PinholeCamera;
+use panelprep::recipe::Recipe;
+use panelprep::{backup, files, krl, labels, tape};
+use std::io::Read;
+
+/// A reader under test.
+pub struct Target {
+    /// Its name: that of its corpus in `fixtures/fuzz/`.
+    pub name: &'static str,
+    /// Reads these bytes.
+    pub run: fn(&[u8]),
+    /// Bytes that it takes, or nearly.
+    pub seeds: fn() -> Vec<Vec<u8>>,
+}
+
+/// All of them.
+pub const TARGETS: [Target; 20] = [
+    Target { name: "framer", run: framer, seeds: seeds::messages },
+    Target { name: "wire", run: messages, seeds: seeds::messages },
+    Target { name: "channel", run: channel, seeds: seeds::channels },
+    Target { name: "session", run: session::run, seeds: seeds::sessions },
+    Target { name: "request", run: request, seeds: seeds::requests },
+    Target { name: "recipe", run: recipe, seeds: seeds::recipes },
+    Target { name: "cell", run: cell, seeds: seeds::cells },
+    Target { name: "lens", run: lens, seeds: seeds::lenses },
+    Target { name: "mounts", run: mounts, seeds: seeds::mounts },
+    Target { name: "pcd", run: pcd, seeds: seeds::pcd },
+    Target { name: "ply", run: ply, seeds: seeds::ply },
+    Target { name: "clip", run: clip, seeds: seeds::clips },
+    Target { name: "picture", run: picture, seeds: seeds::pictures },
+    Target { name: "pose", run: pose, seeds: seeds::poses },
+    Target { name: "tape", run: recording, seeds: seeds::recordings },
+    Target { name: "zivid_settings", run: zivid_settings, seeds: seeds::zivid_settings },
+    Target { name: "krl", run: program, seeds: seeds::programs },
+    Target { name: "backup", run: archive, seeds: seeds::archives },
+    Target { name: "worker", run: worker, seeds: seeds::frames },
+    Target { name: "labels", run: label, seeds: seeds::labels },
+];
+
+/// The camera of the small pictures and clouds among the seeds.
+pub const CAMERA: PinholeCamera = PinholeCamera {
+    width_px: 40,
+    height_px: 30,
+    fx_px: 50.0,
+    fy_px: 50.0,
+    cx_px: 19.5,
+    cy_px: 14.5,
+    k1: 0.0,
+    k2: 0.0,
+    p1: 0.0,
+    p2: 0.0,
+    k3: 0.0,
+};
+
+/// Documents and the first error; the stream comes in two pieces.
+fn documents(stream: &[u8], cut: usize) -> (Vec<String>, Option<String>) {
+    let (mut framer, mut found) = (Framer::default(), Vec::new());
+    for piece in [&stream[..cut], &stream[cut..]] {
+        framer.push(piece);
+        loop {
+            match framer.next_document() {
+                Ok(Some(document)) => found.push(document),
+                Ok(None) => break,
+                Err(error) => return (found, Some(error.to_string())),
+            }
+        }
+    }
+    (found, None)
+}
+
+/// What is read depends on no cut.
+fn framer(bytes: &[u8]) {
+    let Some((&cut, stream)) = bytes.split_first() else { return };
+    let cut = usize::from(cut).min(stream.len());
+    let (whole, error) = documents(stream, 0);
+    assert_eq!(documents(stream, cut), (whole.clone(), error));
+    assert!(whole.iter().all(|document| document.len() <= MAX_DOCUMENT_BYTES));
+}
+
+/// No document is both an acknowledgement and a state.
+fn messages(bytes: &[u8]) {
+    let Ok(text) = std::str::from_utf8(bytes) else { return };
+    let wire = session::wire();
+    let read = (wire.decode_ack(text).map(drop), wire.decode_state(text).map(drop));
+    assert!(read != (Ok(()), Ok(())), "both an acknowledgement and a state");
+    for error in [read.0.err(), read.1.err()].into_iter().flatten() {
+        assert!(!error.to_string().is_empty());
+    }
+}
+
+fn channel(bytes: &[u8]) {
+    if let Err(error) = ChannelFile::parse(&String::from_utf8_lossy(bytes)) {
+        assert!(!error.to_string().is_empty());
+    }
+}
+
+fn request(bytes: &[u8]) {
+    match read_request(bytes) {
+        Err(error) => assert!(!error.to_string().is_empty()),
+        Ok(what) => {
+            let line = request_line(&what).expect("a client may request it");
+            let again = read_request(line.as_bytes()).expect("it reads back");
+            assert_eq!(format!("{again:?}"), format!("{what:?}"));
+        }
+    }
+}
+
+fn recipe(bytes: &[u8]) {
+    if let Err(problems) = Recipe::check("recipe.toml", &String::from_utf8_lossy(bytes)) {
+        assert!(!problems.to_string().is_empty());
+    }
+}
+
+fn cell(bytes: &[u8]) {
+    if let Err(problems) = Cell::check("cell.toml", &String::from_utf8_lossy(bytes)) {
+        assert!(!problems.to_string().is_empty());
+    }
+}
+
+fn lens(bytes: &[u8]) {
+    match Intrinsics::check("lens.toml", &String::from_utf8_lossy(bytes)) {
+        Err(problems) => assert!(!problems.to_string().is_empty()),
+        Ok(lens) => drop(Intrinsics::check("lens.toml", &lens.to_toml()).expect("it reads back")),
+    }
+}
+
+fn mount<M: Mount>(text: &str) {
+    match MountedPose::<M>::check("mount.toml", text) {
+        Err(problems) => assert!(!problems.to_string().is_empty()),
+        Ok(mount) => drop(MountedPose::<M>::check("mount.toml", &mount.to_toml()).expect("it reads back")),
+    }
+}
+
+fn mounts(bytes: &[u8]) {
+    let text = String::from_utf8_lossy(bytes);
+    mount::<ScannerMount>(&text);
+    mount::<FlangeCameraMount>(&text);
+    mount::<ToolMount>(&text);
+    mount::<TargetMount>(&text);
+    if let Ok(correction) = RobotCorrection::check("robot.toml", &text) {
+        RobotCorrection::check("robot.toml", &correction.to_toml()).expect("it reads back");
+    }
+}
+
+fn pcd(bytes: &[u8]) {
+    if let Ok(cloud) = files::read_pcd(bytes, &CAMERA) {
+        files::read_pcd(&files::write_pcd(&cloud), &CAMERA).expect("it reads back");
+    }
+    drop(files::read_any_cloud(bytes, None));
+}
+
+fn ply(bytes: &[u8]) {
+    if let Ok(cloud) = files::read_ply(bytes, &CAMERA) {
+        files::read_ply(&files::write_ply(&cloud), &CAMERA).expect("it reads back");
+    }
+    drop(files::read_any_cloud(bytes, Some((40, 30))));
+}
+
+fn clip(bytes: &[u8]) {
+    match files::read_clip(bytes) {
+        Err(error) => assert!(!error.to_string().is_empty()),
+        Ok(clip) => assert_eq!(files::read_clip(clip.to_csv().as_bytes()), Ok(clip)),
+    }
+}
+
+fn picture(bytes: &[u8]) {
+    if let Ok(picture) = files::read_color(bytes) {
+        assert_eq!(picture.rgb.len(), picture.width * picture.height);
+    }
+    // What a measurement reads is of the camera's size.
+    if let Ok(picture) = files::read_measured_gray(bytes, &CAMERA) {
+        assert_eq!((picture.width, picture.height, picture.gray.len()), (40, 30, 1_200));
+    }
+}
+
+/// Every pose that is read is finite.
+fn pose(bytes: &[u8]) {
+    let reported = files::read_reported_flange(bytes).map(|flange| flange.base_from_flange);
+    for pose in [files::read_located(bytes), files::read_flange(bytes), reported].into_iter().flatten() {
+        assert!(pose.is_finite());
+    }
+    drop(files::read_located_mm(bytes));
+}
+
+fn recording(bytes: &[u8]) {
+    match tape::check(bytes) {
+        Err(error) => assert!(!error.to_string().is_empty()),
+        Ok(checked) => {
+            let entries = tape::Entries::new(bytes, checked.start.unix_ns).take_while(Result::is_ok).count() as u64;
+            assert!(entries <= checked.entries);
+        }
+    }
+}
+
+fn zivid_settings(bytes: &[u8]) {
+    let text = String::from_utf8_lossy(bytes);
+    for usage in [ZividUse::Scan, ZividUse::Film] {
+        match ZividSettings::check("settings.yml", &text, usage) {
+            Err(problems) => assert!(!problems.to_string().is_empty()),
+            Ok(settings) => assert!(settings.exposures_us().iter().all(|exposure| exposure.is_finite())),
+        }
+    }
+}
+
+fn program(bytes: &[u8]) {
+    let (file, _) = krl::parse("cell.src", &String::from_utf8_lossy(bytes));
+    let analysis = krl::analyse(&[file], krl::LOWEST_KSS);
+    assert_eq!((analysis.problems.len(), analysis.warnings.len()), (1, 1));
+}
+
+/// With the seal that belongs to these bytes, so that what is behind it is reached.
+fn archive(bytes: &[u8]) {
+    let file = tempfile::NamedTempFile::new_in("/dev/shm").expect("memory");
+    for bytes in [bytes.to_vec(), seeds::sealed(bytes)] {
+        std::fs::write(file.path(), &bytes).expect("written");
+        let Ok(archive) = backup::Archive::open(file.path()) else { continue };
+        let read = archive.each::<backup::BackupError>(|_, content| {
+            // What cannot be unpacked is told by the reader.
+            drop(std::io::copy(&mut content.take(1 << 20), &mut std::io::sink()));
+            Ok(())
+        });
+        drop(read);
+    }
+}
+
+/// Frames as they come, and the bytes as the head of a frame that is whole.
+fn worker(mut bytes: &[u8]) {
+    let head = bytes;
+    drop(serde_json::from_slice::<message::Request>(head));
+    if let Ok(reply) = serde_json::from_slice::<message::Reply>(head) {
+        let again = serde_json::to_vec(&reply).expect("written");
+        serde_json::from_slice::<message::Reply>(&again).expect("it reads back");
+    }
+    while let Ok(frame) = wire::open(&mut bytes, wire::Kind::Reply) {
+        let mut plane = [0; 12];
+        if frame.payload(&mut bytes, &mut [&mut plane]).is_err() {
+            break;
+        }
+    }
+}
+
+fn label(bytes: &[u8]) {
+    match labels::read(bytes) {
+        Err(error) => assert!(!error.to_string().is_empty()),
+        Ok(file) => assert_eq!(labels::read(labels::write(&file).as_bytes()).expect("it reads back"), file),
+    }
+}
