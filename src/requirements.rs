@@ -72,7 +72,7 @@ fn simulated(cell: &Cell) -> [(&'static str, bool); 2] {
 fn names(cell: &Cell, simulates: bool) -> Vec<Unmet> {
     let io = cell.io();
     let mut missing = Vec::new();
-    for output in Output::ALL {
+    for output in Output::ALL.iter().copied() {
         let (name, feedback) = (output.name(), output.feedback());
         if io.output(output).is_none() {
             let message = "is missing; a cycle switches it: state the number n of its $OUT[n]";

@@ -3,6 +3,7 @@
 use crate::config::Section;
 use crate::geometry::Joints;
 use std::collections::BTreeMap;
+use strum::VariantArray;
 
 /// `[poses]`: axis angles, since the arm moves to a named pose by `move_j`, which takes nothing else.
 pub(super) fn take_poses(section: &Section<'_, '_>) -> Option<BTreeMap<String, Joints>> {
@@ -31,7 +32,7 @@ fn take_joints(section: &Section<'_, '_>) -> Option<Joints> {
 }
 
 /// The outputs that the process uses, by the names they have in `[io.outputs]`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr, VariantArray)]
 #[strum(serialize_all = "snake_case")]
 pub enum Output {
     /// `light`: on for film, off for 3D.
@@ -48,8 +49,7 @@ pub enum Output {
 
 impl Output {
     /// All of them.
-    pub const ALL: [Output; 5] =
-        [Output::Light, Output::Spray, Output::LensShutter, Output::Extraction, Output::Tool];
+    pub const ALL: &'static [Output] = <Self as VariantArray>::VARIANTS;
 
     /// The name in the cell's file.
     pub fn name(self) -> &'static str {

@@ -59,8 +59,8 @@ impl Calibrated {
         Ok(Calibrated { values, flange_camera_extent, texts })
     }
 
-    fn of_cycle(&self) -> (Calibrations, &LensExtent) {
-        (self.values, &self.flange_camera_extent)
+    fn of_cycle(&self) -> (Calibrations, LensExtent) {
+        (self.values, self.flange_camera_extent.clone())
     }
 }
 

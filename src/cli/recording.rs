@@ -4,11 +4,11 @@ use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
 use crate::cell::{
-    Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RobotCorrection, ScannerMount, ToolMount,
+    Cell, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RobotCorrection, ScannerMount, ToolMount,
 };
 use crate::daemon::{Calibrations, RECORDING_FLOOR_MB, Recorded, RecordingPlan, Stands, free_mb, too_full};
 use crate::files::{read_flange, write_pose};
-use crate::geometry::{PinholeCamera, Rigid};
+use crate::geometry::Rigid;
 use crate::recipe::Recipe;
 use crate::report::page::{Row, Section};
 use crate::store::{TaughtCorner, Teaching};
@@ -177,6 +177,8 @@ pub struct RecordedCycle {
     pub taught: Taught,
     /// The calibrations.
     pub calibrations: Calibrations,
+    /// Where in its picture the flange camera's lens is known.
+    pub lens: LensExtent,
 }
 
 impl RecordedCycle {
@@ -187,10 +189,11 @@ impl RecordedCycle {
     pub fn read(file: &Path, checked: &Checked) -> Result<Self, Fault> {
         let parts = Parts { file, checked };
         let recipe = Recipe::check(RECIPE, parts.text(RECIPE)?)?;
+        let flange_camera = parts.intrinsics("flange_camera.toml")?;
         let calibrations = Calibrations {
-            scanner: parts.camera("scanner.toml")?,
+            scanner: parts.intrinsics("scanner.toml")?.camera,
             base_from_camera: parts.mount::<ScannerMount>("base_from_camera.toml")?,
-            flange_camera: parts.camera("flange_camera.toml")?,
+            flange_camera: flange_camera.camera,
             flange_from_camera: parts.mount::<FlangeCameraMount>("flange_from_camera.toml")?,
             flange_from_tool: parts.mount::<ToolMount>("flange_from_tool.toml")?,
             hand_eye_mm: checked.start.hand_eye_mm,
@@ -201,7 +204,7 @@ impl RecordedCycle {
             true => cell.corrected(RobotCorrection::check(CORRECTION, parts.text(CORRECTION)?)?.numbers),
             false => cell,
         };
-        Ok(RecordedCycle { cell, taught: parts.taught(&recipe)?, recipe, calibrations })
+        Ok(RecordedCycle { cell, taught: parts.taught(&recipe)?, recipe, calibrations, lens: flange_camera.extent })
     }
 }
 
@@ -222,8 +225,8 @@ impl Parts<'_> {
         std::str::from_utf8(self.bytes(name)?).map_err(named)
     }
 
-    fn camera(&self, name: &str) -> Result<PinholeCamera, Fault> {
-        Ok(Intrinsics::check(name, self.text(name)?)?.camera)
+    fn intrinsics(&self, name: &str) -> Result<Intrinsics, Fault> {
+        Ok(Intrinsics::check(name, self.text(name)?)?)
     }
 
     fn mount<M: Mount>(&self, name: &str) -> Result<Rigid<M::To, M::From>, Fault> {

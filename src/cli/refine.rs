@@ -5,10 +5,9 @@ use super::fault::Fault;
 use super::load::{self, CellFiles, CornerShot};
 use super::outcome::Outcome;
 use super::pictures;
-use crate::calib::{budget, health};
+use crate::calib::budget;
 use crate::geometry::{Base, Flange, FlangeCamera, KukaPose, Panel, Rigid};
 use crate::stages::corners::{Correction, Sighting, Taught};
-use crate::verdict::Judgement;
 use serde_json::json;
 use std::path::Path;
 
@@ -26,11 +25,9 @@ pub fn run(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
     let shots = load::corner_shots(&files, &args.corner, &args.flange, &camera)?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let claims_mm = claims_mm(args, &files)?;
-    let held = Taught { corners: &taught.corners, camera: &camera, limits: recipe.corner() };
+    let held = Taught { corners: &taught.corners, camera: &camera, lens: &extent, limits: recipe.corner() };
     let sightings = sightings(&held, located, &shots, flange_from_camera)?;
-    let mut correction = held.refine(located, &sightings, (claims_mm, None)).map_err(Fault::stage)?;
-    let outside = health::outside_of_lens(&extent, sightings.iter().map(|sighting| sighting.found_px));
-    correction.judgement = correction.judgement.and(Judgement::of(outside.into_iter().collect(), vec![]));
+    let correction = held.refine(located, &sightings, (claims_mm, None)).map_err(Fault::stage)?;
     if let Some(folder) = &args.pictures {
         let places =
             [(located, "before", "by 3D alone"), (correction.refined.base_from_panel, "after", "corrected")];

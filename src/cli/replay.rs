@@ -4,7 +4,6 @@ use super::args::Replay;
 use super::fault::Fault;
 use super::outcome::Outcome;
 use super::recording::RecordedCycle;
-use crate::cell::LensExtent;
 use crate::daemon::{self, CellSetup, Computing, CycleSetup, LoopStart, Played, Player, Ports};
 use crate::tape::{self, Checked, Entries};
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -26,14 +25,9 @@ pub fn run(args: &Replay) -> Result<Outcome, Fault> {
     let refused = |error| Fault::file(file, error);
     let checked = tape::check(open(file)?).map_err(refused)?;
     let recorded = RecordedCycle::read(file, &checked)?;
-    let RecordedCycle { cell, recipe, taught, calibrations } = recorded;
+    let RecordedCycle { cell, recipe, taught, calibrations, lens } = recorded;
     let cell = Arc::new(CellSetup::new(&cell).map_err(Fault::stage)?);
-    let setup = CycleSetup::new(
-        cell.clone(),
-        recipe,
-        (taught.panel, taught.corners),
-        (calibrations, &LensExtent::default()),
-    );
+    let setup = CycleSetup::new(cell.clone(), recipe, (taught.panel, taught.corners), (calibrations, lens));
     let cycle = Some(Arc::new(setup.map_err(Fault::stage)?));
 
     let start = &checked.start;

@@ -13,7 +13,12 @@ use crate::stages::corners::{Progress, Sighting, Taught};
 use crate::verdict::Reason;
 
 fn taught<'a>(cycle: &'a CycleSetup) -> Taught<'a> {
-    Taught { corners: &cycle.corners, camera: &cycle.calibrations.flange_camera, limits: cycle.recipe.corner() }
+    Taught {
+        corners: &cycle.corners,
+        camera: &cycle.calibrations.flange_camera,
+        lens: &cycle.lens,
+        limits: cycle.recipe.corner(),
+    }
 }
 
 fn not_in_view(error: impl std::error::Error) -> Reason {

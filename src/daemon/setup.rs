@@ -75,6 +75,8 @@ pub struct CycleSetup {
     pub(super) corners: Vec<TaughtCorner>,
     /// The calibrations.
     pub(super) calibrations: Calibrations,
+    /// Where in its picture the flange camera's lens is known.
+    pub(super) lens: LensExtent,
 }
 
 impl CycleSetup {
@@ -87,16 +89,16 @@ impl CycleSetup {
         cell: Arc<CellSetup>,
         recipe: Recipe,
         (panel, corners): (TaughtPanel, Vec<TaughtCorner>),
-        (calibrations, flange_camera_extent): (Calibrations, &LensExtent),
+        (calibrations, lens): (Calibrations, LensExtent),
     ) -> Result<Self, DaemonError> {
         if corners.is_empty() {
             return Err(DaemonError::NoCorner);
         }
         let pixels = corners.iter().map(|corner| corner.teaching.reference_px);
-        if let Some(reason) = health::outside_of_lens(flange_camera_extent, pixels) {
+        if let Some(reason) = health::outside_of_lens(&lens, pixels) {
             return Err(DaemonError::CornerOutsideOfLens(reason.message));
         }
-        Ok(CycleSetup { cell, recipe, panel, corners, calibrations })
+        Ok(CycleSetup { cell, recipe, panel, corners, calibrations, lens })
     }
 
     /// The panel's name.

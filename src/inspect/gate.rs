@@ -420,7 +420,7 @@ impl Film<'_> {
 
 /// The flaw of the most pictures; of several the first.
 fn worst_flaw(quality: &Quality) -> (Flaw, Flawed) {
-    Flaw::ALL.into_iter().zip(quality.flawed).fold((Flaw::Darker, Flawed::default()), |most, found| {
+    Flaw::ALL.iter().copied().zip(quality.flawed).fold((Flaw::Darker, Flawed::default()), |most, found| {
         if found.1.pictures > most.1.pictures { found } else { most }
     })
 }

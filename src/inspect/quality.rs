@@ -3,6 +3,7 @@
 use super::model::PictureMeasurement;
 use super::steady::OutlineMeasurement;
 use crate::recipe;
+use strum::{EnumCount, VariantArray};
 
 /// The share of the region that must have the brightness predicted from its state.
 pub const MIN_TOLD: f64 = 0.5;
@@ -12,7 +13,7 @@ pub const MIN_SHARPNESS: f64 = 0.6;
 pub const MIN_FIRST_SHARPNESS: f64 = 0.2;
 
 /// What keeps a picture from being judged by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, EnumCount, VariantArray)]
 pub enum Flaw {
     /// There is less light than can be made up for.
     Darker,
@@ -34,16 +35,7 @@ pub enum Flaw {
 
 impl Flaw {
     /// Every one.
-    pub const ALL: [Flaw; 8] = [
-        Flaw::Darker,
-        Flaw::Brighter,
-        Flaw::Untold,
-        Flaw::Bright,
-        Flaw::Moved,
-        Flaw::Focus,
-        Flaw::Frozen,
-        Flaw::Outline,
-    ];
+    pub const ALL: &'static [Flaw] = <Self as VariantArray>::VARIANTS;
 
     /// Its stable word.
     pub fn word(self) -> &'static str {
@@ -73,7 +65,7 @@ pub struct Quality {
     /// Pictures that were judged by.
     pub usable: usize,
     /// The pictures with each flaw, in the order of [`Flaw::ALL`].
-    pub flawed: [Flawed; 8],
+    pub flawed: [Flawed; Flaw::COUNT],
     /// The longest time without a usable picture, s.
     pub longest_unseen_s: f64,
     /// The least and the most light of a usable picture, the dry picture's being 1.
@@ -94,7 +86,7 @@ impl Default for Quality {
     fn default() -> Self {
         Quality {
             usable: 0,
-            flawed: [Flawed::default(); 8],
+            flawed: [Flawed::default(); Flaw::COUNT],
             longest_unseen_s: 0.0,
             light: [f64::INFINITY, f64::NEG_INFINITY],
             moved_px: None,

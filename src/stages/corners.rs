@@ -5,6 +5,8 @@
 //! them says alone is never the result where several were seen.
 
 use super::Drawing;
+use crate::calib::health;
+use crate::cell::LensExtent;
 use crate::geometry::{Base, ColorPicture, FlangeCamera, KukaPose, Panel, PinholeCamera, Pixel, Rigid};
 use crate::locate::corner::{self, CornerError};
 use crate::locate::refine::{self, CornerView, RefineError, Refined};
@@ -31,6 +33,8 @@ pub struct Taught<'a> {
     pub corners: &'a [TaughtCorner],
     /// The flange camera.
     pub camera: &'a PinholeCamera,
+    /// Where in its picture the camera's lens is known: nothing is measured elsewhere.
+    pub lens: &'a LensExtent,
     /// The recipe's `[corner]`.
     pub limits: &'a recipe::Corner,
 }
@@ -98,7 +102,15 @@ impl Taught<'_> {
             is_last: progress.moves >= self.limits.max_moves(),
             step_mm: step_mm(&refined, sightings),
         });
-        Ok(Correction::judged(refined, claims_mm, views, self.limits))
+        let correction = Correction::judged(refined, claims_mm, views, self.limits);
+        Ok(correction.beside(self.outside_of_lens(sightings)))
+    }
+
+    /// A corner that was found where the lens is not known, if there is one.
+    fn outside_of_lens(&self, sightings: &[Sighting]) -> Option<Check> {
+        let outside = health::outside_of_lens(self.lens, sightings.iter().map(|sighting| sighting.found_px))?;
+        let check = Check::new("corner where the lens is known", "", None);
+        Some(check.gives(Some(outside), Severity::Reject))
     }
 
     /// Whether the corners stand where `place` puts them. `unseen` says which of the corners that hold the place cannot be
@@ -114,7 +126,8 @@ impl Taught<'_> {
     ) -> Result<Verification, RefineError> {
         let seen = self.seen(place, sightings)?;
         let count = Check::new(name::CORNERS, "", seen.corners.len() as f64).gives(unseen, Severity::Reject);
-        let checks = refine::checks_of_stand(&seen, self.limits);
+        let mut checks = refine::checks_of_stand(&seen, self.limits);
+        checks.extend(self.outside_of_lens(sightings));
         let judgement = Judgement::of_checks(&checks).and(Judgement::of_checks([&count]));
         Ok(Verification { checks, count, judgement })
     }
@@ -242,6 +255,15 @@ impl Correction {
         let checks = [of_corners, of_motion(&refined).to_vec(), of_views].concat();
         let wants_another_view = !is_done && views.is_some_and(|views| !views.is_last);
         Correction { refined, checks, judgement, wants_another_view }
+    }
+
+    /// The same, with a check of the pictures themselves that is not kept.
+    fn beside(mut self, of_pictures: Option<Check>) -> Self {
+        if let Some(check) = of_pictures {
+            self.judgement = self.judgement.and(Judgement::of_checks([&check]));
+            self.checks.push(check);
+        }
+        self
     }
 
     /// The result for the record; `left_out` says which corners the arm did not come to, and why.

@@ -5,8 +5,11 @@ use crate::geometry::KukaPose;
 use crate::panel::GridId;
 use crate::path::Kinematics;
 use crate::path::approach::Approach;
+use crate::phase::Phase;
+use crate::record::Check;
+use crate::stages::corners::Taught;
 use crate::stages::survey::ToolState;
-use crate::stages::{locate, plan};
+use crate::stages::{film, locate, plan};
 
 #[test]
 fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
@@ -49,4 +52,88 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
     assert!(!grids.is_empty() && by_command.checks.len() > 10);
     assert_eq!(by_loop.checks, by_command.checks);
     assert_eq!(by_loop.judgement, by_command.judgement);
+}
+
+/// Without what a stop-watch and the loop's own moves say.
+fn of_the_stage<'c>(checks: impl IntoIterator<Item = &'c Check>) -> Vec<Check> {
+    let of_the_loop =
+        [name::PER_PICTURE, "pictures that were dropped", name::MOVES, "corner from where it was looked for"];
+    checks.into_iter().filter(|check| !of_the_loop.contains(&&*check.name)).cloned().collect()
+}
+
+#[test]
+fn a_clip_gives_the_loop_and_a_command_the_same_checks() {
+    let fake = Fake::new(Scene::Good);
+    let setup = fake.setup();
+    let story = fake.run(Asks::one_cycle());
+    let place = story.outcome.base_from_panel.expect("found");
+    let film_setup = film::Setup {
+        panel: &setup.panel,
+        camera: &setup.calibrations.scanner,
+        camera_from_panel: setup.calibrations.base_from_camera.inverse() * place,
+        demands: setup.demands(),
+        recipe: &setup.recipe,
+    };
+    let by_loop: Vec<_> = story.findings.iter().filter(|finding| finding.kind == Kind::Inspect).collect();
+    let starts: Vec<usize> = (0..story.frames.len()).filter(|index| story.frames[*index].2 == Phase::Dry).collect();
+    assert_eq!(
+        (by_loop.len(), starts.len(), story.films_began_s.len()),
+        (2, 2, 2),
+        "a broken film, and a whole one"
+    );
+    for (index, by_loop) in by_loop.into_iter().enumerate() {
+        let end = starts.get(index + 1).copied().unwrap_or(story.frames.len());
+        let mut filming = film::Filming::begin(&film_setup, setup.demands().observation_s).expect("in the picture");
+        for (place, (picture, time_s, phase)) in story.frames[starts[index]..end].iter().enumerate() {
+            filming.push(picture, *time_s, *phase).expect("taken");
+            if place == 0 {
+                filming.begins(story.films_began_s[index]);
+            }
+        }
+        let filmed = filming.finish().expect("a film");
+        let counted = film::Counted { ms_per_picture: None, dropped: None };
+        let by_command = filmed.finding(&film_setup, by_loop.pass, counted);
+        assert!(by_command.checks.len() > 10);
+        assert_eq!(of_the_stage(&by_loop.checks), of_the_stage(&by_command.checks));
+        assert_eq!(by_loop.judgement, by_command.judgement);
+    }
+}
+
+/// The loop's last word on the corners: the two pictures by which it corrected the place, given to the stage at once.
+#[test]
+fn corner_pictures_give_the_loop_and_a_command_the_same_checks() {
+    let fake = Fake::new(Scene::Good);
+    let setup = fake.setup();
+    let story = fake.run(Asks::one_cycle());
+    let by_loop = story.findings.iter().rfind(|finding| finding.kind == Kind::Refine).expect("refined");
+    let located = story.findings.iter().find(|finding| finding.kind == Kind::Locate).expect("located");
+    let located: KukaPose = serde_json::from_value(located.details["base_from_panel"].clone()).expect("a pose");
+    let held = Taught {
+        corners: &setup.corners,
+        camera: &setup.calibrations.flange_camera,
+        lens: &setup.lens,
+        limits: setup.recipe.corner(),
+    };
+    let pictures = story.pictures.iter().filter(|(name, ..)| name.starts_with("corner"));
+    let sightings: Vec<_> = setup
+        .corners
+        .iter()
+        .enumerate()
+        .zip(pictures)
+        .map(|(corner, (_, picture, flange))| {
+            let camera = *flange * setup.calibrations.flange_from_camera;
+            held.find(corner, picture, (located.to_rigid(), camera)).expect("a corner")
+        })
+        .collect();
+    assert_eq!(sightings.len(), 2);
+    let by_command = held.refine(located.to_rigid(), &sightings, (None, None)).expect("corrected");
+    let (by_loop, by_command) = (of_the_stage(&by_loop.checks), of_the_stage(&by_command.checks));
+    assert!(by_command.len() > 5);
+    for check in &by_command {
+        let same = by_loop.iter().find(|of_loop| of_loop.name == check.name).unwrap_or_else(|| panic!("{check:?}"));
+        assert_eq!((&same.limit, &same.message, &same.unit), (&check.limit, &check.message, &check.unit));
+        // The commands have the place and the flange with the digits of a pose in a file.
+        let (value, other) = (same.value.expect("measured"), check.value.expect("measured"));
+        assert!((value - other).abs() < 1e-3, "{}: {value} and {other}", check.name);
+    }
 }

@@ -76,7 +76,7 @@ impl Moment {
 
 /// What changes.
 struct State {
-    signals: [Signal; 5],
+    signals: Vec<Signal>,
     wetting: Option<Wetting>,
     /// Which spots are gone, as far as the wetting that began at this time shows it.
     healed: (Option<u64>, Vec<bool>),
@@ -122,8 +122,7 @@ impl SimulatedWorld {
             let feedback = cell.io().feedback(feedback).ok_or(unnamed("feedbacks", feedback.name()))?;
             Ok(Signal::new(output, number, feedback))
         };
-        let [light, spray, lens, extraction, tool] = Output::ALL.map(signal);
-        let signals = [light?, spray?, lens?, extraction?, tool?];
+        let signals = Output::ALL.iter().copied().map(signal).collect::<Result<Vec<Signal>, _>>()?;
         let park = cell.park().ok_or(WorldError::NoPark)?;
         let truth = simulated.truth();
         let state = State {

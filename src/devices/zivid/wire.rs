@@ -15,6 +15,7 @@
 
 use crc32fast::Hasher;
 use std::io::{ErrorKind, Read, Write};
+use strum::VariantArray;
 
 const MAGIC: [u8; 4] = *b"PPZV";
 /// The version of this page: of the frames and of the messages in them.
@@ -28,7 +29,7 @@ pub const MOST_PAYLOAD_BYTES: usize = 160 << 20;
 const PIECE_BYTES: usize = 1 << 18;
 
 /// Who speaks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, VariantArray)]
 pub enum Kind {
     /// The worker, when it begins.
     Hello,
@@ -39,7 +40,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    const ALL: [Kind; 3] = [Kind::Hello, Kind::Request, Kind::Reply];
+    const ALL: &'static [Kind] = <Self as VariantArray>::VARIANTS;
 
     fn number(self) -> u16 {
         match self {
@@ -240,7 +241,7 @@ pub fn open(stream: &mut impl Read, allowed_kind: Kind) -> Result<Opened, WireEr
     sum.update(&opening);
     check(stream, &sum, Part::Opening)?;
     let kind = u16::from_le_bytes([k0, k1]);
-    if Kind::ALL.into_iter().find(|known| known.number() == kind) != Some(allowed_kind) {
+    if Kind::ALL.iter().copied().find(|known| known.number() == kind) != Some(allowed_kind) {
         return Err(WireError::Kind { found: kind, allowed: allowed_kind });
     }
     let head_bytes = u32::from_le_bytes([h0, h1, h2, h3]);

@@ -30,6 +30,7 @@ impl Port<CameraCommand> for FakeCameras {
             CameraCommand::BeginFilm(pictures_per_second) => {
                 let now_ms = self.world.borrow().time_ms;
                 self.film = Some((now_ms, pictures_per_second, 0));
+                self.world.borrow_mut().films_began_s.push(now_ms as f64 / 1e3);
                 CameraAnswer::FilmBegan(now_ms as f64 / 1e3)
             }
             CameraCommand::NextOfFilm => {

@@ -17,8 +17,9 @@ use crate::cell::{self, LensExtent};
 use crate::cycle::{self, Event, Motion, Outcome, Path, Refusal, State};
 use crate::devices::mock::Arm;
 use crate::eki::{Command, Report, SetTcp};
-use crate::geometry::{Base, Flange, Joints, KukaPose, Rigid};
+use crate::geometry::{Base, ColorPicture, Flange, Joints, KukaPose, Rigid};
 use crate::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
+use crate::phase::Phase;
 use crate::recipe::Recipe;
 use crate::record::{Asked, Budget, Clock, ContactPath, EarlierPass, Kind};
 use crate::sim::{self, PanelPosition, SEARCH_BOX_MM, Scene, Truth};
@@ -68,6 +69,7 @@ struct World {
     blends_mm: Vec<f64>,
     intent: Option<Motion>,
     moved_without_intent: usize,
+    films_began_s: Vec<f64>,
 }
 
 /// The world, for the loop's thread and the one that computes.
@@ -121,6 +123,10 @@ pub struct Story {
     pub truth: Truth,
     pub findings: Vec<Finding>,
     pub figures: Vec<String>,
+    pub pictures: Vec<(String, ColorPicture, Rigid<Base, Flange>)>,
+    pub frames: Vec<(Arc<ColorPicture>, f64, Phase)>,
+    /// When each film began.
+    pub films_began_s: Vec<f64>,
     pub budget: Budget,
     pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
     pub events: Vec<Event>,
@@ -201,6 +207,7 @@ impl Cell {
             blends_mm: Vec::new(),
             intent: None,
             moved_without_intent: 0,
+            films_began_s: Vec::new(),
         };
         let world = Shared(Arc::new(Mutex::new(world)));
         Cell {
@@ -394,6 +401,9 @@ impl Cell {
             truth: world.sim.truth(),
             findings: record.findings,
             figures: record.figures,
+            pictures: record.pictures,
+            frames: record.frames,
+            films_began_s: world.films_began_s.clone(),
             budget: record.budget,
             intents: record.intents,
             events: record.events,
@@ -425,7 +435,7 @@ fn computing(cameras: Box<dyn CameraPort + Send>, readable: Vec<Reason>, lock_st
 /// What a cycle of this cell works with.
 pub fn setup(cell: &cell::Cell, recipe: &Recipe, taught: &TaughtHere, calibrations: Calibrations) -> CycleSetup {
     let cell = Arc::new(CellSetup::new(cell).expect("complete"));
-    CycleSetup::new(cell, recipe.clone(), taught.clone(), (calibrations, &LensExtent::default())).expect("a corner")
+    CycleSetup::new(cell, recipe.clone(), taught.clone(), (calibrations, LensExtent::default())).expect("a corner")
 }
 
 pub type TaughtHere = (TaughtPanel, Vec<TaughtCorner>);

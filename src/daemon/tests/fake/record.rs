@@ -3,8 +3,11 @@
 use super::super::super::*;
 use super::Shared;
 use crate::cycle::{Event, Motion, Outcome};
+use crate::geometry::{Base, ColorPicture, Flange, Rigid};
+use crate::phase::Phase;
 use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass, Picture};
 use crate::verdict::Reason;
+use std::sync::Arc;
 
 pub struct Memory {
     pub(super) world: Shared,
@@ -20,6 +23,10 @@ pub struct Memory {
     pub wears: Vec<(f64, bool)>,
     pub findings: Vec<Finding>,
     pub figures: Vec<String>,
+    /// Pictures by their names, and where the flange stood then.
+    pub pictures: Vec<(String, ColorPicture, Rigid<Base, Flange>)>,
+    /// The pictures of all films.
+    pub frames: Vec<(Arc<ColorPicture>, f64, Phase)>,
     pub budget: Budget,
     pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
     pub events: Vec<Event>,
@@ -44,6 +51,8 @@ impl Memory {
             wears: Vec::new(),
             findings: Vec::new(),
             figures: Vec::new(),
+            pictures: Vec::new(),
+            frames: Vec::new(),
             budget: Budget::default(),
             intents: Vec::new(),
             events: Vec::new(),
@@ -67,7 +76,12 @@ impl Port<RecordCommand> for Memory {
             RecordCommand::Note(Note::Figure(Figure { name, .. }))
             | RecordCommand::Note(Note::Kept(Kept::Figure(Picture { name, .. }))) => self.figures.push(name),
             RecordCommand::Note(Note::Budget(measured)) => self.budget = self.budget.renewed(measured),
-            RecordCommand::Note(Note::Picture(..) | Note::Frame(..) | Note::Kept(_)) => {}
+            RecordCommand::Note(Note::Picture(name, picture)) => {
+                let flange = self.world.borrow().base_from_flange;
+                self.pictures.push((name, picture, flange));
+            }
+            RecordCommand::Note(Note::Frame(picture, time_s, phase)) => self.frames.push((picture, time_s, phase)),
+            RecordCommand::Note(Note::Kept(_)) => {}
             RecordCommand::Event(event) => self.events.push(event),
             RecordCommand::OpenIntent(motion) => self.open_intent(motion),
             RecordCommand::OpenContact { motion, path, permitted } => {
