@@ -68,7 +68,7 @@ deny: $(CARGO_DENY)
 	  echo 'advisories: not run, their database cannot be had here; run make deny where the network reaches it' >&2; }
 
 # Changes of the code one by one, each of which must turn a unit test red (.cargo/mutants.toml says which). All of them take a
-# day, so a run takes one of 24 parts: make mutants PART=7; one file alone: make mutants MUTANTS='--file src/cycle/step.rs'.
+# day, so a run takes one of 24 parts: make mutants PART=7; one file alone: make mutants MUTANTS='--re src/cycle/step.rs'.
 # The crates are built once in the folder of the build; the copy that is changed is built without optimization.
 CARGO_MUTANTS := target/tools/bin/cargo-mutants
 $(CARGO_MUTANTS):

@@ -14,11 +14,12 @@
 //! much there must be.
 //!
 //! Bytes in and out: opens no file and reads no clock. Read in this order: `topic` · `entry` · `well_known` (messages
-//! of others) · `write` · `read`.
+//! of others) · `write` · `framing` (a chunk that cannot be read is refused) · `read`.
 
 mod entry;
 mod error;
 mod format;
+mod framing;
 mod read;
 mod shown;
 mod topic;

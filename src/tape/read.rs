@@ -5,6 +5,7 @@
 use super::entry::{Entry, Shot, Start};
 use super::error::TapeError;
 use super::format::{END, FORMAT, METADATA, OLDEST_FORMAT, START};
+use super::framing::Framing;
 use super::topic::Topic;
 use super::well_known::{CompressedImage, PointCloud};
 use super::write::STRIDE;
@@ -39,6 +40,7 @@ pub struct Checked {
 /// The records of a file, one after the other.
 struct Records<R> {
     source: R,
+    framing: Framing,
     reader: LinearReader,
 }
 
@@ -50,7 +52,7 @@ impl<R: Read> Records<R> {
             .with_validate_summary_section_crc(true)
             .with_check_finishes_after_end_magic(true)
             .with_record_length_limit(LONGEST);
-        Records { source, reader: LinearReader::new_with_options(options) }
+        Records { source, framing: Framing::default(), reader: LinearReader::new_with_options(options) }
     }
 
     /// Hands the next record over; `None` behind the last one.
@@ -67,7 +69,9 @@ impl<R: Read> Records<R> {
                             read => break read.map_err(|error| Wrong::Bytes(error.into()))?,
                         }
                     };
+                    let framed = self.framing.take(&into[..read]);
                     self.reader.notify_read(read);
+                    framed.map_err(Wrong::Content)?;
                 }
                 Some(Ok(LinearReadEvent::Record { data, opcode })) => {
                     if opcode == op::ATTACHMENT && !is_whole_attachment(data) {

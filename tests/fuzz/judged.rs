@@ -92,3 +92,13 @@ fn a_reader_that_falls_over_is_told() {
     let slow = Target { name: "slow", run: computes, seeds: Vec::new };
     assert!(wrong(&slow, b"").is_some_and(|why| why.starts_with("it computes for 1.")));
 }
+
+/// `make fuzz` searches in each of them.
+#[test]
+fn the_search_knows_every_target() {
+    let makefile =
+        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("Makefile")).expect("it is there");
+    let listed = makefile.lines().find_map(|line| line.strip_prefix("FUZZ_TARGETS := ")).expect("the list");
+    let names = TARGETS.each_ref().map(|target| target.name);
+    assert_eq!(listed.split_whitespace().collect::<Vec<_>>(), names);
+}

@@ -155,12 +155,12 @@ pub fn poses() -> Vec<Vec<u8>> {
     [pose, located, flange].iter().map(|value| value.to_string().into_bytes()).collect()
 }
 
-/// A recording without checksums and compression, so that changes of it are not all told by them.
+/// A recording without checksums and chunks, so that changes of it are not all told by them.
 pub fn recordings() -> Vec<Vec<u8>> {
     let whole = shipped("fixtures/rejected.mcap");
     let checked = tape::check(&whole[..]).expect("a recording of ours");
     let options = mcap::WriteOptions::new()
-        .compression(None)
+        .use_chunks(false)
         .calculate_chunk_crcs(false)
         .calculate_data_section_crc(false)
         .calculate_summary_section_crc(false)

@@ -18,7 +18,7 @@ pub const DAMAGES: [(&str, fn(&mut Vec<u8>, &mut Pcg64)); 6] = [
         block(bytes, draw).iter_mut().for_each(|byte| *byte = noise.random());
     }),
     ("a block of elsewhere", |bytes, draw| {
-        let length = draw.random_range(1..=bytes.len().min(1 << 16));
+        let length = length(bytes.len(), draw);
         let [from, to] = [0, 1].map(|_| draw.random_range(0..=bytes.len() - length));
         bytes.copy_within(from..from + length, to);
     }),
@@ -31,9 +31,15 @@ fn flip(bytes: &mut [u8], count: usize, draw: &mut Pcg64) {
     }
 }
 
-/// A block as disks and packets have them, up to 64 KiB.
+/// From a byte to a quarter of the file, each power of two as often as any other.
+fn length(file: usize, draw: &mut Pcg64) -> usize {
+    let most = (file as f64 / 4.0).max(1.0).log2();
+    (draw.random_range(0.0..=most).exp2() as usize).clamp(1, file)
+}
+
+/// A block as disks and packets have them.
 fn block<'b>(bytes: &'b mut [u8], draw: &mut Pcg64) -> &'b mut [u8] {
-    let length = draw.random_range(1..=bytes.len().min(1 << 16));
+    let length = length(bytes.len(), draw);
     let at = draw.random_range(0..=bytes.len() - length);
     &mut bytes[at..at + length]
 }

@@ -110,7 +110,7 @@ impl Held {
         let whole: Vec<&ColorPicture> = held.pictures.iter().map(|file| &file.picture).collect();
         held.refined = held.refine(&whole).expect("accepted");
         let whole: Vec<_> = held.clip.iter().map(|frame| frame.picture.clone()).collect();
-        assert_eq!(held.inspect(&whole, &held.list), Some(Verdict::Reject), "the film is broken");
+        assert_eq!(held.inspect(&whole, &held.list), Some(Verdict::Fail), "the film is broken");
         held
     }
 
@@ -161,10 +161,22 @@ impl Held {
     pub fn refined(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
         let which = one_of(self.pictures.len(), draw);
         let bytes = damaged(&self.pictures[which].png, damage, draw);
-        let Ok(spoilt) = files::read_measured(&bytes, self.cell.flange_camera()) else { return Found::Refused };
+        match files::read_measured(&bytes, self.cell.flange_camera()) {
+            Ok(spoilt) => self.refined_with(which, &spoilt),
+            Err(_) => Found::Refused,
+        }
+    }
+
+    /// One of the corner pictures, damaged before it became a file.
+    pub fn refined_by_pixels(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
+        let which = one_of(self.pictures.len(), draw);
+        self.refined_with(which, &spoilt(&self.pictures[which].picture, damage, draw))
+    }
+
+    fn refined_with(&self, which: usize, spoilt: &ColorPicture) -> Found {
         let pictures = self.pictures.iter().enumerate();
         let pictures: Vec<_> =
-            pictures.map(|(index, file)| if index == which { &spoilt } else { &file.picture }).collect();
+            pictures.map(|(index, file)| if index == which { spoilt } else { &file.picture }).collect();
         match self.refine(&pictures) {
             None => Found::Told,
             Some(pose) => Found::Pose { moved_mm: self.moved_mm(&pose, &self.refined) },
@@ -204,13 +216,32 @@ impl Held {
                 list = text;
             }
         }
-        match self.inspect(&pictures, &list) {
+        self.told(&pictures, &list)
+    }
+
+    /// One of the clip's pictures, damaged before it became a file.
+    pub fn inspected_by_pixels(&self, damage: &Damage, draw: &mut Pcg64) -> Found {
+        let mut pictures: Vec<_> = self.clip.iter().map(|frame| frame.picture.clone()).collect();
+        let which = one_of(pictures.len(), draw);
+        pictures[which] = Arc::new(spoilt(&pictures[which], damage, draw));
+        self.told(&pictures, &self.list)
+    }
+
+    fn told(&self, pictures: &[Arc<ColorPicture>], list: &str) -> Found {
+        match self.inspect(pictures, list) {
             None => Found::Refused,
-            Some(Verdict::Accept) => Found::Passed,
-            Some(Verdict::Reject) => Found::StillFails,
+            Some(Verdict::Pass) => Found::Passed,
+            Some(Verdict::Fail) => Found::StillFails,
             Some(_) => Found::Told,
         }
     }
+}
+
+/// The pixels, damaged; those that are cut off are black.
+fn spoilt(picture: &ColorPicture, damage: &Damage, draw: &mut Pcg64) -> ColorPicture {
+    let mut bytes = damaged(picture.rgb.as_flattened(), damage, draw);
+    bytes.resize(picture.rgb.len() * 3, 0);
+    ColorPicture { rgb: bytes.as_chunks().0.to_vec(), ..*picture }
 }
 
 /// A broken film as files, with its list.
