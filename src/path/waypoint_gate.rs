@@ -52,19 +52,19 @@ pub fn judge_route(route: &Route<'_>, limits: &WaypointLimits) -> Judgement {
 
 /// Everything of a path of lines that is not as it must be; empty where the path may be sent.
 pub fn broken_by_route(route: &Route<'_>, limits: &WaypointLimits) -> Vec<Check> {
-    let refused = |what: &str, code: &'static str, words: String| {
+    let nothing_moves = |what: &str, code: &'static str, words: String| {
         vec![Check::new(what, "", None).broken(true, Severity::Reject, code, || words)]
     };
     let Some(workspace) = limits.workspace else {
         let message = "the cell's file states no box_min_mm and box_max_mm; without them nothing moves in lines";
-        return refused("the cell's box", "no_box", message.to_owned());
+        return nothing_moves("the cell's box", "no_box", message.to_owned());
     };
     if route.waypoints.is_empty() {
-        return refused("waypoints", "no_waypoints", "the path has no waypoint".to_owned());
+        return nothing_moves("waypoints", "no_waypoints", "the path has no waypoint".to_owned());
     }
     let all = || std::iter::once(&route.from).chain(route.waypoints);
     if let Some(index) = all().position(|pose| !is_finite(pose)) {
-        return refused("waypoint", "not_finite", format!("waypoint {index} is not a number"));
+        return nothing_moves("waypoint", "not_finite", format!("waypoint {index} is not a number"));
     }
     let mut broken = Vec::new();
     for (index, (from, to)) in all().zip(route.waypoints).enumerate() {

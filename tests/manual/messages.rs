@@ -58,7 +58,7 @@ const TABLES: [(&str, &str); 4] = [
 ];
 
 /// Calls whose first word is a code, in all files or in those that end so.
-const CALLS: [(&str, &str); 12] = [
+const CALLS: [(&str, &str); 10] = [
     (".rs", "Reason::new("),
     (".rs", ".bound("),
     (".rs", ".doubt("),
@@ -68,9 +68,7 @@ const CALLS: [(&str, &str); 12] = [
     (".rs", ".rejects("),
     (".rs", ".reviews("),
     ("locate/refine/judge.rs", "beyond(refined"),
-    ("gate.rs", ".broken("),
-    ("judge.rs", ".broken("),
-    ("tuning.rs", ".broken("),
+    (".rs", ".broken("),
 ];
 
 /// The codes that a file names: behind the calls that make a reason, and in the tables.
@@ -81,8 +79,8 @@ fn codes(path: &Path, text: &str) -> BTreeSet<String> {
     let called = CALLS.iter().filter(|(file, _)| of(file)).flat_map(|(file, call)| {
         // Where the code is not the first argument it is the first that is a word.
         let most = match *call {
-            _ if *file == ".rs" => 1,
             ".broken(" => 4,
+            _ if *file == ".rs" => 1,
             _ => 6,
         };
         text.split(call).skip(1).filter_map(move |rest| rest.split(", ").take(most).find_map(word))

@@ -139,7 +139,12 @@ impl Link {
             while let Some((channel, bytes)) = self.session.poll_transmit(self.now()) {
                 match channel {
                     Channel::Command => streams.command_out.extend_from_slice(&bytes),
-                    Channel::State => streams.state_out.extend_from_slice(&bytes),
+                    Channel::State => {
+                        streams.state_out.extend_from_slice(&bytes);
+                        // In lock step nobody speaks between two questions, however long a computation takes: the controller is
+                        // silent from a question on.
+                        heard = if self.pace == Pace::LockStep { Instant::now() } else { heard };
+                    }
                 }
             }
             self.publish();

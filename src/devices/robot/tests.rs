@@ -132,6 +132,21 @@ fn circle(pace: Pace, points: usize, speed_m_s: f64) -> (Vec<mock::Executed>, i3
     server.handle().with(|controller| (controller.executed().to_vec(), controller.underruns(), progress))
 }
 
+/// Longer than a controller may be silent: while something is computed no time passes, and nobody asks the controller anything.
+#[test]
+fn a_pause_between_two_questions_is_no_silence_in_lock_step() {
+    let (_server, mut link) = cell(Pace::LockStep);
+    let mut heard = |count: usize| {
+        (0..count).for_each(|_| {
+            let report = link.next(Duration::from_secs(30));
+            assert!(matches!(report, Some(Report::Connected { .. } | Report::State(_))), "{report:?}");
+        });
+    };
+    heard(3);
+    std::thread::sleep(Duration::from_millis(10_300));
+    heard(3);
+}
+
 /// Base, tool, speed and 500 points: each executed once and in order, none starved, each acknowledged once.
 #[test]
 fn five_hundred_points_are_executed_once_in_lock_step() {
