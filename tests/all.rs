@@ -37,4 +37,5 @@ mod teach_page;
 mod walk;
 mod wall;
 mod words;
+mod world;
 mod zivid;

@@ -1,0 +1,57 @@
+//! Worlds of many seeds: see `tests/world`. A table of what was counted, and exit code 1 where a judge found something.
+//! `cargo bench --bench world -- [seeds=N] [from=N]`, one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`.
+
+#[path = "../world/mod.rs"]
+mod world;
+
+use std::process::ExitCode;
+use std::time::Instant;
+use world::{Counts, World};
+
+/// An argument of this name.
+fn argument(name: &str) -> Option<String> {
+    std::env::args().skip(1).find_map(|argument| Some(argument.strip_prefix(name)?.strip_prefix('=')?.to_owned()))
+}
+
+fn number(name: &str) -> Option<u64> {
+    argument(name).map(|text| text.parse().unwrap_or_else(|error| panic!("{name}={text}: {error}")))
+}
+
+fn main() -> ExitCode {
+    if std::env::args().any(|argument| argument == "log") {
+        tracing_subscriber::fmt().with_max_level(tracing::Level::DEBUG).without_time().init();
+    }
+    let (from, count) = match number("seed") {
+        Some(seed) => (seed, 1),
+        None => (number("from").unwrap_or(0), number("seeds").unwrap_or(2_000)),
+    };
+    let begun = Instant::now();
+    let mut counts = Counts::default();
+    let mut wrong = 0;
+    for seed in from..from + count {
+        let world = match argument("script") {
+            Some(text) => World::with(seed, world::parse(&text).unwrap_or_else(|error| panic!("{error}"))),
+            None => World::of(seed),
+        };
+        let since = Instant::now();
+        let outcome = world.run();
+        if argument("times").is_some() {
+            println!(
+                "seed {seed}: {:.0} ms, {} ms virtual, {} cycles, {} processes",
+                since.elapsed().as_secs_f64() * 1e3,
+                outcome.counts.time_ms,
+                outcome.counts.cycles,
+                outcome.counts.lives
+            );
+        }
+        counts.add(&outcome.counts);
+        if let Some(violation) = &outcome.violation {
+            wrong += 1;
+            println!("seed={seed} {}: {}\n   script='{}'", violation.judge, violation.what, world::print(&world.script));
+        }
+    }
+    let wall_s = begun.elapsed().as_secs_f64();
+    println!("{counts:#?}");
+    println!("{wrong} of {count} seeds; {:.1} s, {:.1} cycles/s", wall_s, counts.cycles as f64 / wall_s);
+    if wrong == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
