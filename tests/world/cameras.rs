@@ -108,7 +108,7 @@ impl Cameras {
             world.wrong("interlocks", "a 3D shot with the light on".to_owned());
         }
         let stands = world.stands;
-        let render = || Arc::new(Fixture::get().scene(stands).scan());
+        let render = || Arc::new(Fixture::get().scan(stands));
         (**rendered().scans.entry(stands).or_insert_with(render)).clone()
     }
 

@@ -3,7 +3,7 @@
 use panelprep::cell;
 use panelprep::cycle;
 use panelprep::daemon::{Calibrations, CellSetup, CycleSetup, PreparedCycle};
-use panelprep::geometry::KukaPose;
+use panelprep::geometry::{Camera, KukaPose, OrganizedCloud};
 use panelprep::locate::corner;
 use panelprep::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use panelprep::recipe::Recipe;
@@ -16,6 +16,10 @@ use std::sync::{Arc, OnceLock};
 const REDUCTION: usize = 8;
 /// The simulated cell of this seed.
 const CELL_SEED: u64 = 3;
+
+/// What is so much nearer than the empty cell is the panel, mm; so many pixels around it are kept.
+const DIFFERENT_MM: f64 = 2.0;
+const AROUND_PX: usize = 4;
 
 const CELL: &str = "[poses]\npark = { a1_deg = -120, a2_deg = -75, a3_deg = 110, a4_deg = 0, a5_deg = 55, a6_deg = 90 }\n\
      ready = { a1_deg = 0, a2_deg = -120, a3_deg = 145, a4_deg = 0, a5_deg = -25, a6_deg = 90 }\n\
@@ -67,7 +71,7 @@ impl Fixture {
         let cell = cell::Cell::check("cell.toml", CELL).unwrap_or_else(|error| panic!("{error}"));
         let recipe = recipe(&scenes[0]);
         let setup = Arc::new(CellSetup::new(&cell).expect("a whole cell"));
-        let taught = taught(&scenes[0], &recipe);
+        let taught = taught(&scenes[0], &scenes[2], &recipe);
         let cycle = CycleSetup::new(setup.clone(), recipe, taught, calibrations(&scenes[0])).expect("a corner");
         let store = folder("template");
         // A folder that an earlier process of this number left.
@@ -80,6 +84,12 @@ impl Fixture {
     /// The simulated cell with what stands in it.
     pub fn scene(&self, stands: Stands) -> &sim::Cell {
         &self.scenes[stands as usize]
+    }
+
+    /// What the 3D camera sees.
+    pub fn scan(&self, stands: Stands) -> OrganizedCloud<Camera> {
+        let empty = self.scene(Stands::Nothing).scan();
+        cropped(&self.scene(stands).scan(), &self.scene(Stands::Greasy).scan(), &empty)
     }
 
     /// What is true of the taught panel in the cell.
@@ -148,9 +158,10 @@ fn recipe(sim: &sim::Cell) -> Recipe {
     Recipe::check("world.toml", &text).unwrap_or_else(|error| panic!("{error}"))
 }
 
-fn taught(sim: &sim::Cell, recipe: &Recipe) -> (TaughtPanel, Vec<TaughtCorner>) {
+fn taught(sim: &sim::Cell, empty: &sim::Cell, recipe: &Recipe) -> (TaughtPanel, Vec<TaughtCorner>) {
     let base_from_camera = sim.calibrated_base_from_camera();
-    let panel = TaughtPanel::learn(&sim.taught_scan(), *sim.scanner(), base_from_camera, recipe).expect("a panel");
+    let scan = cropped(&sim.taught_scan(), &sim.taught_scan(), &empty.scan());
+    let panel = TaughtPanel::learn(&scan, *sim.scanner(), base_from_camera, recipe).expect("a panel");
     let camera = sim.flange_camera();
     let teach = |(index, view): (usize, CornerView)| {
         let picture = sim.flange_picture(&view.base_from_flange, PanelPosition::Nominal).to_gray();
@@ -164,6 +175,33 @@ fn taught(sim: &sim::Cell, recipe: &Recipe) -> (TaughtPanel, Vec<TaughtCorner>) 
     };
     let corners = sim.corner_views().into_iter().enumerate().map(teach).collect();
     (panel, corners)
+}
+
+/// The scan without what lies far from a panel: the arm keeps clear of everything that was scanned, and looking at each point of the
+/// fixture takes longer than all else in a world. The panel is where `with` differs from the empty cell.
+fn cropped(
+    scan: &OrganizedCloud<Camera>,
+    with: &OrganizedCloud<Camera>,
+    empty: &OrganizedCloud<Camera>,
+) -> OrganizedCloud<Camera> {
+    let (width, height) = (scan.width(), scan.height());
+    let differs = |column: usize, row: usize| {
+        let z = |cloud: &OrganizedCloud<Camera>| cloud.point(column, row).map(|point| point.mm.z);
+        match (z(with), z(empty)) {
+            (Some(with), Some(empty)) => (with - empty).abs() > DIFFERENT_MM,
+            (with, empty) => with.is_some() != empty.is_some(),
+        }
+    };
+    let is_near = |index: usize| {
+        let (column, row) = (index % width, index / width);
+        let rows = row.saturating_sub(AROUND_PX)..(row + AROUND_PX + 1).min(height);
+        let columns = column.saturating_sub(AROUND_PX)..(column + AROUND_PX + 1).min(width);
+        rows.into_iter().any(|row| columns.clone().any(|column| differs(column, row)))
+    };
+    let points = scan.raw_points_mm().iter().enumerate();
+    let kept = points.map(|(index, xyz)| if is_near(index) { *xyz } else { [f32::NAN; 3] }).collect();
+    let colors = (0..width * height).map(|index| scan.color_at(index)).collect();
+    OrganizedCloud::new(width, height, kept, colors).expect("the same size")
 }
 
 fn calibrations(sim: &sim::Cell) -> Calibrations {

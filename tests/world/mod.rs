@@ -28,6 +28,7 @@ mod link_cell;
 #[allow(dead_code, reason = "the link's tests use the rest")]
 mod oracles;
 mod people;
+mod record;
 mod robot;
 mod script;
 mod tamper;
@@ -48,6 +49,7 @@ use panelprep::tape::Begin;
 use people::{Aim, People};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use record::Record;
 use robot::Robot;
 use script::Odds;
 use std::path::PathBuf;
@@ -154,7 +156,7 @@ impl Running {
         store.recover().map_err(|error| words(&error))?;
         let state = store.state().map_err(|error| words(&error))?;
         let left_open = store.open_cycles().map_err(|error| words(&error))?.pop();
-        let mut record = StoreRecord::new(&mut store, left_open);
+        let mut record = Record::new(StoreRecord::new(&mut store, left_open));
         let mut robot = Robot::new(self.world.clone());
         let ports = Ports {
             robot: &mut robot,

@@ -1,0 +1,51 @@
+//! The record of a world: the product's own, on the real store. Pictures are kept as small ones, since packing them would take most
+//! of a world's time; each is still a file of its own content that a row names.
+
+use panelprep::daemon::{Figure, Note, Port, RecordAnswer, RecordCommand, RecordError, StoreRecord};
+use panelprep::geometry::ColorPicture;
+use std::sync::Arc;
+
+/// Width and height of a picture in the store, px.
+const SMALL_PX: usize = 8;
+
+/// The record's port.
+pub struct Record<'s> {
+    store: StoreRecord<'s>,
+}
+
+impl<'s> Record<'s> {
+    /// Before this record.
+    pub fn new(store: StoreRecord<'s>) -> Self {
+        Record { store }
+    }
+}
+
+impl Port<RecordCommand> for Record<'_> {
+    fn perform(&mut self, command: RecordCommand) -> Result<RecordAnswer, RecordError> {
+        let command = match command {
+            RecordCommand::Note(note) => RecordCommand::Note(shrunk(note)),
+            command => command,
+        };
+        self.store.perform(command)
+    }
+}
+
+fn shrunk(note: Note) -> Note {
+    match note {
+        Note::Picture(name, picture) => Note::Picture(name, small(&picture)),
+        Note::Frame(picture, time_s, phase) => Note::Frame(Arc::new(small(&picture)), time_s, phase),
+        Note::Figure(figure) => Note::Figure(Figure { picture: small(&figure.picture), ..figure }),
+        note => note,
+    }
+}
+
+/// Every so many pixels one, so that other pictures give other files.
+fn small(picture: &ColorPicture) -> ColorPicture {
+    let (width, height) = (picture.width.clamp(1, SMALL_PX), picture.height.clamp(1, SMALL_PX));
+    let mut small = ColorPicture::filled(width, height, [0; 3]);
+    for (index, pixel) in small.rgb.iter_mut().enumerate() {
+        let (u, v) = (index % width * picture.width / width, index / width * picture.height / height);
+        *pixel = picture.rgb[v * picture.width + u];
+    }
+    small
+}
