@@ -2,10 +2,11 @@
 //!
 //! The loop's ports share it. Time passes where the loop waits for the robot, and nowhere else.
 
+use super::disk;
 use super::fixture::{Fixture, Stands};
 use super::link_cell::{Cell, Side, setup, wire};
 use super::oracles::Oracles;
-use super::script::{self, CameraHarm, Entry, Fault, Press};
+use super::script::{self, CameraHarm, DiskHarm, Entry, Fault, Power, Press};
 use super::tamper::Tampering;
 use super::terminals::{Around, Terminals};
 use panelprep::cycle::At;
@@ -48,8 +49,10 @@ pub struct Counts {
     pub cycles: u64,
     /// Processes that began.
     pub lives: u64,
-    /// Power cuts and kills.
+    /// Power cuts.
     pub cuts: u64,
+    /// Kills of the process.
+    pub kills: u64,
     /// Virtual time, ms.
     pub time_ms: u64,
 }
@@ -64,6 +67,7 @@ impl Counts {
         self.cycles += other.cycles;
         self.lives += other.lives;
         self.cuts += other.cuts;
+        self.kills += other.kills;
         self.time_ms += other.time_ms;
     }
 
@@ -96,8 +100,8 @@ pub struct Inside {
     /// What is wrong with the scanner and the flange camera, and until when.
     pub cameras: [Option<(CameraHarm, u64)>; 2],
     home_at_ms: Option<u64>,
-    /// What is to happen at the disk.
-    pub disk: Vec<Fault>,
+    /// How the process is to end at its disk.
+    pub power: Option<Power>,
     pub counts: Counts,
     pub violation: Option<Violation>,
 }
@@ -159,7 +163,7 @@ impl Inside {
             pressed: VecDeque::new(),
             cameras: [None; 2],
             home_at_ms: None,
-            disk: Vec::new(),
+            power: None,
             counts: Counts::default(),
             violation: None,
         }
@@ -199,7 +203,7 @@ impl Inside {
         self.script.iter().any(|pending| pending.due_ms.is_some())
             || self.now_ms() < self.lasts_until_ms
             || self.home_at_ms.is_some()
-            || !self.disk.is_empty()
+            || disk::is_armed()
     }
 
     /// Whether anything is left that may strike.
@@ -210,7 +214,7 @@ impl Inside {
     /// Nothing goes wrong any more.
     pub fn mend(&mut self) {
         self.script.clear();
-        self.disk.clear();
+        disk::mend();
         *self.tampering.lock().unwrap_or_else(PoisonError::into_inner) = Tampering::default();
     }
 
@@ -306,7 +310,19 @@ impl Inside {
             Fault::Press(press) => self.pressed.push_back(press),
             Fault::Camera { flange, harm, for_ms } => self.cameras[usize::from(flange)] = Some((harm, now_ms + for_ms)),
             Fault::Clock(jump_s) => super::clock::jump(jump_s),
-            fault @ (Fault::Power { .. } | Fault::Disk { .. }) => self.disk.push(fault),
+            Fault::Power { writing, power } => {
+                self.power = Some(power);
+                disk::at_writing(writing, disk::Event::End);
+            }
+            Fault::Disk { writing, harm, times } => {
+                disk::at_writing(
+                    writing,
+                    match harm {
+                        DiskHarm::Full => disk::Event::Full(times),
+                        DiskHarm::Io => disk::Event::Io(times),
+                    },
+                );
+            }
             Fault::Bytes { .. } | Fault::Lie { .. } => {}
         }
     }

@@ -10,7 +10,9 @@
 //! - `fixture`: the cell, its recipe, what was taught · `script`: what goes wrong and when, drawn from a seed, printed and read
 //! - `inside`: link, controller, arm and terminals in one time, and the faults that strike · `tamper`: bytes and meanings ·
 //!   `terminals`: light, water, lens, extraction, tool · `clock`: the wall clock
-//! - `robot`, `cameras`, `people`: the loop's ports in it · `judges`: what must hold at every moment
+//! - `robot`, `record`, `cameras`, `people`: the loop's ports in it · `judges`: what must hold at every moment · `ledger`: what the store
+//!   has acknowledged
+//! - `disk`: the disk, what it may do, and what a power cut leaves · `libc_calls`: how it sees what is written
 //!
 //! The loop is the service's own (`daemon::run`, by the wall clock) with ports of this world, so that heartbeats, watchdogs and
 //! deadlines are those of the service. Results of computing come to the loop after some virtual time, and what happens
@@ -18,9 +20,12 @@
 
 mod cameras;
 mod clock;
+mod disk;
 mod fixture;
 mod inside;
 mod judges;
+mod ledger;
+mod libc_calls;
 #[path = "../link/cell.rs"]
 #[allow(dead_code, reason = "the link's tests use the rest")]
 mod link_cell;
@@ -42,20 +47,22 @@ pub use script::{Entry, parse, print};
 use cameras::Cameras;
 use fixture::{Fixture, Stands};
 use inside::Shared;
-use panelprep::cycle::State;
+use ledger::Ledger;
 use panelprep::daemon::{self, Computing, LoopStart, Ports, StoreRecord};
-use panelprep::store::Store;
+use panelprep::store::{Store, StoreError};
 use panelprep::tape::Begin;
 use people::{Aim, People};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use record::Record;
 use robot::Robot;
-use script::Odds;
+use script::{Odds, Power};
 use std::path::PathBuf;
 
 /// After so much virtual time no more faults strike, ms.
 const LONGEST_MS: u64 = 120_000;
+/// From the end of a process to the begin of the next, ms.
+const AWAY_MS: u64 = 2_000;
 /// Processes that a world sees at most.
 const MOST_LIVES: u64 = 30;
 
@@ -75,14 +82,14 @@ pub struct Outcome {
     pub counts: Counts,
     /// The first thing that was wrong.
     pub violation: Option<Violation>,
-    /// A hash of the journal and the times of its lines: two runs of one world have the same.
+    /// A hash of the journal: two runs of one world have the same.
     pub trace: u64,
 }
 
 impl World {
     /// The world of a seed.
     pub fn of(seed: u64) -> Self {
-        let odds = Odds { most: 6, disk: false };
+        let odds = Odds { most: 6, disk: !seed.is_multiple_of(3) };
         World { seed, script: script::draw(seed, odds) }
     }
 
@@ -99,11 +106,13 @@ impl World {
         clock::right();
         let world = Shared::new(stands, delay_ms, self.script.clone());
         let folder = fixture::folder(&format!("world-{:?}", std::thread::current().id()));
-        let mut running = Running { people: People::new(world.clone(), 2, LONGEST_MS), world, folder, trace: 0 };
+        let people = People::new(world.clone(), 2, LONGEST_MS);
+        let mut running = Running { people, world, folder, stores: 0, ledger: Ledger::default() };
         running.whole();
         clock::right();
-        let Running { world, trace, .. } = running;
+        let Running { world, ledger, .. } = running;
         let world = world.lock();
+        let trace = ledger.trace();
         let counts = Counts { time_ms: world.now_ms(), ..world.counts.clone() };
         Outcome { counts, violation: world.violation.clone(), trace }
     }
@@ -113,15 +122,22 @@ impl World {
 struct Running {
     world: Shared,
     people: People,
+    /// Where its stores are, and which one is in use: a power cut leaves another folder.
     folder: PathBuf,
-    trace: u64,
+    stores: u32,
+    ledger: Ledger,
 }
 
 impl Running {
+    fn store(&self) -> PathBuf {
+        self.folder.join(format!("store-{}", self.stores))
+    }
+
     fn whole(&mut self) {
         // What an earlier world of this thread left.
         let _ = std::fs::remove_dir_all(&self.folder);
-        Fixture::get().put_store(&self.folder);
+        Fixture::get().put_store(&self.store());
+        disk::watch(&self.store());
         loop {
             let lives = {
                 let mut world = self.world.lock();
@@ -129,34 +145,81 @@ impl Running {
                 world.counts.lives
             };
             let ended = self.life();
-            let mut world = self.world.lock();
-            match ended {
-                Ok(_) if self.people.aim == Aim::Leave => break,
-                Ok(_) => {}
-                Err(problem) => world.wrong("the loop ends", problem),
-            }
-            if world.violation.is_some() {
+            if self.is_end(ended) {
                 break;
             }
             if lives >= MOST_LIVES {
-                world.wrong("lives", format!("{lives} processes and no end"));
+                self.world.lock().wrong("lives", format!("{lives} processes and no end"));
                 break;
             }
-            world.cell.restart_client(inside::session(), false);
-            world.without_process(700);
-            drop(world);
-            self.people.forget();
+            self.ends();
+        }
+        disk::leave();
+        if self.world.lock().violation.is_none() {
+            let closed = self.ledger.close(&self.store());
+            let mut world = self.world.lock();
+            world.counts.judged("record and page");
+            if let Err(problem) = closed {
+                world.wrong("record and page", problem);
+            }
+        }
+        // A folder in memory is memory.
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+
+    /// Whether this was the last process; one that ended with its disk is none.
+    fn is_end(&self, ended: Result<(), (&'static str, String)>) -> bool {
+        let mut world = self.world.lock();
+        match ended {
+            Ok(()) => self.people.aim == Aim::Leave || world.violation.is_some(),
+            Err(_) if disk::is_over() || disk::had_io_error() => world.violation.is_some(),
+            Err((judge, problem)) => {
+                world.wrong(judge, problem);
+                true
+            }
         }
     }
 
+    /// The process has ended, by itself, killed, or with the computer's power. Some time later another one begins.
+    fn ends(&mut self) {
+        let mut world = self.world.lock();
+        let power = world.power.take().filter(|_| disk::is_over());
+        world.cell.restart_client(inside::session(), matches!(power, Some(Power::Cut { .. })));
+        world.without_process(AWAY_MS);
+        match power {
+            Some(Power::Cut { seed }) => {
+                world.counts.cuts += 1;
+                world.cell.close_dead_connections();
+                drop(world);
+                self.stores += 1;
+                disk::after_power_cut(&self.store(), seed);
+                disk::watch(&self.store());
+            }
+            Some(Power::Kill) => {
+                world.counts.kills += 1;
+                drop(world);
+                disk::go_on();
+            }
+            None => {
+                drop(world);
+                disk::go_on();
+            }
+        }
+        self.people.forget();
+    }
+
     /// One process, from its start to its end.
-    fn life(&mut self) -> Result<State, String> {
-        let words = |error: &dyn std::error::Error| error.to_string();
-        let mut store = Store::create(&self.folder).map_err(|error| words(&error))?;
-        store.recover().map_err(|error| words(&error))?;
-        let state = store.state().map_err(|error| words(&error))?;
-        let left_open = store.open_cycles().map_err(|error| words(&error))?.pop();
-        let mut record = Record::new(StoreRecord::new(&mut store, left_open));
+    fn life(&mut self) -> Result<(), (&'static str, String)> {
+        let start = |error: StoreError| ("start", error.to_string());
+        let mut store = Store::create(&self.store()).map_err(start)?;
+        let rested = store.recover().map_err(start)?;
+        let state = store.state().map_err(start)?;
+        self.world.lock().counts.judged("nothing acknowledged is lost");
+        let checked = self.ledger.check(&store, &rested);
+        checked.map_err(|problem| ("nothing acknowledged is lost", problem))?;
+        let left_open = store.open_cycles().map_err(start)?.pop();
+        self.ledger.cycle = left_open;
+        let mut record = Record::new(StoreRecord::new(&mut store, left_open), &mut self.ledger);
         let mut robot = Robot::new(self.world.clone());
         let ports = Ports {
             robot: &mut robot,
@@ -166,8 +229,7 @@ impl Running {
             lock_step: false,
         };
         let start = LoopStart { cell: Fixture::get().setup.clone(), cycle: None, state, before: Begin::Boot };
-        let ended = daemon::run(start, ports).map_err(|error| words(&error))?;
-        Ok(ended.state)
+        daemon::run(start, ports).map(drop).map_err(|error| ("the loop goes on", error.to_string()))
     }
 }
 

@@ -1,6 +1,7 @@
 //! The record of a world: the product's own, on the real store. Pictures are kept as small ones, since packing them would take most
 //! of a world's time; each is still a file of its own content that a row names.
 
+use super::ledger::{Ledger, Told};
 use panelprep::daemon::{Figure, Note, Port, RecordAnswer, RecordCommand, RecordError, StoreRecord};
 use panelprep::geometry::ColorPicture;
 use std::sync::Arc;
@@ -11,22 +12,26 @@ const SMALL_PX: usize = 8;
 /// The record's port.
 pub struct Record<'s> {
     store: StoreRecord<'s>,
+    ledger: &'s mut Ledger,
 }
 
 impl<'s> Record<'s> {
-    /// Before this record.
-    pub fn new(store: StoreRecord<'s>) -> Self {
-        Record { store }
+    /// Before this record; what it acknowledges is kept in the ledger too.
+    pub fn new(store: StoreRecord<'s>, ledger: &'s mut Ledger) -> Self {
+        Record { store, ledger }
     }
 }
 
 impl Port<RecordCommand> for Record<'_> {
     fn perform(&mut self, command: RecordCommand) -> Result<RecordAnswer, RecordError> {
+        let told = Told::of(&command);
         let command = match command {
             RecordCommand::Note(note) => RecordCommand::Note(shrunk(note)),
             command => command,
         };
-        self.store.perform(command)
+        let answer = self.store.perform(command)?;
+        self.ledger.acknowledged(told, &answer);
+        Ok(answer)
     }
 }
 
