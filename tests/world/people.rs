@@ -93,6 +93,10 @@ impl People {
             }
         }
         self.recovers(&mut world, state);
+        if now_ms > 2 * self.longest_ms + 2 * RECOVERY_MS {
+            let (at, aim, troubled) = (state.at, self.aim, world.is_troubled());
+            world.wrong("end", format!("the world does not end: {at:?}, {aim:?}, troubled {troubled}"));
+        }
         while let Some(press) = world.pressed.pop_front() {
             self.asked.extend(whats(press));
         }
@@ -180,7 +184,9 @@ impl People {
         let has_begun = self.world.lock().counts.cycles > self.begun_before;
         match self.aim {
             Aim::Recover { whole: true } => has_begun && state.at.rests() && !state.job.running,
-            Aim::Recover { whole: false } => has_begun && matches!(state.at, At::Execute(_)),
+            Aim::Recover { whole: false } => {
+                has_begun && matches!(state.at, At::Execute(_) | At::Completing { .. } | At::Complete { .. })
+            }
             _ => false,
         }
     }
