@@ -47,7 +47,9 @@ fn main() -> ExitCode {
         counts.add(&outcome.counts);
         if let Some(violation) = &outcome.violation {
             wrong += 1;
-            println!("seed={seed} {}: {}\n   script='{}'", violation.judge, violation.what, world::print(&world.script));
+            let shortest = world.shortest(violation.judge);
+            let script = world::print(&shortest.script);
+            println!("{}: {}\n   seed={seed} script='{script}'", violation.judge, violation.what);
         }
     }
     let wall_s = begun.elapsed().as_secs_f64();

@@ -118,6 +118,25 @@ impl World {
     }
 }
 
+impl World {
+    /// The shortest script with which the same judge finds something: entries are taken out one at a time, as long as that helps.
+    pub fn shortest(&self, judge: &str) -> World {
+        let mut shortest = self.clone();
+        let mut index = 0;
+        while index < shortest.script.len() {
+            let mut shorter = shortest.clone();
+            shorter.script.remove(index);
+            let is_same = shorter.run().violation.is_some_and(|violation| violation.judge == judge);
+            if is_same {
+                (shortest, index) = (shorter, 0);
+            } else {
+                index += 1;
+            }
+        }
+        shortest
+    }
+}
+
 /// A world that runs.
 struct Running {
     world: Shared,

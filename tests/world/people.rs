@@ -2,6 +2,7 @@
 //!
 //! This is also where a world looks at the table: each time the loop asks for a request it shows its state.
 
+use super::disk;
 use super::fixture::Fixture;
 use super::inside::{Inside, Shared};
 use super::judges;
@@ -9,6 +10,7 @@ use super::script::{self, Press};
 use panelprep::cycle::{self, At, Id, Robot, State, Why};
 use panelprep::daemon::{News, Port, Request, RequestAnswer, RequestCommand, What};
 use panelprep::record::{Front, Who};
+use panelprep::supervision::{Failure, ThreadFault};
 use std::collections::VecDeque;
 
 /// Somebody looks at the cell so often, ms.
@@ -201,6 +203,7 @@ impl People {
                 *world.counts.verdicts.entry(verdict.word()).or_default() += 1;
                 judges::concluded(&mut world, verdict);
             }
+            News::Unable(reasons) => tracing::debug!("unable: {reasons:?}"),
             _ => {}
         }
     }
@@ -235,6 +238,11 @@ impl People {
 impl Port<RequestCommand> for People {
     fn perform(&mut self, command: RequestCommand) -> RequestAnswer {
         match command {
+            // A process without its disk is dead, also where the loop has not noticed yet.
+            RequestCommand::Next(_) if disk::is_over() => {
+                let thread = "the process".to_owned();
+                RequestAnswer::Next(Err(ThreadFault { thread, what: Failure::Ended }))
+            }
             RequestCommand::Next(state) => {
                 let what = self.next(&state);
                 RequestAnswer::Next(Ok(what.map(|what| Request::new(what, Who::by(Front::Socket)))))
