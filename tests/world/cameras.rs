@@ -4,18 +4,19 @@
 
 use super::fixture::{Fixture, Stands};
 use super::inside::{Inside, Shared};
+use super::judges;
 use super::script::CameraHarm;
+use panelprep::cycle::Act;
 use panelprep::daemon::{CameraAnswer, CameraCommand, CameraFault, Picture2d, Port};
 use panelprep::devices::world::Touched;
 use panelprep::geometry::{Base, Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, Rigid};
 use panelprep::sim::{Film, SPRAY_FROM_S, WET_FROM_S};
 use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
 /// Of this share of its area covered, a spot of grease is gone.
 const HEALED_FROM: f64 = 0.9;
-/// An axis this far from its park angle is parked, degrees.
-const PARKED_DEG: f64 = 0.1;
 /// Pictures of the film are rendered for every so many seconds.
 const STEP_S: f64 = 0.5;
 /// Films of this cell break so many times as fast as the renderer's, so that five seconds show what a minute shows.
@@ -94,20 +95,7 @@ impl Cameras {
     }
 
     fn scan(&self) -> OrganizedCloud<Camera> {
-        let mut world = self.world.lock();
-        let now_ms = world.now_ms();
-        let park = Fixture::get().setup.park;
-        let is_parked = world.cell.controller.joints().farthest_deg(&park) <= PARKED_DEG;
-        let is_lit = world.is_on(1);
-        let is_known = !world.is_strange() && now_ms > world.lasts_until_ms;
-        world.counts.judged("interlocks");
-        if (!is_parked || world.cell.controller.is_moving()) && is_known {
-            world.wrong("interlocks", format!("a 3D shot, parked {is_parked}"));
-        }
-        if is_lit && is_known {
-            world.wrong("interlocks", "a 3D shot with the light on".to_owned());
-        }
-        let stands = world.stands;
+        let stands = self.world.lock().stands;
         let render = || Arc::new(Fixture::get().scan(stands));
         (**rendered().scans.entry(stands).or_insert_with(render)).clone()
     }
@@ -224,19 +212,46 @@ fn film_picture(stands: Stands, healed: &Healed, step: i64) -> Arc<ColorPicture>
 }
 
 fn corner_picture(stands: Stands, base_from_flange: &Rigid<Base, Flange>) -> Arc<ColorPicture> {
-    let pose = KukaPose::from_rigid(base_from_flange);
-    let numbers = [pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg];
-    let key = (stands, numbers.map(|number| (number * 1e3).round() as i64));
+    let key = (stands, rounded(base_from_flange));
     let mut rendered = rendered();
     if let Some(picture) = rendered.corners.get(&key) {
         return picture.clone();
     }
     let place = Fixture::get().truth().base_from_panel;
-    let picture = Arc::new(Fixture::get().scene(stands).flange_picture_at(base_from_flange, &place));
+    // From where the key says, so that it does not matter who came first.
+    let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = key.1.map(|number| number as f64 / 1e3);
+    let from = KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }.to_rigid();
+    let picture = Arc::new(Fixture::get().scene(stands).flange_picture_at(&from, &place));
     if rendered.corners.len() < MOST {
         rendered.corners.insert(key, picture.clone());
     }
     picture
+}
+
+/// A pose in thousandths of a millimetre and of a degree.
+fn rounded(base_from_flange: &Rigid<Base, Flange>) -> [i64; 6] {
+    let pose = KukaPose::from_rigid(base_from_flange);
+    let numbers = [pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg];
+    numbers.map(|number| (number * 1e3).round() as i64)
+}
+
+/// What the cameras of this world would show, as a number, for results that were computed before. None where one of them is harmed.
+pub fn seen(world: &Shared, act: Act) -> Option<u64> {
+    let mut world = world.lock();
+    let now_ms = world.now_ms();
+    if act == Act::Locate {
+        judges::scans(&mut world);
+    }
+    if world.cameras.iter().flatten().any(|(_, until_ms)| now_ms < *until_ms) {
+        return None;
+    }
+    let is_shut = world.lock_around().is_lens_shut(now_ms);
+    let mut hasher = DefaultHasher::new();
+    (world.stands, is_shut).hash(&mut hasher);
+    if matches!(act, Act::Refine { .. } | Act::Verify { .. }) {
+        rounded(&world.cell.controller.flange_pose()).hash(&mut hasher);
+    }
+    Some(hasher.finish())
 }
 
 fn black(picture: &ColorPicture) -> ColorPicture {

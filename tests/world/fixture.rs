@@ -53,11 +53,6 @@ pub enum Stands {
     Nothing,
 }
 
-impl Stands {
-    /// Each of them.
-    pub const ALL: [Stands; 3] = [Stands::Greasy, Stands::Clean, Stands::Nothing];
-}
-
 impl Fixture {
     /// The one of this process.
     pub fn get() -> &'static Fixture {

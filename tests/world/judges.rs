@@ -82,6 +82,20 @@ fn agrees(world: &mut Inside, state: &State) {
     }
 }
 
+/// A 3D shot is about to be taken.
+pub fn scans(world: &mut Inside) {
+    let park = super::fixture::Fixture::get().setup.park;
+    let is_parked = world.cell.controller.joints().farthest_deg(&park) <= PARKED_DEG;
+    let moves = world.cell.controller.is_moving();
+    let is_lit = world.is_on(1);
+    // Who is lied to, or disturbed just now, may well be wrong.
+    let is_known = !world.is_strange() && world.now_ms() > world.lasts_until_ms;
+    world.counts.judged("interlocks");
+    if (!is_parked || moves || is_lit) && is_known {
+        world.wrong("interlocks", format!("a 3D shot: parked {is_parked}, moving {moves}, light {is_lit}"));
+    }
+}
+
 /// A cycle has its verdict.
 pub fn concluded(world: &mut Inside, verdict: Verdict) {
     world.counts.judged("verdict");

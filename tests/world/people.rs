@@ -43,6 +43,8 @@ pub struct People {
     pub aim: Aim,
     /// Since when nothing goes wrong any more, ms.
     pub mended_ms: u64,
+    /// The cycle after all trouble is run to its end.
+    is_whole: bool,
     /// Virtual time at which it is enough whatever happens, ms.
     longest_ms: u64,
     looked_ms: u64,
@@ -59,11 +61,12 @@ pub struct People {
 
 impl People {
     /// People in this world.
-    pub fn new(world: Shared, cycles: u64, longest_ms: u64) -> Self {
+    pub fn new(world: Shared, (cycles, is_whole): (u64, bool), longest_ms: u64) -> Self {
         People {
             world,
             aim: Aim::Cycles(cycles),
             mended_ms: 0,
+            is_whole,
             longest_ms,
             looked_ms: 0,
             held: 0,
@@ -90,7 +93,7 @@ impl People {
             let is_over = (self.ended >= cycles && !world.is_troubled()) || !world.may_strike();
             if is_over || now_ms >= self.longest_ms {
                 world.mend();
-                (self.aim, self.mended_ms) = (Aim::Recover { whole: self.ended.is_multiple_of(2) }, now_ms);
+                (self.aim, self.mended_ms) = (Aim::Recover { whole: self.is_whole }, now_ms);
                 self.begun_before = world.counts.cycles;
             }
         }
