@@ -432,7 +432,7 @@ impl Cell {
     }
 
     /// Time in which nobody runs on the client's side.
-    pub fn without_client(&mut self, ms: u64, mut look: impl FnMut(&mut Controller, u64)) {
+    pub fn without_client(&mut self, ms: u64, watch: &mut impl Watch) {
         let end_ms = self.now_ms + ms;
         while self.now_ms < end_ms {
             let next_ms = (self.now_ms + TICK_MS).min(end_ms);
@@ -440,7 +440,9 @@ impl Cell {
             self.now_ms = next_ms;
             self.reach_robot();
             self.leave_robot();
-            look(&mut self.controller, self.now_ms);
+            let Cell { session, controller, now_ms, heard_ms, .. } = self;
+            let insides = Insides { session, controller, now_ms: *now_ms, heard_ms: *heard_ms, stalled: true };
+            watch.look(&insides);
         }
     }
 

@@ -4,7 +4,7 @@
 
 use super::disk;
 use super::fixture::{Fixture, Stands};
-use super::link_cell::{Cell, Side, setup, wire};
+use super::link_cell::{Cell, Side, TICK_MS, setup, wire};
 use super::oracles::Oracles;
 use super::script::{self, CameraHarm, DiskHarm, Entry, Fault, Power, Press};
 use super::tamper::Tampering;
@@ -226,6 +226,10 @@ impl Inside {
         cell.step(soon_ms, oracles);
         self.strike_due();
         self.work_with_another_program();
+        self.take_violation();
+    }
+
+    fn take_violation(&mut self) {
         if let Some(what) = self.oracles.violation.take() {
             self.violation.get_or_insert(Violation { judge: "link and arm", what });
         }
@@ -233,13 +237,15 @@ impl Inside {
 
     /// Time in which no process of ours runs.
     pub fn without_process(&mut self, ms: u64) {
-        let Inside { cell, counts, .. } = self;
+        let end_ms = self.now_ms() + ms;
         let mut tool_ms = 0;
-        cell.without_client(ms, |controller, _| {
-            let on = controller.outputs().get(&5) == Some(&true) || controller.outputs().get(&2) == Some(&true);
-            tool_ms = if on { tool_ms + 12 } else { 0 };
-        });
-        counts.judged("off without a client");
+        while self.now_ms() < end_ms {
+            let Inside { cell, oracles, .. } = self;
+            cell.without_client(TICK_MS, oracles);
+            tool_ms = if self.is_on(5) || self.is_on(2) { tool_ms + TICK_MS } else { 0 };
+        }
+        self.take_violation();
+        self.counts.judged("off without a client");
         if tool_ms > 1_500 {
             self.wrong("off without a client", format!("tool or water is on {tool_ms} ms after the process ended"));
         }
