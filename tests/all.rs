@@ -38,4 +38,6 @@ mod walk;
 mod wall;
 mod words;
 mod world;
+#[path = "world/short.rs"]
+mod world_short;
 mod zivid;

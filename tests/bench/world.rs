@@ -1,12 +1,14 @@
 //! Worlds of many seeds: see `tests/world`. A table of what was counted, and exit code 1 where a judge found something.
-//! `cargo bench --bench world -- [seeds=N] [from=N]`, one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`.
+//! `cargo bench --bench world -- [seeds=N] [from=N]`, one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`;
+//! mistakes that are put in: `-- sabotage [seeds=N]`.
 
 #[path = "../world/mod.rs"]
+#[allow(dead_code, unused_imports, reason = "the tests use the rest")]
 mod world;
 
 use std::process::ExitCode;
 use std::time::Instant;
-use world::{Counts, World};
+use world::{Counts, SABOTAGES, World};
 
 /// An argument of this name.
 fn argument(name: &str) -> Option<String> {
@@ -25,6 +27,9 @@ fn main() -> ExitCode {
         Some(seed) => (seed, 1),
         None => (number("from").unwrap_or(0), number("seeds").unwrap_or(2_000)),
     };
+    if std::env::args().any(|argument| argument == "sabotage") {
+        return sabotage(from, number("seeds").unwrap_or(400));
+    }
     let begun = Instant::now();
     let mut counts = Counts::default();
     let mut wrong = 0;
@@ -56,4 +61,26 @@ fn main() -> ExitCode {
     println!("{counts:#?}");
     println!("{wrong} of {count} seeds; {:.1} s, {:.1} cycles/s", wall_s, counts.cycles as f64 / wall_s);
     if wrong == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// Each mistake with the seeds that it took to find it.
+fn sabotage(from: u64, seeds: u64) -> ExitCode {
+    let mut missed = 0;
+    for (name, sabotage) in SABOTAGES {
+        let found = (from..from + seeds).find_map(|seed| {
+            let violation = World::of(seed).sabotaged(sabotage).run().violation?;
+            Some((seed, violation))
+        });
+        match found {
+            Some((seed, violation)) => {
+                println!("found after {} seeds: {name} ({}: {})", seed - from + 1, violation.judge, violation.what);
+            }
+            None => {
+                missed += 1;
+                println!("not found in {seeds} seeds: {name}");
+            }
+        }
+    }
+    println!("{} of {} found", SABOTAGES.len() - missed, SABOTAGES.len());
+    ExitCode::SUCCESS
 }

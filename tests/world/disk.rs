@@ -9,6 +9,7 @@
 //! writing whole, in some of its sectors, or not at all, in any order; names in their order, up to some point.
 
 use super::libc_calls::{self, Call};
+use super::sabotage::Sabotage;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::cell::RefCell;
@@ -63,6 +64,7 @@ struct Watched {
     events: Vec<(u64, Event)>,
     is_over: bool,
     had_io_error: bool,
+    sabotage: Option<Sabotage>,
 }
 
 #[derive(Debug, Clone)]
@@ -76,7 +78,7 @@ thread_local! {
 }
 
 /// Watches what this thread writes to this folder, all of which is taken for flushed.
-pub fn watch(root: &Path) {
+pub fn watch(root: &Path, sabotage: Option<Sabotage>) {
     let mut watched = Watched {
         root: root.to_owned(),
         files: Vec::new(),
@@ -88,6 +90,7 @@ pub fn watch(root: &Path) {
         events: Vec::new(),
         is_over: false,
         had_io_error: false,
+        sabotage,
     };
     watched.take(root);
     watched.kept_names = watched.names.clone();
@@ -290,6 +293,8 @@ impl Watched {
 
     fn flushed(&mut self, fd: i32) {
         match self.open.get(&fd).cloned() {
+            Some(Opened::File(file)) if self.forgets(self.path_of(file), false) => {}
+            Some(Opened::Folder(folder)) if self.forgets(Some(&folder), true) => {}
             Some(Opened::File(file)) => {
                 let File { kept, pending } = &mut self.files[file];
                 pending.drain(..).for_each(|change| apply(kept, &change));
@@ -304,6 +309,16 @@ impl Watched {
             }
             None => {}
         }
+    }
+
+    fn path_of(&self, file: usize) -> Option<&Path> {
+        self.names.iter().find(|(_, named)| **named == file).map(|(path, _)| path.as_path())
+    }
+
+    /// Whether a mistake was put in by which this is not flushed.
+    fn forgets(&self, path: Option<&Path>, is_folder: bool) -> bool {
+        let Some((sabotage, path)) = self.sabotage.zip(path) else { return false };
+        sabotage.forgets_flush(path, is_folder)
     }
 
     fn image(&self, to: &Path, draw: &mut Pcg64) {

@@ -6,6 +6,7 @@ use super::disk;
 use super::fixture::{Fixture, Stands};
 use super::link_cell::{Cell, Side, TICK_MS, setup, wire};
 use super::oracles::Oracles;
+use super::sabotage::Sabotage;
 use super::script::{self, CameraHarm, DiskHarm, Entry, Fault, Power, Press};
 use super::tamper::Tampering;
 use super::terminals::{Around, Terminals};
@@ -104,6 +105,8 @@ pub struct Inside {
     pub power: Option<Power>,
     pub counts: Counts,
     pub violation: Option<Violation>,
+    /// The mistake that is put in.
+    pub sabotage: Option<Sabotage>,
 }
 
 /// Shared by the ports of a loop.
@@ -112,8 +115,8 @@ pub struct Shared(Arc<Mutex<Inside>>);
 
 impl Shared {
     /// A world in which this script is to strike.
-    pub fn new(stands: Stands, delay_ms: (u64, u64), script: Vec<Entry>) -> Self {
-        Shared(Arc::new(Mutex::new(Inside::new(stands, delay_ms, script))))
+    pub fn new(stands: Stands, delay_ms: (u64, u64), script: Vec<Entry>, sabotage: Option<Sabotage>) -> Self {
+        Shared(Arc::new(Mutex::new(Inside::new(stands, delay_ms, script, sabotage))))
     }
 
     /// The world, for the moment of a call.
@@ -131,20 +134,26 @@ fn is_low(controller: &Controller) -> bool {
 }
 
 /// The link's limits of the cell's file.
-pub fn limits() -> LinkLimits {
-    link_limits(&Fixture::get().cell)
+fn limits(sabotage: Option<Sabotage>) -> LinkLimits {
+    let limits = link_limits(&Fixture::get().cell);
+    sabotage.map_or(limits, |sabotage| sabotage.limits(limits))
 }
 
 /// A client's session that is not connected.
-pub fn session() -> Session {
-    Session::new(wire(), limits(), Pace::Wall)
+pub fn session(sabotage: Option<Sabotage>) -> Session {
+    Session::new(wire(), limits(sabotage), Pace::Wall)
 }
 
 impl Inside {
-    fn new(stands: Stands, delay_ms: (u64, u64), script: Vec<Entry>) -> Self {
+    fn new(stands: Stands, delay_ms: (u64, u64), script: Vec<Entry>, sabotage: Option<Sabotage>) -> Self {
         let around = Arc::new(Mutex::new(Around::default()));
-        let setup = Setup { start: START, inputs: (1..=5).collect(), outputs: (1..=5).collect(), ..setup(Clock::Free) };
-        let mut cell = Cell::within(setup, limits(), 1, Box::new(Terminals(around.clone())));
+        let left_out = match sabotage {
+            Some(Sabotage::Controller(rule)) => Some(rule),
+            _ => None,
+        };
+        let (inputs, outputs) = ((1..=5).collect(), (1..=5).collect());
+        let setup = Setup { start: START, inputs, outputs, left_out, ..setup(Clock::Free) };
+        let mut cell = Cell::within(setup, limits(sabotage), 1, Box::new(Terminals(around.clone())));
         cell.delay_ms = delay_ms;
         let tampering = Arc::new(Mutex::new(Tampering::default()));
         cell.tamper = Some(Tampering::port(tampering.clone()));
@@ -166,6 +175,7 @@ impl Inside {
             power: None,
             counts: Counts::default(),
             violation: None,
+            sabotage,
         }
     }
 

@@ -14,6 +14,8 @@
 //!   has acknowledged
 //! - `disk`: the disk, what it may do, and what a power cut leaves · `libc_calls`: how it sees what is written
 //!
+//! - `sabotage`: mistakes that are put in, to see that a world finds them
+//!
 //! The loop is the service's own (`daemon::run`, by the wall clock) with ports of this world, so that heartbeats, watchdogs and
 //! deadlines are those of the service. Results of computing come to the loop after some virtual time, and what happens
 //! meanwhile happens to the loop.
@@ -35,6 +37,7 @@ mod oracles;
 mod people;
 mod record;
 mod robot;
+mod sabotage;
 mod script;
 mod tamper;
 mod terminals;
@@ -42,6 +45,7 @@ mod terminals;
 use link_cell as cell;
 
 pub use inside::{Counts, Violation};
+pub use sabotage::{ALL as SABOTAGES, Sabotage};
 pub use script::{Entry, parse, print};
 
 use cameras::Cameras;
@@ -77,6 +81,8 @@ pub struct World {
     pub seed: u64,
     /// What goes wrong.
     pub script: Vec<Entry>,
+    /// The mistake that is put in, to see that it is found.
+    pub sabotage: Option<Sabotage>,
 }
 
 /// What came of a world.
@@ -94,12 +100,17 @@ impl World {
     /// The world of a seed.
     pub fn of(seed: u64) -> Self {
         let odds = Odds { most: 6, disk: !seed.is_multiple_of(3) };
-        World { seed, script: script::draw(seed, odds) }
+        World { seed, script: script::draw(seed, odds), sabotage: None }
     }
 
     /// The same world with this script.
     pub fn with(seed: u64, script: Vec<Entry>) -> Self {
-        World { seed, script }
+        World { seed, script, sabotage: None }
+    }
+
+    /// The same world with a mistake put in.
+    pub fn sabotaged(self, sabotage: Sabotage) -> Self {
+        World { sabotage: Some(sabotage), ..self }
     }
 
     /// Runs it.
@@ -108,12 +119,12 @@ impl World {
         let stands = [Stands::Greasy, Stands::Greasy, Stands::Greasy, Stands::Clean, Stands::Nothing][draw.random_range(0..5)];
         let delay_ms = [(0, 0), (1, 3), (2, 25), (10, 10)][draw.random_range(0..4)];
         clock::right();
-        let world = Shared::new(stands, delay_ms, self.script.clone());
+        let world = Shared::new(stands, delay_ms, self.script.clone(), self.sabotage);
         let folder = fixture::folder(&format!("world-{:?}", std::thread::current().id()));
         // Most worlds see one cycle and the begin of another one.
         let cycles = if self.seed.is_multiple_of(3) { 2 } else { 1 };
         let people = People::new(world.clone(), (cycles, self.seed.is_multiple_of(4)), LONGEST_MS);
-        let mut running = Running { people, world, folder, stores: 0, ledger: Ledger::default() };
+        let mut running = Running { people, world, folder, sabotage: self.sabotage, stores: 0, ledger: Ledger::default() };
         running.whole();
         clock::right();
         let Running { world, ledger, .. } = running;
@@ -147,6 +158,7 @@ impl World {
 struct Running {
     world: Shared,
     people: People,
+    sabotage: Option<Sabotage>,
     /// Where its stores are, and which one is in use: a power cut leaves another folder.
     folder: PathBuf,
     stores: u32,
@@ -162,7 +174,7 @@ impl Running {
         // What an earlier world of this thread left.
         let _ = std::fs::remove_dir_all(&self.folder);
         Fixture::get().put_store(&self.store());
-        disk::watch(&self.store());
+        disk::watch(&self.store(), self.sabotage);
         loop {
             let lives = {
                 let mut world = self.world.lock();
@@ -209,7 +221,7 @@ impl Running {
     fn ends(&mut self) {
         let mut world = self.world.lock();
         let power = world.power.take().filter(|_| disk::is_over());
-        world.cell.restart_client(inside::session(), matches!(power, Some(Power::Cut { .. })));
+        world.cell.restart_client(inside::session(self.sabotage), matches!(power, Some(Power::Cut { .. })));
         world.without_process(AWAY_MS);
         match power {
             Some(Power::Cut { seed }) => {
@@ -218,7 +230,7 @@ impl Running {
                 drop(world);
                 self.stores += 1;
                 disk::after_power_cut(&self.store(), seed);
-                disk::watch(&self.store());
+                disk::watch(&self.store(), self.sabotage);
             }
             Some(Power::Kill) => {
                 world.counts.kills += 1;
@@ -244,7 +256,7 @@ impl Running {
         checked.map_err(|problem| ("nothing acknowledged is lost", problem))?;
         let left_open = store.open_cycles().map_err(start)?.pop();
         self.ledger.cycle = left_open;
-        let mut record = Record::new(StoreRecord::new(&mut store, left_open), &mut self.ledger);
+        let mut record = Record::new(StoreRecord::new(&mut store, left_open), &mut self.ledger, self.sabotage);
         let mut robot = Robot::new(self.world.clone());
         let cameras = Box::new(Cameras::new(self.world.clone()));
         let looks = self.world.clone();

@@ -2,6 +2,7 @@
 //! of a world's time; each is still a file of its own content that a row names.
 
 use super::ledger::{Ledger, Told};
+use super::sabotage::Sabotage;
 use panelprep::daemon::{Figure, Note, Port, RecordAnswer, RecordCommand, RecordError, StoreRecord};
 use panelprep::geometry::ColorPicture;
 use std::sync::Arc;
@@ -13,12 +14,13 @@ const SMALL_PX: usize = 8;
 pub struct Record<'s> {
     store: StoreRecord<'s>,
     ledger: &'s mut Ledger,
+    sabotage: Option<Sabotage>,
 }
 
 impl<'s> Record<'s> {
     /// Before this record; what it acknowledges is kept in the ledger too.
-    pub fn new(store: StoreRecord<'s>, ledger: &'s mut Ledger) -> Self {
-        Record { store, ledger }
+    pub fn new(store: StoreRecord<'s>, ledger: &'s mut Ledger, sabotage: Option<Sabotage>) -> Self {
+        Record { store, ledger, sabotage }
     }
 }
 
@@ -29,7 +31,8 @@ impl Port<RecordCommand> for Record<'_> {
             RecordCommand::Note(note) => RecordCommand::Note(shrunk(note)),
             command => command,
         };
-        let answer = self.store.perform(command)?;
+        let is_skipped = self.sabotage.is_some_and(|sabotage| sabotage.skips(&command));
+        let answer = if is_skipped { RecordAnswer::Done } else { self.store.perform(command)? };
         self.ledger.acknowledged(told, &answer);
         Ok(answer)
     }

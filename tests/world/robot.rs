@@ -53,6 +53,11 @@ impl Port<RobotCommand> for Robot {
             return RobotAnswer::Report(Ok(self.next()));
         }
         let mut world = self.world.lock();
+        let command = match world.sabotage {
+            Some(sabotage) => sabotage.command(command),
+            None => Some(command),
+        };
+        let Some(command) = command else { return RobotAnswer::Done(Ok(())) };
         let now = Time::at_ms(world.now_ms());
         let session = &mut world.cell.session;
         match command {
