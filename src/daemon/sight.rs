@@ -77,9 +77,9 @@ impl Sight {
     /// What a later phase's result depends on, as text. Obstacles follow from the scan by which the panel was located.
     pub(super) fn inputs(&self) -> String {
         let Sight { located, located_mm, place, corners, inspections, .. } = self;
-        let failed: Vec<_> = inspections.last().map_or(vec![], |film| {
-            film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect()
-        });
+        let failed: Vec<_> = inspections
+            .last()
+            .map_or(vec![], |film| film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect());
         format!("{located:?} {located_mm:?} {place:?} {corners:?} {failed:?}")
     }
 

@@ -33,7 +33,13 @@ fn main() -> ExitCode {
     let begun = Instant::now();
     let mut counts = Counts::default();
     let mut wrong = 0;
+    // Pictures and results that are kept for all worlds are there after some of them.
+    let warm = from + count / 2;
+    let mut before = held();
     for seed in from..from + count {
+        if seed == warm {
+            before = held();
+        }
         let world = match argument("script") {
             Some(text) => World::with(seed, world::parse(&text).unwrap_or_else(|error| panic!("{error}"))),
             None => World::of(seed),
@@ -59,8 +65,23 @@ fn main() -> ExitCode {
     }
     let wall_s = begun.elapsed().as_secs_f64();
     println!("{counts:#?}");
+    let (memory_kb, descriptors) = held();
+    println!(
+        "from the middle on: memory {} to {memory_kb} kB, descriptors {} to {descriptors}",
+        before.0, before.1
+    );
+    let grows = count >= 1_000 && (memory_kb > before.0 + before.0 / 4 || descriptors > before.1);
     println!("{wrong} of {count} seeds; {:.1} s, {:.1} cycles/s", wall_s, counts.cycles as f64 / wall_s);
-    if wrong == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+    if wrong == 0 && !grows { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// The process's memory, kB, and its open descriptors.
+fn held() -> (u64, usize) {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let kb =
+        status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.trim().strip_suffix("kB")?.trim().parse().ok());
+    let descriptors = std::fs::read_dir("/proc/self/fd").map_or(0, Iterator::count);
+    (kb.unwrap_or(0), descriptors)
 }
 
 /// Each mistake with the seeds that it took to find it.

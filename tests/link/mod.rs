@@ -1,5 +1,6 @@
 //! The robot link as a whole: the client's session against the mock controller, in virtual time and over sockets.
 
+#[allow(dead_code, reason = "the simulated world uses the rest")]
 mod cell;
 mod corpus;
 mod cuts;

@@ -139,7 +139,9 @@ impl Cameras {
             }
             CameraHarm::Frozen if command == CameraCommand::NextOfFilm => {
                 let answer = self.next_of_film();
-                let (CameraAnswer::Picture(taken), Some(last)) = (&answer, &self.last) else { return Some(Ok(answer)) };
+                let (CameraAnswer::Picture(taken), Some(last)) = (&answer, &self.last) else {
+                    return Some(Ok(answer));
+                };
                 let frozen = Picture2d { picture: last.picture.clone(), time_s: taken.time_s };
                 Some(Ok(CameraAnswer::Picture(frozen)))
             }

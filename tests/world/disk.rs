@@ -176,8 +176,11 @@ impl Watched {
                 continue;
             }
             // Its bytes are nothing, and many.
-            let kept =
-                if entry.file_name() == RESERVE { Vec::new() } else { std::fs::read(entry.path()).expect("a file") };
+            let kept = if entry.file_name() == RESERVE {
+                Vec::new()
+            } else {
+                std::fs::read(entry.path()).expect("a file")
+            };
             self.files.push(File { kept, pending: Vec::new() });
             self.names.insert(entry.path(), self.files.len() - 1);
         }
@@ -202,7 +205,8 @@ impl Watched {
         }
         self.writings += 1;
         let now = self.writings;
-        let gives_up = matches!(call, Call::Remove { path } if path.file_name().is_some_and(|name| name == RESERVE));
+        let gives_up =
+            matches!(call, Call::Remove { path } if path.file_name().is_some_and(|name| name == RESERVE));
         let index = self.events.iter().position(|(at, _)| *at <= now)?;
         let takes_room = matches!(call, Call::Write { .. } | Call::Length { .. });
         match &mut self.events[index].1 {

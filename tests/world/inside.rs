@@ -78,6 +78,17 @@ impl Counts {
     }
 }
 
+/// What the record permits of a contact path.
+#[derive(Debug, Clone, Copy)]
+pub enum Permit {
+    /// It begins, with so many waypoints.
+    Begins(u32),
+    /// So many of it.
+    GoesOn(u32),
+    /// It is over.
+    Ends,
+}
+
 /// An entry of the script on its way.
 struct Pending {
     entry: Entry,
@@ -105,6 +116,8 @@ pub struct Inside {
     pub power: Option<Power>,
     pub counts: Counts,
     pub violation: Option<Violation>,
+    /// Motions that were executed before the contact path at hand, and how many of it the record permits.
+    permitted: Option<(usize, u32)>,
     /// The mistake that is put in.
     pub sabotage: Option<Sabotage>,
 }
@@ -175,6 +188,7 @@ impl Inside {
             power: None,
             counts: Counts::default(),
             violation: None,
+            permitted: None,
             sabotage,
         }
     }
@@ -239,7 +253,30 @@ impl Inside {
         self.take_violation();
     }
 
+    /// The store has acknowledged it.
+    pub fn permits(&mut self, permit: Permit) {
+        self.permitted = match (permit, self.permitted) {
+            (Permit::Begins(count), _) => Some((self.cell.controller.executed().len(), count)),
+            (Permit::GoesOn(count), Some((before, _))) => Some((before, count)),
+            (Permit::GoesOn(_), None) | (Permit::Ends, _) => None,
+        };
+    }
+
+    /// The arm is never farther along a contact path than the record says that it may be.
+    fn judge_permits(&mut self) {
+        let Some((before, permitted)) = self.permitted.filter(|_| !self.is_strange()) else { return };
+        self.counts.judged("permits");
+        let executed = self.cell.controller.executed().len().saturating_sub(before);
+        if executed > permitted as usize {
+            self.wrong(
+                "permits",
+                format!("{executed} waypoints of a contact path were executed, permitted are {permitted}"),
+            );
+        }
+    }
+
     fn take_violation(&mut self) {
+        self.judge_permits();
         if let Some(what) = self.oracles.violation.take() {
             self.violation.get_or_insert(Violation { judge: "link and arm", what });
         }
@@ -275,7 +312,8 @@ impl Inside {
 
     fn distrust(&mut self) {
         // What somebody else has said or changed may have moved the count of epochs by a step.
-        let known = self.cell.controller.epoch().max(self.cell.session.epoch().map_or(0, |epoch| epoch.0.cast_signed()));
+        let known =
+            self.cell.controller.epoch().max(self.cell.session.epoch().map_or(0, |epoch| epoch.0.cast_signed()));
         self.oracles.strange_epoch = self.oracles.strange_epoch.max(known.saturating_add(2));
     }
 
@@ -324,7 +362,9 @@ impl Inside {
                 self.lock_around().stuck = Some((input, on, now_ms + for_ms));
             }
             Fault::Press(press) => self.pressed.push_back(press),
-            Fault::Camera { flange, harm, for_ms } => self.cameras[usize::from(flange)] = Some((harm, now_ms + for_ms)),
+            Fault::Camera { flange, harm, for_ms } => {
+                self.cameras[usize::from(flange)] = Some((harm, now_ms + for_ms))
+            }
             Fault::Clock(jump_s) => super::clock::jump(jump_s),
             Fault::Power { writing, power } => {
                 self.power = Some(power);

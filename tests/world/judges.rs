@@ -1,8 +1,8 @@
 //! What must hold at every moment of a world, beside what the link's own oracles say of client and arm. Judged by what the
 //! controller's outputs and axes are, not by what the program believes.
 
-use super::inside::Inside;
 use super::fixture::Stands;
+use super::inside::Inside;
 use panelprep::cycle::{self, At, Epoch, Lens, Light, Path, Robot, State, Tool};
 use panelprep::verdict::Verdict;
 

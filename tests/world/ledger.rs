@@ -100,7 +100,11 @@ impl Ledger {
             ));
         }
         if journal.len() > self.events.len() + 1 {
-            return Err(format!("{} events were acknowledged, the journal has {}", self.events.len(), journal.len()));
+            return Err(format!(
+                "{} events were acknowledged, the journal has {}",
+                self.events.len(),
+                journal.len()
+            ));
         }
         self.events = journal;
         let at_rest = matches!(rested.at, At::Stopped | At::Aborted { .. });
@@ -122,13 +126,19 @@ impl Ledger {
         for (cycle, findings) in &self.findings {
             let record = store.cycle(*cycle).map_err(|error| words(&error))?;
             if record.findings.len() < *findings {
-                return Err(format!("cycle {cycle} has {} findings, {findings} were acknowledged", record.findings.len()));
+                return Err(format!(
+                    "cycle {cycle} has {} findings, {findings} were acknowledged",
+                    record.findings.len()
+                ));
             }
         }
         for (cycle, asked) in &self.asked {
             let record = store.cycle(*cycle).map_err(|error| words(&error))?;
             if record.asked.len() + record.asked_before.len() < *asked {
-                return Err(format!("cycle {cycle} has {} requests, {asked} were acknowledged", record.asked.len()));
+                return Err(format!(
+                    "cycle {cycle} has {} requests, {asked} were acknowledged",
+                    record.asked.len()
+                ));
             }
         }
         Ok(())
@@ -149,7 +159,9 @@ impl Ledger {
         for cycle in store.ended_cycles().map_err(|error| words(&error))? {
             let record = store.cycle(cycle).map_err(|error| words(&error))?;
             let page = cycle_page(&record, &BTreeMap::new()).html();
-            let Some(judgement) = &record.judgement else { return Err(format!("cycle {cycle} ended without a verdict")) };
+            let Some(judgement) = &record.judgement else {
+                return Err(format!("cycle {cycle} ended without a verdict"));
+            };
             let word = judgement.verdict.word();
             // A cycle that somebody stopped is told so.
             let is_stopped = judgement.verdict == Verdict::Aborted && page.contains("<b>stopped on request</b>");

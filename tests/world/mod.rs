@@ -116,7 +116,8 @@ impl World {
     /// Runs it.
     pub fn run(&self) -> Outcome {
         let mut draw = Pcg64::seed_from_u64(self.seed ^ 0x5eed);
-        let stands = [Stands::Greasy, Stands::Greasy, Stands::Greasy, Stands::Clean, Stands::Nothing][draw.random_range(0..5)];
+        let stands = [Stands::Greasy, Stands::Greasy, Stands::Greasy, Stands::Clean, Stands::Nothing]
+            [draw.random_range(0..5)];
         let delay_ms = [(0, 0), (1, 3), (2, 25), (10, 10)][draw.random_range(0..4)];
         clock::right();
         let world = Shared::new(stands, delay_ms, self.script.clone(), self.sabotage);
@@ -124,7 +125,8 @@ impl World {
         // Most worlds see one cycle and the begin of another one.
         let cycles = if self.seed.is_multiple_of(3) { 2 } else { 1 };
         let people = People::new(world.clone(), (cycles, self.seed.is_multiple_of(4)), LONGEST_MS);
-        let mut running = Running { people, world, folder, sabotage: self.sabotage, stores: 0, ledger: Ledger::default() };
+        let mut running =
+            Running { people, world, folder, sabotage: self.sabotage, stores: 0, ledger: Ledger::default() };
         running.whole();
         clock::right();
         let Running { world, ledger, .. } = running;
@@ -256,7 +258,8 @@ impl Running {
         checked.map_err(|problem| ("nothing acknowledged is lost", problem))?;
         let left_open = store.open_cycles().map_err(start)?.pop();
         self.ledger.cycle = left_open;
-        let mut record = Record::new(StoreRecord::new(&mut store, left_open), &mut self.ledger, self.sabotage);
+        let store = StoreRecord::new(&mut store, left_open);
+        let mut record = Record::new(store, &mut self.ledger, self.world.clone());
         let mut robot = Robot::new(self.world.clone());
         let cameras = Box::new(Cameras::new(self.world.clone()));
         let looks = self.world.clone();

@@ -134,7 +134,10 @@ impl People {
         let begun_ms = self.mended_ms.max(world.lasts_until_ms);
         if world.now_ms() > begun_ms + RECOVERY_MS {
             let (at, robot) = (state.at, state.facts.robot);
-            world.wrong("liveness", format!("no cycle {RECOVERY_MS} ms after all was mended: {at:?}, robot {robot:?}"));
+            world.wrong(
+                "liveness",
+                format!("no cycle {RECOVERY_MS} ms after all was mended: {at:?}, robot {robot:?}"),
+            );
         }
     }
 
@@ -269,7 +272,9 @@ fn whats(press: Press) -> Vec<What> {
         Press::NewDisc => vec![What::NewDisc],
         Press::Leave => vec![What::Leave],
         Press::Unprepared => vec![What::Unprepared { recipe: "none.toml".to_owned(), reasons: vec![] }],
-        Press::Everything => script::requests(press).into_iter().map(What::Table).chain([begin(), What::NewDisc]).collect(),
+        Press::Everything => {
+            script::requests(press).into_iter().map(What::Table).chain([begin(), What::NewDisc]).collect()
+        }
         press => script::requests(press).into_iter().map(What::Table).collect(),
     }
 }

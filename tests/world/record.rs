@@ -1,6 +1,7 @@
 //! The record of a world: the product's own, on the real store. Pictures are kept as small ones, since packing them would take most
 //! of a world's time; each is still a file of its own content that a row names.
 
+use super::inside::{Permit, Shared};
 use super::ledger::{Ledger, Told};
 use super::sabotage::Sabotage;
 use panelprep::daemon::{Figure, Note, Port, RecordAnswer, RecordCommand, RecordError, StoreRecord};
@@ -14,19 +15,27 @@ const SMALL_PX: usize = 8;
 pub struct Record<'s> {
     store: StoreRecord<'s>,
     ledger: &'s mut Ledger,
+    world: Shared,
     sabotage: Option<Sabotage>,
 }
 
 impl<'s> Record<'s> {
     /// Before this record; what it acknowledges is kept in the ledger too.
-    pub fn new(store: StoreRecord<'s>, ledger: &'s mut Ledger, sabotage: Option<Sabotage>) -> Self {
-        Record { store, ledger, sabotage }
+    pub fn new(store: StoreRecord<'s>, ledger: &'s mut Ledger, world: Shared) -> Self {
+        let sabotage = world.lock().sabotage;
+        Record { store, ledger, world, sabotage }
     }
 }
 
 impl Port<RecordCommand> for Record<'_> {
     fn perform(&mut self, command: RecordCommand) -> Result<RecordAnswer, RecordError> {
         let told = Told::of(&command);
+        let permit = match &command {
+            RecordCommand::OpenContact { permitted, .. } => Some(Permit::Begins(*permitted)),
+            RecordCommand::Permit(permitted) => Some(Permit::GoesOn(*permitted)),
+            RecordCommand::CloseIntent { .. } => Some(Permit::Ends),
+            _ => None,
+        };
         let command = match command {
             RecordCommand::Note(note) => RecordCommand::Note(shrunk(note)),
             command => command,
@@ -34,6 +43,9 @@ impl Port<RecordCommand> for Record<'_> {
         let is_skipped = self.sabotage.is_some_and(|sabotage| sabotage.skips(&command));
         let answer = if is_skipped { RecordAnswer::Done } else { self.store.perform(command)? };
         self.ledger.acknowledged(told, &answer);
+        if let Some(permit) = permit {
+            self.world.lock().permits(permit);
+        }
         Ok(answer)
     }
 }

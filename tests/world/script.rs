@@ -171,8 +171,28 @@ impl Fault {
 
 /// The places of the table.
 pub const PLACES: [&str; 23] = [
-    "stopped", "resetting", "idle", "starting", "locate", "refine", "dry", "wet", "inspect", "plan", "verify", "abrade",
-    "retract", "rinse", "holding", "held", "unholding", "completing", "complete", "stopping", "aborting", "aborted",
+    "stopped",
+    "resetting",
+    "idle",
+    "starting",
+    "locate",
+    "refine",
+    "dry",
+    "wet",
+    "inspect",
+    "plan",
+    "verify",
+    "abrade",
+    "retract",
+    "rinse",
+    "holding",
+    "held",
+    "unholding",
+    "completing",
+    "complete",
+    "stopping",
+    "aborting",
+    "aborted",
     "clearing",
 ];
 
@@ -256,11 +276,14 @@ fn fault(draw: &mut Pcg64, odds: Odds) -> Fault {
         },
         15..18 => Fault::Press(press(draw)),
         18 => Fault::Camera { flange: draw.random_bool(0.5), harm: camera(draw), for_ms: lasts_ms(draw) },
-        19 => Fault::Clock([-3_000_000_000, -1_800_000_000, -86_400, -1, 1, 3_600, 315_360_000][draw.random_range(0..7)]),
+        19 => Fault::Clock(
+            [-3_000_000_000, -1_800_000_000, -86_400, -1, 1, 3_600, 315_360_000][draw.random_range(0..7)],
+        ),
         20..22 => Fault::Power { writing: draw.random_range(0..60), power: Power::Kill },
-        22..25 => {
-            Fault::Power { writing: draw.random_range(0..60), power: Power::Cut { seed: draw.random_range(0..1 << 32) } }
-        }
+        22..25 => Fault::Power {
+            writing: draw.random_range(0..60),
+            power: Power::Cut { seed: draw.random_range(0..1 << 32) },
+        },
         _ => Fault::Disk {
             writing: draw.random_range(0..30),
             harm: if draw.random_bool(0.5) { DiskHarm::Full } else { DiskHarm::Io },
@@ -313,7 +336,19 @@ const STATES: [&str; 14] =
     ["T", "Seq", "Re", "Boot", "Sum", "Ep", "Done", "Under", "Mode", "Flags", "In", "Out", "X", "A1"];
 /// What they may say instead.
 const VALUES: [&str; 14] = [
-    "0", "1", "-1", "2", "255", "256", "65535", "-2147483648", "2147483647", "2147483646", "1000000", "4294967295", "1e9",
+    "0",
+    "1",
+    "-1",
+    "2",
+    "255",
+    "256",
+    "65535",
+    "-2147483648",
+    "2147483647",
+    "2147483646",
+    "1000000",
+    "4294967295",
+    "1e9",
     "nan",
 ];
 
@@ -331,15 +366,29 @@ fn lie(draw: &mut Pcg64) -> Fault {
 fn press(draw: &mut Pcg64) -> Press {
     use Press as P;
     let all = [
-        P::Reset, P::Start, P::Hold, P::Hold, P::Unhold, P::UnholdDried, P::Accept, P::Stop, P::Stop, P::Abort, P::Clear,
-        P::NewDisc, P::Leave, P::Unprepared, P::Everything,
+        P::Reset,
+        P::Start,
+        P::Hold,
+        P::Hold,
+        P::Unhold,
+        P::UnholdDried,
+        P::Accept,
+        P::Stop,
+        P::Stop,
+        P::Abort,
+        P::Clear,
+        P::NewDisc,
+        P::Leave,
+        P::Unprepared,
+        P::Everything,
     ];
     all[draw.random_range(0..all.len())]
 }
 
 fn camera(draw: &mut Pcg64) -> CameraHarm {
     use CameraHarm as C;
-    [C::Lost, C::Frozen, C::WrongSize, C::Dark, C::Hot, C::Late(draw.random_range(100..5_000))][draw.random_range(0..6)]
+    [C::Lost, C::Frozen, C::WrongSize, C::Dark, C::Hot, C::Late(draw.random_range(100..5_000))]
+        [draw.random_range(0..6)]
 }
 
 /// The controller's fault of this text.

@@ -88,7 +88,8 @@ impl Around {
                 let in_water = self.is_on(SPRAY);
                 let in_dust = !self.runs(EXTRACTION, now_ms);
                 if (in_water || in_dust) && !is_lied_to {
-                    self.wrong.push(format!("{now_ms} ms: tool, in water {in_water}, without extraction {in_dust}"));
+                    self.wrong
+                        .push(format!("{now_ms} ms: tool, in water {in_water}, without extraction {in_dust}"));
                 }
             }
             _ => {}

@@ -10,6 +10,9 @@ use crate::daemon::ports::Note;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
+/// Results that are remembered, at most: each has its pictures. What is new after that is computed each time.
+const MOST: usize = 500;
+
 /// Names what the cameras would show for this act now; none where the result is not to be remembered.
 pub type Seen = Box<dyn FnMut(Act) -> Option<u64> + Send>;
 
@@ -47,6 +50,8 @@ impl Memory {
         let (id, found, artifacts) = (worked.id, Ok(found.clone()), worked.artifacts.clone());
         let kept = Worked { id, found, artifacts, notes: vec![], is_of_film: false };
         let mut memory = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        memory.insert(inputs, (kept, worked.notes.clone()));
+        if memory.len() < MOST {
+            memory.insert(inputs, (kept, worked.notes.clone()));
+        }
     }
 }
