@@ -16,7 +16,7 @@ pub const KNOWN_CIRCLES: &[&str] = &[
     "cli::render, cli::render_boards",
     "cli::shoot, cli::shoot::film",
     "daemon, daemon::abrasion, daemon::acts, daemon::cameras, daemon::computing, \
-     daemon::computing::worker, daemon::contacts, daemon::corners, daemon::corrected, daemon::gateway, \
+     daemon::computing::memory, daemon::computing::worker, daemon::contacts, daemon::corners, daemon::corrected, daemon::gateway, \
      daemon::lending, daemon::lending::client, daemon::lending::serving, daemon::moves, daemon::ports, \
      daemon::ports::cameras, daemon::ports::record, daemon::ports::requests, daemon::ports::robot, \
      daemon::protocol, daemon::recording, daemon::replay::form, daemon::replay::form::cameras, \

@@ -253,10 +253,8 @@ impl Watched {
                     self.pending_names.push(Naming::Move(from.to_path_buf(), to.to_path_buf()));
                 }
             }
-            Call::Remove { path } if result == 0 => {
-                if self.names.remove(*path).is_some() {
-                    self.pending_names.push(Naming::Remove(path.to_path_buf()));
-                }
+            Call::Remove { path } if result == 0 && self.names.remove(*path).is_some() => {
+                self.pending_names.push(Naming::Remove(path.to_path_buf()));
             }
             _ => {}
         }

@@ -246,8 +246,14 @@ impl Inside {
     pub fn step(&mut self, end_ms: u64) {
         let next_ms = self.script.iter().filter_map(|pending| pending.due_ms).min().unwrap_or(u64::MAX);
         let soon_ms = end_ms.min(next_ms.max(self.now_ms() + 1));
-        let Inside { cell, oracles, .. } = self;
+        let Inside { cell, oracles, tampering, .. } = self;
+        let applied =
+            |tampering: &Mutex<Tampering>| tampering.lock().unwrap_or_else(PoisonError::into_inner).applied;
+        let before = applied(tampering);
         cell.step(soon_ms, oracles);
+        if applied(tampering) > before {
+            self.distrust();
+        }
         self.strike_due();
         self.work_with_another_program();
         self.take_violation();

@@ -69,7 +69,7 @@ const LONGEST_MS: u64 = 120_000;
 /// From the end of a process to the begin of the next, ms.
 const AWAY_MS: u64 = 2_000;
 /// Processes that a world sees at most.
-const MOST_LIVES: u64 = 30;
+const MOST_LIVES: u64 = 60;
 
 /// What the stages found in all worlds of the process: equal sights give equal results.
 static MEMORY: LazyLock<Memory> = LazyLock::new(Memory::default);

@@ -134,21 +134,19 @@ impl Sabotage {
 
     /// What becomes of a command for the robot; `None` where it is left out.
     pub fn command(self, command: RobotCommand) -> Option<RobotCommand> {
-        let off = |number| RobotCommand::Send(Command::SetDigout(Signal { number, on: true }));
+        let switched = |number, on| RobotCommand::Send(Command::SetDigout(Signal { number, on }));
         match (self, command) {
             (Sabotage::NoAbort, RobotCommand::Abort) => None,
             (Sabotage::Unpermitted, RobotCommand::Path { points, .. }) => {
                 Some(RobotCommand::Path { points, permitted: None })
             }
-            (Sabotage::StaysOn(output), RobotCommand::Send(Command::SetDigout(signal)))
-                if signal == (Signal { number: output, on: false }) =>
+            (Sabotage::StaysOn(output), RobotCommand::Send(Command::SetDigout(Signal { number, on: false })))
+                if number == output =>
             {
-                Some(off(output))
+                Some(switched(output, true))
             }
-            (Sabotage::LensStaysOpen, RobotCommand::Send(Command::SetDigout(signal)))
-                if signal == (Signal { number: 3, on: true }) =>
-            {
-                Some(RobotCommand::Send(Command::SetDigout(Signal { number: 3, on: false })))
+            (Sabotage::LensStaysOpen, RobotCommand::Send(Command::SetDigout(Signal { number: 3, on: true }))) => {
+                Some(switched(3, false))
             }
             (Sabotage::OldEpoch, RobotCommand::OpenEpoch(_)) => {
                 Some(RobotCommand::OpenEpoch(panelprep::eki::Epoch(0)))

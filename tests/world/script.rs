@@ -287,7 +287,7 @@ fn fault(draw: &mut Pcg64, odds: Odds) -> Fault {
         _ => Fault::Disk {
             writing: draw.random_range(0..30),
             harm: if draw.random_bool(0.5) { DiskHarm::Full } else { DiskHarm::Io },
-            times: [1, 2, 10, 100][draw.random_range(0..4)],
+            times: [1, 2, 10, 30][draw.random_range(0..4)],
         },
     }
 }

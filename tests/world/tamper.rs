@@ -11,6 +11,8 @@ pub struct Tampering {
     pub harms: Vec<(bool, usize, Harm)>,
     /// From the controller: the channel, an attribute, what it says instead, and how often.
     pub lies: Vec<(usize, String, String, u32)>,
+    /// How many messages were changed.
+    pub applied: u64,
     /// A message that waits for the one behind it.
     held: Vec<(bool, usize, Vec<u8>)>,
 }
@@ -28,6 +30,7 @@ impl Tampering {
         let bytes = lied.as_deref().unwrap_or(bytes);
         let harm = self.harms.iter().position(|(way, of, _)| (*way, *of) == (to_robot, channel));
         let harm = harm.map(|index| self.harms.remove(index).2);
+        self.applied += u64::from(harm.is_some() || lied.is_some());
         let mut pieces = match harm {
             None if lied.is_none() && self.held.is_empty() => return None,
             None => vec![(0, bytes.to_vec())],
