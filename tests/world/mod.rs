@@ -28,12 +28,6 @@ mod inside;
 mod judges;
 mod ledger;
 mod libc_calls;
-#[path = "../link/cell.rs"]
-#[allow(dead_code, reason = "the link's tests use the rest")]
-mod link_cell;
-#[path = "../link/oracles.rs"]
-#[allow(dead_code, reason = "the link's tests use the rest")]
-mod oracles;
 mod people;
 mod record;
 mod robot;
@@ -41,13 +35,12 @@ mod sabotage;
 mod script;
 mod tamper;
 mod terminals;
-// `oracles` names its cell so, as it does among the link's tests.
-use link_cell as cell;
 
 pub use inside::{Counts, Violation};
 pub use sabotage::{ALL as SABOTAGES, Sabotage};
 pub use script::{Entry, parse, print};
 
+use crate::link::{cell as link_cell, oracles};
 use cameras::Cameras;
 use fixture::{Fixture, Stands};
 use inside::Shared;
