@@ -38,4 +38,8 @@ mod teach_page;
 mod walk;
 mod wall;
 mod words;
+#[allow(dead_code, unused_imports, reason = "the bench uses the rest")]
+mod world;
+#[path = "world/short.rs"]
+mod world_short;
 mod zivid;

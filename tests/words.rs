@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 
 /// Texts that are read by machines, or by programmers: part of the file's name, part of the text.
-const FOR_MACHINES: [(&str, &str); 23] = [
+const FOR_MACHINES: [(&str, &str); 26] = [
     // TOML and digests: every digit, and quotes around a text.
     ("cell/calibration.rs", ""),
     ("cell/provenance.rs", "{:?}"),
@@ -30,6 +30,10 @@ const FOR_MACHINES: [(&str, &str); 23] = [
     ("cli/render_boards.rs", "p{number}_axes_deg = {"),
     ("cell/robot_correction.rs", "left_out_before_mm = {"),
     ("cell/robot_correction.rs", "left_out_after_mm = {"),
+    // By which results of simulations are found again.
+    ("daemon/computing/memory.rs", "{act:?}"),
+    ("daemon/sight.rs", "{located:?}"),
+    ("daemon/abrasion.rs", "{plan:?}"),
     // What `Debug` itself prints.
     ("devices/zivid/wire.rs", "{found:02x?}"),
     ("devices/zivid/scanner.rs", "?found"),

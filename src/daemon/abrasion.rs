@@ -42,6 +42,13 @@ pub(super) struct Abrasion {
 }
 
 impl Abrasion {
+    /// What a later phase's result depends on, as text. The surface follows from what was taught.
+    pub(super) fn inputs(&self) -> String {
+        let Abrasion { plan, touched, done, most_passes, worn_mm2, earlier, .. } = self;
+        let plan = plan.as_ref().map(|(number, _)| number);
+        format!("{plan:?} {touched:?} {done:?} {most_passes} {worn_mm2} {earlier:?}")
+    }
+
     /// The plan with this number.
     pub fn plan(&self, number: u64) -> Option<&Plan> {
         self.plan.as_ref().filter(|(known, _)| *known == number).map(|(_, plan)| plan)

@@ -9,9 +9,11 @@
 //! itself, woken by the camera's next picture, whatever the robot and the loop do; in lock step the loop asks for each
 //! step, so that virtual time decides which picture is seen.
 
+mod memory;
 mod work;
 mod worker;
 
+pub use memory::{Memory, Seen};
 pub use work::Readable;
 pub(super) use work::{Found, Work, Worked};
 
@@ -51,7 +53,7 @@ const NONE_DUE: u64 = u64::MAX;
 
 enum Executor<'p> {
     /// The loop itself, when it takes a result.
-    Inline { worker: Box<Worker<'p>>, queue: VecDeque<Work> },
+    Inline { worker: Box<Worker<'p>>, queue: VecDeque<Work>, remembers: Option<(Memory, Seen)> },
     /// A thread of its own.
     Thread {
         queue: Sender<Work>,
@@ -68,7 +70,15 @@ impl<'p> Computing<'p> {
         // The command that runs one cycle has just read its calibrations.
         let worker = Box::new(Worker::new(cameras, Box::new(Vec::new), None));
         let due = Arc::new(AtomicU64::new(NONE_DUE));
-        Computing { lock_step, due, executor: Executor::Inline { worker, queue: VecDeque::new() } }
+        Computing { lock_step, due, executor: Executor::Inline { worker, queue: VecDeque::new(), remembers: None } }
+    }
+
+    /// The same, where results that were computed before are not computed again. For simulations of many cycles of one setup.
+    pub fn remembering(mut self, memory: Memory, sees: Seen) -> Self {
+        if let Executor::Inline { remembers, .. } = &mut self.executor {
+            *remembers = Some((memory, sees));
+        }
+        self
     }
 
     /// Starts a thread that computes. By the wall clock it steps back behind the loop and the robot's link. It ends when
@@ -147,10 +157,19 @@ impl<'p> Computing<'p> {
     /// The result that is ready.
     pub(super) fn take(&mut self) -> Option<Worked> {
         match &mut self.executor {
-            Executor::Inline { worker, queue } => {
+            Executor::Inline { worker, queue, remembers } => {
                 let work = queue.pop_front()?;
+                let inputs = remembers.as_mut().and_then(|(_, sees)| memory::inputs(&work, sees));
+                if let (Some((memory, _)), Some(inputs)) = (&remembers, &inputs)
+                    && let Some(worked) = memory.recall(inputs, &work)
+                {
+                    return Some(worked);
+                }
                 let next = Work::next_picture(work.id, work.act, work.pass, work.setup.clone());
                 let worked = worker.perform(work);
+                if let (Some((memory, _)), Some(inputs)) = (remembers, inputs) {
+                    memory.remember(inputs, &worked);
+                }
                 if !self.lock_step && !worked.is_last() {
                     queue.push_front(next);
                 }

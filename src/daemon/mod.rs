@@ -65,7 +65,7 @@ mod tests;
 
 pub use caller::whoever_runs_this;
 pub use cameras::Cameras;
-pub use computing::{Computing, Readable};
+pub use computing::{Computing, Memory, Readable, Seen};
 pub use error::DaemonError;
 pub use gateway::{Gateway, Loader};
 pub use lending::{AllCameras, BorrowedFlangeCamera, BorrowedScanner, LastState, SharedCameras, ShotRequest};

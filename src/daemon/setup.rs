@@ -66,17 +66,17 @@ impl CellSetup {
 #[derive(Debug, Clone)]
 pub struct CycleSetup {
     /// The cell.
-    pub(super) cell: Arc<CellSetup>,
+    pub cell: Arc<CellSetup>,
     /// The recipe.
-    pub(super) recipe: Recipe,
+    pub recipe: Recipe,
     /// What was taught.
-    pub(super) panel: TaughtPanel,
+    pub panel: TaughtPanel,
     /// Its corners; the corner loop takes the first ones whose moves pass the gate.
-    pub(super) corners: Vec<TaughtCorner>,
+    pub corners: Vec<TaughtCorner>,
     /// The calibrations.
-    pub(super) calibrations: Calibrations,
+    pub calibrations: Calibrations,
     /// Where in its picture the flange camera's lens is known.
-    pub(super) lens: LensExtent,
+    pub lens: LensExtent,
 }
 
 impl CycleSetup {

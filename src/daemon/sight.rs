@@ -73,6 +73,21 @@ impl Sight {
         self.obstacles.as_ref()
     }
 
+    /// What a later phase's result depends on, as text. Obstacles follow from the scan by which the panel was located.
+    pub(super) fn inputs(&self) -> String {
+        let Sight { located, located_mm, place, corners, inspections, .. } = self;
+        let failed: Vec<_> = inspections
+            .last()
+            .map_or(vec![], |film| film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect());
+        format!("{located:?} {located_mm:?} {place:?} {corners:?} {failed:?}")
+    }
+
+    /// Films, and but for a new localization the dry picture, are those of another one.
+    pub(super) fn keep_films_of(&mut self, other: &Sight, without_dry: bool) {
+        self.dry = if without_dry { None } else { other.dry.clone() };
+        (self.inspections, self.film_picture) = (other.inspections.clone(), other.film_picture.clone());
+    }
+
     /// Adds what a film that was watched on its own left.
     pub fn take_film(&mut self, film: Sight) {
         self.inspections.extend(film.inspections);

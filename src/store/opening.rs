@@ -151,14 +151,20 @@ impl Drop for Store {
     fn drop(&mut self) {
         let (Some(_), Some(head)) = (&self.lease, &self.head) else { return };
         let Ok(last) = chain::last(&self.connection) else { return };
-        let Ok(Some(head::Read { head: Head { at, .. }, .. })) = head::read(self.folder()) else { return };
+        let Ok(Some(head::Read { head: Head { at, next, .. }, .. })) = head::read(self.folder()) else { return };
         let path = self.path().to_owned();
         let Ok(nothing) = Connection::open_in_memory() else { return };
         if std::mem::replace(&mut self.connection, nothing).close().is_err() || at != last {
             return;
         }
         // Where another connection is open, its log stays, and the file alone is not the database.
-        let database = if log_of(&path).exists() { None } else { file_hash(&path).ok() };
+        let is_log_left = log_of(&path).exists();
+        if is_log_left && next.is_some() {
+            // A commit failed at the disk, and so did closing: its lines may be in the log all the same, and then the next start
+            // finds them. The head goes on saying so.
+            return;
+        }
+        let database = if is_log_left { None } else { file_hash(&path).ok() };
         #[expect(clippy::let_underscore_must_use, reason = "without it the head says the same of the chain")]
         let _ = head.take_turn().and_then(|_turn| head.close(last, database));
     }

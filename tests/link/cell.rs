@@ -120,6 +120,10 @@ pub trait Watch {
     fn look(&mut self, _cell: &Insides<'_>) {}
 }
 
+/// What becomes of a message on its way: which way (true: to the controller), which channel (0: commands, 1: states), its bytes.
+/// `None` leaves it as it is; else these pieces travel, each so many ms later than usual.
+pub type Tamper = Box<dyn FnMut(bool, usize, &[u8]) -> Option<Vec<(u64, Vec<u8>)>> + Send>;
+
 /// Nobody watches.
 pub struct Blind;
 impl Watch for Blind {}
@@ -149,6 +153,8 @@ pub struct Cell {
     pub deaf_until_ms: u64,
     /// Messages that were put on any way.
     pub messages: usize,
+    /// Who changes messages on their way.
+    pub tamper: Option<Tamper>,
     draw: Pcg64,
     to_robot: [Way; 2],
     to_client: [Way; 2],
@@ -178,6 +184,7 @@ impl Cell {
             client_stalls_until_ms: 0,
             deaf_until_ms: 0,
             messages: 0,
+            tamper: None,
             draw: Pcg64::seed_from_u64(seed),
             to_robot: Default::default(),
             to_client: Default::default(),
@@ -334,11 +341,23 @@ impl Cell {
     }
 
     fn put(&mut self, to_robot: bool, index: usize, bytes: &[u8]) {
+        let Some(tamper) = &mut self.tamper else { return self.put_late(to_robot, index, bytes, 0) };
+        match tamper(to_robot, index, bytes) {
+            None => self.put_late(to_robot, index, bytes, 0),
+            Some(pieces) => {
+                for (late_ms, piece) in pieces {
+                    self.put_late(to_robot, index, &piece, late_ms);
+                }
+            }
+        }
+    }
+
+    fn put_late(&mut self, to_robot: bool, index: usize, bytes: &[u8], late_ms: u64) {
         let mut rest = bytes;
         while !rest.is_empty() {
             let length = if self.fragment { self.draw.random_range(1..=rest.len()) } else { rest.len() };
             let (piece, behind) = rest.split_at(length);
-            let due_ms = self.now_ms + self.draw.random_range(self.delay_ms.0..=self.delay_ms.1);
+            let due_ms = self.now_ms + late_ms + self.draw.random_range(self.delay_ms.0..=self.delay_ms.1);
             let way = if to_robot { &mut self.to_robot[index] } else { &mut self.to_client[index] };
             way.put(due_ms, Piece::Bytes(piece.to_vec()));
             rest = behind;
@@ -390,6 +409,46 @@ impl Cell {
             watch.told(&report, &insides);
             self.reports.push_back(report);
         }
+    }
+
+    /// The client's process ends, and another one begins with this session. The system closes its connections, or with a power
+    /// cut nobody does: the controller then hears nothing more, and of the old connections' end when the new ones are made.
+    pub fn restart_client(&mut self, session: Session, is_power_cut: bool) {
+        self.session = session;
+        self.reports.clear();
+        if self.up && !is_power_cut {
+            self.to_robot.iter_mut().for_each(|way| way.put(self.now_ms + self.delay_ms.0, Piece::End));
+        }
+        (self.up, self.to_client) = (false, Default::default());
+        (self.retry_at_ms, self.pause_ms) = (self.now_ms, 100);
+    }
+
+    /// The old connections of a client that lost its power are found dead.
+    pub fn close_dead_connections(&mut self) {
+        for (_, end) in CHANNELS {
+            self.controller.disconnect(end);
+        }
+        self.to_robot = Default::default();
+    }
+
+    /// Time in which nobody runs on the client's side.
+    pub fn without_client(&mut self, ms: u64, watch: &mut impl Watch) {
+        let end_ms = self.now_ms + ms;
+        while self.now_ms < end_ms {
+            let next_ms = (self.now_ms + TICK_MS).min(end_ms);
+            self.controller.advance_ms(next_ms - self.now_ms);
+            self.now_ms = next_ms;
+            self.reach_robot();
+            self.leave_robot();
+            let Cell { session, controller, now_ms, heard_ms, .. } = self;
+            let insides = Insides { session, controller, now_ms: *now_ms, heard_ms: *heard_ms, stalled: true };
+            watch.look(&insides);
+        }
+    }
+
+    /// Whether nothing waits to be heard.
+    pub fn all_heard(&self) -> bool {
+        self.reports.is_empty()
     }
 
     /// A request that this client did not send reaches the controller.

@@ -1,12 +1,12 @@
 //! The robot link as a whole: the client's session against the mock controller, in virtual time and over sockets.
 
-mod cell;
+pub mod cell;
 mod corpus;
 mod cuts;
 mod damage;
 mod fuzz;
 mod loopback;
-mod oracles;
+pub mod oracles;
 mod paths;
 mod programs;
 mod sockets;

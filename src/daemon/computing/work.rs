@@ -54,7 +54,7 @@ impl Worked {
 }
 
 /// The result of a piece of work.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(in crate::daemon) enum Found {
     /// The act's answer.
     Answer(Answer),

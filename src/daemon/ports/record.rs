@@ -26,7 +26,7 @@ pub struct Figure {
 }
 
 /// What a phase leaves. Pictures and figures that came since the last finding are the finding's own.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub enum Note {
     /// What a stage found.
     Finding(Finding),

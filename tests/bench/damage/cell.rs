@@ -1,6 +1,7 @@
 //! The simulated cell's scan, corner pictures and clip as files, what the stages say of them, and of damaged copies.
 
 use super::{Damage, damaged, one_of};
+use panelprep::cell::LensExtent;
 use panelprep::files;
 use panelprep::geometry::{Base, ColorPicture, Flange, Panel, Point, Rigid};
 use panelprep::inspect::{ByCell, Demands, Footprint};
@@ -146,7 +147,8 @@ impl Held {
     /// Where the corners put the panel, where that is accepted.
     fn refine(&self, pictures: &[&ColorPicture]) -> Option<Rigid<Base, Panel>> {
         let camera = self.cell.flange_camera();
-        let held = Taught { corners: &self.corners, camera, limits: self.recipe.corner() };
+        let held =
+            Taught { corners: &self.corners, camera, lens: &LensExtent::default(), limits: self.recipe.corner() };
         let views = self.corners.iter().enumerate().zip(&self.pictures).zip(pictures);
         let sightings = views.map(|((corner, file), picture)| {
             let base_from_camera = file.base_from_flange * self.cell.calibrated_flange_from_camera();

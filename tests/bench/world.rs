@@ -1,0 +1,126 @@
+//! Worlds of many seeds: see `tests/world`. A table of what was counted, and exit code 1 where a judge found something.
+//! `cargo bench --bench world -- [seeds=N] [from=N]`, one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`;
+//! mistakes that are put in: `-- sabotage [seeds=N]`.
+
+#[allow(dead_code, reason = "the link's tests use the rest")]
+mod link {
+    #[path = "../../link/cell.rs"]
+    pub mod cell;
+    #[path = "../../link/oracles.rs"]
+    pub mod oracles;
+}
+#[path = "../world/mod.rs"]
+#[allow(dead_code, unused_imports, reason = "the tests use the rest")]
+mod world;
+
+use std::process::ExitCode;
+use std::time::Instant;
+use world::{Counts, SABOTAGES, World};
+
+/// An argument of this name.
+fn argument(name: &str) -> Option<String> {
+    std::env::args().skip(1).find_map(|argument| Some(argument.strip_prefix(name)?.strip_prefix('=')?.to_owned()))
+}
+
+fn number(name: &str) -> Option<u64> {
+    argument(name).map(|text| text.parse().unwrap_or_else(|error| panic!("{name}={text}: {error}")))
+}
+
+fn main() -> ExitCode {
+    if std::env::args().any(|argument| argument == "log") {
+        tracing_subscriber::fmt().with_max_level(tracing::Level::DEBUG).without_time().init();
+    }
+    let (from, count) = match number("seed") {
+        Some(seed) => (seed, 1),
+        None => (number("from").unwrap_or(0), number("seeds").unwrap_or(2_000)),
+    };
+    if std::env::args().any(|argument| argument == "sabotage") {
+        return sabotage(from, number("seeds").unwrap_or(400));
+    }
+    let begun = Instant::now();
+    let mut counts = Counts::default();
+    let mut wrong = 0;
+    // Pictures and results that are kept for all worlds are there after some of them.
+    let warm = from + count / 2;
+    let mut before = held();
+    for seed in from..from + count {
+        if seed == warm {
+            before = held();
+        }
+        let world = match argument("script") {
+            Some(text) => World::with(seed, world::parse(&text).unwrap_or_else(|error| panic!("{error}"))),
+            None => World::of(seed),
+        };
+        let since = Instant::now();
+        let outcome = world.run();
+        if argument("times").is_some() {
+            println!(
+                "seed {seed}: {:.0} ms, {} ms virtual, {} cycles, {} processes",
+                since.elapsed().as_secs_f64() * 1e3,
+                outcome.counts.time_ms,
+                outcome.counts.cycles,
+                outcome.counts.lives
+            );
+        }
+        counts.add(&outcome.counts);
+        if let Some(violation) = &outcome.violation {
+            wrong += 1;
+            let shortest = world.shortest(violation.judge);
+            let script = world::print(&shortest.script);
+            println!("{}: {}\n   seed={seed} script='{script}'", violation.judge, violation.what);
+        }
+    }
+    let wall_s = begun.elapsed().as_secs_f64();
+    println!("{counts:#?}");
+    let (memory_kb, descriptors) = held();
+    println!(
+        "from the middle on: memory {} to {memory_kb} kB, descriptors {} to {descriptors}",
+        before.0, before.1
+    );
+    let grows = count >= 1_000 && (memory_kb > before.0 + before.0 / 4 || descriptors > before.1);
+    let (cpu_s, cycles) = (cpu_s(), counts.cycles);
+    println!(
+        "{wrong} of {count} seeds; {cycles} cycles in {wall_s:.1} s, {cpu_s:.1} s of processor: {:.1} cycles/s and core",
+        cycles as f64 / cpu_s
+    );
+    if wrong == 0 && !grows { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// What the process took of the processors so far, s.
+fn cpu_s() -> f64 {
+    // Behind the name in brackets: the 12th and 13th field, in hundredths.
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let fields = stat.rsplit(')').next().unwrap_or_default().split_whitespace();
+    fields.skip(11).take(2).filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / 100.0
+}
+
+/// The process's memory, kB, and its open descriptors.
+fn held() -> (u64, usize) {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let kb =
+        status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.trim().strip_suffix("kB")?.trim().parse().ok());
+    let descriptors = std::fs::read_dir("/proc/self/fd").map_or(0, Iterator::count);
+    (kb.unwrap_or(0), descriptors)
+}
+
+/// Each mistake with the seeds that it took to find it.
+fn sabotage(from: u64, seeds: u64) -> ExitCode {
+    let mut missed = 0;
+    for (name, sabotage) in SABOTAGES {
+        let found = (from..from + seeds).find_map(|seed| {
+            let violation = World::of(seed).sabotaged(sabotage).run().violation?;
+            Some((seed, violation))
+        });
+        match found {
+            Some((seed, violation)) => {
+                println!("found after {} seeds: {name} ({}: {})", seed - from + 1, violation.judge, violation.what);
+            }
+            None => {
+                missed += 1;
+                println!("not found in {seeds} seeds: {name}");
+            }
+        }
+    }
+    println!("{} of {} found", SABOTAGES.len() - missed, SABOTAGES.len());
+    ExitCode::SUCCESS
+}

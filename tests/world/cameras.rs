@@ -1,0 +1,261 @@
+//! The cameras of a world. Pictures are rendered once for each thing that can be seen and kept for all worlds of the process:
+//! a scan by what stands there, a picture of the film by what is greasy and half seconds of its time, a corner by the
+//! flange's pose. Rendering them is the larger part of a cycle's cost, and two equal sights give equal pictures anyhow.
+
+use super::fixture::{Fixture, Stands};
+use super::inside::{Inside, Shared};
+use super::judges;
+use super::script::CameraHarm;
+use panelprep::cycle::Act;
+use panelprep::daemon::{CameraAnswer, CameraCommand, CameraFault, Picture2d, Port};
+use panelprep::devices::world::Touched;
+use panelprep::geometry::{Base, Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, Rigid};
+use panelprep::sim::{Film, SPRAY_FROM_S, WET_FROM_S};
+use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
+
+/// Of this share of its area covered, a spot of grease is gone.
+const HEALED_FROM: f64 = 0.9;
+/// Pictures of the film are rendered for every so many seconds.
+const STEP_S: f64 = 0.5;
+/// Films of this cell break so many times as fast as the renderer's, so that five seconds show what a minute shows.
+const HASTE: f64 = 8.0;
+/// Pictures that are kept at most, of each kind.
+const MOST: usize = 4_000;
+
+/// Which spots are gone.
+type Healed = Vec<bool>;
+
+/// What was rendered before.
+#[derive(Default)]
+struct Rendered {
+    scans: BTreeMap<Stands, Arc<OrganizedCloud<Camera>>>,
+    films: BTreeMap<(Stands, Healed), Arc<Film>>,
+    film: BTreeMap<(Stands, Healed, i64), Arc<ColorPicture>>,
+    corners: BTreeMap<(Stands, [i64; 6]), Arc<ColorPicture>>,
+}
+
+static RENDERED: LazyLock<Mutex<Rendered>> = LazyLock::new(Mutex::default);
+
+fn rendered() -> MutexGuard<'static, Rendered> {
+    RENDERED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Both cameras as one port.
+pub struct Cameras {
+    world: Shared,
+    film: Option<(u64, f64, u32)>,
+    healed: Healed,
+    /// The wetting up to which `healed` is known.
+    healed_at_ms: Option<u64>,
+    /// What a frozen camera gives: its last picture.
+    last: Option<Picture2d>,
+}
+
+impl Cameras {
+    /// The cameras of this world.
+    pub fn new(world: Shared) -> Self {
+        let spots = Fixture::get().scene(Stands::Greasy).spots().len();
+        Cameras { world, film: None, healed: vec![false; spots], healed_at_ms: None, last: None }
+    }
+
+    fn picture(&mut self) -> Picture2d {
+        let world = self.world.clone();
+        let world = world.lock();
+        let water = world.lock_around().water;
+        if let Some((on_ms, _)) = water.filter(|(on_ms, _)| self.healed_at_ms != Some(*on_ms)) {
+            self.heal(&world, on_ms);
+        }
+        let now_ms = world.now_ms();
+        let step = (film_s(water, now_ms) / STEP_S).round() as i64;
+        let picture = film_picture(world.stands, &self.healed, step);
+        let picture = if world.is_dark() { black(&picture) } else { (*picture).clone() };
+        Picture2d { picture, time_s: now_ms as f64 / 1e3 }
+    }
+
+    /// What the disc covered before this wetting holds its film from now on.
+    fn heal(&mut self, world: &Inside, on_ms: u64) {
+        let fixture = Fixture::get();
+        let disc_mm = fixture.cycle.recipe.path().disc_diameter_mm();
+        let touched = Touched::by(&world.trace(on_ms), fixture.truth(), disc_mm);
+        let share = |spot| touched.share_of(spot) >= HEALED_FROM;
+        self.healed = fixture.truth().spots.iter().map(share).collect();
+        self.healed_at_ms = Some(on_ms);
+    }
+
+    fn next_of_film(&mut self) -> CameraAnswer {
+        let now_ms = self.world.lock().now_ms();
+        let Some((began_ms, per_second, taken)) = &mut self.film else { return CameraAnswer::NoneDue };
+        if now_ms.saturating_sub(*began_ms) as f64 / 1e3 * *per_second < f64::from(*taken) {
+            return CameraAnswer::NoneDue;
+        }
+        *taken += 1;
+        CameraAnswer::Picture(self.picture())
+    }
+
+    fn scan(&self) -> OrganizedCloud<Camera> {
+        let stands = self.world.lock().stands;
+        let render = || Arc::new(Fixture::get().scan(stands));
+        (**rendered().scans.entry(stands).or_insert_with(render)).clone()
+    }
+
+    fn corner(&self) -> ColorPicture {
+        let world = self.world.lock();
+        let pose = world.cell.controller.flange_pose();
+        let picture = corner_picture(world.stands, &pose);
+        let is_shut = world.lock_around().is_lens_shut(world.now_ms());
+        if is_shut { black(&picture) } else { (*picture).clone() }
+    }
+
+    /// What the harmed camera answers instead.
+    fn harmed(&mut self, harm: CameraHarm, command: CameraCommand) -> Option<Result<CameraAnswer, CameraFault>> {
+        let flange = matches!(command, CameraCommand::CornerPicture);
+        let camera = if flange { "the flange camera" } else { "the scanner" };
+        let fault = |why: &str| CameraFault { camera, why: why.to_owned() };
+        let takes = !matches!(command, CameraCommand::BeginFilm(_) | CameraCommand::EndFilm | CameraCommand::Check);
+        match harm {
+            CameraHarm::Lost if command == CameraCommand::Check => {
+                Some(Ok(CameraAnswer::Checked(vec![fault("it does not answer")])))
+            }
+            CameraHarm::Lost => Some(Err(fault("it does not answer"))),
+            CameraHarm::Hot if takes => Some(Err(fault("its housing is at 71 °C, allowed are 60 °C"))),
+            CameraHarm::WrongSize if takes && command != CameraCommand::Scan => {
+                let picture = ColorPicture::filled(7, 5, [90; 3]);
+                Some(Ok(if flange {
+                    CameraAnswer::Corner(picture)
+                } else {
+                    let time_s = self.world.lock().now_ms() as f64 / 1e3;
+                    CameraAnswer::Picture(Picture2d { picture, time_s })
+                }))
+            }
+            CameraHarm::Dark if flange => Some(Ok(CameraAnswer::Corner(black(&self.corner())))),
+            CameraHarm::Dark if command == CameraCommand::Picture => {
+                let Picture2d { picture, time_s } = self.picture();
+                Some(Ok(CameraAnswer::Picture(Picture2d { picture: black(&picture), time_s })))
+            }
+            CameraHarm::Frozen if command == CameraCommand::Picture => {
+                self.last.clone().map(|last| Ok(CameraAnswer::Picture(last)))
+            }
+            CameraHarm::Frozen if command == CameraCommand::NextOfFilm => {
+                let answer = self.next_of_film();
+                let (CameraAnswer::Picture(taken), Some(last)) = (&answer, &self.last) else {
+                    return Some(Ok(answer));
+                };
+                let frozen = Picture2d { picture: last.picture.clone(), time_s: taken.time_s };
+                Some(Ok(CameraAnswer::Picture(frozen)))
+            }
+            _ => None,
+        }
+    }
+}
+
+impl Port<CameraCommand> for Cameras {
+    fn perform(&mut self, command: CameraCommand) -> Result<CameraAnswer, CameraFault> {
+        let harm = {
+            let world = self.world.lock();
+            let flange = matches!(command, CameraCommand::CornerPicture);
+            let now_ms = world.now_ms();
+            world.cameras[usize::from(flange)].filter(|(_, until_ms)| now_ms < *until_ms)
+        };
+        if let Some(answer) = harm.and_then(|(harm, _)| self.harmed(harm, command)) {
+            return answer;
+        }
+        let answer = match command {
+            CameraCommand::Scan => CameraAnswer::Scan(self.scan()),
+            CameraCommand::Picture => CameraAnswer::Picture(self.picture()),
+            CameraCommand::BeginFilm(per_second) => {
+                let now_ms = self.world.lock().now_ms();
+                self.film = Some((now_ms, per_second, 0));
+                CameraAnswer::FilmBegan(now_ms as f64 / 1e3)
+            }
+            CameraCommand::NextOfFilm => self.next_of_film(),
+            CameraCommand::EndFilm => {
+                self.film = None;
+                CameraAnswer::FilmEnded(0)
+            }
+            CameraCommand::CornerPicture => CameraAnswer::Corner(self.corner()),
+            CameraCommand::Check => CameraAnswer::Checked(vec![]),
+        };
+        if let CameraAnswer::Picture(picture) = &answer {
+            self.last = Some(picture.clone());
+        }
+        Ok(answer)
+    }
+}
+
+/// The film's time: before water it passes too, so that no two pictures have one noise.
+fn film_s(water: Option<(u64, Option<u64>)>, now_ms: u64) -> f64 {
+    let seconds = |ms: u64| ms as f64 / 1e3;
+    let Some((on_ms, off_ms)) = water else { return -1.0 - seconds(now_ms % 4_000) };
+    let reached_s = SPRAY_FROM_S + seconds(off_ms.unwrap_or(now_ms).saturating_sub(on_ms));
+    match off_ms {
+        Some(off_ms) if reached_s >= WET_FROM_S => WET_FROM_S + HASTE * seconds(now_ms.saturating_sub(off_ms)),
+        _ => reached_s.min(WET_FROM_S),
+    }
+}
+
+fn film_picture(stands: Stands, healed: &Healed, step: i64) -> Arc<ColorPicture> {
+    let mut rendered = rendered();
+    let key = (stands, healed.clone(), step);
+    if let Some(picture) = rendered.film.get(&key) {
+        return picture.clone();
+    }
+    let scene = Fixture::get().scene(stands);
+    let film = rendered.films.entry((stands, healed.clone())).or_insert_with(|| {
+        let left = scene.spots().iter().zip(healed).filter(|(_, healed)| !**healed).map(|(spot, _)| spot.clone());
+        Arc::new(scene.film_of(&left.collect::<Vec<_>>()))
+    });
+    let picture = Arc::new(film.picture(step as f64 * STEP_S));
+    if rendered.film.len() < MOST {
+        rendered.film.insert(key, picture.clone());
+    }
+    picture
+}
+
+fn corner_picture(stands: Stands, base_from_flange: &Rigid<Base, Flange>) -> Arc<ColorPicture> {
+    let key = (stands, rounded(base_from_flange));
+    let mut rendered = rendered();
+    if let Some(picture) = rendered.corners.get(&key) {
+        return picture.clone();
+    }
+    let place = Fixture::get().truth().base_from_panel;
+    // From where the key says, so that it does not matter who came first.
+    let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = key.1.map(|number| number as f64 / 1e3);
+    let from = KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }.to_rigid();
+    let picture = Arc::new(Fixture::get().scene(stands).flange_picture_at(&from, &place));
+    if rendered.corners.len() < MOST {
+        rendered.corners.insert(key, picture.clone());
+    }
+    picture
+}
+
+/// A pose in thousandths of a millimetre and of a degree.
+fn rounded(base_from_flange: &Rigid<Base, Flange>) -> [i64; 6] {
+    let pose = KukaPose::from_rigid(base_from_flange);
+    let numbers = [pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg];
+    numbers.map(|number| (number * 1e3).round() as i64)
+}
+
+/// What the cameras of this world would show, as a number, for results that were computed before. None where one of them is harmed.
+pub fn seen(world: &Shared, act: Act) -> Option<u64> {
+    let mut world = world.lock();
+    let now_ms = world.now_ms();
+    if act == Act::Locate {
+        judges::scans(&mut world);
+    }
+    if world.cameras.iter().flatten().any(|(_, until_ms)| now_ms < *until_ms) {
+        return None;
+    }
+    let is_shut = world.lock_around().is_lens_shut(now_ms);
+    let mut hasher = DefaultHasher::new();
+    (world.stands, is_shut).hash(&mut hasher);
+    if matches!(act, Act::Refine { .. } | Act::Verify { .. }) {
+        rounded(&world.cell.controller.flange_pose()).hash(&mut hasher);
+    }
+    Some(hasher.finish())
+}
+
+fn black(picture: &ColorPicture) -> ColorPicture {
+    ColorPicture::filled(picture.width, picture.height, [0; 3])
+}

@@ -1,0 +1,395 @@
+//! The disk of a world: every writing to its folder is seen, may fail, and may be the last one; and what a power cut leaves.
+//!
+//! The system's own functions stand before the C library's here (`open`, `write`, `pwrite`, `fsync`, `fdatasync`, `ftruncate`,
+//! `rename`, `unlink`): SQLite is linked into this program and calls them by name, as the standard library does. So the product needs no
+//! layer of its own between store and disk, and what is tested is what ships. A SQLite VFS would see the database alone, and
+//! neither head nor blobs. `mmap` of the database's `-shm` is not a matter of durability: it is made anew from the log.
+//!
+//! What is flushed (`fsync` of the file; of its folder for names) is kept by a power cut. Of what is not, any part may be: each
+//! writing whole, in some of its sectors, or not at all, in any order; names in their order, up to some point.
+
+use super::libc_calls::{self, Call};
+use super::sabotage::Sabotage;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+const SECTOR: usize = 512;
+/// The file that takes room and says nothing.
+const RESERVE: &str = "panelprep.reserve";
+
+/// What is to happen at one of the next writings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Event {
+    /// Nothing is written from there on.
+    End,
+    /// So many writings find no room, until the reserve is given up.
+    Full(u32),
+    /// So many writings fail.
+    Io(u32),
+}
+
+#[derive(Debug, Clone)]
+enum Change {
+    Write { at: usize, bytes: Vec<u8> },
+    Length(usize),
+}
+
+#[derive(Debug, Default)]
+struct File {
+    kept: Vec<u8>,
+    pending: Vec<Change>,
+}
+
+#[derive(Debug, Clone)]
+enum Naming {
+    Put(PathBuf, usize),
+    Move(PathBuf, PathBuf),
+    Remove(PathBuf),
+}
+
+/// A folder that is watched.
+#[derive(Debug)]
+struct Watched {
+    root: PathBuf,
+    files: Vec<File>,
+    names: BTreeMap<PathBuf, usize>,
+    kept_names: BTreeMap<PathBuf, usize>,
+    pending_names: Vec<Naming>,
+    /// Open files and folders by their descriptors.
+    open: BTreeMap<i32, Opened>,
+    writings: u64,
+    events: Vec<(u64, Event)>,
+    is_over: bool,
+    had_io_error: bool,
+    sabotage: Option<Sabotage>,
+}
+
+#[derive(Debug, Clone)]
+enum Opened {
+    File(usize),
+    Folder(PathBuf),
+}
+
+thread_local! {
+    static WATCHED: RefCell<Option<Watched>> = const { RefCell::new(None) };
+}
+
+/// Watches what this thread writes to this folder, all of which is taken for flushed.
+pub fn watch(root: &Path, sabotage: Option<Sabotage>) {
+    let mut watched = Watched {
+        root: root.to_owned(),
+        files: Vec::new(),
+        names: BTreeMap::new(),
+        kept_names: BTreeMap::new(),
+        pending_names: Vec::new(),
+        open: BTreeMap::new(),
+        writings: 0,
+        events: Vec::new(),
+        is_over: false,
+        had_io_error: false,
+        sabotage,
+    };
+    watched.take(root);
+    watched.kept_names = watched.names.clone();
+    WATCHED.with_borrow_mut(|slot| *slot = Some(watched));
+    libc_calls::listen(true);
+}
+
+/// Another process writes to the same folder: what the last one has not flushed is still in the system's memory.
+pub fn go_on() {
+    with(|watched| {
+        watched.open.clear();
+        (watched.is_over, watched.had_io_error) = (false, false);
+    });
+}
+
+/// Watches no more.
+pub fn leave() {
+    libc_calls::listen(false);
+    WATCHED.with_borrow_mut(|slot| *slot = None);
+}
+
+/// What is to happen at the nth writing from now on.
+pub fn at_writing(nth: u32, event: Event) {
+    with(|watched| watched.events.push((watched.writings + u64::from(nth), event)));
+}
+
+/// Nothing of this is to happen any more.
+pub fn mend() {
+    with(|watched| watched.events.clear());
+}
+
+/// Whether something is still to happen.
+pub fn is_armed() -> bool {
+    with(|watched| !watched.events.is_empty()).unwrap_or(false)
+}
+
+/// Whether the end has come.
+pub fn is_over() -> bool {
+    with(|watched| watched.is_over).unwrap_or(false)
+}
+
+/// Whether a writing has failed.
+pub fn had_io_error() -> bool {
+    with(|watched| watched.had_io_error).unwrap_or(false)
+}
+
+/// Writes what a power cut leaves into this folder, by a seed.
+pub fn after_power_cut(to: &Path, seed: u64) {
+    let was = libc_calls::listen(false);
+    let _ = std::fs::remove_dir_all(to);
+    with(|watched| watched.image(to, &mut Pcg64::seed_from_u64(seed)));
+    libc_calls::listen(was);
+}
+
+fn with<T>(act: impl FnOnce(&mut Watched) -> T) -> Option<T> {
+    let was = libc_calls::listen(false);
+    let done = WATCHED.with_borrow_mut(|slot| slot.as_mut().map(act));
+    libc_calls::listen(was);
+    done
+}
+
+/// A call of this thread; an error number where it is to fail without being done.
+pub fn before(call: &Call<'_>) -> Option<i32> {
+    WATCHED.with_borrow_mut(|slot| slot.as_mut().and_then(|watched| watched.before(call)))
+}
+
+/// A call of this thread that was done.
+pub fn after(call: &Call<'_>, result: i64) {
+    WATCHED.with_borrow_mut(|slot| {
+        if let Some(watched) = slot {
+            watched.after(call, result);
+        }
+    });
+}
+
+impl Watched {
+    fn take(&mut self, folder: &Path) {
+        let mut entries: Vec<_> = std::fs::read_dir(folder).expect("a folder").flatten().collect();
+        entries.sort_by_key(std::fs::DirEntry::file_name);
+        for entry in entries {
+            if entry.path().is_dir() {
+                self.take(&entry.path());
+                continue;
+            }
+            // Its bytes are nothing, and many.
+            let kept = if entry.file_name() == RESERVE {
+                Vec::new()
+            } else {
+                std::fs::read(entry.path()).expect("a file")
+            };
+            self.files.push(File { kept, pending: Vec::new() });
+            self.names.insert(entry.path(), self.files.len() - 1);
+        }
+    }
+
+    fn before(&mut self, call: &Call<'_>) -> Option<i32> {
+        let is_ours = match call {
+            Call::Write { fd, .. } | Call::Length { fd, .. } | Call::Flush { fd } => self.open.contains_key(fd),
+            Call::Open { path, writes, .. } => *writes && path.starts_with(&self.root),
+            Call::Move { to, .. } => to.starts_with(&self.root),
+            Call::Remove { path } => path.starts_with(&self.root) && !is_shared_memory(path),
+            Call::Close { .. } => false,
+        };
+        if !is_ours {
+            return None;
+        }
+        if self.is_over {
+            return Some(libc::EIO);
+        }
+        if matches!(call, Call::Open { .. }) {
+            return None;
+        }
+        self.writings += 1;
+        let now = self.writings;
+        let gives_up =
+            matches!(call, Call::Remove { path } if path.file_name().is_some_and(|name| name == RESERVE));
+        let index = self.events.iter().position(|(at, _)| *at <= now)?;
+        let takes_room = matches!(call, Call::Write { .. } | Call::Length { .. });
+        match &mut self.events[index].1 {
+            Event::End => {
+                self.is_over = true;
+                self.events.clear();
+                Some(libc::EIO)
+            }
+            Event::Full(_) if gives_up => {
+                self.events.remove(index);
+                None
+            }
+            Event::Full(_) if !takes_room => None,
+            Event::Full(times) | Event::Io(times) if *times == 0 => {
+                self.events.remove(index);
+                None
+            }
+            Event::Full(times) => {
+                *times -= 1;
+                Some(libc::ENOSPC)
+            }
+            Event::Io(times) => {
+                *times -= 1;
+                self.had_io_error = true;
+                Some(libc::EIO)
+            }
+        }
+    }
+
+    fn after(&mut self, call: &Call<'_>, result: i64) {
+        match call {
+            Call::Open { path, is_new, truncates, .. } => self.opened(path, *is_new, *truncates, result),
+            Call::Close { fd } => drop(self.open.remove(fd)),
+            Call::Write { fd, at, bytes } if result > 0 => {
+                let written = usize::try_from(result).unwrap_or(0).min(bytes.len());
+                let change = Change::Write { at: *at as usize, bytes: bytes[..written].to_vec() };
+                self.change(*fd, change);
+            }
+            Call::Length { fd, length } if result == 0 => self.change(*fd, Change::Length(*length as usize)),
+            Call::Flush { fd } if result == 0 => self.flushed(*fd),
+            Call::Move { from, to } if result == 0 => {
+                if let Some(file) = self.names.remove(*from) {
+                    self.names.insert(to.to_path_buf(), file);
+                    self.pending_names.push(Naming::Move(from.to_path_buf(), to.to_path_buf()));
+                }
+            }
+            Call::Remove { path } if result == 0 && self.names.remove(*path).is_some() => {
+                self.pending_names.push(Naming::Remove(path.to_path_buf()));
+            }
+            _ => {}
+        }
+    }
+
+    fn opened(&mut self, path: &Path, is_new: bool, truncates: bool, result: i64) {
+        let Ok(fd) = i32::try_from(result) else { return };
+        if fd < 0 || !path.starts_with(&self.root) || is_shared_memory(path) {
+            return;
+        }
+        if path == self.root || path.is_dir() {
+            self.open.insert(fd, Opened::Folder(path.to_owned()));
+            return;
+        }
+        let known = self.names.get(path).copied();
+        let file = match known {
+            Some(file) => file,
+            None if is_new => {
+                self.files.push(File::default());
+                let file = self.files.len() - 1;
+                self.names.insert(path.to_owned(), file);
+                self.pending_names.push(Naming::Put(path.to_owned(), file));
+                file
+            }
+            None => return,
+        };
+        self.open.insert(fd, Opened::File(file));
+        if truncates && known.is_some() {
+            self.files[file].pending.push(Change::Length(0));
+        }
+    }
+
+    fn change(&mut self, fd: i32, change: Change) {
+        if let Some(Opened::File(file)) = self.open.get(&fd) {
+            self.files[*file].pending.push(change);
+        }
+    }
+
+    fn flushed(&mut self, fd: i32) {
+        match self.open.get(&fd).cloned() {
+            Some(Opened::File(file)) if self.forgets(self.path_of(file), false) => {}
+            Some(Opened::Folder(folder)) if self.forgets(Some(&folder), true) => {}
+            Some(Opened::File(file)) => {
+                let File { kept, pending } = &mut self.files[file];
+                pending.drain(..).for_each(|change| apply(kept, &change));
+            }
+            Some(Opened::Folder(folder)) => {
+                let is_in = |naming: &mut Naming| {
+                    let (Naming::Put(path, _) | Naming::Move(_, path) | Naming::Remove(path)) = naming;
+                    path.parent() == Some(&folder)
+                };
+                let done: Vec<Naming> = self.pending_names.extract_if(.., is_in).collect();
+                done.iter().for_each(|naming| name(&mut self.kept_names, naming));
+            }
+            None => {}
+        }
+    }
+
+    fn path_of(&self, file: usize) -> Option<&Path> {
+        self.names.iter().find(|(_, named)| **named == file).map(|(path, _)| path.as_path())
+    }
+
+    /// Whether a mistake was put in by which this is not flushed.
+    fn forgets(&self, path: Option<&Path>, is_folder: bool) -> bool {
+        let Some((sabotage, path)) = self.sabotage.zip(path) else { return false };
+        sabotage.forgets_flush(path, is_folder)
+    }
+
+    fn image(&self, to: &Path, draw: &mut Pcg64) {
+        let mut names = self.kept_names.clone();
+        let count = draw.random_range(0..=self.pending_names.len());
+        self.pending_names[..count].iter().for_each(|naming| name(&mut names, naming));
+        std::fs::create_dir_all(to.join("blobs")).expect("a folder");
+        for (path, file) in names {
+            let path = to.join(path.strip_prefix(&self.root).expect("in the root"));
+            if path.file_name().is_some_and(|name| name == RESERVE) {
+                let made = std::fs::File::create(&path).and_then(|file| file.set_len(32 << 20));
+                made.expect("a sparse file");
+                continue;
+            }
+            std::fs::write(&path, self.files[file].after_power_cut(draw)).expect("a file");
+        }
+    }
+}
+
+impl File {
+    fn after_power_cut(&self, draw: &mut Pcg64) -> Vec<u8> {
+        let mut bytes = self.kept.clone();
+        // All, none, or any.
+        let share = [0.0, 0.5, 0.9, 1.0][draw.random_range(0..4)];
+        for change in &self.pending {
+            let kept = draw.random_bool(share);
+            let is_torn = draw.random_bool(0.3);
+            match change {
+                Change::Write { at, bytes: written } if is_torn && written.len() > SECTOR => {
+                    for (index, sector) in written.chunks(SECTOR).enumerate() {
+                        if draw.random_bool(0.5) {
+                            apply(&mut bytes, &Change::Write { at: at + index * SECTOR, bytes: sector.to_vec() });
+                        }
+                    }
+                }
+                change if kept => apply(&mut bytes, change),
+                _ => {}
+            }
+        }
+        bytes
+    }
+}
+
+/// SQLite's index of its log is memory that is shared, and made anew.
+fn is_shared_memory(path: &Path) -> bool {
+    path.to_string_lossy().ends_with("-shm")
+}
+
+fn apply(bytes: &mut Vec<u8>, change: &Change) {
+    match change {
+        Change::Write { at, bytes: written } => {
+            let end = at + written.len();
+            if bytes.len() < end {
+                bytes.resize(end, 0);
+            }
+            bytes[*at..end].copy_from_slice(written);
+        }
+        Change::Length(length) => bytes.resize(*length, 0),
+    }
+}
+
+fn name(names: &mut BTreeMap<PathBuf, usize>, naming: &Naming) {
+    match naming {
+        Naming::Put(path, file) => drop(names.insert(path.clone(), *file)),
+        Naming::Move(from, to) => {
+            if let Some(file) = names.remove(from) {
+                names.insert(to.clone(), file);
+            }
+        }
+        Naming::Remove(path) => drop(names.remove(path)),
+    }
+}

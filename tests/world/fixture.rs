@@ -1,0 +1,212 @@
+//! The cell of the simulated world: its file, its recipe, what was taught of its panel, and the store that all worlds begin with.
+
+use panelprep::cell;
+use panelprep::cycle;
+use panelprep::daemon::{Calibrations, CellSetup, CycleSetup, PreparedCycle};
+use panelprep::geometry::{Camera, KukaPose, OrganizedCloud};
+use panelprep::locate::corner;
+use panelprep::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
+use panelprep::recipe::Recipe;
+use panelprep::sim::{self, CornerView, PanelPosition, SEARCH_BOX_MM, Scene, Truth};
+use panelprep::store::{CycleStart, Store};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
+
+/// The renderer's smallest pictures that its own tests use: one in eight pixels each way.
+const REDUCTION: usize = 8;
+/// The simulated cell of this seed.
+const CELL_SEED: u64 = 3;
+
+/// What is so much nearer than the empty cell is the panel, mm; so many pixels around it are kept.
+const DIFFERENT_MM: f64 = 2.0;
+const AROUND_PX: usize = 4;
+
+const CELL: &str = "[poses]\npark = { a1_deg = -120, a2_deg = -75, a3_deg = 110, a4_deg = 0, a5_deg = 55, a6_deg = 90 }\n\
+     ready = { a1_deg = 0, a2_deg = -120, a3_deg = 145, a4_deg = 0, a5_deg = -25, a6_deg = 90 }\n\
+     [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
+     [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\nlight_on = 5\n\
+     [limits]\nbox_min_mm = [100, -450, 50]\nbox_max_mm = [700, 450, 900]\nmax_tilt_deg = 60\nmax_speed_mm_s = 500\n";
+
+/// What every world shares.
+pub struct Fixture {
+    /// The cell's file.
+    pub cell: cell::Cell,
+    /// The same for the loop.
+    pub setup: Arc<CellSetup>,
+    /// A cycle's share.
+    pub cycle: CycleSetup,
+    /// What is true of the cell, by the scene that stands in it.
+    scenes: [sim::Cell; 3],
+    truth: Truth,
+    /// A new store as the program leaves it.
+    store: PathBuf,
+}
+
+/// What stands in the cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Stands {
+    /// The taught panel, greasy in places.
+    Greasy,
+    /// The same without grease.
+    Clean,
+    /// No panel.
+    Nothing,
+}
+
+impl Fixture {
+    /// The one of this process.
+    pub fn get() -> &'static Fixture {
+        static FIXTURE: OnceLock<Fixture> = OnceLock::new();
+        FIXTURE.get_or_init(Fixture::new)
+    }
+
+    fn new() -> Self {
+        let scene = |scene| sim::Cell::new(CELL_SEED, scene, REDUCTION);
+        let scenes = [Scene::Good, Scene::Clean, Scene::NoPanel].map(scene);
+        let cell = cell::Cell::check("cell.toml", CELL).unwrap_or_else(|error| panic!("{error}"));
+        let recipe = recipe(&scenes[0]);
+        let setup = Arc::new(CellSetup::new(&cell).expect("a whole cell"));
+        let taught = taught(&scenes[0], &scenes[2], &recipe);
+        let cycle = CycleSetup::new(setup.clone(), recipe, taught, calibrations(&scenes[0])).expect("a corner");
+        let store = folder("template");
+        // A folder that an earlier process of this number left.
+        let _ = std::fs::remove_dir_all(&store);
+        drop(Store::create(&store).expect("a new store"));
+        let truth = scenes[0].truth();
+        Fixture { cell, setup, cycle, scenes, truth, store }
+    }
+
+    /// The simulated cell with what stands in it.
+    pub fn scene(&self, stands: Stands) -> &sim::Cell {
+        &self.scenes[stands as usize]
+    }
+
+    /// What the 3D camera sees.
+    pub fn scan(&self, stands: Stands) -> OrganizedCloud<Camera> {
+        let empty = self.scene(Stands::Nothing).scan();
+        cropped(&self.scene(stands).scan(), &self.scene(Stands::Greasy).scan(), &empty)
+    }
+
+    /// What is true of the taught panel in the cell.
+    pub fn truth(&self) -> &Truth {
+        &self.truth
+    }
+
+    /// A cycle for the loop to begin.
+    pub fn prepared(&self) -> PreparedCycle {
+        let start = CycleStart {
+            panel: self.cycle.panel_name().to_owned(),
+            taught_version: "1".to_owned(),
+            recipe_text: "the recipe of the simulated world".to_owned(),
+            file_texts: Vec::new(),
+            recording: None,
+        };
+        let request = cycle::Request::Start { max_passes: 2, max_moves: 3 };
+        PreparedCycle { request, setup: self.cycle.clone(), start, recording: None }
+    }
+
+    /// Puts a new store into this folder.
+    pub fn put_store(&self, to: &Path) {
+        copy(&self.store, to);
+    }
+}
+
+/// Copies a folder of files and folders. The store's reserve has its length and no blocks: the disk of a world is never full by itself.
+pub fn copy(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).expect("a folder");
+    for entry in std::fs::read_dir(from).expect("a folder") {
+        let entry = entry.expect("an entry");
+        let path = to.join(entry.file_name());
+        if entry.file_type().expect("a type").is_dir() {
+            copy(&entry.path(), &path);
+        } else if entry.file_name() == "panelprep.reserve" {
+            let length = entry.metadata().expect("its length").len();
+            std::fs::File::create(&path).and_then(|file| file.set_len(length)).expect("a sparse file");
+        } else {
+            std::fs::copy(entry.path(), &path).expect("a copy");
+        }
+    }
+}
+
+/// A folder in memory where the system has one, for this process.
+pub fn folder(name: &str) -> PathBuf {
+    let memory = Path::new("/dev/shm");
+    let parent = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
+    parent.join(format!("panelprep-world-{}", std::process::id())).join(name)
+}
+
+/// Short times and wide tolerances, within what a recipe may say.
+fn recipe(sim: &sim::Cell) -> Recipe {
+    let region = sim.region();
+    let text = format!(
+        "panel = \"p\"\n[process]\nobservation_s = 5.0\nframes_per_second = 1.0\nrinse_s = 0.5\nspray_s = 3.5\n\
+         drain_s = 1.0\nlight_settle_s = 0.6\nmax_passes_per_grid = 10\n\
+         [corner]\nwhich = [\"top-left\", \"bottom-right\"]\nsettled_mm = 0.3\n\
+         [region]\ncorners_px = {:?}\nrows = 2\ncolumns = 3\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n\
+         [inspect]\nmin_break_mm2 = 300.0\n[surface]\ncontrol_spacing_mm = 35.0\n\
+         [path]\nfeed_mm_s = 120.0\nacceleration_mm_s2 = 1000\nstep_over_mm = 20\nwaypoint_spacing_mm = 25\n\
+         disc_diameter_mm = 50\nmax_dwell_ratio = 20\nchord_error_mm = 1.0\n",
+        region.corners_px.map(|px| [px.u, px.v]),
+        SEARCH_BOX_MM[0],
+        SEARCH_BOX_MM[1]
+    );
+    Recipe::check("world.toml", &text).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn taught(sim: &sim::Cell, empty: &sim::Cell, recipe: &Recipe) -> (TaughtPanel, Vec<TaughtCorner>) {
+    let base_from_camera = sim.calibrated_base_from_camera();
+    let scan = cropped(&sim.taught_scan(), &sim.taught_scan(), &empty.scan());
+    let panel = TaughtPanel::learn(&scan, *sim.scanner(), base_from_camera, recipe).expect("a panel");
+    let camera = sim.flange_camera();
+    let teach = |(index, view): (usize, CornerView)| {
+        let picture = sim.flange_picture(&view.base_from_flange, PanelPosition::Nominal).to_gray();
+        let panel_from_camera =
+            panel_from_base_at_teaching() * view.base_from_flange * sim.calibrated_flange_from_camera();
+        let depth_mm = (panel_from_camera.inverse() * view.corner).mm.z;
+        let (settings, px_per_mm) = (recipe.corner(), camera.px_per_mm_at(depth_mm).0);
+        let found = corner::find(&picture, settings, settings.which().of(index), px_per_mm).expect("a corner");
+        let teaching = CornerTeaching { reference_px: found.corner_px, panel_from_camera };
+        panel.corner(teaching, camera).expect("on the panel")
+    };
+    let corners = sim.corner_views().into_iter().enumerate().map(teach).collect();
+    (panel, corners)
+}
+
+/// The scan without what lies far from a panel: the arm keeps clear of everything that was scanned, and looking at each point of the
+/// fixture takes longer than all else in a world. The panel is where `with` differs from the empty cell.
+fn cropped(
+    scan: &OrganizedCloud<Camera>,
+    with: &OrganizedCloud<Camera>,
+    empty: &OrganizedCloud<Camera>,
+) -> OrganizedCloud<Camera> {
+    let (width, height) = (scan.width(), scan.height());
+    let differs = |column: usize, row: usize| {
+        let z = |cloud: &OrganizedCloud<Camera>| cloud.point(column, row).map(|point| point.mm.z);
+        match (z(with), z(empty)) {
+            (Some(with), Some(empty)) => (with - empty).abs() > DIFFERENT_MM,
+            (with, empty) => with.is_some() != empty.is_some(),
+        }
+    };
+    let is_near = |index: usize| {
+        let (column, row) = (index % width, index / width);
+        let rows = row.saturating_sub(AROUND_PX)..(row + AROUND_PX + 1).min(height);
+        let columns = column.saturating_sub(AROUND_PX)..(column + AROUND_PX + 1).min(width);
+        rows.into_iter().any(|row| columns.clone().any(|column| differs(column, row)))
+    };
+    let points = scan.raw_points_mm().iter().enumerate();
+    let kept = points.map(|(index, xyz)| if is_near(index) { *xyz } else { [f32::NAN; 3] }).collect();
+    let colors = (0..width * height).map(|index| scan.color_at(index)).collect();
+    OrganizedCloud::new(width, height, kept, colors).expect("the same size")
+}
+
+fn calibrations(sim: &sim::Cell) -> Calibrations {
+    Calibrations {
+        scanner: *sim.scanner(),
+        base_from_camera: sim.calibrated_base_from_camera(),
+        flange_camera: *sim.flange_camera(),
+        flange_from_camera: sim.calibrated_flange_from_camera(),
+        flange_from_tool: KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid(),
+        hand_eye_mm: None,
+        robot_mm: None,
+    }
+}

@@ -1,0 +1,431 @@
+//! What is inside of a world: link, controller, arm and terminals in one virtual time, and the faults that strike them.
+//!
+//! The loop's ports share it. Time passes where the loop waits for the robot, and nowhere else.
+
+use super::disk;
+use super::fixture::{Fixture, Stands};
+use super::link_cell::{Cell, Side, TICK_MS, setup, wire};
+use super::oracles::Oracles;
+use super::sabotage::Sabotage;
+use super::script::{self, CameraHarm, DiskHarm, Entry, Fault, Power, Press};
+use super::tamper::Tampering;
+use super::terminals::{Around, Terminals};
+use panelprep::cycle::At;
+use panelprep::devices::mock::{Clock, Controller, Sample, Setup};
+use panelprep::devices::robot::link_limits;
+use panelprep::eki::{Channel, Epoch, LinkLimits, Pace, Session};
+use panelprep::geometry::{Base, Joints, Panel, Rigid, Tool};
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Where the arm stands before the first cycle: `[poses] ready`.
+const START: Joints =
+    Joints { a1_deg: 0.0, a2_deg: -120.0, a3_deg: 145.0, a4_deg: 0.0, a5_deg: -25.0, a6_deg: 90.0 };
+/// The tool is on the panel where its tip is so near to the surface, mm.
+const LOW_MM: f64 = 1.0;
+/// After somebody worked with another program the cell's own is selected again.
+const HOME_MS: u64 = 3_000;
+
+/// What was wrong, and which judge says so.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Violation {
+    /// The judge, by which two violations are the same one.
+    pub judge: &'static str,
+    /// What it saw.
+    pub what: String,
+}
+
+/// What was counted in a world.
+#[derive(Debug, Clone, Default)]
+pub struct Counts {
+    /// Faults that struck, by kind and place.
+    pub faults: BTreeMap<(&'static str, &'static str), u64>,
+    /// How often each judge judged.
+    pub judged: BTreeMap<&'static str, u64>,
+    /// Visits of each place.
+    pub places: BTreeMap<&'static str, u64>,
+    /// Verdicts.
+    pub verdicts: BTreeMap<&'static str, u64>,
+    /// Cycles that began.
+    pub cycles: u64,
+    /// Processes that began.
+    pub lives: u64,
+    /// Power cuts.
+    pub cuts: u64,
+    /// Kills of the process.
+    pub kills: u64,
+    /// Virtual time, ms.
+    pub time_ms: u64,
+}
+
+impl Counts {
+    /// Adds those of another world.
+    pub fn add(&mut self, other: &Counts) {
+        other.faults.iter().for_each(|(key, count)| *self.faults.entry(*key).or_default() += count);
+        other.judged.iter().for_each(|(key, count)| *self.judged.entry(key).or_default() += count);
+        other.places.iter().for_each(|(key, count)| *self.places.entry(key).or_default() += count);
+        other.verdicts.iter().for_each(|(key, count)| *self.verdicts.entry(key).or_default() += count);
+        self.cycles += other.cycles;
+        self.lives += other.lives;
+        self.cuts += other.cuts;
+        self.kills += other.kills;
+        self.time_ms += other.time_ms;
+    }
+
+    /// This judge judged once more.
+    pub fn judged(&mut self, judge: &'static str) {
+        *self.judged.entry(judge).or_default() += 1;
+    }
+}
+
+/// What the record permits of a contact path.
+#[derive(Debug, Clone, Copy)]
+pub enum Permit {
+    /// It begins, with so many waypoints.
+    Begins(u32),
+    /// So many of it.
+    GoesOn(u32),
+    /// It is over.
+    Ends,
+}
+
+/// An entry of the script on its way.
+struct Pending {
+    entry: Entry,
+    due_ms: Option<u64>,
+}
+
+/// Link, controller, arm and what is around them.
+pub struct Inside {
+    pub cell: Cell,
+    pub oracles: Oracles,
+    pub around: Arc<Mutex<Around>>,
+    tampering: Arc<Mutex<Tampering>>,
+    pub stands: Stands,
+    script: Vec<Pending>,
+    /// Until when what struck lasts, ms.
+    pub lasts_until_ms: u64,
+    place: &'static str,
+    visits: BTreeMap<&'static str, u32>,
+    /// What people ask and nobody has taken up yet.
+    pub pressed: VecDeque<Press>,
+    /// What is wrong with the scanner and the flange camera, and until when.
+    pub cameras: [Option<(CameraHarm, u64)>; 2],
+    home_at_ms: Option<u64>,
+    /// How the process is to end at its disk.
+    pub power: Option<Power>,
+    pub counts: Counts,
+    pub violation: Option<Violation>,
+    /// Motions that were executed before the contact path at hand, and how many of it the record permits.
+    permitted: Option<(usize, u32)>,
+    /// The mistake that is put in.
+    pub sabotage: Option<Sabotage>,
+}
+
+/// Shared by the ports of a loop.
+#[derive(Clone)]
+pub struct Shared(Arc<Mutex<Inside>>);
+
+impl Shared {
+    /// A world in which this script is to strike.
+    pub fn new(stands: Stands, delay_ms: (u64, u64), script: Vec<Entry>, sabotage: Option<Sabotage>) -> Self {
+        Shared(Arc::new(Mutex::new(Inside::new(stands, delay_ms, script, sabotage))))
+    }
+
+    /// The world, for the moment of a call.
+    pub fn lock(&self) -> MutexGuard<'_, Inside> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn is_low(controller: &Controller) -> bool {
+    let fixture = Fixture::get();
+    let calibrations = fixture.cycle.calibrations;
+    let base_from_tool: Rigid<Base, Tool> = controller.flange_pose() * calibrations.flange_from_tool;
+    let panel_from_tool: Rigid<Panel, Tool> = fixture.truth().base_from_panel.inverse() * base_from_tool;
+    fixture.truth().distance_mm(panel_from_tool.origin()).abs() < LOW_MM
+}
+
+/// The link's limits of the cell's file.
+fn limits(sabotage: Option<Sabotage>) -> LinkLimits {
+    let limits = link_limits(&Fixture::get().cell);
+    sabotage.map_or(limits, |sabotage| sabotage.limits(limits))
+}
+
+/// A client's session that is not connected.
+pub fn session(sabotage: Option<Sabotage>) -> Session {
+    Session::new(wire(), limits(sabotage), Pace::Wall)
+}
+
+impl Inside {
+    fn new(stands: Stands, delay_ms: (u64, u64), script: Vec<Entry>, sabotage: Option<Sabotage>) -> Self {
+        let around = Arc::new(Mutex::new(Around::default()));
+        let left_out = match sabotage {
+            Some(Sabotage::Controller(rule)) => Some(rule),
+            _ => None,
+        };
+        let (inputs, outputs) = ((1..=5).collect(), (1..=5).collect());
+        let setup = Setup { start: START, inputs, outputs, left_out, ..setup(Clock::Free) };
+        let mut cell = Cell::within(setup, limits(sabotage), 1, Box::new(Terminals(around.clone())));
+        cell.delay_ms = delay_ms;
+        let tampering = Arc::new(Mutex::new(Tampering::default()));
+        cell.tamper = Some(Tampering::port(tampering.clone()));
+        let mut oracles = Oracles::new(delay_ms.1);
+        oracles.is_low = Some(is_low);
+        Inside {
+            cell,
+            oracles,
+            around,
+            tampering,
+            stands,
+            script: script.into_iter().map(|entry| Pending { entry, due_ms: None }).collect(),
+            lasts_until_ms: 0,
+            place: "",
+            visits: BTreeMap::new(),
+            pressed: VecDeque::new(),
+            cameras: [None; 2],
+            home_at_ms: None,
+            power: None,
+            counts: Counts::default(),
+            violation: None,
+            permitted: None,
+            sabotage,
+        }
+    }
+
+    /// Now, ms.
+    pub fn now_ms(&self) -> u64 {
+        self.cell.now_ms
+    }
+
+    /// The first thing that was wrong is told.
+    pub fn wrong(&mut self, judge: &'static str, what: String) {
+        let now_ms = self.now_ms();
+        self.violation.get_or_insert_with(|| Violation { judge, what: format!("{now_ms} ms: {what}") });
+    }
+
+    /// The table is here now.
+    pub fn comes_to(&mut self, at: At) {
+        let place = script::place(at);
+        if place == self.place {
+            return;
+        }
+        self.place = place;
+        let now_ms = self.now_ms();
+        let visit = self.visits.entry(place).or_default();
+        *visit += 1;
+        *self.counts.places.entry(place).or_default() += 1;
+        for pending in &mut self.script {
+            if pending.entry.place == place && pending.entry.visit == *visit {
+                pending.due_ms.get_or_insert(now_ms + pending.entry.after_ms);
+            }
+        }
+    }
+
+    /// Whether something is still to strike whose moment has come, or lasts.
+    pub fn is_troubled(&self) -> bool {
+        self.script.iter().any(|pending| pending.due_ms.is_some())
+            || self.now_ms() < self.lasts_until_ms
+            || self.home_at_ms.is_some()
+            || disk::is_armed()
+    }
+
+    /// Whether anything is left that may strike.
+    pub fn may_strike(&self) -> bool {
+        !self.script.is_empty() || self.is_troubled()
+    }
+
+    /// Nothing goes wrong any more.
+    pub fn mend(&mut self) {
+        self.script.clear();
+        disk::mend();
+        *self.tampering.lock().unwrap_or_else(PoisonError::into_inner) = Tampering::default();
+    }
+
+    /// One event of the cell, until this time at most.
+    pub fn step(&mut self, end_ms: u64) {
+        let next_ms = self.script.iter().filter_map(|pending| pending.due_ms).min().unwrap_or(u64::MAX);
+        let soon_ms = end_ms.min(next_ms.max(self.now_ms() + 1));
+        let Inside { cell, oracles, tampering, .. } = self;
+        let applied =
+            |tampering: &Mutex<Tampering>| tampering.lock().unwrap_or_else(PoisonError::into_inner).applied;
+        let before = applied(tampering);
+        cell.step(soon_ms, oracles);
+        if applied(tampering) > before {
+            self.distrust();
+        }
+        self.strike_due();
+        self.work_with_another_program();
+        self.take_violation();
+    }
+
+    /// The store has acknowledged it.
+    pub fn permits(&mut self, permit: Permit) {
+        self.permitted = match (permit, self.permitted) {
+            (Permit::Begins(count), _) => Some((self.cell.controller.executed().len(), count)),
+            (Permit::GoesOn(count), Some((before, _))) => Some((before, count)),
+            (Permit::GoesOn(_), None) | (Permit::Ends, _) => None,
+        };
+    }
+
+    /// The arm is never farther along a contact path than the record says that it may be.
+    fn judge_permits(&mut self) {
+        let Some((before, permitted)) = self.permitted.filter(|_| !self.is_strange()) else { return };
+        self.counts.judged("permits");
+        let executed = self.cell.controller.executed().len().saturating_sub(before);
+        if executed > permitted as usize {
+            self.wrong(
+                "permits",
+                format!("{executed} waypoints of a contact path were executed, permitted are {permitted}"),
+            );
+        }
+    }
+
+    fn take_violation(&mut self) {
+        self.judge_permits();
+        if let Some(what) = self.oracles.violation.take() {
+            self.violation.get_or_insert(Violation { judge: "link and arm", what });
+        }
+    }
+
+    /// Time in which no process of ours runs.
+    pub fn without_process(&mut self, ms: u64) {
+        let end_ms = self.now_ms() + ms;
+        let mut tool_ms = 0;
+        while self.now_ms() < end_ms {
+            let Inside { cell, oracles, .. } = self;
+            cell.without_client(TICK_MS, oracles);
+            tool_ms = if self.is_on(5) || self.is_on(2) { tool_ms + TICK_MS } else { 0 };
+        }
+        self.take_violation();
+        self.counts.judged("off without a client");
+        if tool_ms > 1_500 {
+            self.wrong("off without a client", format!("tool or water is on {tool_ms} ms after the process ended"));
+        }
+    }
+
+    fn strike_due(&mut self) {
+        let now_ms = self.now_ms();
+        let due: Vec<Entry> = self
+            .script
+            .extract_if(.., |pending| pending.due_ms.is_some_and(|due_ms| due_ms <= now_ms))
+            .map(|pending| pending.entry)
+            .collect();
+        for entry in due {
+            self.strike(entry.fault);
+        }
+    }
+
+    fn distrust(&mut self) {
+        // What somebody else has said or changed may have moved the count of epochs by a step.
+        let known =
+            self.cell.controller.epoch().max(self.cell.session.epoch().map_or(0, |epoch| epoch.0.cast_signed()));
+        self.oracles.strange_epoch = self.oracles.strange_epoch.max(known.saturating_add(2));
+    }
+
+    fn strike(&mut self, fault: Fault) {
+        *self.counts.faults.entry((fault.kind(), self.place)).or_default() += 1;
+        let now_ms = self.now_ms();
+        self.lasts_until_ms = self.lasts_until_ms.max(now_ms + fault.lasts_ms());
+        let mut tampering = self.tampering.lock().unwrap_or_else(PoisonError::into_inner);
+        match fault {
+            Fault::Bytes { to_robot, channel, harm } => tampering.harms.push((to_robot, channel, harm)),
+            Fault::Lie { channel, name, value, times } => tampering.lies.push((channel, name, value, times)),
+            _ => {
+                drop(tampering);
+                return self.strike_cell(fault, now_ms);
+            }
+        }
+        drop(tampering);
+        self.distrust();
+    }
+
+    fn strike_cell(&mut self, fault: Fault, now_ms: u64) {
+        match fault {
+            Fault::Cut { channel, by_robot, loses } => {
+                let side = if by_robot { Side::Robot } else { Side::Client };
+                self.cell.cut([Channel::Command, Channel::State][channel.min(1)], side, loses);
+            }
+            Fault::Deaf(ms) => self.cell.deaf_until_ms = now_ms + ms,
+            Fault::Stall(ms) => self.cell.client_stalls_until_ms = now_ms + ms,
+            Fault::Controller(text) => {
+                if let Ok(fault) = script::controller_fault(&text) {
+                    if text.starts_with("slow") {
+                        self.oracles.slowed_until_ms = now_ms + 6_000;
+                    }
+                    self.cell.controller.inject(fault);
+                }
+            }
+            Fault::Foreign { operation, number } => {
+                self.cell.foreign_request(operation, number);
+                self.distrust();
+            }
+            Fault::ForeignProgram(ms) => {
+                self.home_at_ms = Some(now_ms + ms + HOME_MS);
+                self.cell.controller.deselect();
+            }
+            Fault::Feedback { input, on, for_ms } => {
+                self.lock_around().stuck = Some((input, on, now_ms + for_ms));
+            }
+            Fault::Press(press) => self.pressed.push_back(press),
+            Fault::Camera { flange, harm, for_ms } => {
+                self.cameras[usize::from(flange)] = Some((harm, now_ms + for_ms))
+            }
+            Fault::Clock(jump_s) => super::clock::jump(jump_s),
+            Fault::Power { writing, power } => {
+                self.power = Some(power);
+                disk::at_writing(writing, disk::Event::End);
+            }
+            Fault::Disk { writing, harm, times } => {
+                disk::at_writing(
+                    writing,
+                    match harm {
+                        DiskHarm::Full => disk::Event::Full(times),
+                        DiskHarm::Io => disk::Event::Io(times),
+                    },
+                );
+            }
+            Fault::Bytes { .. } | Fault::Lie { .. } => {}
+        }
+    }
+
+    /// Somebody is done with another program, and selects the cell's own again.
+    fn work_with_another_program(&mut self) {
+        if self.home_at_ms.is_some_and(|home_at_ms| self.now_ms() >= home_at_ms) {
+            self.home_at_ms = None;
+            self.cell.controller.deselect();
+            self.cell.controller.select();
+        }
+    }
+
+    /// The terminals.
+    pub fn lock_around(&self) -> MutexGuard<'_, Around> {
+        self.around.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether this output is on.
+    pub fn is_on(&self, output: u16) -> bool {
+        self.lock_around().is_on(output)
+    }
+
+    /// Whether the pictures of the process's light are black.
+    pub fn is_dark(&self) -> bool {
+        let around = self.lock_around();
+        !around.is_lit(self.now_ms()) || around.is_lens_shut(self.now_ms())
+    }
+
+    /// Where the tool was, up to that moment.
+    pub fn trace(&self, until_ms: u64) -> Vec<Sample> {
+        self.cell.controller.trace().iter().filter(|sample| sample.time_ms <= until_ms).copied().collect()
+    }
+
+    /// The epoch that the session has open.
+    pub fn open_epoch(&self) -> Option<Epoch> {
+        self.cell.session.epoch()
+    }
+
+    /// Whether somebody else than this client has said something in the epoch at hand.
+    pub fn is_strange(&self) -> bool {
+        self.cell.controller.epoch() <= self.oracles.strange_epoch
+    }
+}

@@ -1,0 +1,111 @@
+//! What must hold at every moment of a world, beside what the link's own oracles say of client and arm. Judged by what the
+//! controller's outputs and axes are, not by what the program believes.
+
+use super::fixture::Stands;
+use super::inside::Inside;
+use panelprep::cycle::{self, At, Epoch, Lens, Light, Path, Robot, State, Tool};
+use panelprep::verdict::Verdict;
+
+/// A stop ends within `[limits] stop_deadline_s`, and an abort that follows within the watchdog and a retract, ms.
+const STOP_MS: u64 = 10_000 + ABORT_MS;
+const ABORT_MS: u64 = 3_000;
+/// A fact may be so much older than the controller's outputs: a state on its way, and the controller's own program, ms.
+const LATE_MS: u64 = 300;
+const PARKED_DEG: f64 = 0.2;
+
+/// The loop shows its state.
+pub fn look(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Request, u64)>) {
+    stops(world, state, stopping);
+    agrees(world, state);
+    let wrong = world.lock_around().wrong.pop();
+    world.counts.judged("interlocks");
+    if let Some(what) = wrong.filter(|_| !world.is_strange()) {
+        world.wrong("interlocks", what);
+    }
+}
+
+/// A stop or an abort ends what moves, in every state.
+fn stops(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Request, u64)>) {
+    let Some((request, since_ms)) = *stopping else { return };
+    let is_over = state.at.rests();
+    let bound_ms = if request == cycle::Request::Stop { STOP_MS } else { ABORT_MS };
+    // What blocks link and controller is added to what a stop may take.
+    let bound_ms = bound_ms + world.lasts_until_ms.saturating_sub(since_ms).min(20_000);
+    world.counts.judged("stop");
+    if is_over {
+        *stopping = None;
+    } else if world.now_ms() > since_ms + bound_ms {
+        let at = state.at;
+        world.wrong("stop", format!("{request:?} was asked at {since_ms} ms, and the table is still in {at:?}"));
+    }
+}
+
+/// What the loop takes for facts is so at the controller.
+fn agrees(world: &mut Inside, state: &State) {
+    let facts = &state.facts;
+    let is_calm = world.cell.all_heard()
+        && facts.robot == Robot::Ready
+        && !world.is_strange()
+        && world.now_ms() > world.lasts_until_ms + LATE_MS
+        && !world.is_troubled();
+    if !is_calm {
+        return;
+    }
+    world.counts.judged("facts");
+    let open = world.open_epoch().map(|epoch| epoch.0);
+    if (facts.epoch == Epoch::Open) != open.is_some() && facts.epoch != Epoch::Changing {
+        world.wrong("facts", format!("the table's epoch is {:?}, the session's is {open:?}", facts.epoch));
+    }
+    let [light_on, water_on, lens_shut, _, tool_on] = [1, 2, 3, 4, 5].map(|output| world.is_on(output));
+    if facts.tool == Tool::Off && tool_on {
+        world.wrong("facts", "the tool is taken for off, and it is on".to_owned());
+    }
+    if facts.water_off() && water_on {
+        world.wrong("facts", "the water is taken for off, and it is on".to_owned());
+    }
+    if facts.light == Light::Off && light_on {
+        world.wrong("facts", "the light is taken for off, and it is on".to_owned());
+    }
+    if facts.lens == Lens::Clear && lens_shut {
+        world.wrong("facts", "the lens is taken for clear, and it is shut".to_owned());
+    }
+    if facts.arm == Some(Path::Park) && state.due.is_none() {
+        let park = super::fixture::Fixture::get().setup.park;
+        let off_deg = world.cell.controller.joints().farthest_deg(&park);
+        if off_deg > PARKED_DEG {
+            world.wrong("facts", format!("the arm is taken for parked, and stands {off_deg:.2}° off"));
+        }
+    }
+    let is_shut = matches!(state.at, At::Held(_) | At::Idle | At::Complete { .. });
+    if is_shut && (tool_on || water_on) {
+        world.wrong("facts", format!("{:?} with tool on {tool_on}, water on {water_on}", state.at));
+    }
+}
+
+/// A 3D shot is about to be taken.
+pub fn scans(world: &mut Inside) {
+    let park = super::fixture::Fixture::get().setup.park;
+    let is_parked = world.cell.controller.joints().farthest_deg(&park) <= PARKED_DEG;
+    let moves = world.cell.controller.is_moving();
+    let is_lit = world.is_on(1);
+    // Who is lied to, or disturbed just now, may well be wrong.
+    let is_known = !world.is_strange() && world.now_ms() > world.lasts_until_ms;
+    world.counts.judged("interlocks");
+    if (!is_parked || moves || is_lit) && is_known {
+        world.wrong("interlocks", format!("a 3D shot: parked {is_parked}, moving {moves}, light {is_lit}"));
+    }
+}
+
+/// A cycle has its verdict.
+pub fn concluded(world: &mut Inside, verdict: Verdict) {
+    world.counts.judged("verdict");
+    let is_untrue = match world.stands {
+        Stands::Nothing => matches!(verdict, Verdict::Pass | Verdict::Fail),
+        Stands::Greasy => false,
+        Stands::Clean => verdict == Verdict::Fail && world.lasts_until_ms == 0,
+    };
+    if is_untrue {
+        let stands = world.stands;
+        world.wrong("verdict", format!("the verdict is {}, and there stands {stands:?}", verdict.word()));
+    }
+}

@@ -1,0 +1,174 @@
+//! What the store has acknowledged, kept beside it: after every start, whatever ended the process before, the store must hold it.
+
+use panelprep::cycle::{At, Event, Motion, State};
+use panelprep::daemon::{Note, RecordAnswer, RecordCommand};
+use panelprep::record::CycleId;
+use panelprep::report::cycle_page;
+use panelprep::store::Store;
+use panelprep::verdict::Verdict;
+use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::path::Path;
+
+/// What was acknowledged.
+#[derive(Debug, Default)]
+pub struct Ledger {
+    /// The journal's events.
+    events: Vec<Event>,
+    verdicts: BTreeMap<CycleId, Verdict>,
+    findings: BTreeMap<CycleId, usize>,
+    asked: BTreeMap<CycleId, usize>,
+    /// A motion that is open.
+    open: Option<Motion>,
+    /// The cycle at hand.
+    pub cycle: Option<CycleId>,
+}
+
+/// What of a command is remembered until its answer comes.
+pub enum Told {
+    Event(Event),
+    Verdict(Verdict),
+    Finding,
+    Asked,
+    Open(Motion),
+    Close,
+    Between,
+    Begin,
+    Nothing,
+}
+
+impl Told {
+    /// Of this command.
+    pub fn of(command: &RecordCommand) -> Self {
+        match command {
+            RecordCommand::Event(event) => Told::Event(*event),
+            RecordCommand::Conclude(verdict) => Told::Verdict(*verdict),
+            RecordCommand::Note(Note::Finding(_)) => Told::Finding,
+            RecordCommand::Asked(_) => Told::Asked,
+            RecordCommand::OpenIntent(motion) | RecordCommand::OpenContact { motion, .. } => Told::Open(*motion),
+            RecordCommand::CloseIntent { .. } => Told::Close,
+            RecordCommand::BetweenCycles => Told::Between,
+            RecordCommand::Begin(_) => Told::Begin,
+            _ => Told::Nothing,
+        }
+    }
+}
+
+impl Ledger {
+    /// The store has acknowledged it.
+    pub fn acknowledged(&mut self, told: Told, answer: &RecordAnswer) {
+        match (told, self.cycle) {
+            (Told::Event(event), _) => self.events.push(event),
+            (Told::Verdict(verdict), Some(cycle)) => drop(self.verdicts.insert(cycle, verdict)),
+            (Told::Finding, Some(cycle)) => *self.findings.entry(cycle).or_default() += 1,
+            (Told::Asked, Some(cycle)) => *self.asked.entry(cycle).or_default() += 1,
+            (Told::Open(motion), _) => self.open = Some(motion),
+            (Told::Close, _) => self.open = None,
+            (Told::Between, _) => self.cycle = None,
+            (Told::Begin, _) => {
+                if let RecordAnswer::Cycle(cycle) = answer {
+                    self.cycle = Some(*cycle);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// A hash of the journal.
+    pub fn trace(&self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        self.events.hash(&mut hasher);
+        hasher.finish()
+    }
+
+    /// After a start: whether the store holds all of it, and how it rests.
+    ///
+    /// # Errors
+    /// In words, what it does not hold.
+    pub fn check(&mut self, store: &Store, rested: &State) -> Result<(), String> {
+        let words = |error: &dyn std::error::Error| error.to_string();
+        if let Some(changed) = store.changed().first() {
+            return Err(format!("the store calls itself changed: {changed}"));
+        }
+        let journal = store.journal().map_err(|error| words(&error))?;
+        let same = journal.iter().zip(&self.events).take_while(|(kept, told)| kept == told).count();
+        if same < self.events.len() {
+            return Err(format!(
+                "{} events were acknowledged; of the journal's {} only {same} agree",
+                self.events.len(),
+                journal.len()
+            ));
+        }
+        if journal.len() > self.events.len() + 1 {
+            return Err(format!(
+                "{} events were acknowledged, the journal has {}",
+                self.events.len(),
+                journal.len()
+            ));
+        }
+        self.events = journal;
+        let at_rest = matches!(rested.at, At::Stopped | At::Aborted { .. });
+        if !at_rest || (self.open.is_some() && rested.at == At::Stopped && rested.intent.is_some()) {
+            return Err(format!("a start in {:?}, with the motion {:?}", rested.at, self.open));
+        }
+        self.cycles(store)
+    }
+
+    fn cycles(&self, store: &Store) -> Result<(), String> {
+        let words = |error: &dyn std::error::Error| error.to_string();
+        for (cycle, verdict) in &self.verdicts {
+            let record = store.cycle(*cycle).map_err(|error| words(&error))?;
+            let kept = record.judgement.map(|judgement| judgement.verdict);
+            if kept != Some(*verdict) {
+                return Err(format!("cycle {cycle} was concluded as {}, the store has {kept:?}", verdict.word()));
+            }
+        }
+        for (cycle, findings) in &self.findings {
+            let record = store.cycle(*cycle).map_err(|error| words(&error))?;
+            if record.findings.len() < *findings {
+                return Err(format!(
+                    "cycle {cycle} has {} findings, {findings} were acknowledged",
+                    record.findings.len()
+                ));
+            }
+        }
+        for (cycle, asked) in &self.asked {
+            let record = store.cycle(*cycle).map_err(|error| words(&error))?;
+            if record.asked.len() + record.asked_before.len() < *asked {
+                return Err(format!(
+                    "cycle {cycle} has {} requests, {asked} were acknowledged",
+                    record.asked.len()
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// At the end of a world: every verdict has its record and its page, and both say the same; the store is what was written.
+    ///
+    /// # Errors
+    /// In words.
+    pub fn close(&self, folder: &Path) -> Result<(), String> {
+        let words = |error: &dyn std::error::Error| error.to_string();
+        let verified = Store::verify(folder, true).map_err(|error| words(&error))?;
+        if let Some(found) = verified.found.first() {
+            return Err(format!("the store does not verify: {found}"));
+        }
+        let store = Store::open(folder).map_err(|error| words(&error))?;
+        self.cycles(&store)?;
+        for cycle in store.ended_cycles().map_err(|error| words(&error))? {
+            let record = store.cycle(cycle).map_err(|error| words(&error))?;
+            let page = cycle_page(&record, &BTreeMap::new()).html();
+            let Some(judgement) = &record.judgement else {
+                return Err(format!("cycle {cycle} ended without a verdict"));
+            };
+            let word = judgement.verdict.word();
+            // A cycle that somebody stopped is told so.
+            let is_stopped = judgement.verdict == Verdict::Aborted && page.contains("<b>stopped on request</b>");
+            if !is_stopped && !page.contains(&format!("<b>{word}</b>")) {
+                return Err(format!("the page of cycle {cycle} does not say {word}"));
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,177 @@
+//! The C library's calls that write to a disk, before they reach the system: see `disk`.
+//!
+//! Each function does what the library's does, by the system call itself. Where this thread listens, `disk` is asked before, and told
+//! after. Other threads of the program, as those of other tests, notice nothing.
+#![allow(unsafe_code, reason = "these functions stand in for the C library's, whose interface is pointers")]
+#![allow(clippy::missing_safety_doc, reason = "the manual pages of the C library say what its callers owe")]
+
+use super::{clock, disk};
+use libc::{c_char, c_int, c_long, c_uint, c_void, clockid_t, off_t, size_t, ssize_t, timespec};
+use std::cell::Cell;
+use std::ffi::{CStr, OsStr};
+use std::os::unix::ffi::OsStrExt;
+use std::path::Path;
+
+/// A call that writes.
+#[derive(Debug)]
+pub enum Call<'c> {
+    Open { path: &'c Path, writes: bool, is_new: bool, truncates: bool },
+    Close { fd: i32 },
+    Write { fd: i32, at: i64, bytes: &'c [u8] },
+    Length { fd: i32, length: i64 },
+    Flush { fd: i32 },
+    Move { from: &'c Path, to: &'c Path },
+    Remove { path: &'c Path },
+}
+
+thread_local! {
+    static LISTENS: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Whether this thread's calls are listened to from now on; what was before comes back.
+pub fn listen(on: bool) -> bool {
+    LISTENS.try_with(|listens| listens.replace(on)).unwrap_or(false)
+}
+
+/// Does it, with `disk` asked before and told after.
+fn done(call: &Call<'_>, act: impl FnOnce() -> c_long) -> c_long {
+    if !listen(false) {
+        return act();
+    }
+    let result = match disk::before(call) {
+        Some(error) => {
+            // SAFETY: the address of this thread's error number is always valid.
+            unsafe { *libc::__errno_location() = error };
+            -1
+        }
+        None => {
+            let result = act();
+            // SAFETY: as above; telling must not change what the caller reads.
+            let error = unsafe { *libc::__errno_location() };
+            disk::after(call, result);
+            // SAFETY: as above.
+            unsafe { *libc::__errno_location() = error };
+            result
+        }
+    };
+    listen(true);
+    result
+}
+
+fn path<'c>(text: *const c_char) -> &'c Path {
+    // SAFETY: callers of the C library give a text that ends with a zero and lives as long as the call.
+    let text = unsafe { CStr::from_ptr(text) };
+    Path::new(OsStr::from_bytes(text.to_bytes()))
+}
+
+fn opened(text: *const c_char, flags: c_int, mode: c_uint) -> c_int {
+    let writes = flags & (libc::O_WRONLY | libc::O_RDWR | libc::O_CREAT | libc::O_TRUNC) != 0;
+    let path = path(text);
+    let is_new = flags & libc::O_CREAT != 0;
+    let call = Call::Open { path, writes, is_new, truncates: flags & libc::O_TRUNC != 0 };
+    // SAFETY: the arguments are the caller's own.
+    done(&call, || unsafe { libc::syscall(libc::SYS_openat, libc::AT_FDCWD, text, flags, mode) }) as c_int
+}
+
+/// As the C library's; the mode is read only where a file may be made.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn open(text: *const c_char, flags: c_int, mode: c_uint) -> c_int {
+    opened(text, flags, mode)
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn open64(text: *const c_char, flags: c_int, mode: c_uint) -> c_int {
+    opened(text, flags, mode)
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn close(fd: c_int) -> c_int {
+    // SAFETY: the argument is the caller's own.
+    done(&Call::Close { fd }, || unsafe { libc::syscall(libc::SYS_close, fd) }) as c_int
+}
+
+fn written(fd: c_int, from: *const c_void, count: size_t, at: Option<off_t>) -> ssize_t {
+    let act = || match at {
+        // SAFETY: the arguments are the caller's own.
+        Some(at) => unsafe { libc::syscall(libc::SYS_pwrite64, fd, from, count, at) },
+        // SAFETY: as above.
+        None => unsafe { libc::syscall(libc::SYS_write, fd, from, count) },
+    };
+    if !LISTENS.try_with(Cell::get).unwrap_or(false) {
+        return act() as ssize_t;
+    }
+    // SAFETY: asks only where the file stands.
+    let at = at.unwrap_or_else(|| unsafe { libc::syscall(libc::SYS_lseek, fd, 0, libc::SEEK_CUR) });
+    // SAFETY: the caller gives so many bytes, which live as long as the call.
+    let bytes = unsafe { std::slice::from_raw_parts(from.cast::<u8>(), count) };
+    done(&Call::Write { fd, at, bytes }, act) as ssize_t
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn write(fd: c_int, from: *const c_void, count: size_t) -> ssize_t {
+    written(fd, from, count, None)
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pwrite(fd: c_int, from: *const c_void, count: size_t, at: off_t) -> ssize_t {
+    written(fd, from, count, Some(at))
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pwrite64(fd: c_int, from: *const c_void, count: size_t, at: off_t) -> ssize_t {
+    written(fd, from, count, Some(at))
+}
+
+fn length(fd: c_int, length: off_t) -> c_int {
+    // SAFETY: the arguments are the caller's own.
+    done(&Call::Length { fd, length }, || unsafe { libc::syscall(libc::SYS_ftruncate, fd, length) }) as c_int
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ftruncate(fd: c_int, to: off_t) -> c_int {
+    length(fd, to)
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ftruncate64(fd: c_int, to: off_t) -> c_int {
+    length(fd, to)
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fsync(fd: c_int) -> c_int {
+    // SAFETY: the argument is the caller's own.
+    done(&Call::Flush { fd }, || unsafe { libc::syscall(libc::SYS_fsync, fd) }) as c_int
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fdatasync(fd: c_int) -> c_int {
+    // SAFETY: the argument is the caller's own.
+    done(&Call::Flush { fd }, || unsafe { libc::syscall(libc::SYS_fdatasync, fd) }) as c_int
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rename(from: *const c_char, to: *const c_char) -> c_int {
+    let call = Call::Move { from: path(from), to: path(to) };
+    // SAFETY: the arguments are the caller's own.
+    let act = || unsafe { libc::syscall(libc::SYS_renameat2, libc::AT_FDCWD, from, libc::AT_FDCWD, to, 0) };
+    done(&call, act) as c_int
+}
+
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn unlink(text: *const c_char) -> c_int {
+    // SAFETY: the arguments are the caller's own.
+    let act = || unsafe { libc::syscall(libc::SYS_unlinkat, libc::AT_FDCWD, text, 0) };
+    done(&Call::Remove { path: path(text) }, act) as c_int
+}
+
+/// The wall clock of a world is moved; every other clock is what it is.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn clock_gettime(which: clockid_t, time: *mut timespec) -> c_int {
+    // SAFETY: the arguments are the caller's own.
+    let result = unsafe { libc::syscall(libc::SYS_clock_gettime, which, time) } as c_int;
+    if which == libc::CLOCK_REALTIME && result == 0 {
+        // SAFETY: the system has just written it.
+        unsafe { (*time).tv_sec += clock::moved_s() };
+    }
+    result
+}

@@ -1,0 +1,270 @@
+//! One simulation of everything between a person's request and the panel: table, loop, link, robot program, arm, cameras,
+//! water, people, store and disk, in one process and one thread, by one seed and in virtual time.
+//!
+//! ```text
+//! people ── requests ──┐                     ┌── record ── the real store, on a folder in memory
+//!                      ├─ the product's loop ┤
+//! cameras ── stages ───┘                     └── session ── four ways for bytes ── controller ── arm, outputs
+//! ```
+//!
+//! - `fixture`: the cell, its recipe, what was taught · `script`: what goes wrong and when, drawn from a seed, printed and read
+//! - `inside`: link, controller, arm and terminals in one time, and the faults that strike · `tamper`: bytes and meanings ·
+//!   `terminals`: light, water, lens, extraction, tool · `clock`: the wall clock
+//! - `robot`, `record`, `cameras`, `people`: the loop's ports in it · `judges`: what must hold at every moment · `ledger`: what the store
+//!   has acknowledged
+//! - `disk`: the disk, what it may do, and what a power cut leaves · `libc_calls`: how it sees what is written
+//!
+//! - `sabotage`: mistakes that are put in, to see that a world finds them
+//!
+//! The loop is the service's own (`daemon::run`, by the wall clock) with ports of this world, so that heartbeats, watchdogs and
+//! deadlines are those of the service. Results of computing come to the loop after some virtual time, and what happens
+//! meanwhile happens to the loop.
+
+mod cameras;
+mod clock;
+mod disk;
+mod fixture;
+mod inside;
+mod judges;
+mod ledger;
+mod libc_calls;
+mod people;
+mod record;
+mod robot;
+mod sabotage;
+mod script;
+mod tamper;
+mod terminals;
+
+pub use inside::{Counts, Violation};
+pub use sabotage::{ALL as SABOTAGES, Sabotage};
+pub use script::{Entry, parse, print};
+
+use crate::link::{cell as link_cell, oracles};
+use cameras::Cameras;
+use fixture::{Fixture, Stands};
+use inside::Shared;
+use ledger::Ledger;
+use panelprep::daemon::{self, Computing, LoopStart, Memory, Ports, StoreRecord};
+use panelprep::store::{Store, StoreError};
+use panelprep::tape::Begin;
+use people::{Aim, People};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use record::Record;
+use robot::Robot;
+use script::{Odds, Power};
+use std::path::PathBuf;
+use std::sync::LazyLock;
+
+/// After so much virtual time no more faults strike, ms.
+const LONGEST_MS: u64 = 120_000;
+/// From the end of a process to the begin of the next, ms.
+const AWAY_MS: u64 = 2_000;
+/// Processes that a world sees at most.
+const MOST_LIVES: u64 = 60;
+
+/// What the stages found in all worlds of the process: equal sights give equal results.
+static MEMORY: LazyLock<Memory> = LazyLock::new(Memory::default);
+
+/// A world before it begins.
+#[derive(Debug, Clone)]
+pub struct World {
+    /// Its seed, which says what stands in the cell and how long bytes take.
+    pub seed: u64,
+    /// What goes wrong.
+    pub script: Vec<Entry>,
+    /// The mistake that is put in, to see that it is found.
+    pub sabotage: Option<Sabotage>,
+}
+
+/// What came of a world.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// What was counted.
+    pub counts: Counts,
+    /// The first thing that was wrong.
+    pub violation: Option<Violation>,
+    /// A hash of the journal: two runs of one world have the same.
+    pub trace: u64,
+}
+
+impl World {
+    /// The world of a seed.
+    pub fn of(seed: u64) -> Self {
+        let odds = Odds { most: 6, disk: !seed.is_multiple_of(3) };
+        World { seed, script: script::draw(seed, odds), sabotage: None }
+    }
+
+    /// The same world with this script.
+    pub fn with(seed: u64, script: Vec<Entry>) -> Self {
+        World { seed, script, sabotage: None }
+    }
+
+    /// The same world with a mistake put in.
+    pub fn sabotaged(self, sabotage: Sabotage) -> Self {
+        World { sabotage: Some(sabotage), ..self }
+    }
+
+    /// Runs it.
+    pub fn run(&self) -> Outcome {
+        let mut draw = Pcg64::seed_from_u64(self.seed ^ 0x5eed);
+        let stands = [Stands::Greasy, Stands::Greasy, Stands::Greasy, Stands::Clean, Stands::Nothing]
+            [draw.random_range(0..5)];
+        let delay_ms = [(0, 0), (1, 3), (2, 25), (10, 10)][draw.random_range(0..4)];
+        clock::right();
+        let world = Shared::new(stands, delay_ms, self.script.clone(), self.sabotage);
+        let folder = fixture::folder(&format!("world-{:?}", std::thread::current().id()));
+        // Most worlds see one cycle and the begin of another one.
+        let cycles = if self.seed.is_multiple_of(3) { 2 } else { 1 };
+        let people = People::new(world.clone(), (cycles, self.seed.is_multiple_of(4)), LONGEST_MS);
+        let mut running =
+            Running { people, world, folder, sabotage: self.sabotage, stores: 0, ledger: Ledger::default() };
+        running.whole();
+        clock::right();
+        let Running { world, ledger, .. } = running;
+        let world = world.lock();
+        let trace = ledger.trace();
+        let counts = Counts { time_ms: world.now_ms(), ..world.counts.clone() };
+        Outcome { counts, violation: world.violation.clone(), trace }
+    }
+}
+
+impl World {
+    /// The shortest script with which the same judge finds something: entries are taken out one at a time, as long as that helps.
+    pub fn shortest(&self, judge: &str) -> World {
+        let mut shortest = self.clone();
+        let mut index = 0;
+        while index < shortest.script.len() {
+            let mut shorter = shortest.clone();
+            shorter.script.remove(index);
+            let is_same = shorter.run().violation.is_some_and(|violation| violation.judge == judge);
+            if is_same {
+                (shortest, index) = (shorter, 0);
+            } else {
+                index += 1;
+            }
+        }
+        shortest
+    }
+}
+
+/// A world that runs.
+struct Running {
+    world: Shared,
+    people: People,
+    sabotage: Option<Sabotage>,
+    /// Where its stores are, and which one is in use: a power cut leaves another folder.
+    folder: PathBuf,
+    stores: u32,
+    ledger: Ledger,
+}
+
+impl Running {
+    fn store(&self) -> PathBuf {
+        self.folder.join(format!("store-{}", self.stores))
+    }
+
+    fn whole(&mut self) {
+        // What an earlier world of this thread left.
+        let _ = std::fs::remove_dir_all(&self.folder);
+        Fixture::get().put_store(&self.store());
+        disk::watch(&self.store(), self.sabotage);
+        loop {
+            let lives = {
+                let mut world = self.world.lock();
+                world.counts.lives += 1;
+                world.counts.lives
+            };
+            let ended = self.life();
+            if self.is_end(ended) {
+                break;
+            }
+            if lives >= MOST_LIVES {
+                self.world.lock().wrong("lives", format!("{lives} processes and no end"));
+                break;
+            }
+            self.ends();
+        }
+        disk::leave();
+        if self.world.lock().violation.is_none() {
+            let closed = self.ledger.close(&self.store());
+            let mut world = self.world.lock();
+            world.counts.judged("record and page");
+            if let Err(problem) = closed {
+                world.wrong("record and page", problem);
+            }
+        }
+        // A folder in memory is memory.
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+
+    /// Whether this was the last process; one that ended with its disk is none.
+    fn is_end(&self, ended: Result<(), (&'static str, String)>) -> bool {
+        let mut world = self.world.lock();
+        match ended {
+            Ok(()) => self.people.aim == Aim::Leave || world.violation.is_some(),
+            Err(_) if disk::is_over() || disk::had_io_error() => world.violation.is_some(),
+            Err((judge, problem)) => {
+                world.wrong(judge, problem);
+                true
+            }
+        }
+    }
+
+    /// The process has ended, by itself, killed, or with the computer's power. Some time later another one begins.
+    fn ends(&mut self) {
+        let mut world = self.world.lock();
+        let power = world.power.take().filter(|_| disk::is_over());
+        world.cell.restart_client(inside::session(self.sabotage), matches!(power, Some(Power::Cut { .. })));
+        world.without_process(AWAY_MS);
+        match power {
+            Some(Power::Cut { seed }) => {
+                world.counts.cuts += 1;
+                world.cell.close_dead_connections();
+                drop(world);
+                self.stores += 1;
+                disk::after_power_cut(&self.store(), seed);
+                disk::watch(&self.store(), self.sabotage);
+            }
+            Some(Power::Kill) => {
+                world.counts.kills += 1;
+                drop(world);
+                disk::go_on();
+            }
+            None => {
+                drop(world);
+                disk::go_on();
+            }
+        }
+        self.people.forget();
+    }
+
+    /// One process, from its start to its end.
+    fn life(&mut self) -> Result<(), (&'static str, String)> {
+        let start = |error: StoreError| ("start", error.to_string());
+        let mut store = Store::create(&self.store()).map_err(start)?;
+        let rested = store.recover().map_err(start)?;
+        let state = store.state().map_err(start)?;
+        self.world.lock().counts.judged("nothing acknowledged is lost");
+        let checked = self.ledger.check(&store, &rested);
+        checked.map_err(|problem| ("nothing acknowledged is lost", problem))?;
+        let left_open = store.open_cycles().map_err(start)?.pop();
+        self.ledger.cycle = left_open;
+        let store = StoreRecord::new(&mut store, left_open);
+        let mut record = Record::new(store, &mut self.ledger, self.world.clone());
+        let mut robot = Robot::new(self.world.clone());
+        let cameras = Box::new(Cameras::new(self.world.clone()));
+        let looks = self.world.clone();
+        let sees = Box::new(move |act| cameras::seen(&looks, act));
+        let ports = Ports {
+            robot: &mut robot,
+            record: &mut record,
+            requests: &mut self.people,
+            computing: Computing::inline(cameras, false).remembering(MEMORY.clone(), sees),
+            lock_step: false,
+        };
+        let start = LoopStart { cell: Fixture::get().setup.clone(), cycle: None, state, before: Begin::Boot };
+        daemon::run(start, ports).map(drop).map_err(|error| ("the loop goes on", error.to_string()))
+    }
+}

@@ -1,0 +1,280 @@
+//! Who asks: somebody who runs cycles as the manual has it, and people who press whatever they like in between.
+//!
+//! This is also where a world looks at the table: each time the loop asks for a request it shows its state.
+
+use super::disk;
+use super::fixture::Fixture;
+use super::inside::{Inside, Shared};
+use super::judges;
+use super::script::{self, Press};
+use panelprep::cycle::{self, At, Id, Robot, State, Why};
+use panelprep::daemon::{News, Port, Request, RequestAnswer, RequestCommand, What};
+use panelprep::record::{Front, Who};
+use panelprep::supervision::{Failure, ThreadFault};
+use std::collections::VecDeque;
+
+/// Somebody looks at the cell so often, ms.
+const LOOKS_MS: u64 = 200;
+/// Computing takes so long, and a film's next picture is looked for so often, ms.
+const COMPUTES_MS: u64 = 120;
+const WATCHES_MS: u64 = 60;
+/// From the end of all trouble the cell must come to a new cycle within so long, ms.
+const RECOVERY_MS: u64 = 60_000;
+/// A held cycle is tried again so often.
+const TRIES: u32 = 3;
+
+/// What is to become of the process.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Aim {
+    /// Cycles, while faults strike; so many are enough.
+    Cycles(u64),
+    /// Nothing goes wrong any more: one more cycle, as far as its `whole` end or its first phase.
+    Recover { whole: bool },
+    /// To leave.
+    Leave,
+    /// A judge has seen something: it is over as soon as the loop ends.
+    GiveUp,
+}
+
+/// Whoever asks, over all processes of a world.
+pub struct People {
+    world: Shared,
+    /// What is wanted now.
+    pub aim: Aim,
+    /// Since when nothing goes wrong any more, ms.
+    pub mended_ms: u64,
+    /// The cycle after all trouble is run to its end.
+    is_whole: bool,
+    /// Virtual time at which it is enough whatever happens, ms.
+    longest_ms: u64,
+    looked_ms: u64,
+    held: u32,
+    /// Cycles that ended.
+    ended: u64,
+    /// Cycles that began when the trouble was over.
+    begun_before: u64,
+    asked: VecDeque<What>,
+    working: Option<(Id, u64)>,
+    /// When somebody asked for an end: which, and when the table took it.
+    pub stopping: Option<(cycle::Request, u64)>,
+}
+
+impl People {
+    /// People in this world.
+    pub fn new(world: Shared, (cycles, is_whole): (u64, bool), longest_ms: u64) -> Self {
+        People {
+            world,
+            aim: Aim::Cycles(cycles),
+            mended_ms: 0,
+            is_whole,
+            longest_ms,
+            looked_ms: 0,
+            held: 0,
+            ended: 0,
+            begun_before: 0,
+            asked: VecDeque::new(),
+            working: None,
+            stopping: None,
+        }
+    }
+
+    /// A new process knows nothing of what was asked.
+    pub fn forget(&mut self) {
+        self.asked.clear();
+        (self.working, self.stopping) = (None, None);
+    }
+
+    fn next(&mut self, state: &State) -> Option<What> {
+        let mut world = self.world.lock();
+        world.comes_to(state.at);
+        judges::look(&mut world, state, &mut self.stopping);
+        let now_ms = world.now_ms();
+        if let Aim::Cycles(cycles) = self.aim {
+            let is_over = (self.ended >= cycles && !world.is_troubled()) || !world.may_strike();
+            if is_over || now_ms >= self.longest_ms {
+                world.mend();
+                (self.aim, self.mended_ms) = (Aim::Recover { whole: self.is_whole }, now_ms);
+                self.begun_before = world.counts.cycles;
+            }
+        }
+        self.recovers(&mut world, state);
+        if now_ms > 2 * self.longest_ms + 2 * RECOVERY_MS {
+            let (at, aim, troubled) = (state.at, self.aim, world.is_troubled());
+            world.wrong("end", format!("the world does not end: {at:?}, {aim:?}, troubled {troubled}"));
+        }
+        while let Some(press) = world.pressed.pop_front() {
+            self.asked.extend(whats(press));
+        }
+        if world.violation.is_some() {
+            self.aim = Aim::GiveUp;
+        }
+        drop(world);
+        if self.aim == Aim::GiveUp {
+            return state.at.rests().then_some(What::Leave).or(Some(What::Table(cycle::Request::Abort)));
+        }
+        if let Some(what) = self.asked.pop_front() {
+            self.notes(&what, state, now_ms);
+            return Some(what);
+        }
+        if now_ms < self.looked_ms + LOOKS_MS {
+            return None;
+        }
+        self.looked_ms = now_ms;
+        let what = self.usual(state)?;
+        self.notes(&what, state, now_ms);
+        Some(what)
+    }
+
+    /// When nothing goes wrong any more, clear, reset and start lead to a new cycle within a bound.
+    fn recovers(&self, world: &mut Inside, state: &State) {
+        if !matches!(self.aim, Aim::Recover { .. }) || world.counts.cycles > self.begun_before {
+            return;
+        }
+        world.counts.judged("liveness");
+        let begun_ms = self.mended_ms.max(world.lasts_until_ms);
+        if world.now_ms() > begun_ms + RECOVERY_MS {
+            let (at, robot) = (state.at, state.facts.robot);
+            world.wrong(
+                "liveness",
+                format!("no cycle {RECOVERY_MS} ms after all was mended: {at:?}, robot {robot:?}"),
+            );
+        }
+    }
+
+    fn notes(&mut self, what: &What, state: &State, now_ms: u64) {
+        if let What::Table(request @ (cycle::Request::Stop | cycle::Request::Abort)) = what
+            && !state.at.rests()
+        {
+            self.stopping.get_or_insert((*request, now_ms));
+        }
+    }
+
+    /// What somebody asks who follows the manual.
+    fn usual(&mut self, state: &State) -> Option<What> {
+        let is_ready = state.facts.robot == Robot::Ready;
+        let table = |request| Some(What::Table(request));
+        let has_recovered = self.has_recovered(state);
+        if matches!(self.aim, Aim::Recover { .. }) && has_recovered {
+            self.aim = Aim::Leave;
+        }
+        match (self.aim, state.at) {
+            (Aim::GiveUp, _) => None,
+            (Aim::Leave, At::Held(_)) => table(cycle::Request::Stop),
+            (Aim::Leave, at) if at.rests() => Some(What::Leave),
+            (Aim::Leave, At::Stopping { .. } | At::Aborting { .. } | At::Clearing { .. }) => None,
+            (Aim::Leave, _) => table(cycle::Request::Stop),
+            // What was under way when the trouble ended is left.
+            (Aim::Recover { .. }, At::Execute(_) | At::Held(_) | At::Unholding { .. } | At::Starting)
+                if self.world.lock().counts.cycles == self.begun_before =>
+            {
+                table(cycle::Request::Stop)
+            }
+            (_, At::Stopped | At::Complete { .. }) if is_ready => table(cycle::Request::Reset),
+            (_, At::Idle) if is_ready => Some(begin()),
+            (_, At::Aborted { .. }) if is_ready => table(cycle::Request::Clear),
+            (_, At::Held(hold)) if is_ready => {
+                self.held += 1;
+                if self.held > TRIES {
+                    self.held = 0;
+                    return table(cycle::Request::Stop);
+                }
+                table(match hold.why {
+                    Why::Review => cycle::Request::Accept,
+                    Why::NotVerified => cycle::Request::Unhold { dried: true },
+                    _ => cycle::Request::Unhold { dried: self.held > 1 },
+                })
+            }
+            _ => None,
+        }
+    }
+
+    fn has_recovered(&self, state: &State) -> bool {
+        let has_begun = self.world.lock().counts.cycles > self.begun_before;
+        match self.aim {
+            Aim::Recover { whole: true } => has_begun && state.at.rests() && !state.job.running,
+            Aim::Recover { whole: false } => {
+                has_begun && matches!(state.at, At::Execute(_) | At::Completing { .. } | At::Complete { .. })
+            }
+            _ => false,
+        }
+    }
+
+    fn hear(&mut self, news: News) {
+        match news {
+            News::Begun(..) => self.world.lock().counts.cycles += 1,
+            News::Concluded(verdict) => {
+                self.held = 0;
+                self.ended += 1;
+                let mut world = self.world.lock();
+                *world.counts.verdicts.entry(verdict.word()).or_default() += 1;
+                judges::concluded(&mut world, verdict);
+            }
+            News::Unable(reasons) => tracing::debug!("unable: {reasons:?}"),
+            _ => {}
+        }
+    }
+
+    /// A result comes to the loop once it has taken its time.
+    fn lets_in(&mut self, id: Id) -> bool {
+        let world = self.world.lock();
+        let now_ms = world.now_ms();
+        let late_ms = world.cameras.iter().flatten().filter(|(_, until_ms)| now_ms < *until_ms);
+        let late_ms: u64 = late_ms
+            .map(|(harm, _)| match harm {
+                script::CameraHarm::Late(ms) => *ms,
+                _ => 0,
+            })
+            .sum();
+        match self.working {
+            Some((under_way, due_ms)) if under_way == id => {
+                if now_ms >= due_ms {
+                    self.working = Some((id, now_ms + WATCHES_MS + late_ms));
+                    return true;
+                }
+                false
+            }
+            _ => {
+                self.working = Some((id, now_ms + COMPUTES_MS + late_ms));
+                false
+            }
+        }
+    }
+}
+
+impl Port<RequestCommand> for People {
+    fn perform(&mut self, command: RequestCommand) -> RequestAnswer {
+        match command {
+            // A process without its disk is dead, also where the loop has not noticed yet.
+            RequestCommand::Next(_) if disk::is_over() => {
+                let thread = "the process".to_owned();
+                RequestAnswer::Next(Err(ThreadFault { thread, what: Failure::Ended }))
+            }
+            RequestCommand::Next(state) => {
+                let what = self.next(&state);
+                RequestAnswer::Next(Ok(what.map(|what| Request::new(what, Who::by(Front::Socket)))))
+            }
+            RequestCommand::LetsIn(id) => RequestAnswer::LetsIn(self.lets_in(id).then_some(id)),
+            RequestCommand::Tell(news) => {
+                self.hear(news);
+                RequestAnswer::Told
+            }
+        }
+    }
+}
+
+fn begin() -> What {
+    What::Begin(Box::new(Fixture::get().prepared()))
+}
+
+fn whats(press: Press) -> Vec<What> {
+    match press {
+        Press::Start => vec![begin()],
+        Press::NewDisc => vec![What::NewDisc],
+        Press::Leave => vec![What::Leave],
+        Press::Unprepared => vec![What::Unprepared { recipe: "none.toml".to_owned(), reasons: vec![] }],
+        Press::Everything => {
+            script::requests(press).into_iter().map(What::Table).chain([begin(), What::NewDisc]).collect()
+        }
+        press => script::requests(press).into_iter().map(What::Table).collect(),
+    }
+}

@@ -1,0 +1,71 @@
+//! The record of a world: the product's own, on the real store. Pictures are kept as small ones, since packing them would take most
+//! of a world's time; each is still a file of its own content that a row names.
+
+use super::inside::{Permit, Shared};
+use super::ledger::{Ledger, Told};
+use super::sabotage::Sabotage;
+use panelprep::daemon::{Figure, Note, Port, RecordAnswer, RecordCommand, RecordError, StoreRecord};
+use panelprep::geometry::ColorPicture;
+use std::sync::Arc;
+
+/// Width and height of a picture in the store, px.
+const SMALL_PX: usize = 8;
+
+/// The record's port.
+pub struct Record<'s> {
+    store: StoreRecord<'s>,
+    ledger: &'s mut Ledger,
+    world: Shared,
+    sabotage: Option<Sabotage>,
+}
+
+impl<'s> Record<'s> {
+    /// Before this record; what it acknowledges is kept in the ledger too.
+    pub fn new(store: StoreRecord<'s>, ledger: &'s mut Ledger, world: Shared) -> Self {
+        let sabotage = world.lock().sabotage;
+        Record { store, ledger, world, sabotage }
+    }
+}
+
+impl Port<RecordCommand> for Record<'_> {
+    fn perform(&mut self, command: RecordCommand) -> Result<RecordAnswer, RecordError> {
+        let told = Told::of(&command);
+        let permit = match &command {
+            RecordCommand::OpenContact { permitted, .. } => Some(Permit::Begins(*permitted)),
+            RecordCommand::Permit(permitted) => Some(Permit::GoesOn(*permitted)),
+            RecordCommand::CloseIntent { .. } => Some(Permit::Ends),
+            _ => None,
+        };
+        let command = match command {
+            RecordCommand::Note(note) => RecordCommand::Note(shrunk(note)),
+            command => command,
+        };
+        let is_skipped = self.sabotage.is_some_and(|sabotage| sabotage.skips(&command));
+        let answer = if is_skipped { RecordAnswer::Done } else { self.store.perform(command)? };
+        self.ledger.acknowledged(told, &answer);
+        if let Some(permit) = permit {
+            self.world.lock().permits(permit);
+        }
+        Ok(answer)
+    }
+}
+
+fn shrunk(note: Note) -> Note {
+    match note {
+        Note::Picture(name, picture) => Note::Picture(name, small(&picture)),
+        Note::Frame(picture, time_s, phase) => Note::Frame(Arc::new(small(&picture)), time_s, phase),
+        Note::Figure(figure) => Note::Figure(Figure { picture: small(&figure.picture), ..figure }),
+        note => note,
+    }
+}
+
+/// Every so many pixels one, so that other pictures give other files.
+fn small(picture: &ColorPicture) -> ColorPicture {
+    let (width, height) = (picture.width.clamp(1, SMALL_PX), picture.height.clamp(1, SMALL_PX));
+    let mut small = ColorPicture::filled(width, height, [0; 3]);
+    for (index, pixel) in small.rgb.iter_mut().enumerate() {
+        let (u, v) = (index % width * picture.width / width, index / width * picture.height / height);
+        *pixel = picture.rgb[v * picture.width + u];
+    }
+    small
+}

@@ -1,0 +1,75 @@
+//! The robot as the loop of a world sees it: the client's session in the world's own time. Waiting for a report lets time pass.
+
+use super::inside::Shared;
+use panelprep::daemon::{Port, RobotAnswer, RobotCommand};
+use panelprep::eki::{LinkLoss, Report, Time};
+use std::mem::discriminant;
+
+/// How long the loop waits for a report before it looks elsewhere, ms.
+const PATIENCE_MS: u64 = 20;
+
+/// The robot's port.
+pub struct Robot {
+    world: Shared,
+    /// The trouble that was told, until a controller answers: as the link's own thread has it.
+    told_loss: Option<LinkLoss>,
+}
+
+impl Robot {
+    /// The robot of this world.
+    pub fn new(world: Shared) -> Self {
+        Robot { world, told_loss: None }
+    }
+
+    fn next(&mut self) -> Option<Report> {
+        let mut world = self.world.lock();
+        let end_ms = world.now_ms() + PATIENCE_MS;
+        loop {
+            while let Some(report) = world.cell.next_report() {
+                match &report {
+                    Report::LinkLost { why } => {
+                        let is_told = self.told_loss.as_ref().map(discriminant) == Some(discriminant(why));
+                        if is_told {
+                            continue;
+                        }
+                        self.told_loss = Some(why.clone());
+                    }
+                    Report::Connected { .. } => self.told_loss = None,
+                    _ => {}
+                }
+                return Some(report);
+            }
+            if world.now_ms() >= end_ms {
+                return None;
+            }
+            world.step(end_ms);
+        }
+    }
+}
+
+impl Port<RobotCommand> for Robot {
+    fn perform(&mut self, command: RobotCommand) -> RobotAnswer {
+        if matches!(command, RobotCommand::Next) {
+            return RobotAnswer::Report(Ok(self.next()));
+        }
+        let mut world = self.world.lock();
+        let command = match world.sabotage {
+            Some(sabotage) => sabotage.command(command),
+            None => Some(command),
+        };
+        let Some(command) = command else { return RobotAnswer::Done(Ok(())) };
+        let now = Time::at_ms(world.now_ms());
+        let session = &mut world.cell.session;
+        match command {
+            RobotCommand::Send(command) => RobotAnswer::Queued(session.queue(command)),
+            RobotCommand::Path { points, permitted: None } => RobotAnswer::Queued(session.queue_path(&points)),
+            RobotCommand::Path { points, permitted: Some(permitted) } => {
+                RobotAnswer::Queued(session.queue_path_within(&points, permitted))
+            }
+            RobotCommand::Permit(last) => RobotAnswer::Done(session.permit(last)),
+            RobotCommand::OpenEpoch(above) => RobotAnswer::Epoch(session.open_epoch_above(above)),
+            RobotCommand::Abort => RobotAnswer::Done(session.abort()),
+            RobotCommand::Next | RobotCommand::Now => RobotAnswer::Time(now),
+        }
+    }
+}

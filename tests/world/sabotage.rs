@@ -1,0 +1,157 @@
+//! Mistakes that are put in while a world runs, to see that the world finds them: rules that the controller does not keep, limits of
+//! the link, writings that are not flushed or not made, and commands that do not reach the robot. Each stands for a change of
+//! the product's source that would do the same.
+
+use panelprep::cycle::Report;
+use panelprep::daemon::{Note, RecordCommand, RobotCommand};
+use panelprep::devices::mock::Rule;
+use panelprep::eki::{Command, LinkLimits, Signal};
+use std::path::Path;
+use std::time::Duration;
+
+/// A mistake.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sabotage {
+    /// The controller does not keep this rule.
+    Controller(Rule),
+    /// The client's watchdog is so many times as patient.
+    Patience(u32),
+    /// The client sends far more ahead than it may.
+    Window,
+    /// What is written to these files is not flushed.
+    NoFlush(Files),
+    /// What of the record is not written, though it is acknowledged.
+    NotWritten(Row),
+    /// Contact waypoints are sent before the record permits them.
+    Unpermitted,
+    /// An abort does not reach the link.
+    NoAbort,
+    /// A command that switches this output off is left out.
+    StaysOn(u16),
+    /// A command that switches the lens's guard on is left out.
+    LensStaysOpen,
+    /// A new epoch may have a number that an earlier program used.
+    OldEpoch,
+}
+
+/// Which files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Files {
+    Head,
+    Log,
+    Blobs,
+    BlobsFolder,
+    Database,
+    Everything,
+}
+
+/// Which rows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Row {
+    Event,
+    Progress,
+    Verdict,
+    Finding,
+    Asked,
+    Intent,
+    Close,
+}
+
+/// Each of them with what it stands for.
+pub const ALL: [(&str, Sabotage); 31] = [
+    ("the controller takes commands of ended epochs", Sabotage::Controller(Rule::EpochCheck)),
+    ("the controller has no watchdog", Sabotage::Controller(Rule::Watchdog)),
+    ("the controller goes on without its link", Sabotage::Controller(Rule::LinkLoss)),
+    ("a stop discards nothing", Sabotage::Controller(Rule::Discard)),
+    ("a stop in contact does not retract", Sabotage::Controller(Rule::Retract)),
+    ("outputs do not go off by themselves", Sabotage::Controller(Rule::OutputsOff)),
+    ("the controller takes any jump of its epoch", Sabotage::Controller(Rule::EpochStep)),
+    ("the client's watchdog × 4", Sabotage::Patience(4)),
+    ("the client has no watchdog", Sabotage::Patience(9_000)),
+    ("the window is a minute and 1,000 commands", Sabotage::Window),
+    ("the head is not flushed", Sabotage::NoFlush(Files::Head)),
+    ("the database's log is not flushed", Sabotage::NoFlush(Files::Log)),
+    ("blobs are not flushed", Sabotage::NoFlush(Files::Blobs)),
+    ("the blobs' folder is not flushed", Sabotage::NoFlush(Files::BlobsFolder)),
+    ("the database's file is not flushed", Sabotage::NoFlush(Files::Database)),
+    ("nothing is flushed", Sabotage::NoFlush(Files::Everything)),
+    ("events are not written", Sabotage::NotWritten(Row::Event)),
+    ("progress is not written", Sabotage::NotWritten(Row::Progress)),
+    ("verdicts are not written", Sabotage::NotWritten(Row::Verdict)),
+    ("findings are not written", Sabotage::NotWritten(Row::Finding)),
+    ("requests are not written", Sabotage::NotWritten(Row::Asked)),
+    ("motions are not opened in the store", Sabotage::NotWritten(Row::Intent)),
+    ("motions are not closed in the store", Sabotage::NotWritten(Row::Close)),
+    ("contact before it is permitted", Sabotage::Unpermitted),
+    ("aborts are not sent", Sabotage::NoAbort),
+    ("the tool is not switched off", Sabotage::StaysOn(5)),
+    ("the water is not switched off", Sabotage::StaysOn(2)),
+    ("the light is not switched off", Sabotage::StaysOn(1)),
+    ("the extraction is not switched off", Sabotage::StaysOn(4)),
+    ("the lens is not shut", Sabotage::LensStaysOpen),
+    ("an old epoch is used again", Sabotage::OldEpoch),
+];
+
+impl Sabotage {
+    /// The limits of the link.
+    pub fn limits(self, limits: LinkLimits) -> LinkLimits {
+        match self {
+            Sabotage::Patience(times) => LinkLimits { watchdog: limits.watchdog * times, ..limits },
+            Sabotage::Window => LinkLimits { window: Duration::from_secs(60), window_commands: 1_000, ..limits },
+            _ => limits,
+        }
+    }
+
+    /// Whether flushing this file or folder does nothing.
+    pub fn forgets_flush(self, path: &Path, is_folder: bool) -> bool {
+        let Sabotage::NoFlush(files) = self else { return false };
+        let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let in_blobs = path.parent().is_some_and(|parent| parent.ends_with("blobs"));
+        match files {
+            Files::Head => name == "panelprep.head",
+            Files::Log => name.ends_with("-wal"),
+            Files::Blobs => in_blobs && !is_folder,
+            Files::BlobsFolder => name == "blobs",
+            Files::Database => name == "panelprep.sqlite",
+            Files::Everything => true,
+        }
+    }
+
+    /// Whether this is acknowledged and not written.
+    pub fn skips(self, command: &RecordCommand) -> bool {
+        use panelprep::cycle::Event::Told;
+        let Sabotage::NotWritten(row) = self else { return false };
+        match row {
+            Row::Event => matches!(command, RecordCommand::Event(_)),
+            Row::Progress => matches!(command, RecordCommand::Event(Told(Report::Progress { .. }))),
+            Row::Verdict => matches!(command, RecordCommand::Conclude(_)),
+            Row::Finding => matches!(command, RecordCommand::Note(Note::Finding(_))),
+            Row::Asked => matches!(command, RecordCommand::Asked(_)),
+            Row::Intent => matches!(command, RecordCommand::OpenIntent(_) | RecordCommand::OpenContact { .. }),
+            Row::Close => matches!(command, RecordCommand::CloseIntent { .. }),
+        }
+    }
+
+    /// What becomes of a command for the robot; `None` where it is left out.
+    pub fn command(self, command: RobotCommand) -> Option<RobotCommand> {
+        let switched = |number, on| RobotCommand::Send(Command::SetDigout(Signal { number, on }));
+        match (self, command) {
+            (Sabotage::NoAbort, RobotCommand::Abort) => None,
+            (Sabotage::Unpermitted, RobotCommand::Path { points, .. }) => {
+                Some(RobotCommand::Path { points, permitted: None })
+            }
+            (Sabotage::StaysOn(output), RobotCommand::Send(Command::SetDigout(Signal { number, on: false })))
+                if number == output =>
+            {
+                Some(switched(output, true))
+            }
+            (Sabotage::LensStaysOpen, RobotCommand::Send(Command::SetDigout(Signal { number: 3, on: true }))) => {
+                Some(switched(3, false))
+            }
+            (Sabotage::OldEpoch, RobotCommand::OpenEpoch(_)) => {
+                Some(RobotCommand::OpenEpoch(panelprep::eki::Epoch(0)))
+            }
+            (_, command) => Some(command),
+        }
+    }
+}

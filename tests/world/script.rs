@@ -1,0 +1,442 @@
+//! What goes wrong in a world, and when: an explicit list, drawn from a seed, that can be printed, shortened and run again.
+//!
+//! A moment is counted from the first time that the table comes to a place, so that every fault strikes in every place, however long
+//! the places before took. An entry that is taken out leaves the others as they were.
+
+use panelprep::cycle::{self, At, Phase};
+use panelprep::devices::mock;
+use rand::seq::IndexedRandom;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
+
+/// One thing that goes wrong.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Entry {
+    /// The place of the table, see [`PLACES`].
+    pub place: String,
+    /// At which visit of it, from 1.
+    pub visit: u32,
+    /// So many ms after it began.
+    pub after_ms: u64,
+    /// What.
+    pub fault: Fault,
+}
+
+/// What becomes of the next message on a way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Harm {
+    /// It never arrives.
+    Lose,
+    /// It arrives twice.
+    Twice,
+    /// It arrives after the one behind it.
+    Swap,
+    /// A bit of it is turned.
+    Damage { byte: u32, bit: u8 },
+    /// Its end is missing.
+    Half,
+    /// It comes late.
+    Late(u64),
+}
+
+/// A camera's fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum CameraHarm {
+    /// It gives nothing.
+    Lost,
+    /// It gives what it gave before.
+    Frozen,
+    /// Its pictures have another size.
+    WrongSize,
+    /// Its pictures are black.
+    Dark,
+    /// It says that it is too hot.
+    Hot,
+    /// It takes so much longer, ms.
+    Late(u64),
+}
+
+/// What a person asks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Press {
+    Reset,
+    Start,
+    Hold,
+    Unhold,
+    UnholdDried,
+    Accept,
+    Stop,
+    Abort,
+    Clear,
+    NewDisc,
+    Leave,
+    Unprepared,
+    Everything,
+}
+
+/// What happens to the process, or to its disk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Power {
+    /// The process is killed at the nth writing to its disk from now on.
+    Kill,
+    /// The computer loses its power there: what was not flushed is lost, torn or kept, as this seed has it.
+    Cut { seed: u64 },
+}
+
+/// What is wrong with the disk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DiskHarm {
+    /// It takes nothing more for a while.
+    Full,
+    /// It fails.
+    Io,
+}
+
+/// A fault.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Fault {
+    /// Of the next message: to the controller or from it, commands (0) or states (1).
+    Bytes { to_robot: bool, channel: usize, harm: Harm },
+    /// A connection is closed, by the robot or the client; with what is under way.
+    Cut { channel: usize, by_robot: bool, loses: bool },
+    /// Nothing that the client says arrives for so long.
+    Deaf(u64),
+    /// The link's thread stands still for so long.
+    Stall(u64),
+    /// What `panelprep mock-robot --fault` takes, without its time.
+    Controller(String),
+    /// For so many messages the controller says this instead of that: attribute and value.
+    Lie { channel: usize, name: String, value: String, times: u32 },
+    /// Another client's request reaches the controller.
+    Foreign { operation: i32, number: i32 },
+    /// Somebody works with another program on the controller for so long.
+    ForeignProgram(u64),
+    /// An input stays as it is for so long.
+    Feedback { input: u16, on: bool, for_ms: u64 },
+    /// A person asks.
+    Press(Press),
+    /// A camera's next pictures: the one on the flange or the other, for so long.
+    Camera { flange: bool, harm: CameraHarm, for_ms: u64 },
+    /// The wall clock jumps by so many seconds.
+    Clock(i64),
+    /// At the nth writing to the disk from now on.
+    Power { writing: u32, power: Power },
+    /// From the nth writing to the disk from now on, so many of them.
+    Disk { writing: u32, harm: DiskHarm, times: u32 },
+}
+
+impl Fault {
+    /// Its kind, for counts.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Fault::Bytes { harm, .. } => match harm {
+                Harm::Lose => "bytes lost",
+                Harm::Twice => "bytes twice",
+                Harm::Swap => "bytes reordered",
+                Harm::Damage { .. } => "bytes damaged",
+                Harm::Half => "bytes cut short",
+                Harm::Late(_) => "bytes late",
+            },
+            Fault::Cut { .. } => "connection cut",
+            Fault::Deaf(_) => "way blocked",
+            Fault::Stall(_) => "link stands still",
+            Fault::Controller(_) => "controller",
+            Fault::Lie { .. } => "meaning",
+            Fault::Foreign { .. } => "other client",
+            Fault::ForeignProgram(_) => "foreign program",
+            Fault::Feedback { .. } => "feedback",
+            Fault::Press(_) => "person",
+            Fault::Camera { .. } => "camera",
+            Fault::Clock(_) => "clock",
+            Fault::Power { power: Power::Kill, .. } => "kill",
+            Fault::Power { power: Power::Cut { .. }, .. } => "power cut",
+            Fault::Disk { harm: DiskHarm::Full, .. } => "disk full",
+            Fault::Disk { harm: DiskHarm::Io, .. } => "disk error",
+        }
+    }
+
+    /// How long it lasts, ms, where it does.
+    pub fn lasts_ms(&self) -> u64 {
+        match self {
+            Fault::Deaf(ms) | Fault::Stall(ms) | Fault::ForeignProgram(ms) => *ms,
+            Fault::Feedback { for_ms, .. } | Fault::Camera { for_ms, .. } => *for_ms,
+            Fault::Bytes { harm: Harm::Late(ms), .. } => *ms,
+            // As drawn, with the time in which a controller starts again.
+            Fault::Controller(_) => 6_000,
+            _ => 0,
+        }
+    }
+}
+
+/// The places of the table.
+pub const PLACES: [&str; 23] = [
+    "stopped",
+    "resetting",
+    "idle",
+    "starting",
+    "locate",
+    "refine",
+    "dry",
+    "wet",
+    "inspect",
+    "plan",
+    "verify",
+    "abrade",
+    "retract",
+    "rinse",
+    "holding",
+    "held",
+    "unholding",
+    "completing",
+    "complete",
+    "stopping",
+    "aborting",
+    "aborted",
+    "clearing",
+];
+
+/// The place of a state.
+pub fn place(at: At) -> &'static str {
+    match at {
+        At::Execute(phase) => match phase {
+            Phase::Locate => "locate",
+            Phase::Refine { .. } => "refine",
+            Phase::Dry => "dry",
+            Phase::Wet => "wet",
+            Phase::Inspect => "inspect",
+            Phase::Plan => "plan",
+            Phase::Verify => "verify",
+            Phase::Abrade => "abrade",
+            Phase::Retract => "retract",
+            Phase::Rinse => "rinse",
+        },
+        at => at.word(),
+    }
+}
+
+/// How a script is drawn: the kinds of faults, and how many.
+#[derive(Debug, Clone, Copy)]
+pub struct Odds {
+    /// Entries at most.
+    pub most: usize,
+    /// One entry of so many concerns the disk.
+    pub disk: bool,
+}
+
+/// The script of a seed.
+pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
+    let mut draw = Pcg64::seed_from_u64(seed);
+    let count = draw.random_range(1..=odds.most);
+    (0..count).map(|_| entry(&mut draw, odds)).collect()
+}
+
+fn entry(draw: &mut Pcg64, odds: Odds) -> Entry {
+    // Places in which a cycle is are far more often visited than the others.
+    let place = PLACES.choose(draw).copied().unwrap_or("stopped").to_owned();
+    let visit = if draw.random_bool(0.85) { 1 } else { draw.random_range(2..4) };
+    let after_ms = match draw.random_range(0..4) {
+        0 => 0,
+        1 => draw.random_range(0..200),
+        _ => draw.random_range(0..3_000),
+    };
+    Entry { place, visit, after_ms, fault: fault(draw, odds) }
+}
+
+fn lasts_ms(draw: &mut Pcg64) -> u64 {
+    match draw.random_range(0..3) {
+        0 => draw.random_range(1..300),
+        1 => draw.random_range(300..800),
+        _ => draw.random_range(800..4_000),
+    }
+}
+
+fn fault(draw: &mut Pcg64, odds: Odds) -> Fault {
+    let kinds = if odds.disk { 27 } else { 20 };
+    match draw.random_range(0..kinds) {
+        0..4 => bytes(draw),
+        4 => Fault::Cut {
+            channel: draw.random_range(0..2),
+            by_robot: draw.random_bool(0.5),
+            loses: draw.random_bool(0.5),
+        },
+        5 => Fault::Deaf(lasts_ms(draw)),
+        6 => Fault::Stall(lasts_ms(draw)),
+        7..10 => controller(draw),
+        10..12 => lie(draw),
+        12 => Fault::Foreign {
+            operation: draw.random_range(9..13),
+            number: [i32::MIN, -1, 0, 1, 1_000_000, i32::MAX - 1, i32::MAX][draw.random_range(0..7)],
+        },
+        13 => Fault::ForeignProgram(draw.random_range(500..4_000)),
+        14 => Fault::Feedback {
+            input: draw.random_range(1..6),
+            on: draw.random_bool(0.5),
+            for_ms: draw.random_range(100..9_000),
+        },
+        15..18 => Fault::Press(press(draw)),
+        18 => Fault::Camera { flange: draw.random_bool(0.5), harm: camera(draw), for_ms: lasts_ms(draw) },
+        19 => Fault::Clock(
+            [-3_000_000_000, -1_800_000_000, -86_400, -1, 1, 3_600, 315_360_000][draw.random_range(0..7)],
+        ),
+        20..22 => Fault::Power { writing: draw.random_range(0..60), power: Power::Kill },
+        22..25 => Fault::Power {
+            writing: draw.random_range(0..60),
+            power: Power::Cut { seed: draw.random_range(0..1 << 32) },
+        },
+        _ => Fault::Disk {
+            writing: draw.random_range(0..30),
+            harm: if draw.random_bool(0.5) { DiskHarm::Full } else { DiskHarm::Io },
+            times: [1, 2, 10, 30][draw.random_range(0..4)],
+        },
+    }
+}
+
+fn bytes(draw: &mut Pcg64) -> Fault {
+    let harm = match draw.random_range(0..6) {
+        0 => Harm::Lose,
+        1 => Harm::Twice,
+        2 => Harm::Swap,
+        3 => Harm::Damage { byte: draw.random_range(0..600), bit: draw.random_range(0..7) },
+        4 => Harm::Half,
+        _ => Harm::Late(lasts_ms(draw)),
+    };
+    Fault::Bytes { to_robot: draw.random_bool(0.5), channel: draw.random_range(0..2), harm }
+}
+
+fn controller(draw: &mut Pcg64) -> Fault {
+    let ms = lasts_ms(draw);
+    let side = ["command", "state", "both"][draw.random_range(0..3)];
+    let names = [
+        format!("cut={side}"),
+        format!("unplug/{ms}ms"),
+        format!("mute/{ms}ms"),
+        format!("no-acks/{ms}ms"),
+        format!("stall/{ms}ms"),
+        format!("garbage={side}"),
+        "skip-state".to_owned(),
+        "lose-base".to_owned(),
+        "lose-tool".to_owned(),
+        "wrong-base".to_owned(),
+        "refuse=8".to_owned(),
+        format!("slow={}/{ms}ms", draw.random_range(1..100)),
+        format!("e-stop/{ms}ms"),
+        format!("guard/{ms}ms"),
+        format!("drives/{ms}ms"),
+        format!("mode={}/{ms}ms", ["T1", "T2", "AUT"][draw.random_range(0..3)]),
+        format!("deselect/{ms}ms"),
+        format!("reboot/{ms}ms"),
+    ];
+    Fault::Controller(names[draw.random_range(0..names.len())].clone())
+}
+
+/// The attributes of the controller's messages, acknowledgements and states.
+const ACKS: [&str; 6] = ["Rx", "Done", "Ep", "Err", "ErrId", "Free"];
+const STATES: [&str; 14] =
+    ["T", "Seq", "Re", "Boot", "Sum", "Ep", "Done", "Under", "Mode", "Flags", "In", "Out", "X", "A1"];
+/// What they may say instead.
+const VALUES: [&str; 14] = [
+    "0",
+    "1",
+    "-1",
+    "2",
+    "255",
+    "256",
+    "65535",
+    "-2147483648",
+    "2147483647",
+    "2147483646",
+    "1000000",
+    "4294967295",
+    "1e9",
+    "nan",
+];
+
+fn lie(draw: &mut Pcg64) -> Fault {
+    let channel = usize::from(draw.random_bool(0.8));
+    let names: &[&str] = if channel == 0 { &ACKS } else { &STATES };
+    Fault::Lie {
+        channel,
+        name: names[draw.random_range(0..names.len())].to_owned(),
+        value: VALUES[draw.random_range(0..VALUES.len())].to_owned(),
+        times: [1, 1, 2, 20][draw.random_range(0..4)],
+    }
+}
+
+fn press(draw: &mut Pcg64) -> Press {
+    use Press as P;
+    let all = [
+        P::Reset,
+        P::Start,
+        P::Hold,
+        P::Hold,
+        P::Unhold,
+        P::UnholdDried,
+        P::Accept,
+        P::Stop,
+        P::Stop,
+        P::Abort,
+        P::Clear,
+        P::NewDisc,
+        P::Leave,
+        P::Unprepared,
+        P::Everything,
+    ];
+    all[draw.random_range(0..all.len())]
+}
+
+fn camera(draw: &mut Pcg64) -> CameraHarm {
+    use CameraHarm as C;
+    [C::Lost, C::Frozen, C::WrongSize, C::Dark, C::Hot, C::Late(draw.random_range(100..5_000))]
+        [draw.random_range(0..6)]
+}
+
+/// The controller's fault of this text.
+///
+/// # Errors
+/// Where it is none.
+pub fn controller_fault(text: &str) -> Result<mock::Fault, String> {
+    let spec: mock::FaultSpec = format!("{text}@0ms").parse().map_err(|error| format!("{error}"))?;
+    spec.planned.first().map(|planned| planned.fault).ok_or_else(|| format!("{text} is no fault"))
+}
+
+/// The requests of a press that the table decides about, in order.
+pub fn requests(press: Press) -> Vec<cycle::Request> {
+    use cycle::Request as Q;
+    match press {
+        Press::Reset => vec![Q::Reset],
+        Press::Hold => vec![Q::Hold],
+        Press::Unhold => vec![Q::Unhold { dried: false }],
+        Press::UnholdDried => vec![Q::Unhold { dried: true }],
+        Press::Accept => vec![Q::Accept],
+        Press::Stop => vec![Q::Stop],
+        Press::Abort => vec![Q::Abort],
+        Press::Clear => vec![Q::Clear],
+        Press::Everything => vec![
+            Q::Accept,
+            Q::Unhold { dried: false },
+            Q::Clear,
+            Q::Reset,
+            Q::Start { max_passes: 255, max_moves: 255 },
+            Q::AirRun { max_moves: 0 },
+            Q::Hold,
+            Q::Unhold { dried: true },
+            Q::Stop,
+            Q::Clear,
+        ],
+        Press::Start | Press::NewDisc | Press::Leave | Press::Unprepared => vec![],
+    }
+}
+
+/// A script as one line.
+pub fn print(script: &[Entry]) -> String {
+    serde_json::to_string(script).expect("plain data")
+}
+
+/// The same back.
+///
+/// # Errors
+/// Where it is no script.
+pub fn parse(text: &str) -> Result<Vec<Entry>, String> {
+    serde_json::from_str(text).map_err(|error| format!("this is no script: {error}"))
+}

@@ -1,0 +1,59 @@
+//! Worlds in every run of the tests: some seeds, those that failed once, and tests of the world itself.
+
+use crate::world::{Counts, World, parse, print};
+
+/// Seeds in every run; more of them: `WORLD_SEEDS=1000`.
+const SEEDS: u64 = 120;
+
+/// Worlds in which something was found once: the seed, the script, and what was found.
+const FOUND_ONCE: [(u64, &str, &str); 1] = [(
+    1433,
+    r#"[{"place":"idle","visit":1,"after_ms":2464,"fault":{"Disk":{"writing":9,"harm":"Io","times":2}}}]"#,
+    "a commit fails at the disk, and so does closing the store: its lines are in the log, and the head no longer said that they may be",
+)];
+
+#[test]
+fn no_world_violates_a_rule() {
+    let seeds = std::env::var("WORLD_SEEDS").map_or(SEEDS, |seeds| seeds.parse().expect("a number of seeds"));
+    let mut counts = Counts::default();
+    for seed in 0..seeds {
+        let world = World::of(seed);
+        let outcome = world.run();
+        counts.add(&outcome.counts);
+        if let Some(violation) = outcome.violation {
+            let script = print(&world.shortest(violation.judge).script);
+            panic!("{violation:?}\ncargo bench --bench world -- seed={seed} script='{script}'");
+        }
+    }
+    println!("{counts:#?}");
+    for judge in ["interlocks", "facts", "stop", "liveness", "nothing acknowledged is lost", "record and page"] {
+        assert!(counts.judged.get(judge).is_some_and(|times| *times > 0), "{judge} has not judged");
+    }
+    assert!(counts.cuts > 0 && counts.kills > 0 && counts.cycles >= seeds, "{counts:?}");
+}
+
+/// The same seed gives the same world, to the last line of its journal.
+#[test]
+fn a_world_is_the_same_twice() {
+    for seed in [4, 9, 17] {
+        let [one, other] = [World::of(seed).run(), World::of(seed).run()];
+        assert_eq!((one.trace, one.counts.time_ms), (other.trace, other.counts.time_ms), "seed {seed}");
+    }
+}
+
+/// A script reads back as it was printed.
+#[test]
+fn a_script_reads_back() {
+    for seed in 0..200 {
+        let script = World::of(seed).script;
+        assert_eq!(parse(&print(&script)).expect("a script"), script);
+    }
+}
+
+#[test]
+fn worlds_that_failed_once_do_not_fail_again() {
+    for (seed, script, found) in FOUND_ONCE {
+        let outcome = World::with(seed, parse(script).expect("a script")).run();
+        assert_eq!(outcome.violation, None, "{found}");
+    }
+}

@@ -1,0 +1,74 @@
+//! Bytes on their way: lost, doubled, late, out of order, damaged; and messages that say what no good controller says.
+
+use super::link_cell::Tamper;
+use super::script::Harm;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// What is to happen to the next messages.
+#[derive(Debug, Default)]
+pub struct Tampering {
+    /// To the controller or from it, the channel, and what becomes of the next message there.
+    pub harms: Vec<(bool, usize, Harm)>,
+    /// From the controller: the channel, an attribute, what it says instead, and how often.
+    pub lies: Vec<(usize, String, String, u32)>,
+    /// How many messages were changed.
+    pub applied: u64,
+    /// A message that waits for the one behind it.
+    held: Vec<(bool, usize, Vec<u8>)>,
+}
+
+impl Tampering {
+    /// What a link calls for each message.
+    pub fn port(shared: Arc<Mutex<Tampering>>) -> Tamper {
+        Box::new(move |to_robot, channel, bytes| {
+            shared.lock().unwrap_or_else(PoisonError::into_inner).message(to_robot, channel, bytes)
+        })
+    }
+
+    fn message(&mut self, to_robot: bool, channel: usize, bytes: &[u8]) -> Option<Vec<(u64, Vec<u8>)>> {
+        let lied = if to_robot { None } else { self.lie(channel, bytes) };
+        let bytes = lied.as_deref().unwrap_or(bytes);
+        let harm = self.harms.iter().position(|(way, of, _)| (*way, *of) == (to_robot, channel));
+        let harm = harm.map(|index| self.harms.remove(index).2);
+        self.applied += u64::from(harm.is_some() || lied.is_some());
+        let mut pieces = match harm {
+            None if lied.is_none() && self.held.is_empty() => return None,
+            None => vec![(0, bytes.to_vec())],
+            Some(Harm::Lose) => vec![],
+            Some(Harm::Twice) => vec![(0, bytes.to_vec()), (0, bytes.to_vec())],
+            Some(Harm::Swap) => {
+                self.held.push((to_robot, channel, bytes.to_vec()));
+                return Some(vec![]);
+            }
+            Some(Harm::Damage { byte, bit }) => {
+                let mut damaged = bytes.to_vec();
+                let place = byte as usize % damaged.len().max(1);
+                if let Some(byte) = damaged.get_mut(place) {
+                    *byte ^= 1 << (bit & 7);
+                }
+                vec![(0, damaged)]
+            }
+            Some(Harm::Half) => vec![(0, bytes[..bytes.len() / 2].to_vec())],
+            Some(Harm::Late(ms)) => vec![(ms, bytes.to_vec())],
+        };
+        let held = self.held.extract_if(.., |(way, of, _)| (*way, *of) == (to_robot, channel));
+        pieces.extend(held.map(|(.., bytes)| (0, bytes)));
+        Some(pieces)
+    }
+
+    /// The message with an attribute that says something else, where one is to.
+    fn lie(&mut self, channel: usize, bytes: &[u8]) -> Option<Vec<u8>> {
+        let index = self.lies.iter().position(|(of, ..)| *of == channel)?;
+        let (_, name, value, times) = &mut self.lies[index];
+        let text = std::str::from_utf8(bytes).ok()?;
+        let begin = format!(" {name}=\"");
+        let from = text.find(&begin)? + begin.len();
+        let end = from + text[from..].find('"')?;
+        let lied = format!("{}{value}{}", &text[..from], &text[end..]);
+        *times = times.saturating_sub(1);
+        if *times == 0 {
+            self.lies.remove(index);
+        }
+        Some(lied.into_bytes())
+    }
+}
