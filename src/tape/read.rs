@@ -23,6 +23,8 @@ use std::sync::Arc;
 
 /// No record of ours is longer: the points of a full-size scan take 35 MB.
 const LONGEST: usize = 256 << 20;
+/// What is read at once.
+const PIECE_BYTES: usize = 1 << 20;
 
 /// A recording in which nothing is missing.
 #[derive(Debug, Clone, PartialEq)]
@@ -62,7 +64,8 @@ impl<R: Read> Records<R> {
                 None => return Ok(None),
                 Some(Err(error)) => return Err(Wrong::Bytes(error)),
                 Some(Ok(LinearReadEvent::ReadRequest(needed))) => {
-                    let into = self.reader.insert(needed);
+                    // Room grows with what comes, whatever length a record claims.
+                    let into = self.reader.insert(needed.min(PIECE_BYTES));
                     let read = loop {
                         match self.source.read(into) {
                             Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}

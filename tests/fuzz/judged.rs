@@ -102,3 +102,21 @@ fn the_search_knows_every_target() {
     let names = TARGETS.each_ref().map(|target| target.name);
     assert_eq!(listed.split_whitespace().collect::<Vec<_>>(), names);
 }
+
+/// A source that is asked for no more than a megabyte at a time.
+struct Sparing<'b>(&'b [u8]);
+
+impl std::io::Read for Sparing<'_> {
+    fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+        assert!(into.len() <= 1 << 20, "room for {} bytes at once", into.len());
+        self.0.read(into)
+    }
+}
+
+/// A recording's record claims 250 MB and is cut: it is refused, and takes no such room.
+#[test]
+fn a_record_that_claims_much_takes_no_room() {
+    let mut file = b"\x89MCAP0\r\n\x01".to_vec();
+    file.extend(250_000_000_u64.to_le_bytes());
+    assert!(panelprep::tape::check(Sparing(&file)).is_err());
+}
