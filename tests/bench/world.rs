@@ -1,6 +1,7 @@
 //! Worlds of many seeds: see `tests/world`. A table of what was counted, and exit code 1 where a judge found something.
 //! `cargo bench --bench world -- [seeds=N] [from=N]`, one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`;
-//! mistakes that are put in: `-- sabotage [seeds=N]`.
+//! mistakes that are put in: `-- sabotage [seeds=N]`, one of them
+//! with `-- mistake='NAME' …`.
 
 #[allow(dead_code, reason = "the link's tests use the rest")]
 mod link {
@@ -50,6 +51,10 @@ fn main() -> ExitCode {
         let world = match argument("script") {
             Some(text) => World::with(seed, world::parse(&text).unwrap_or_else(|error| panic!("{error}"))),
             None => World::of(seed),
+        };
+        let world = match argument("mistake").and_then(|name| SABOTAGES.iter().find(|(known, _)| *known == name)) {
+            Some((_, sabotage)) => world.sabotaged(*sabotage),
+            None => world,
         };
         let since = Instant::now();
         let outcome = world.run();

@@ -32,8 +32,6 @@ pub enum Aim {
     Recover { whole: bool },
     /// To leave.
     Leave,
-    /// A judge has seen something: it is over as soon as the loop ends.
-    GiveUp,
 }
 
 /// Whoever asks, over all processes of a world.
@@ -105,13 +103,7 @@ impl People {
         while let Some(press) = world.pressed.pop_front() {
             self.asked.extend(whats(press));
         }
-        if world.violation.is_some() {
-            self.aim = Aim::GiveUp;
-        }
         drop(world);
-        if self.aim == Aim::GiveUp {
-            return state.at.rests().then_some(What::Leave).or(Some(What::Table(cycle::Request::Abort)));
-        }
         if let Some(what) = self.asked.pop_front() {
             self.notes(&what, state, now_ms);
             return Some(what);
@@ -158,7 +150,6 @@ impl People {
             self.aim = Aim::Leave;
         }
         match (self.aim, state.at) {
-            (Aim::GiveUp, _) => None,
             (Aim::Leave, At::Held(_)) => table(cycle::Request::Stop),
             (Aim::Leave, at) if at.rests() => Some(What::Leave),
             (Aim::Leave, At::Stopping { .. } | At::Aborting { .. } | At::Clearing { .. }) => None,
@@ -244,8 +235,9 @@ impl People {
 impl Port<RequestCommand> for People {
     fn perform(&mut self, command: RequestCommand) -> RequestAnswer {
         match command {
-            // A process without its disk is dead, also where the loop has not noticed yet.
-            RequestCommand::Next(_) if disk::is_over() => {
+            // A process without its disk is dead, also where the loop has not noticed yet; and once a judge has seen something the
+            // world is over.
+            RequestCommand::Next(_) if disk::is_over() || self.world.lock().violation.is_some() => {
                 let thread = "the process".to_owned();
                 RequestAnswer::Next(Err(ThreadFault { thread, what: Failure::Ended }))
             }
