@@ -1,6 +1,6 @@
 //! The cell of the simulated world: its file, its recipe, what was taught of its panel, and the store that all worlds begin with.
 
-use panelprep::cell;
+use panelprep::cell::{self, LensExtent};
 use panelprep::cycle;
 use panelprep::daemon::{Calibrations, CellSetup, CycleSetup, PreparedCycle};
 use panelprep::geometry::{Camera, KukaPose, OrganizedCloud};
@@ -67,7 +67,9 @@ impl Fixture {
         let recipe = recipe(&scenes[0]);
         let setup = Arc::new(CellSetup::new(&cell).expect("a whole cell"));
         let taught = taught(&scenes[0], &scenes[2], &recipe);
-        let cycle = CycleSetup::new(setup.clone(), recipe, taught, calibrations(&scenes[0])).expect("a corner");
+        let cycle =
+            CycleSetup::new(setup.clone(), recipe, taught, (calibrations(&scenes[0]), LensExtent::default()))
+                .expect("a corner");
         let store = folder("template");
         // A folder that an earlier process of this number left.
         let _ = std::fs::remove_dir_all(&store);
