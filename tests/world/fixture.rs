@@ -21,6 +21,10 @@ const CELL_SEED: u64 = 3;
 const DIFFERENT_MM: f64 = 2.0;
 const AROUND_PX: usize = 4;
 
+/// The file that takes room and says nothing.
+const RESERVE: &str = "panelprep.reserve";
+const RESERVE_BYTES: u64 = 32 << 20;
+
 const CELL: &str = "[poses]\npark = { a1_deg = -120, a2_deg = -75, a3_deg = 110, a4_deg = 0, a5_deg = 55, a6_deg = 90 }\n\
      ready = { a1_deg = 0, a2_deg = -120, a3_deg = 145, a4_deg = 0, a5_deg = -25, a6_deg = 90 }\n\
      [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
@@ -38,8 +42,8 @@ pub struct Fixture {
     /// What is true of the cell, by the scene that stands in it.
     scenes: [sim::Cell; 3],
     truth: Truth,
-    /// A new store as the program leaves it.
-    store: PathBuf,
+    /// A new store as the program leaves it: its files, from its folder on.
+    store: Vec<(PathBuf, Vec<u8>)>,
 }
 
 /// What stands in the cell.
@@ -70,10 +74,12 @@ impl Fixture {
         let cycle =
             CycleSetup::new(setup.clone(), recipe, taught, (calibrations(&scenes[0]), LensExtent::default()))
                 .expect("a corner");
-        let store = folder("template");
+        let at = folder("template");
         // A folder that an earlier process of this number left.
-        let _ = std::fs::remove_dir_all(&store);
-        drop(Store::create(&store).expect("a new store"));
+        let _ = std::fs::remove_dir_all(&at);
+        drop(Store::create(&at).expect("a new store"));
+        let store = files(&at, &at);
+        std::fs::remove_dir_all(&at).expect("a folder of this process");
         let truth = scenes[0].truth();
         Fixture { cell, setup, cycle, scenes, truth, store }
     }
@@ -107,27 +113,31 @@ impl Fixture {
         PreparedCycle { request, setup: self.cycle.clone(), start, recording: None }
     }
 
-    /// Puts a new store into this folder.
+    /// Puts a new store into this folder. The store's reserve has its length and no blocks: the disk of a world is never full by
+    /// itself.
     pub fn put_store(&self, to: &Path) {
-        copy(&self.store, to);
+        std::fs::create_dir_all(to.join("blobs")).expect("a folder");
+        for (name, bytes) in &self.store {
+            std::fs::write(to.join(name), bytes).expect("a file");
+        }
+        let reserve = std::fs::File::create(to.join(RESERVE));
+        reserve.and_then(|file| file.set_len(RESERVE_BYTES)).expect("a sparse file");
     }
 }
 
-/// Copies a folder of files and folders. The store's reserve has its length and no blocks: the disk of a world is never full by itself.
-pub fn copy(from: &Path, to: &Path) {
-    std::fs::create_dir_all(to).expect("a folder");
-    for entry in std::fs::read_dir(from).expect("a folder") {
-        let entry = entry.expect("an entry");
-        let path = to.join(entry.file_name());
-        if entry.file_type().expect("a type").is_dir() {
-            copy(&entry.path(), &path);
-        } else if entry.file_name() == "panelprep.reserve" {
-            let length = entry.metadata().expect("its length").len();
-            std::fs::File::create(&path).and_then(|file| file.set_len(length)).expect("a sparse file");
-        } else {
-            std::fs::copy(entry.path(), &path).expect("a copy");
+/// The files of a folder and of those in it, but for the reserve.
+fn files(root: &Path, folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() {
+            found.extend(files(root, &path));
+        } else if !path.ends_with(RESERVE) {
+            let name = path.strip_prefix(root).expect("in the root").to_owned();
+            found.push((name, std::fs::read(&path).expect("a file")));
         }
     }
+    found
 }
 
 /// A folder in memory where the system has one, for this process.

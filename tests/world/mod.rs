@@ -197,6 +197,8 @@ impl Running {
         }
         // A folder in memory is memory.
         let _ = std::fs::remove_dir_all(&self.folder);
+        // The last world of the process takes the folder of all of them along; of others it is not empty.
+        let _ = self.folder.parent().map(std::fs::remove_dir);
     }
 
     /// Whether this was the last process; one that ended with its disk is none.
