@@ -88,6 +88,16 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
             }
             continue;
         }
+        if motion.end_is_known() {
+            // Killed right after the robot had told the path's end.
+            let done = format!("{} of {} waypoints", motion.done, motion.motion.waypoints);
+            assert!(page.contains(&done), "no {done} in\n{page}");
+            hits.push(cycle);
+            if hits.len() == 2 {
+                break;
+            }
+            continue;
+        }
         let executed = motion.executed().expect("it was bounded");
         if executed.at_most == 0 {
             // Killed between the line of the journal and the motion's row: nothing was permitted yet.

@@ -76,6 +76,8 @@ fn codes(path: &Path, text: &str) -> BTreeSet<String> {
     let text = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
     let name = path.display().to_string();
     let of = |ending: &&str| name.ends_with(*ending);
+    // A call that stands on several lines is read as on one.
+    let on_one_line = text.split_whitespace().collect::<Vec<_>>().join(" ");
     let called = CALLS.iter().filter(|(file, _)| of(file)).flat_map(|(file, call)| {
         // Where the code is not the first argument it is the first that is a word.
         let most = match *call {
@@ -83,7 +85,8 @@ fn codes(path: &Path, text: &str) -> BTreeSet<String> {
             _ if *file == ".rs" => 1,
             _ => 6,
         };
-        text.split(call).skip(1).filter_map(move |rest| rest.split(", ").take(most).find_map(word))
+        let rests: Vec<String> = on_one_line.split(call).skip(1).map(str::to_owned).collect();
+        rests.into_iter().filter_map(move |rest| rest.split(", ").take(most).find_map(word))
     });
     let given = TABLES.iter().filter(|(file, _)| of(file)).flat_map(|(_, table)| arms(function(text, table)));
     let flaws = if of(&"inspect/quality.rs") { function(text, "pub fn word(") } else { "" };

@@ -196,6 +196,9 @@ pub const PLACES: [&str; 23] = [
     "clearing",
 ];
 
+/// The places in which water runs, the arm moves or the tool touches: there most can be done wrong.
+const OFTEN: [&str; 5] = ["wet", "verify", "abrade", "retract", "rinse"];
+
 /// The place of a state.
 pub fn place(at: At) -> &'static str {
     match at {
@@ -232,8 +235,8 @@ pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
 }
 
 fn entry(draw: &mut Pcg64, odds: Odds) -> Entry {
-    // Places in which a cycle is are far more often visited than the others.
-    let place = PLACES.choose(draw).copied().unwrap_or("stopped").to_owned();
+    let places: &[&str] = if draw.random_bool(0.4) { &OFTEN } else { &PLACES };
+    let place = places.choose(draw).copied().unwrap_or("stopped").to_owned();
     let visit = if draw.random_bool(0.85) { 1 } else { draw.random_range(2..4) };
     let after_ms = match draw.random_range(0..4) {
         0 => 0,
