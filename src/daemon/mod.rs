@@ -15,6 +15,10 @@
 //! Time is the robot's. In lock step it is the mock controller's virtual clock, so that sprays, films and deadlines take no real
 //! time, and it stands while something is computed.
 //!
+//! What the loop works with is `setup`; what it remembers is `running` (with `pending`, the act that is under way, `sent`, the path that
+//! was sent, and `underway`, how far a contact path may go); `answers` turns what a phase found into the table's answer and the
+//! record's finding. `run`, `acts`, `moves`, `contacts` and `robot_reports` perform.
+//!
 //! A service, a single cycle and a replay are this same loop on other `ports`. Around the loop of the service stand `request`
 //! (the one request of every front) · `socket` (the front on this computer) · `protocol` (a line in, a line out) · `gateway` (a
 //! request in, a reply out) · `request_queue` (what waits, by its urgency) · `request_handler` (requests, signals and systemd, as

@@ -1,0 +1,210 @@
+//! Arguments of the commands that check and judge files.
+
+use super::simulation::Simulation;
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+
+/// Options of `doctor`.
+#[derive(Debug, Clone, Args)]
+pub struct Doctor {
+    /// Folder with the controller's CELLCMD.xml, CELLSTAT.xml and cell_data.dat, copied from it or to be copied to it.
+    #[arg(long, value_name = "FOLDER")]
+    pub kuka: Option<PathBuf>,
+    /// Take 3D shots with a Zivid for ten minutes and follow its temperature: only then is it known to be warm.
+    #[arg(long)]
+    pub warm_up: bool,
+}
+
+/// Options of `check`.
+#[derive(Debug, Clone, Args)]
+pub struct Check {
+    /// The files. KRL files that belong together are named together.
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// The lowest version of KUKA System Software that the KRL files are for, 8.2 to 8.7.
+    #[arg(long, value_name = "VERSION", default_value_t = crate::krl::LOWEST_KSS)]
+    pub kss: crate::krl::Kss,
+    /// What a cell's file must be complete for.
+    #[arg(long = "for", value_name = "PURPOSE", value_enum, default_value_t)]
+    pub purpose: PurposeName,
+}
+
+/// What a cell's file must be complete for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum PurposeName {
+    /// Commands on files alone: what is there must be right, nothing must be there.
+    Files,
+    /// One function of the robot at a time.
+    Robot,
+    /// `cycle`, `air-run` and `run`.
+    #[default]
+    Cycle,
+}
+
+/// Options of `teach`.
+#[derive(Debug, Clone, Args)]
+pub struct Teach {
+    /// The panel's recipe.
+    #[arg(long, value_name = "FILE")]
+    pub recipe: PathBuf,
+    /// The scan at the nominal place: organised PCD or PLY.
+    #[arg(long, value_name = "FILE", required_unless_present = "live")]
+    pub scan: Option<PathBuf>,
+    /// Take the scan and the corner pictures now, by the cell's cameras, and keep them in this folder; the region is drawn in a
+    /// browser between them.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["scan", "corner", "flange"])]
+    pub live: Option<PathBuf>,
+    /// Draw the region, its grids and what is masked on the scan's picture, in a browser on this computer; they are written into
+    /// the recipe's file, its comments stay.
+    #[arg(long)]
+    pub draw: bool,
+    /// With --live: the region is in the recipe already.
+    #[arg(long, requires = "live", conflicts_with = "draw")]
+    pub no_draw: bool,
+    /// Where the page to draw on is served: a loopback address; port 0 takes a free one.
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
+    pub listen: std::net::SocketAddr,
+    /// What a simulated cell shows.
+    #[command(flatten)]
+    pub simulation: Simulation,
+    /// A corner picture at the nominal place; repeatable, each with its `--flange`.
+    #[arg(long, value_name = "FILE")]
+    pub corner: Vec<PathBuf>,
+    /// The flange's pose at that picture.
+    #[arg(long, value_name = "POSE.json")]
+    pub flange: Vec<PathBuf>,
+    /// Folder for pictures of what was learnt; where nothing could be, of what was given.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+}
+
+/// Options of `look`.
+#[derive(Debug, Clone, Args)]
+pub struct Look {
+    /// The scan: organised PCD or PLY.
+    #[arg(long, value_name = "FILE")]
+    pub scan: PathBuf,
+    /// Folder for the picture.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: PathBuf,
+}
+
+/// Options of `locate`.
+#[derive(Debug, Clone, Args)]
+pub struct Locate {
+    /// The panel's recipe.
+    #[arg(long, value_name = "FILE")]
+    pub recipe: PathBuf,
+    /// The scan: organised PCD or PLY.
+    #[arg(long, value_name = "FILE")]
+    pub scan: PathBuf,
+    /// File for the place found, as `--json` prints it: what `--located` of other commands takes.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Folder for a picture of the place found.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+}
+
+/// Options of `refine`.
+#[derive(Debug, Clone, Args)]
+pub struct Refine {
+    /// The panel's recipe.
+    #[arg(long, value_name = "FILE")]
+    pub recipe: PathBuf,
+    /// A pose, or what `locate` printed.
+    #[arg(long, value_name = "POSE.json")]
+    pub located: PathBuf,
+    /// A corner picture; repeatable in the order of teaching, each with its `--flange`.
+    #[arg(long, value_name = "FILE", required = true)]
+    pub corner: Vec<PathBuf>,
+    /// The flange's pose at that picture.
+    #[arg(long, value_name = "POSE.json", required = true)]
+    pub flange: Vec<PathBuf>,
+    /// File for the corrected place, as `--json` prints it: what `--located` of other commands takes.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Folder for pictures of the corner before and after.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+}
+
+/// Options of `inspect`.
+#[derive(Debug, Clone, Args)]
+pub struct Inspect {
+    /// The panel's recipe.
+    #[arg(long, value_name = "FILE")]
+    pub recipe: PathBuf,
+    /// Folder with numbered pictures and `clip.csv`.
+    #[arg(long, value_name = "DIR", required_unless_present = "truth")]
+    pub clip: Option<PathBuf>,
+    /// A pose, or what `locate` or `refine` printed; without it the panel must stand in its nominal place, and where the dry
+    /// picture shows it elsewhere the test is invalid.
+    #[arg(long, value_name = "POSE.json")]
+    pub located: Option<PathBuf>,
+    /// Folder with the true mask, to score against; it changes no result. A clip that was labelled is its own truth. Without `--clip`
+    /// a labelled set: a folder of clips, each with its own `truth` or labelled itself, is scored as a whole.
+    #[arg(long, value_name = "DIR")]
+    pub truth: Option<PathBuf>,
+    /// Folder for the mask, the overlay, the film strip and the page to sign; of a set, for its plots.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+}
+
+/// Options of `tune`.
+#[derive(Debug, Clone, Args)]
+pub struct Tune {
+    /// The panel's recipe.
+    #[arg(long, value_name = "FILE")]
+    pub recipe: PathBuf,
+    /// Folder with numbered pictures and `clip.csv`, a dry one among them.
+    #[arg(long, value_name = "DIR")]
+    pub clip: PathBuf,
+    /// A pose, or what `locate` or `refine` printed; without it the panel must stand in its nominal place, and where the dry
+    /// picture shows it elsewhere the test is invalid.
+    #[arg(long, value_name = "POSE.json")]
+    pub located: Option<PathBuf>,
+    /// Folder with the true mask of the clip's end; a clip that was labelled is its own truth.
+    #[arg(long, value_name = "DIR")]
+    pub truth: Option<PathBuf>,
+}
+
+/// Options of `label`.
+#[derive(Debug, Clone, Args)]
+pub struct Label {
+    /// Folder with numbered pictures and `clip.csv`; the labels are kept in it.
+    #[arg(long, value_name = "DIR")]
+    pub clip: PathBuf,
+    /// The panel's recipe: its grids are drawn over the pictures. The panel must have been taught.
+    #[arg(long, value_name = "FILE")]
+    pub recipe: Option<PathBuf>,
+    /// A pose, or what `locate` or `refine` printed: where the panel of the grids stands; without it they are drawn at its nominal place.
+    #[arg(long, value_name = "POSE.json", requires = "recipe")]
+    pub located: Option<PathBuf>,
+    /// Where the page is served: a loopback address; port 0 takes a free one.
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
+    pub listen: std::net::SocketAddr,
+}
+
+/// Options of `plan`.
+#[derive(Debug, Clone, Args)]
+pub struct Plan {
+    /// The panel's recipe.
+    #[arg(long, value_name = "FILE")]
+    pub recipe: PathBuf,
+    /// A pose, or what `locate` or `refine` printed; without it the panel stands at its nominal place.
+    #[arg(long, value_name = "POSE.json")]
+    pub located: Option<PathBuf>,
+    /// The grids to abrade, `r1c1,r1c2`; without it all of them.
+    #[arg(long, value_name = "ID,…", value_delimiter = ',')]
+    pub grids: Vec<String>,
+    /// File for the plan as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// File for the same path as a KRL program.
+    #[arg(long, value_name = "FILE")]
+    pub krl: Option<PathBuf>,
+    /// Folder for a picture of the path over the panel.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+}

@@ -1,0 +1,54 @@
+//! Arguments of the commands about what is kept: the store, pages, recordings, codes.
+
+use clap::{Args, Subcommand};
+use std::path::PathBuf;
+
+/// Options of `store`.
+#[derive(Debug, Clone, Args)]
+pub struct StoreCommand {
+    /// What to do with it.
+    #[command(subcommand)]
+    pub what: StoreTask,
+}
+
+/// What may be done with a store.
+#[derive(Debug, Clone, Subcommand)]
+pub enum StoreTask {
+    /// Hold every row against the chain of hashes, the chain against its head outside of the database, and every file
+    /// against its hash: name what was changed, deleted, put in, reordered or rolled back.
+    #[command(after_help = "Example, of a copy:\n  panelprep store verify --store /media/copy/store --rows-only\n\
+        Exit codes: 0 nothing was found, 1 something was found, 2 there is no store to read.")]
+    Verify(VerifyStore),
+}
+
+/// Options of `store verify`.
+#[derive(Debug, Clone, Args)]
+pub struct VerifyStore {
+    /// Leave out the files (scans, pictures), which takes most of the time.
+    #[arg(long)]
+    pub rows_only: bool,
+}
+
+/// Options of `explain`.
+#[derive(Debug, Clone, Args)]
+pub struct Explain {
+    /// The word in parentheses behind a message.
+    pub code: Option<String>,
+}
+
+/// Options of `replay`.
+#[derive(Debug, Clone, Args)]
+pub struct Replay {
+    /// What `--record` wrote.
+    pub recording: PathBuf,
+}
+
+/// `panelprep page`.
+#[derive(Debug, Args)]
+pub struct PageOf {
+    /// The number of the cycle.
+    pub cycle: i64,
+    /// Where the page goes; without it, where the service writes it: `reports/` in the store.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}

@@ -1,0 +1,125 @@
+//! Arguments of `panelprep robot`.
+
+use clap::{Args, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+/// Options of `robot`.
+#[derive(Debug, Clone, Args)]
+pub struct Robot {
+    /// Which function.
+    #[command(subcommand)]
+    pub function: RobotFunction,
+}
+
+/// The functions of thesis Table 3.1. Each has an epoch of its own: base, tool and speed hold within it only.
+#[derive(Debug, Clone, Subcommand)]
+pub enum RobotFunction {
+    /// get_current_state: what the controller says of itself.
+    State,
+    /// move_j: each axis to its angle.
+    MoveJ {
+        /// A name of the cell's [poses], or the six angles A1,…,A6 in degrees.
+        #[arg(value_name = "NAME|A1,…,A6", allow_hyphen_values = true)]
+        to: String,
+        /// Share of the axes' full speed, %.
+        #[arg(long, value_name = "PERCENT", default_value_t = 10, value_parser = clap::value_parser!(u8).range(1..=100))]
+        axis_speed_percent: u8,
+    },
+    /// move_lin: the tip in a straight line, cut into steps that the gate sees.
+    MoveLin {
+        /// X,Y,Z,A,B,C in mm and degrees, or a POSE.json.
+        #[arg(value_name = "POSE", allow_hyphen_values = true)]
+        to: String,
+        /// The base that the pose is in, for example what `locate` printed; without it the robot's own.
+        #[arg(long, value_name = "POSE", allow_hyphen_values = true)]
+        base: Option<String>,
+        /// What the tip is.
+        #[arg(long, value_enum, default_value_t)]
+        tool: TipName,
+        /// Speed of the tip, mm/s; at most the cell's.
+        #[arg(long, value_name = "MM/S", default_value_t = 50.0)]
+        speed_mm_s: f64,
+    },
+    /// set_base: sets a base and reads it back.
+    SetBase {
+        /// X,Y,Z,A,B,C in mm and degrees, or a POSE.json.
+        #[arg(value_name = "POSE", allow_hyphen_values = true)]
+        base: String,
+    },
+    /// set_tcp: sets a tool and reads it back.
+    SetTcp {
+        /// X,Y,Z,A,B,C of the tip in the flange, mm and degrees, or a POSE.json.
+        #[arg(value_name = "POSE", allow_hyphen_values = true)]
+        flange_from_tool: String,
+    },
+    /// set_acc_speed: speeds of what follows in the same epoch; shows whether the controller takes them.
+    SetSpeed {
+        /// Speed of the tip, mm/s.
+        speed_mm_s: f64,
+        /// Acceleration of the tip, m/s².
+        #[arg(long, value_name = "M/S2", default_value_t = 1.0)]
+        acceleration_m_s2: f64,
+        /// Share of the axes' full speed, %.
+        #[arg(long, value_name = "PERCENT", default_value_t = 10, value_parser = clap::value_parser!(u8).range(1..=100))]
+        axis_percent: u8,
+    },
+    /// set_digout: an output by its name in the cell's [io.outputs], where its interlocks hold.
+    SetOut {
+        /// The name, `light`.
+        name: String,
+        /// On or off.
+        #[arg(value_enum)]
+        value: OnOff,
+        /// Wait so long before the epoch ends; the tool goes off with it.
+        #[arg(long, value_name = "SECONDS", default_value_t = 0)]
+        keep_s: u16,
+    },
+    /// set_digin: refused, since inputs of a KRC are read-only, unless the cell's [io.mapped_inputs] names it.
+    SetIn {
+        /// The number of the input.
+        number: u16,
+        /// On or off.
+        #[arg(value_enum)]
+        value: OnOff,
+    },
+    /// call_subroutine: one of the controller's own list.
+    Call {
+        /// Its index there.
+        index: u16,
+    },
+    /// None of the nine: goes through what the installation page asks to be proven on the controller, and writes a page to
+    /// sign. Tries what a client can try, asks for the rest; nothing moves by it.
+    Prove(Prove),
+}
+
+/// Options of `robot prove`.
+#[derive(Debug, Clone, Args)]
+pub struct Prove {
+    /// The page, HTML.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Who stands at the controller.
+    #[arg(long, value_name = "NAME")]
+    pub by: String,
+}
+
+/// What the tip is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum TipName {
+    /// The flange itself.
+    #[default]
+    Flange,
+    /// The flange camera, as calibrated.
+    Camera,
+    /// The sanding tool, as calibrated.
+    Sanding,
+}
+
+/// A signal's value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum OnOff {
+    /// On.
+    On,
+    /// Off.
+    Off,
+}

@@ -1,0 +1,110 @@
+//! Arguments of the service, of its worker, and of whoever asks it for something.
+
+use super::simulation::Simulation;
+use clap::{Args, Subcommand};
+use std::path::PathBuf;
+
+/// Options of `cycle` and `air-run`.
+#[derive(Debug, Clone, Args)]
+pub struct Cycle {
+    /// The panel's recipe.
+    #[arg(long, value_name = "FILE")]
+    pub recipe: PathBuf,
+    /// A new disc is mounted: its wear is counted from zero.
+    #[arg(long)]
+    pub new_disc: bool,
+    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film takes a gigabyte at full size.
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+    /// What a simulated cell shows.
+    #[command(flatten)]
+    pub simulation: Simulation,
+}
+
+/// Options of `run`.
+#[derive(Debug, Clone, Args)]
+pub struct Run {
+    /// What a simulated cell shows.
+    #[command(flatten)]
+    pub simulation: Simulation,
+}
+
+/// Options of the 3D camera's worker.
+#[derive(Debug, Clone, Args)]
+pub struct ZividWorker {
+    /// `libpanelprep_zivid.so`.
+    #[arg(long, value_name = "FILE")]
+    pub library: PathBuf,
+}
+
+/// Options of `ctl`.
+#[derive(Debug, Clone, Args)]
+pub struct Ctl {
+    /// What to ask.
+    #[command(subcommand)]
+    pub ask: CtlAsk,
+}
+
+/// What may be asked.
+#[derive(Debug, Clone, Subcommand)]
+pub enum CtlAsk {
+    /// Begin a cycle, from idle.
+    Start {
+        /// The panel's recipe.
+        #[arg(long, value_name = "FILE")]
+        recipe: PathBuf,
+        /// Record the cycle for `panelprep replay` and Foxglove, in this new file, which the service writes; without a
+        /// name in its store, as recordings/cycle-NNNNNN.mcap. Nobody but you removes it: a minute of film takes a
+        /// gigabyte at full size.
+        #[arg(long, value_name = "FILE", num_args = 0..=1)]
+        record: Option<Option<PathBuf>>,
+        /// The part that stands in the cell: kept with the cycle and shown on its page.
+        #[command(flatten)]
+        part: PartArguments,
+        /// Wait for the cycle's end, tell each change, and end with the cycle's exit code. A cycle that is held waits on.
+        #[arg(long)]
+        wait: bool,
+    },
+    /// Leave what is going on: no further waypoint, tool off, retract.
+    Hold,
+    /// Go on after a hold, through a look at the corner.
+    Unhold {
+        /// The panel is dry: locate it again.
+        #[arg(long)]
+        dried: bool,
+    },
+    /// End the cycle.
+    Stop,
+    /// End everything at once.
+    Abort,
+    /// After an abort: the cause is gone and the pad is off the panel.
+    Clear,
+    /// From stopped or complete to idle: everything off and tested, no motion.
+    Reset {
+        /// Wait until the cell is idle, and end with 3 where it does not get there.
+        #[arg(long)]
+        wait: bool,
+    },
+    /// Held for review: the result is good.
+    Accept,
+    /// A new disc is mounted: its wear is counted from zero. Where the cell rests.
+    NewDisc,
+    /// How the cell stands: state, panel, pass, phase, seconds of film, waypoint, the last page.
+    State,
+    /// Follow the cell until this command is interrupted: a line for each change, with --json one object a line.
+    Watch,
+}
+
+/// Which part a cycle is about, as far as it is told.
+#[derive(Debug, Clone, Args)]
+pub struct PartArguments {
+    /// The part's serial number.
+    #[arg(long = "part", value_name = "SERIAL")]
+    pub serial: Option<String>,
+    /// The work order.
+    #[arg(long, value_name = "WORK_ORDER")]
+    pub order: Option<String>,
+    /// Who operates the cell.
+    #[arg(long, value_name = "NAME")]
+    pub operator: Option<String>,
+}

@@ -1,0 +1,105 @@
+//! Arguments of the commands that simulate a cell.
+
+use super::simulation::{SceneName, arm_error};
+use crate::devices::mock::FaultSpec;
+use crate::sim::RealArm;
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+
+/// How hard the films of a simulated cell are to read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum FilmName {
+    /// Steady light and no glints.
+    Calm,
+    /// A good cell on a common day, as the simulated cell has it: some drift, glints, drops.
+    #[default]
+    Usual,
+    /// Drift, flicker, a shadow, glints, drops, a dark or bright exposure, as the seed has it.
+    Hard,
+}
+
+/// Options of `demo`.
+#[derive(Debug, Clone, Args)]
+pub struct Demo {
+    /// Everything random comes from this number.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// What stands in the cell.
+    #[arg(long, value_enum, default_value_t)]
+    pub scene: SceneName,
+    /// Where pictures, files and the page go.
+    #[arg(long, value_name = "DIR", default_value = "target/demo")]
+    pub out: PathBuf,
+    /// Cameras with this many times fewer pixels each way; 1 is full size.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
+    pub reduction: u32,
+    /// The simulated arm is off its drawing by so much at the tool, rms, mm, and is calibrated before the cycle; 0 is an arm as
+    /// it is drawn.
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
+    pub arm_error_mm: f64,
+    /// Cameras and tool are calibrated, but the errors of the arm are not.
+    #[arg(long, requires = "arm_error_mm")]
+    pub uncorrected: bool,
+    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film takes a gigabyte at full size.
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+}
+
+/// Options of `render`.
+#[derive(Debug, Clone, Args)]
+pub struct Render {
+    /// Everything random comes from this number.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// What stands in the cell.
+    #[arg(long, value_enum, default_value_t)]
+    pub scene: SceneName,
+    /// Which of the seed's places the panel stands at: the same panel with the same grease, displaced otherwise by each number;
+    /// what it is taught by is the same for all of them.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub place: u32,
+    /// Also pictures of boards, poses and touched points, for `panelprep calibrate`.
+    #[arg(long)]
+    pub boards: bool,
+    /// How hard its films are to read.
+    #[arg(long, value_enum, default_value_t)]
+    pub film: FilmName,
+    /// Add a labelled set of so many clips in `set`, of other grease each, every third one clean, for
+    /// `panelprep inspect --truth`.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub clips: u32,
+    /// Length of a wet film, s.
+    #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u32).range(5..=600))]
+    pub seconds: u32,
+    /// The folder to write; it must be empty, new, or one that `render` wrote.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Cameras with this many times fewer pixels each way; 1 is full size.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
+    pub reduction: u32,
+    /// The simulated arm is off its drawing by so much at the tool, rms, mm; 0 is an arm as it is drawn.
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
+    pub arm_error_mm: f64,
+}
+
+/// Options of `mock-robot`.
+#[derive(Debug, Clone, Args)]
+pub struct MockRobot {
+    /// Folder with CELLCMD.xml and CELLSTAT.xml; without it the ones this program was built with, on the cell's ports.
+    #[arg(long, value_name = "DIR")]
+    pub config: Option<PathBuf>,
+    /// What goes wrong, and when: see below.
+    #[arg(long, value_name = "SPEC")]
+    pub fault: Option<FaultSpec>,
+    /// Execute the controller's KRL programs as they ship, in place of the model of them.
+    #[arg(long)]
+    pub programs: bool,
+    /// Address to listen at.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
+    pub host: std::net::IpAddr,
+}
+
+/// The simulated arm of this seed; `None` where it is as it is drawn.
+pub fn real_arm(seed: u64, error_mm: f64) -> Option<RealArm> {
+    (error_mm > 0.0).then(|| RealArm::new(seed, error_mm))
+}
