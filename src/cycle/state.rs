@@ -120,8 +120,9 @@ impl At {
 }
 
 /// The phases inside Execute.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "lowercase")]
 pub enum Phase {
     /// A 3D shot of the dry panel, from which its place.
     Locate,
@@ -146,6 +147,13 @@ pub enum Phase {
     Retract,
     /// The dust is washed off.
     Rinse,
+}
+
+impl Phase {
+    /// The word that users script against.
+    pub fn word(self) -> &'static str {
+        self.into()
+    }
 }
 
 /// A hold and how it ends.

@@ -149,7 +149,7 @@ impl RequestHandler {
         Reply {
             answer,
             state: Some(state.at.word().to_owned()),
-            phase: phase(state.at).map(|phase| words::phase(phase).to_owned()),
+            phase: phase(state.at).map(|phase| phase.word().to_owned()),
             panel: self.panel.clone(),
             pass: self.cycle.map(|_| state.job.pass),
             film_s: self.film_s.filter(|_| state.at == At::Execute(Phase::Inspect)),

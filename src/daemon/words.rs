@@ -1,6 +1,6 @@
 //! States, refusals and causes in words for the people at the cell: what is, and what to do.
 
-use crate::cycle::{At, Cause, Epoch, Hold, Phase, Refusal, Request, Robot, State, Trouble, Why, step};
+use crate::cycle::{At, Cause, Epoch, Hold, Refusal, Request, Robot, State, Trouble, Why, step};
 use crate::verdict::Reason;
 
 /// The word by which `panelprep ctl` asks for this.
@@ -18,26 +18,10 @@ pub fn request_word(request: Request) -> &'static str {
     }
 }
 
-/// The phase inside Execute.
-pub(super) fn phase(phase: Phase) -> &'static str {
-    match phase {
-        Phase::Locate => "locate",
-        Phase::Refine { .. } => "refine",
-        Phase::Dry => "dry",
-        Phase::Wet => "wet",
-        Phase::Inspect => "inspect",
-        Phase::Plan => "plan",
-        Phase::Verify => "verify",
-        Phase::Abrade => "abrade",
-        Phase::Retract => "retract",
-        Phase::Rinse => "rinse",
-    }
-}
-
 /// State and phase: `execute, refine`.
 pub(super) fn place(at: At) -> String {
     match at {
-        At::Execute(inside) => format!("{}, {}", at.word(), phase(inside)),
+        At::Execute(inside) => format!("{}, {}", at.word(), inside.word()),
         _ => at.word().to_owned(),
     }
 }

@@ -6,3 +6,5 @@ mod judged;
 mod seeds;
 mod session;
 mod targets;
+
+pub use targets::documents;

@@ -63,10 +63,10 @@ pub const CAMERA: PinholeCamera = PinholeCamera {
     k3: 0.0,
 };
 
-/// Documents and the first error; the stream comes in two pieces.
-fn documents(stream: &[u8], cut: usize) -> (Vec<String>, Option<String>) {
+/// Documents and the first error of a stream that comes in these pieces.
+pub fn documents(pieces: &[&[u8]]) -> (Vec<String>, Option<String>) {
     let (mut framer, mut found) = (Framer::default(), Vec::new());
-    for piece in [&stream[..cut], &stream[cut..]] {
+    for piece in pieces {
         framer.push(piece);
         loop {
             match framer.next_document() {
@@ -83,8 +83,8 @@ fn documents(stream: &[u8], cut: usize) -> (Vec<String>, Option<String>) {
 fn framer(bytes: &[u8]) {
     let Some((&cut, stream)) = bytes.split_first() else { return };
     let cut = usize::from(cut).min(stream.len());
-    let (whole, error) = documents(stream, 0);
-    assert_eq!(documents(stream, cut), (whole.clone(), error));
+    let (whole, error) = documents(&[stream]);
+    assert_eq!(documents(&[&stream[..cut], &stream[cut..]]), (whole.clone(), error));
     assert!(whole.iter().all(|document| document.len() <= MAX_DOCUMENT_BYTES));
 }
 

@@ -4,9 +4,10 @@
 //! a value in range or an error that names the place; the controller goes on, with its channel closed or not.
 
 use super::cell::{Blind, Cell, setup, wire};
+use crate::fuzz::documents;
 use panelprep::devices::mock::{self, Clock};
 use panelprep::eki::{Channel, Pace, Report};
-use panelprep::eki::{Framer, LinkLimits, MAX_DOCUMENT_BYTES, Session, Time};
+use panelprep::eki::{LinkLimits, MAX_DOCUMENT_BYTES, Session, Time};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -71,21 +72,6 @@ fn damage(stream: &[u8], draw: &mut Pcg64) -> Vec<u8> {
         }
     }
     bytes
-}
-
-fn documents(pieces: &[&[u8]]) -> (Vec<String>, Option<String>) {
-    let (mut framer, mut found) = (Framer::default(), Vec::new());
-    for piece in pieces {
-        framer.push(piece);
-        loop {
-            match framer.next_document() {
-                Ok(Some(document)) => found.push(document),
-                Ok(None) => break,
-                Err(error) => return (found, Some(error.to_string())),
-            }
-        }
-    }
-    (found, None)
 }
 
 fn pieces<'a>(stream: &'a [u8], cuts: &[usize]) -> Vec<&'a [u8]> {

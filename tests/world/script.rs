@@ -3,7 +3,7 @@
 //! A moment is counted from the first time that the table comes to a place, so that every fault strikes in every place, however long
 //! the places before took. An entry that is taken out leaves the others as they were.
 
-use panelprep::cycle::{self, At, Phase};
+use panelprep::cycle::{self, At};
 use panelprep::devices::mock;
 use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
@@ -202,18 +202,7 @@ const OFTEN: [&str; 5] = ["wet", "verify", "abrade", "retract", "rinse"];
 /// The place of a state.
 pub fn place(at: At) -> &'static str {
     match at {
-        At::Execute(phase) => match phase {
-            Phase::Locate => "locate",
-            Phase::Refine { .. } => "refine",
-            Phase::Dry => "dry",
-            Phase::Wet => "wet",
-            Phase::Inspect => "inspect",
-            Phase::Plan => "plan",
-            Phase::Verify => "verify",
-            Phase::Abrade => "abrade",
-            Phase::Retract => "retract",
-            Phase::Rinse => "rinse",
-        },
+        At::Execute(phase) => phase.word(),
         at => at.word(),
     }
 }

@@ -143,7 +143,9 @@ impl Link {
                         streams.state_out.extend_from_slice(&bytes);
                         // In lock step nobody speaks between two questions, however long a computation takes: the controller is
                         // silent from a question on.
-                        heard = if self.pace == Pace::LockStep { Instant::now() } else { heard };
+                        if self.pace == Pace::LockStep {
+                            heard = Instant::now();
+                        }
                     }
                 }
             }
