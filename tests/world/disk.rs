@@ -216,7 +216,8 @@ impl Watched {
                 Some(libc::EIO)
             }
             Event::Full(_) if gives_up => {
-                self.events.remove(index);
+                // The room that the reserve took is far more than what is written until the cell rests.
+                self.events.retain(|(_, event)| !matches!(event, Event::Full(_)));
                 None
             }
             Event::Full(_) if !takes_room => None,
