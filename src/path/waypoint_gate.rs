@@ -117,13 +117,13 @@ fn outside(index: usize, pose: &Rigid<Base, Tool>, workspace: Workspace) -> Opti
             list(workspace.max.mm.coords.as_slice())
         )
     };
-    let beyond = |axis: usize| {
+    let sides = (0..3).flat_map(|axis| {
         let (low, high) = (workspace.min.mm[axis], workspace.max.mm[axis]);
-        (low - tip[axis]).max(tip[axis] - high)
-    };
-    let beyond_mm = (0..3).map(beyond).fold(0.0, f64::max);
-    let check = Check::new("waypoint outside of the cell's box", "mm", beyond_mm)
-        .at_most(0.0, SetBy::cell("limits.box_min_mm"));
+        [(low - tip[axis], "limits.box_min_mm"), (tip[axis] - high, "limits.box_max_mm")]
+    });
+    let farthest = sides.max_by(|one, other| one.0.total_cmp(&other.0));
+    let (beyond_mm, key) = farthest.unwrap_or((f64::NAN, "limits.box_min_mm"));
+    let check = Check::new("waypoint outside of the cell's box", "mm", beyond_mm).at_most(0.0, SetBy::cell(key));
     (!workspace.holds(pose.origin())).then(|| check.broken(true, Severity::Reject, "outside_box", message))
 }
 
@@ -202,6 +202,26 @@ mod tests {
         assert_eq!(planted(at(200.0, 16.0)), ["large_turn"; 2], "there and back");
         let below = Rigid::displaced(at(200.0, 0.0), Vector::new(nalgebra::Vector3::y() * -100.5));
         assert!(planted(below).contains(&"outside_box".to_owned()));
+    }
+
+    /// By hand: at y = −100.5 mm the tip is 0.5 mm below the box, at x = 502 mm it is 2 mm above it; each names its own key, and
+    /// what is kept is not listed.
+    #[test]
+    fn a_check_tells_how_far_and_whose_limit() {
+        let broken = |bad: Rigid<Base, Tool>| {
+            let route = Route { from: at(450.0, 0.0), waypoints: &[at(460.0, 0.0), bad], taught_axis: None };
+            broken_by_route(&route, &limits())
+        };
+        let below = Rigid::displaced(at(470.0, 0.0), Vector::new(nalgebra::Vector3::y() * -100.5));
+        let outside = |bad, mm: f64, key| {
+            let found = broken(bad).into_iter().find(|check| check.code.as_deref() == Some("outside_box"));
+            let check = found.expect("outside");
+            assert!((check.value.expect("measured") - mm).abs() < 1e-9, "{check:?}");
+            assert_eq!(check.set_by, Some(SetBy::cell(key)));
+        };
+        outside(below, 0.5, "limits.box_min_mm");
+        outside(at(502.0, 0.0), 2.0, "limits.box_max_mm");
+        assert_eq!(broken(at(470.0, 0.0)), []);
     }
 
     #[test]
