@@ -30,6 +30,7 @@ pub mod record;
 pub mod sim;
 
 pub mod panel;
+pub mod signing;
 pub mod tape;
 
 pub mod calib;

@@ -5,6 +5,7 @@ mod files;
 mod keeping;
 mod new;
 mod package_files;
+mod record;
 mod robot;
 mod service;
 mod shooting;
@@ -16,6 +17,7 @@ pub use files::{Check, Doctor, Inspect, Label, Locate, Look, Plan, PurposeName, 
 pub use keeping::{Explain, PageOf, Replay, StoreCommand, StoreTask, VerifyStore};
 pub use new::{FlangeCameraKind, New, NewCell, NewFile, NewRecipe, RobotKindName, ScannerKind};
 pub use package_files::PackageFiles;
+pub use record::{ExportRecord, HeadOfRecords, MeaningName, RecordCommand, RecordTask, SignRecord, VerifyRecord};
 pub use robot::{OnOff, Prove, Robot, RobotFunction, TipName};
 pub use service::{Ctl, CtlAsk, Cycle, PartArguments, Run, ZividWorker};
 pub use shooting::{Shoot, Shot};
@@ -192,6 +194,8 @@ pub enum Command {
     #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
         panelprep page 1 --cell target/cell/cell.toml")]
     Page(PageOf),
+    /// The signed records of cycles: write them out, verify them with the public key, tell the head of their chain.
+    Record(RecordCommand),
     /// Look after the store: is everything in it what was written?
     #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
         panelprep store verify --cell target/cell/cell.toml")]

@@ -42,6 +42,7 @@ mod person;
 mod pictures;
 mod plan;
 mod prove;
+mod record;
 mod recording;
 mod refine;
 mod render;
@@ -100,6 +101,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Label(args) => label::run(args, common),
         Command::Plan(args) => plan::run(args, common),
         Command::Page(args) => page::run(args, common),
+        Command::Record(args) => record::run(args, common),
         Command::Store(args) => store::run(args, common),
         Command::Backup(args) => backup::run(args, common),
         Command::Restore(args) => backup::restore(args, common),

@@ -68,7 +68,7 @@ impl Part {
 }
 
 /// Every table, column by column; in this order the rows of a store without a chain are taken into one.
-pub(super) static PARTS: [Part; 19] = [
+pub(super) static PARTS: [Part; 20] = [
     Part::row(
         "taught_panels",
         "taught panel",
@@ -136,6 +136,11 @@ pub(super) static PARTS: [Part; 19] = [
     Part::row("contacts", "contact path", &["motion_id", "path"]),
     Part::row("permits", "permit of waypoints", &["motion_id", "unix_ms", "waypoints"]),
     Part::row("cycle_facts", "fact of a cycle", &["cycle_id", "name", "fact"]),
+    Part::row(
+        "signatures",
+        "signature",
+        &["cycle_id", "kind", "unix_ms", "record_hash", "previous_hash", "signature", "public_key"],
+    ),
 ];
 
 /// The part with this name.

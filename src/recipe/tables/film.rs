@@ -11,6 +11,9 @@ settings! {
         frames_per_second: f64, 0.5..=30.0, default 5.0;
         /// How often one grid may be abraded in a cycle.
         max_passes_per_grid: usize, 1..=10, default 2;
+        /// In how many passes one part may be abraded, over all cycles that name its serial number; see
+        /// [`Process::passes_of_a_part`].
+        max_passes_per_part: Option<usize>, 1..=100, default None;
         /// How long the dust is washed off, s.
         rinse_s: f64, 0.5..=120.0, default 10.0;
         /// How long the panel is sprayed before the film is watched, s.
@@ -26,6 +29,25 @@ settings! {
         /// The lamp and its brightness at the panel.
         lamp: Option<String>, (), default None;
     }
+}
+
+impl Process {
+    /// In how many passes one part may be abraded, over all cycles that name its serial number; where the recipe does not
+    /// state it, twice `max_passes_per_grid`.
+    pub fn passes_of_a_part(&self) -> usize {
+        self.max_passes_per_part().unwrap_or(2 * self.max_passes_per_grid())
+    }
+}
+
+pub(in crate::recipe) fn take_process(section: &Section<'_, '_>) -> Option<Process> {
+    let process = Process::take(section)?;
+    let (part, grid) = (process.passes_of_a_part(), process.max_passes_per_grid());
+    if part < grid {
+        let allowed = format!("found {part}, allowed is max_passes_per_grid, {grid}, or more");
+        section.problem("max_passes_per_part", allowed);
+        return None;
+    }
+    Some(process)
 }
 
 settings! {
