@@ -53,6 +53,7 @@ mod report;
 mod robot;
 mod run;
 mod score;
+mod sheet;
 mod shoot;
 mod store;
 mod teach;

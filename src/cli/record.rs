@@ -8,6 +8,7 @@ use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::report::{self, Kept};
+use super::sheet;
 use crate::daemon::whoever_runs_this;
 use crate::files::content_hash;
 use crate::record::CycleId;
@@ -128,6 +129,11 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
         let rows = store.signatures_of(cycle).map_err(Fault::stage)?;
         if rows.is_empty() {
             return Err(Fault::NotSigned { cycle: cycle.0 });
+        }
+        if let Some(row) = rows.iter().find(|row| !row.is_of_person) {
+            let file = args.out.join(format!("{}.pdf", signing::cycle_stem(cycle)));
+            disk::write(&file, sheet::document(&store, &Kept::read(&store, cycle)?, row)?)?;
+            written.push(file);
         }
         for row in rows {
             written.extend(export_row(&store, &row, &args.out)?);

@@ -14,6 +14,7 @@ pub mod page;
 mod reasons;
 mod ruler;
 mod scan_view;
+pub mod sheet;
 mod surface_map;
 
 pub use bars::{Bar, bars};

@@ -22,6 +22,9 @@ settings! {
         drain_s: f64, 0.0..=600.0, default 10.0;
         /// From light on to steady light, s.
         light_settle_s: f64, 0.0..=60.0, default 1.0;
+        /// The procedure by which the panel is tested, with its edition, such as "ASTM F22-21, PS 4711 rev. C"; unstated, ASTM F22
+        /// without an edition.
+        procedure: Option<String>, (), default None;
         /// The water that is sprayed, as the inspector signs it, such as "deionised, 2 µS/cm"; unstated, a line to fill in.
         water: Option<String>, (), default None;
         /// Its temperature, °C.
