@@ -12,6 +12,7 @@ use super::sheet;
 use crate::daemon::whoever_runs_this;
 use crate::files::content_hash;
 use crate::record::CycleId;
+use crate::report::page::Figure;
 use crate::signing::{self, CellKey, Export, Meaning, Place, PublicKey, Said, Signed, Statement};
 use crate::store::{self, KeyPlace, PersonSigns, SignatureRow, Store};
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -132,7 +133,9 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
         }
         if let Some(row) = rows.iter().find(|row| !row.is_of_person) {
             let file = args.out.join(format!("{}.pdf", signing::cycle_stem(cycle)));
-            disk::write(&file, sheet::document(&store, &Kept::read(&store, cycle)?, row)?)?;
+            let kept = Kept::read(&store, cycle)?;
+            let figures: Vec<Figure> = kept.figures().collect();
+            disk::write(&file, sheet::document(&store, (&kept.record, &figures), row)?)?;
             written.push(file);
         }
         for row in rows {
