@@ -136,9 +136,10 @@ fn everything_that_is_linked_has_a_licence_that_the_package_may_carry() {
         "sources without their texts"
     );
     // The fonts may be embedded where their own notice comes along.
-    let fonts =
-        linked.iter().filter(|it| it.texts.iter().any(|(_, text)| text.contains("Bitstream Vera Fonts Copyright")));
-    assert_eq!(fonts.count(), BESIDE.len());
+    let has_notice =
+        |it: &&Linked| it.texts.iter().any(|(_, text)| text.contains("Bitstream Vera Fonts Copyright"));
+    let fonts: Vec<&str> = linked.iter().filter(has_notice).map(|it| it.name.as_str()).collect();
+    assert!(fonts.iter().any(|name| name.starts_with("dejavu ")), "{fonts:?}");
     let wrong: Vec<String> = linked
         .iter()
         .filter(|it| !is_allowed(&it.licence))
