@@ -359,7 +359,7 @@ fn change(random: &mut Pcg64, export: &mut Export, head: &mut Signed) -> (&'stat
                 let of_cycle = |id: u64| if id == 1 { 1 } else { 2 * id - 2 };
                 number.unwrap_or_else(|| of_cycle(stem["cycle-".len()..].parse().expect("an id"))) <= keep
             });
-            ("rolled back", format!("rolled back: the head head.json is at record number 11; record"))
+            ("rolled back", "rolled back: the head head.json is at record number 11; record".to_owned())
         }
         7 => {
             let files = export.files.as_mut().expect("files");

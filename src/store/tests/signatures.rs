@@ -147,6 +147,25 @@ fn a_changed_statement_signature_or_row_is_named() {
     assert!(told.iter().any(|told| told.contains("signature 2: ") && told.contains("is damaged")), "{told:?}");
 }
 
+/// Who signs does not write a new head over the one that knows better: the next start finds the rollback.
+#[test]
+fn a_store_that_was_rolled_back_is_not_signed() {
+    let (folder, mut store) = new_store();
+    store.recover().expect("recovers");
+    cycle(&mut store, None);
+    drop(store);
+    let path = folder.path().join("store");
+    let yesterday = fs::read(path.join(DATABASE)).expect("read");
+    let mut store = Store::create(&path).expect("opens");
+    cycle(&mut store, None);
+    drop(store);
+    fs::write(path.join(DATABASE), yesterday).expect("rolled back");
+    let refused = Store::sign_missing(&path, &key(), &|_, _| panic!("signed")).expect_err("refused").to_string();
+    assert!(refused.contains("rolled back: "), "{refused}");
+    let store = Store::create(&path).expect("opens");
+    assert!(store.changed().iter().any(|words| words.contains("rolled back")), "{:?}", store.changed());
+}
+
 /// A store of schema 7 has no such table.
 #[test]
 fn cycles_of_an_earlier_program_are_signed_once_the_store_is_brought_up_to_date() {
@@ -159,6 +178,9 @@ fn cycles_of_an_earlier_program_are_signed_once_the_store_is_brought_up_to_date(
     connection.execute_batch("DROP TABLE signatures; PRAGMA user_version = 7").expect("as it was");
     drop(connection);
     assert_eq!(Store::open(&path).expect("opens").signatures().expect("none"), []);
+    let refused = Store::sign_missing(&path, &key(), &|_, _| panic!("no table")).expect_err("an earlier one");
+    assert!(refused.to_string().contains("has schema 7, this program works with 8"), "{refused}");
+    drop(Store::create(&path).expect("brought up to date"));
     Store::sign_missing(&path, &key(), &|_, row| assert!(row.is_ok())).expect("signed");
     assert_eq!(Store::open(&path).expect("opens").signatures().expect("read").len(), 1);
     assert_eq!(found(&path), [] as [String; 0]);
