@@ -3,14 +3,14 @@
 use super::chain::ChainPosition;
 use super::error::StoreError;
 use super::{chain, checkpoints, contacts, cycles, discs, incidents, journal, motions};
-use super::{prune, requests, teaching, verifications};
+use super::{people, prune, requests, teaching, verifications};
 use rusqlite::Connection;
 use std::path::Path;
 
 /// The newest schema that this program knows. 1: taught panels. 2: cycles, findings, journal, motions.
 /// 3: verifications. 4: discs. 5: strikes of verifications. 6: the chain, checkpoints, incidents, removed files.
-/// 7: requests, contact paths, facts of a cycle.
-pub(super) const SCHEMA: i64 = 7;
+/// 7: requests, contact paths, facts of a cycle. 8: accounts and the audit trail.
+pub(super) const SCHEMA: i64 = 8;
 /// The first with a chain.
 pub(super) const CHAINED: i64 = 6;
 
@@ -85,6 +85,9 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
     if found < 7 {
         transaction.execute_batch(requests::TABLES)?;
         transaction.execute_batch(contacts::TABLES)?;
+    }
+    if found < 8 {
+        transaction.execute_batch(people::TABLES)?;
     }
     if found < CHAINED {
         for tables in [chain::TABLES, checkpoints::TABLES, incidents::TABLES, prune::TABLES] {
