@@ -20,6 +20,7 @@ pub mod cycle;
 pub mod geometry;
 pub mod krl;
 
+pub mod accounts;
 pub mod cell;
 pub mod eki;
 pub mod files;

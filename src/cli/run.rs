@@ -13,9 +13,9 @@ use super::report::{self, Kept};
 use super::zivid;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
-    self, CellSetup, Computing, EndedCycle, Gateway, Loader, LoopStart, News, Ports, PreparedCycle, RecordIn,
-    Recorded, RecordedPort, Recording, RecordingSwitch, Request, RequestHandler, RequestQueue, RequestSender,
-    Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord, WrittenPage,
+    self, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, Ports, PreparedCycle,
+    RecordIn, Recorded, RecordedPort, Recording, RecordingSwitch, Request, RequestHandler, RequestQueue,
+    RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord, WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::record::{CycleId, RecordingFile};
@@ -86,12 +86,13 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     }
     let mut person = Person { requester: handler, world };
     let (again, whole) = (files.clone(), common.clone());
+    let view = LiveView::default();
     let keep = daemon::keeper(&store).map_err(Fault::stage)?;
     let mut record = StoreRecord::new(&mut store, left_open);
     let readable = Box::new(move || Calibrated::read(&again, &whole).err().iter().map(unreadable).collect());
     let cameras = Box::new(RecordedPort::new(Box::new(cameras), recording.clone()));
-    let computing =
-        Computing::on_thread((cameras, readable, keep), lock_step, &supervisor).map_err(Fault::of_loop)?;
+    let computing = Computing::on_thread((cameras, readable, keep), lock_step, &supervisor, view.clone())
+        .map_err(Fault::of_loop)?;
     let ports = Ports {
         robot: &mut RecordedPort::new(&mut live.robot, recording.clone()),
         record: &mut RecordedPort::new(&mut record, recording.clone()),

@@ -39,6 +39,7 @@ mod deadlines;
 mod error;
 mod gateway;
 mod lending;
+mod live_view;
 mod moves;
 mod pending;
 mod ports;
@@ -73,6 +74,7 @@ pub use computing::{Computing, Memory, Readable, Seen};
 pub use error::DaemonError;
 pub use gateway::{Gateway, Loader};
 pub use lending::{AllCameras, BorrowedFlangeCamera, BorrowedScanner, LastState, SharedCameras, ShotRequest};
+pub use live_view::{LiveFilm, LiveFrame, LiveView};
 pub use ports::{
     CameraAnswer, CameraCommand, CameraFault, CameraPort, Command, Figure, Finding, Keeper, Kept, LinkedRobot,
     News, NoCameras, Note, Picture2d, Port, Record, RecordAnswer, RecordCommand, RecordError, RecordPort,

@@ -79,7 +79,7 @@ impl Store {
         Ok((store, Verification { struck: Some(strike.clone()), ..found }))
     }
 
-    fn for_one_row(folder: &Path) -> Result<Self, StoreError> {
+    pub(super) fn for_one_row(folder: &Path) -> Result<Self, StoreError> {
         match Store::create(folder) {
             Err(StoreError::Leased { .. }) => Store::beside_the_writer(folder),
             opened => opened,

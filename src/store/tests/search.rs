@@ -103,8 +103,8 @@ fn pages_follow_each_other_while_cycles_begin() {
 }
 
 /// The tables as they were before there were parts.
-const SCHEMA_7: &str =
-    "DROP TABLE cycle_parts; DROP TABLE finding_times; DROP TABLE acknowledgements; PRAGMA user_version = 7";
+const SCHEMA_7: &str = "DROP TABLE cycle_parts; DROP TABLE finding_times; DROP TABLE acknowledgements; DROP TABLE accounts; \
+                        DROP TABLE audit; PRAGMA user_version = 7";
 
 #[test]
 fn the_parts_of_an_earlier_programs_store_are_found_reading_and_after_it_is_raised() {
