@@ -99,7 +99,7 @@ impl TaughtRecipe {
     /// Where they cannot be kept as they stand.
     pub fn about(self, part: Option<PartNames>) -> Result<Self, Fault> {
         let part = part::checked(part.unwrap_or_default())?;
-        let part = part.map(|part| Ok::<_, Fault>((part::PART, part::text(&part)?))).transpose()?;
+        let part = part.map(|part| Ok::<_, Fault>((PartNames::FILE, part::text(&part)?))).transpose()?;
         Ok(TaughtRecipe { part, ..self })
     }
 

@@ -52,10 +52,12 @@ mod report;
 mod robot;
 mod run;
 mod score;
+mod setup_source;
 mod shoot;
 mod store;
 mod teach;
 mod tune;
+mod user;
 mod validate;
 mod zivid;
 
@@ -101,6 +103,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Plan(args) => plan::run(args, common),
         Command::Page(args) => page::run(args, common),
         Command::Store(args) => store::run(args, common),
+        Command::User(args) => user::run(args, common),
         Command::Backup(args) => backup::run(args, common),
         Command::Restore(args) => backup::restore(args, common),
         Command::New(args) => new::run(args, common),

@@ -6,8 +6,6 @@ use crate::record::CycleRecord;
 use crate::report::page::{Row, Section};
 use crate::store::Store;
 
-/// The name under which a cycle keeps it.
-pub const PART: &str = "part";
 /// The longest of its names, in characters.
 const MOST_CHARACTERS: usize = 120;
 
@@ -44,7 +42,7 @@ pub fn text(part: &PartNames) -> Result<String, Fault> {
 
 /// What a cycle's page says of its part; nothing where none was named.
 pub fn section(store: &Store, record: &CycleRecord) -> Option<Section> {
-    let kept = record.files.iter().find(|file| file.name == PART)?;
+    let kept = record.files.iter().find(|file| file.name == PartNames::FILE)?;
     let text = store.blob(&kept.hash).ok().and_then(|bytes| String::from_utf8(bytes).ok());
     let part: Option<PartNames> = text.and_then(|text| toml::from_str(&text).ok());
     let (text, part) = match part {

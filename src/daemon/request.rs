@@ -125,6 +125,11 @@ pub struct PartNames {
     pub operator: Option<String>,
 }
 
+impl PartNames {
+    /// The name under which a cycle keeps it.
+    pub const FILE: &str = "part";
+}
+
 /// Where a cycle is recorded.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
