@@ -6,6 +6,7 @@ mod history;
 mod keeping;
 mod new;
 mod package_files;
+mod people;
 mod robot;
 mod service;
 mod shooting;
@@ -18,6 +19,7 @@ pub use history::{EndName, History, HistoryTask, SearchArguments};
 pub use keeping::{Explain, PageOf, Replay, StoreCommand, StoreTask, VerifyStore};
 pub use new::{FlangeCameraKind, New, NewCell, NewFile, NewRecipe, RobotKindName, ScannerKind};
 pub use package_files::PackageFiles;
+pub use people::{User, UserTask};
 pub use robot::{OnOff, Prove, Robot, RobotFunction, TipName};
 pub use service::{Ctl, CtlAsk, Cycle, PartArguments, Run, ZividWorker};
 pub use shooting::{Shoot, Shot};
@@ -205,6 +207,10 @@ pub enum Command {
     #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
         panelprep store verify --cell target/cell/cell.toml")]
     Store(StoreCommand),
+    /// Accounts of the operator's page: who may log in, as what. The first administrator is made here.
+    #[command(after_help = "Example, with the password as the first line of standard input:\n  \
+        echo 'a long password' | panelprep user add anna --role administrator --cell target/cell/cell.toml")]
+    User(User),
     /// Copy the store, the configuration and the calibrations into one archive that is read back and verified; also while the
     /// service runs.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \

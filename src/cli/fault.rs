@@ -383,6 +383,22 @@ pub enum Fault {
         /// What is wrong.
         problem: &'static str,
     },
+    /// The demonstration's page for others.
+    #[error(
+        "{address}: the demonstration has accounts with known passwords, so that its page is for this computer alone; name an address such as 127.0.0.1:8090"
+    )]
+    DemoPage {
+        /// As asked for.
+        address: std::net::SocketAddr,
+    },
+    /// An account of the operator's page.
+    #[error("account {name}: {problem}")]
+    Account {
+        /// Its name.
+        name: String,
+        /// What is wrong.
+        problem: String,
+    },
     /// The cycle that was waited for is not the service's last one any more.
     #[error("{} was waited for, and the service runs {}; look at the cycle's page", shown(*waited_for), shown(*found))]
     OtherCycle {

@@ -53,10 +53,12 @@ mod report;
 mod robot;
 mod run;
 mod score;
+mod setup_source;
 mod shoot;
 mod store;
 mod teach;
 mod tune;
+mod user;
 mod validate;
 mod zivid;
 
@@ -103,6 +105,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Page(args) => page::run(args, common),
         Command::History(args) => history::run(args, common),
         Command::Store(args) => store::run(args, common),
+        Command::User(args) => user::run(args, common),
         Command::Backup(args) => backup::run(args, common),
         Command::Restore(args) => backup::restore(args, common),
         Command::New(args) => new::run(args, common),

@@ -18,6 +18,7 @@ mod surface_map;
 
 pub use bars::{Bar, bars};
 pub use calibration::{corners_to_touch, residual_field, trend};
+pub use checks::check_row;
 pub use closeup::{CornerView, StripPicture, bounds, cut, film_strip, strip_times_s};
 pub use cycle::cycle_page;
 pub use dwelt::{dwell_map, overlap_map};
