@@ -24,7 +24,6 @@ impl Store {
     /// # Errors
     /// Where the store is open for reading or cannot be written, or has no such cycle.
     pub fn acknowledge(&mut self, acknowledgement: &Acknowledgement) -> Result<(), StoreError> {
-        self.writable()?;
         let unix_ms = unix_ms(self.clock());
         let Acknowledgement { cycle, code, raised_unix_ms, who, .. } = acknowledgement;
         self.commit("write an acknowledgement to", |writing| {

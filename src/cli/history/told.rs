@@ -2,6 +2,7 @@
 
 use crate::history::{Alarm, Comparison, HeatMap, Hits, Summary, Trend};
 use crate::record::PartNames;
+use crate::report::shown;
 use crate::verdict::{Check, Limit, Reason, Verdict};
 use crate::words::{fixed, plain, utc};
 
@@ -73,7 +74,7 @@ pub(super) fn summary(summary: &Summary) -> Vec<String> {
         Some(grids) => grids.join(", "),
     };
     let number = |value: Option<f64>, unit: &str| {
-        value.map_or("not measured".to_owned(), |value| format!("{} {unit}", fixed(value, 3)).trim().to_owned())
+        value.map_or("not measured".to_owned(), |value| format!("{} {unit}", shown(value)).trim().to_owned())
     };
     let check = |check: &Option<Check>| match check {
         None => "not measured".to_owned(),
@@ -144,7 +145,7 @@ pub(super) fn comparison(comparison: &Comparison) -> Vec<String> {
         vec![input.name.clone(), short(&input.values[0]), short(&input.values[1]), "differs".to_owned()]
     }));
     rows.extend(comparison.checks.iter().map(|pair| {
-        let value = |value: Option<f64>| or_nothing(value.map(|value| fixed(value, 3).to_string()));
+        let value = |value: Option<f64>| or_nothing(value.map(|value| shown(value)));
         let limits = pair.limits.map(|one| one.map_or(String::new(), limit).trim_start_matches(", ").to_owned());
         let limit = if pair.has_other_limit() { limits.join(" | ") } else { limits[0].clone() };
         let pass = if pair.pass == 0 { String::new() } else { format!(" {}", pair.pass) };
@@ -178,7 +179,7 @@ pub(super) fn trend(trend: &Trend) -> Vec<String> {
             or_nothing(point.cycle.map(|cycle| cycle.to_string())),
             utc(point.at_unix_s),
             or_nothing(point.serial.clone()),
-            fixed(point.value, 3).to_string(),
+            shown(point.value),
             limit(point.limit).trim_start_matches(", ").to_owned(),
             hints.collect::<Vec<_>>().join("; "),
         ]
@@ -187,8 +188,8 @@ pub(super) fn trend(trend: &Trend) -> Vec<String> {
     words.push(match trend.usual {
         Some(usual) => format!(
             "usual: {} ± {} (mean and one standard deviation); hints are by the rules of Western Electric and no verdict",
-            fixed(usual.mean, 3),
-            fixed(usual.sigma, 3)
+            shown(usual.mean),
+            shown(usual.sigma)
         ),
         None => format!("fewer than {} values: no hints", crate::history::western_electric::LEAST_VALUES),
     });

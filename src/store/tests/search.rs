@@ -1,9 +1,9 @@
 //! A search finds the cycles that it describes, and no others; the parts of earlier programs' stores are found too.
 
 use super::*;
-use crate::cycle::{Motion, Path as MotionPath};
+use crate::cycle::{Motion, Path as MotionPath, Request};
 use crate::history::{Acknowledgement, End, Hits, Query};
-use crate::record::{CycleId, Finding, Kind, PartNames};
+use crate::record::{Answer, Asked, CycleId, Finding, Kind, PartNames, Wanted};
 use crate::verdict::{Judgement, Reason, Verdict};
 
 fn part(serial: &str, order: &str, operator: &str) -> PartNames {
@@ -194,4 +194,57 @@ fn acknowledgements_are_kept_for_good_with_the_time_at_which_they_came() {
         .expect("gone");
     let found = Store::verify(&path, false).expect("verified").found;
     assert!(found.iter().any(|words| words.contains("deleted: acknowledgement 1 is missing")), "{found:?}");
+}
+
+/// The times come from the store: of the finding, and of the reset after the end. A running cycle after it begins later.
+#[test]
+fn an_alarm_lasts_until_the_cell_is_reset_or_the_next_cycle_begins() {
+    let (_folder, mut store) = new_store();
+    store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(1_000_000);
+    let id = begin(&mut store, "wing", &part("SN-1", "", ""));
+    store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(1_004_250);
+    let reasons = vec![Reason::new("no_panel", "the box is empty")];
+    store
+        .note(id, &Finding::new(Kind::Locate, 0, Judgement { verdict: Verdict::Reject, reasons: reasons.clone() }))
+        .expect("kept");
+    store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(1_009_900);
+    store.conclude(id, Verdict::Reject, &reasons).expect("concluded");
+    let gone = |store: &Store| {
+        let alarms = store.alarms(id).expect("read");
+        assert_eq!(
+            alarms.iter().map(|alarm| (&*alarm.code, alarm.raised_unix_ms)).collect::<Vec<_>>(),
+            [("no_panel", 1_004_250)]
+        );
+        alarms[0].gone_unix_ms
+    };
+    assert_eq!(gone(&store), None);
+    store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(1_030_000);
+    begin(&mut store, "wing", &part("SN-1", "", ""));
+    assert_eq!(gone(&store), Some(1_030_000));
+    let reset = Asked {
+        unix_ms: 0,
+        wanted: Wanted::For(Request::Reset),
+        who: None,
+        answer: Some(Answer::Done),
+        reasons: vec![],
+    };
+    store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(1_020_500);
+    store.keep_request(&reset, None, None).expect("kept");
+    assert_eq!(gone(&store), Some(1_020_500), "the first of both");
+}
+
+/// By hand: 100 + 50 mm² on one disc, then a new one with 30 mm².
+#[test]
+fn the_wear_of_the_disc_is_told_as_it_was_at_the_end_of_each_cycle() {
+    let (_folder, mut store) = new_store();
+    let [one, two, three, none] = std::array::from_fn(|_| begin(&mut store, "wing", &part("SN-1", "", "")));
+    store.wear_disc(Some(one), 100.0).expect("worn");
+    store.wear_disc(Some(two), 80.0).expect("worn");
+    store.wear_disc(Some(two), -30.0).expect("corrected");
+    store.mount_disc().expect("mounted");
+    store.wear_disc(Some(three), 30.0).expect("worn");
+    let disc = |id| store.past_cycle(id).expect("read").disc.map(|disc| (disc.swept_mm2, disc.worn_mm2));
+    assert_eq!([one, two, three].map(disc), [Some((100.0, 100.0)), Some((50.0, 150.0)), Some((30.0, 30.0))]);
+    assert_eq!(disc(none), None);
+    assert_eq!(store.cycle_panels().expect("read"), ["wing"]);
 }

@@ -1,5 +1,7 @@
 //! The history of cycles whose numbers are known by hand.
 
+mod alarms;
+
 use super::*;
 use crate::record::{Budget, CycleId, CycleRecord, Finding, KeptFile, Kind, PartNames, name};
 use crate::verdict::{Check, Judgement, Limit, Reason, SetBy, Verdict};
