@@ -30,6 +30,7 @@ pub mod recipe;
 pub mod record;
 pub mod sim;
 
+pub mod history;
 pub mod panel;
 pub mod tape;
 

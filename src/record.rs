@@ -7,6 +7,7 @@
 mod asked;
 mod contact;
 mod finding;
+mod part;
 
 pub use crate::verdict::{Check, Limit, SetBy, Severity};
 pub use asked::{Answer, Asked, Front, Wanted, Who};
@@ -14,6 +15,7 @@ pub use contact::{
     Abraded, Bounds, Contact, ContactPath, EarlierPass, How, MotionRecord, Reached, Touched, abraded,
 };
 pub use finding::{CycleId, Finding, KeptFile, Kind, Picture, name};
+pub use part::PartNames;
 
 use crate::cycle::{Path, Request};
 use crate::verdict::Judgement;

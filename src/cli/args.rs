@@ -2,6 +2,7 @@
 
 mod backup;
 mod files;
+mod history;
 mod keeping;
 mod new;
 mod package_files;
@@ -14,6 +15,7 @@ mod simulation;
 
 pub use backup::{Backup, BackupPart, Restore};
 pub use files::{Check, Doctor, Inspect, Label, Locate, Look, Plan, PurposeName, Refine, Teach, Tune};
+pub use history::{EndName, History, HistoryTask, SearchArguments};
 pub use keeping::{Explain, PageOf, Replay, StoreCommand, StoreTask, VerifyStore};
 pub use new::{FlangeCameraKind, New, NewCell, NewFile, NewRecipe, RobotKindName, ScannerKind};
 pub use package_files::PackageFiles;
@@ -194,6 +196,13 @@ pub enum Command {
     #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
         panelprep page 1 --cell target/cell/cell.toml")]
     Page(PageOf),
+    /// Search the cycles of the store, compare two, see how numbers develop over many, list alarms.
+    #[command(after_help = "Examples, after the one of `panelprep cycle --help`, also while the service runs:\n  \
+        panelprep history --verdict pass --from 2026-01-01 --cell target/cell/cell.toml\n  \
+        panelprep history show 1 --cell target/cell/cell.toml\n  \
+        panelprep history trend simulated-panel localization-residual --cell target/cell/cell.toml\n\
+        With --csv each prints a table for a spreadsheet, with --json one object. Times are in UTC.")]
+    History(History),
     /// Look after the store: is everything in it what was written?
     #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
         panelprep store verify --cell target/cell/cell.toml")]

@@ -21,6 +21,7 @@ mod fault;
 mod flange_pose;
 mod follow;
 mod health;
+mod history;
 mod inspect;
 mod inspected;
 mod kept;
@@ -102,6 +103,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Label(args) => label::run(args, common),
         Command::Plan(args) => plan::run(args, common),
         Command::Page(args) => page::run(args, common),
+        Command::History(args) => history::run(args, common),
         Command::Store(args) => store::run(args, common),
         Command::User(args) => user::run(args, common),
         Command::Backup(args) => backup::run(args, common),

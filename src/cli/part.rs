@@ -1,8 +1,7 @@
 //! The part that a cycle is about: checked as it is named, kept as a text with the cycle, shown first on its page.
 
 use super::fault::Fault;
-use crate::daemon::PartNames;
-use crate::record::CycleRecord;
+use crate::record::{CycleRecord, PartNames};
 use crate::report::page::{Row, Section};
 use crate::store::Store;
 
@@ -44,7 +43,7 @@ pub fn text(part: &PartNames) -> Result<String, Fault> {
 pub fn section(store: &Store, record: &CycleRecord) -> Option<Section> {
     let kept = record.files.iter().find(|file| file.name == PartNames::FILE)?;
     let text = store.blob(&kept.hash).ok().and_then(|bytes| String::from_utf8(bytes).ok());
-    let part: Option<PartNames> = text.and_then(|text| toml::from_str(&text).ok());
+    let part = text.and_then(|text| PartNames::read(&text));
     let (text, part) = match part {
         Some(part) => ("As it was named when the cycle was started.", part),
         None => ("It was named, and what was kept of it is missing or damaged in the store.", PartNames::default()),

@@ -10,6 +10,7 @@ use super::reply::Reply;
 use super::setup::CycleSetup;
 use super::words;
 use crate::cycle;
+pub use crate::record::PartNames;
 use crate::record::{Front, Who};
 use crate::store::CycleStart;
 use crate::verdict::Reason;
@@ -108,26 +109,6 @@ pub struct StartRequest {
     /// The part in the cell, with its work order and operator.
     #[serde(default)]
     pub part: Option<PartNames>,
-}
-
-/// Which part a cycle is about, as far as it is known.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PartNames {
-    /// The part's serial number.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub serial: Option<String>,
-    /// The work order.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub order: Option<String>,
-    /// Who operates the cell, as that person was named.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub operator: Option<String>,
-}
-
-impl PartNames {
-    /// The name under which a cycle keeps it.
-    pub const FILE: &str = "part";
 }
 
 /// Where a cycle is recorded.

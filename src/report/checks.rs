@@ -36,7 +36,7 @@ pub fn check_row(check: &Check, beside: &str) -> Row {
 }
 
 /// Four significant digits, or all before the point; the store has the rest.
-pub(super) fn shown(value: f64) -> String {
+pub fn shown(value: f64) -> String {
     if value == 0.0 || !value.is_finite() || value.fract() == 0.0 {
         return plain(value);
     }

@@ -68,7 +68,7 @@ impl Part {
 }
 
 /// Every table, column by column; in this order the rows of a store without a chain are taken into one.
-pub(super) static PARTS: [Part; 21] = [
+pub(super) static PARTS: [Part; 23] = [
     Part::row(
         "taught_panels",
         "taught panel",
@@ -138,6 +138,8 @@ pub(super) static PARTS: [Part; 21] = [
     Part::row("cycle_facts", "fact of a cycle", &["cycle_id", "name", "fact"]),
     Part::row("accounts", "account", &["unix_ms", "account"]),
     Part::row("audit", "line of the audit trail", &["unix_ms", "entry"]),
+    Part { key: "finding_id", ..Part::row("finding_times", "time of finding", &["unix_ms"]) },
+    Part::row("acknowledgements", "acknowledgement", &["unix_ms", "cycle_id", "code", "raised_unix_ms", "who"]),
 ];
 
 /// The part with this name.

@@ -12,6 +12,8 @@
 //! nothing more is appended, since it is unknown whether the line was written; the next process finds out. A full disk is no
 //! such failure: the reserve is released, and the journal continues until the cell is at rest (`reserve`, `full_disk`).
 
+mod acknowledgements;
+mod alarms;
 mod blobs;
 mod chain;
 mod checkpoints;
@@ -23,6 +25,7 @@ mod database;
 mod database_files;
 mod discs;
 mod error;
+mod finding_times;
 mod fold;
 mod full_disk;
 mod fullness;
@@ -32,11 +35,14 @@ mod journal;
 mod lease;
 mod motions;
 mod opening;
+mod parts;
+mod past;
 mod people;
 mod prune;
 mod requests;
 mod reserve;
 mod schema;
+mod search;
 mod steps;
 mod teaching;
 mod verifications;

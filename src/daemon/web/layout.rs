@@ -28,8 +28,11 @@ pub(super) struct Frame<'p> {
 }
 
 /// The pages of the navigation: path, word, and what a role needs for it.
-const PAGES: [(&str, &str, Option<Permission>); 4] = [
+const PAGES: [(&str, &str, Option<Permission>); 7] = [
     ("/", "nav.run", None),
+    ("/history", "nav.history", Some(Permission::View)),
+    ("/trends", "nav.trends", Some(Permission::View)),
+    ("/alarms", "nav.alarms", Some(Permission::View)),
     ("/setup", "nav.setup", Some(Permission::View)),
     ("/people", "nav.people", Some(Permission::ManagePeople)),
     ("/audit", "nav.audit", Some(Permission::Audit)),

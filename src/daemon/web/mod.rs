@@ -13,11 +13,15 @@
 //! `words` (languages) · `sessions` · `tls` · `state` (what handlers share) · `assets` · `layout` (the frame of each page) ·
 //! and a file for each page.
 
+mod alarms;
 mod assets;
 mod audit;
+mod compare;
 mod cycle;
+mod downloads;
 mod frame;
 mod guard;
+mod history;
 mod layout;
 mod live;
 mod login;
@@ -30,6 +34,7 @@ mod sessions;
 mod setup;
 mod state;
 mod tls;
+mod trends;
 mod visitor;
 mod words;
 

@@ -1,7 +1,9 @@
 //! The one table of routes: each with its method and who may use it. What is not in it is not served.
 
 use super::state::Web;
-use super::{assets, audit, cycle, guard, live, login, people, requests, run_page, setup};
+use super::{
+    alarms, assets, audit, compare, cycle, guard, history, live, login, people, requests, run_page, setup, trends,
+};
 use crate::accounts::Permission;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
@@ -45,7 +47,7 @@ const fn change(path: &'static str, access: Access, handler: fn() -> MethodRoute
 }
 
 use Access::{Needs, Open};
-use Permission::{Accept, Audit, Configure, ManagePeople, Operate, View};
+use Permission::{Accept, Acknowledge, Audit, Configure, ManagePeople, Operate, View};
 
 /// Every route.
 pub(super) static ROUTES: &[Route] = &[
@@ -72,6 +74,21 @@ pub(super) static ROUTES: &[Route] = &[
     look("/cycle/{number}", Needs(View), || get(cycle::page)),
     look("/cycle/{number}/record.json", Needs(View), || get(cycle::json)),
     look("/cycle/{number}/picture/{finding}/{picture}", Needs(View), || get(cycle::picture)),
+    look("/history", Needs(View), || get(history::page)),
+    look("/history.csv", Needs(View), || get(history::csv)),
+    look("/history.json", Needs(View), || get(history::json)),
+    look("/compare", Needs(View), || get(compare::page)),
+    look("/compare.csv", Needs(View), || get(compare::csv)),
+    look("/compare.json", Needs(View), || get(compare::json)),
+    look("/trends", Needs(View), || get(trends::page)),
+    look("/trends.csv", Needs(View), || get(trends::csv)),
+    look("/trends.json", Needs(View), || get(trends::json)),
+    look("/heat.csv", Needs(View), || get(trends::heat_csv)),
+    look("/heat.json", Needs(View), || get(trends::heat_json)),
+    look("/alarms", Needs(View), || get(alarms::page)),
+    look("/alarms.csv", Needs(View), || get(alarms::csv)),
+    look("/alarms.json", Needs(View), || get(alarms::json)),
+    change("/alarms/acknowledge", Needs(Acknowledge), || post(alarms::acknowledge)),
     look("/setup", Needs(View), || get(setup::page)),
     look("/setup/recipe/{name}", Needs(View), || get(setup::recipe)),
     change("/setup/check", Needs(Configure), || post(setup::check)),

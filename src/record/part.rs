@@ -1,0 +1,28 @@
+//! The part that a cycle is about, as it was named when the cycle was started. Checks no name: whoever takes one does.
+
+use serde::{Deserialize, Serialize};
+
+/// Which part a cycle is about, as far as it is known.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartNames {
+    /// The part's serial number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub serial: Option<String>,
+    /// The work order.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub order: Option<String>,
+    /// Who operates the cell, as that person was named.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub operator: Option<String>,
+}
+
+impl PartNames {
+    /// The name of the kept file that holds them, among a cycle's [`files`](super::CycleRecord::files).
+    pub const FILE: &'static str = "part";
+
+    /// The names as the kept file has them; `None` where the text is none that this program wrote.
+    pub fn read(text: &str) -> Option<PartNames> {
+        toml::from_str(text).ok()
+    }
+}
