@@ -54,7 +54,7 @@ test: setup
 # More walks of the link and of the controller's programs than `make test` has, and the tests that it leaves out for their length.
 test-long: setup
 	LINK_WALKS=20000 KRL_WALKS=5000 RUST_TEST_THREADS=2 cargo test --locked --test all -- no_walk_
-	RUST_TEST_THREADS=2 cargo test --locked -- --ignored --skip appends_until_killed --skip the_manual_leads
+	RUST_TEST_THREADS=2 cargo test --locked -- --ignored --skip appends_until_killed --skip signs_until_killed --skip the_manual_leads
 
 # Licences, duplicates, sources, and advisories where their database can be had: deny.toml. What was not looked at is told.
 CARGO_DENY := target/tools/bin/cargo-deny

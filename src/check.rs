@@ -262,6 +262,7 @@ fn say_recipe(recipe: &Recipe) -> Vec<String> {
         format!("panel {}: {} rows by {} columns of grids", recipe.panel(), region.rows(), region.columns()),
         format!("film watched {observation}, {} pictures a second", process.frames_per_second()),
         format!("a grid is abraded at most {} times a cycle", process.max_passes_per_grid()),
+        format!("a part is abraded in at most {} passes over all its cycles", process.passes_of_a_part()),
         format!(
             "panel accepted up to {} mm, {}° turned and {}° tilted from its taught place",
             locate.max_shift_mm(),

@@ -32,6 +32,7 @@ pub mod sim;
 
 pub mod history;
 pub mod panel;
+pub mod signing;
 pub mod tape;
 
 pub mod calib;

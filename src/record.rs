@@ -12,7 +12,7 @@ mod part;
 pub use crate::verdict::{Check, Limit, SetBy, Severity};
 pub use asked::{Answer, Asked, Front, Wanted, Who};
 pub use contact::{
-    Abraded, Bounds, Contact, ContactPath, EarlierPass, How, MotionRecord, Reached, Touched, abraded,
+    Abraded, Bounds, Contact, ContactPath, EarlierPass, How, MotionRecord, Reached, Touched, abraded, passes,
 };
 pub use finding::{CycleId, Finding, KeptFile, Kind, Picture, name};
 pub use part::PartNames;

@@ -30,17 +30,29 @@ impl Keep {
 const DAYS: std::ops::RangeInclusive<usize> = 1..=36_500;
 const CYCLES: std::ops::RangeInclusive<usize> = 1..=1_000_000;
 
-/// `store = "folder"`, or `[store]` with `folder` and `keep`.
-pub(super) fn take_store(top: &Section<'_, '_>) -> Option<(String, Keep)> {
+/// `[store]`.
+pub(super) struct StoreTable {
+    /// Its folder.
+    pub folder: String,
+    /// How long clips and scans are kept.
+    pub keep: Keep,
+    /// The file of the key that signs records; `None` where it lies in the folder.
+    pub record_key: Option<String>,
+}
+
+/// `store = "folder"`, or `[store]` with `folder`, `record_key` and `keep`.
+pub(super) fn take_store(top: &Section<'_, '_>) -> Option<StoreTable> {
     let default = || Some("store".to_owned());
     if !top.is_table("store") {
-        return Some((top.take::<String>("store", (), default())?, Keep::default()));
+        let folder = top.take::<String>("store", (), default())?;
+        return Some(StoreTable { folder, keep: Keep::default(), record_key: None });
     }
     let section = top.section("store");
     let folder = section.take::<String>("folder", (), default());
+    let record_key = section.take::<Option<String>>("record_key", (), Some(None));
     let keep = take_keep(&section.section("keep"));
     section.done();
-    Some((folder?, keep?))
+    Some(StoreTable { folder: folder?, keep: keep?, record_key: record_key? })
 }
 
 fn take_keep(section: &Section<'_, '_>) -> Option<Keep> {

@@ -102,6 +102,7 @@ impl CalibrationFiles {
 pub struct Cell {
     store: PathBuf,
     keep: Keep,
+    record_key: Option<PathBuf>,
     socket: Option<PathBuf>,
     scanner: Camera<ZividCamera>,
     flange_camera: Camera<Gige>,
@@ -156,10 +157,11 @@ impl Cell {
         let arm = arm::take_arm(&top.section("arm"), &top.sections("keep_out"));
         let page = page::take_page(folder, &top.section("page"));
         top.done();
-        let (store, keep) = store?;
+        let store = store?;
         Some(Cell {
-            store: folder.join(store),
-            keep,
+            store: folder.join(store.folder),
+            keep: store.keep,
+            record_key: store.record_key.map(|name| folder.join(name)),
             socket: socket?.map(|name| folder.join(name)),
             scanner: scanner?,
             flange_camera: flange_camera?,
@@ -182,6 +184,11 @@ impl Cell {
     /// How long clips and scans are kept in it.
     pub fn keep(&self) -> &Keep {
         &self.keep
+    }
+
+    /// The file of the key that signs records, where the cell's file names one; else a credential, or it lies in the store.
+    pub fn record_key(&self) -> Option<&Path> {
+        self.record_key.as_deref()
     }
 
     /// The service's socket, where the file names one; else it lies in the store.

@@ -7,6 +7,7 @@ mod keeping;
 mod new;
 mod package_files;
 mod people;
+mod record;
 mod robot;
 mod service;
 mod shooting;
@@ -20,6 +21,7 @@ pub use keeping::{Explain, PageOf, Replay, StoreCommand, StoreTask, VerifyStore}
 pub use new::{FlangeCameraKind, New, NewCell, NewFile, NewRecipe, RobotKindName, ScannerKind};
 pub use package_files::PackageFiles;
 pub use people::{User, UserTask};
+pub use record::{ExportRecord, HeadOfRecords, MeaningName, RecordCommand, RecordTask, SignRecord, VerifyRecord};
 pub use robot::{OnOff, Prove, Robot, RobotFunction, TipName};
 pub use service::{Ctl, CtlAsk, Cycle, PartArguments, Run, ZividWorker};
 pub use shooting::{Shoot, Shot};
@@ -203,6 +205,8 @@ pub enum Command {
         panelprep history trend simulated-panel localization-residual --cell target/cell/cell.toml\n\
         With --csv each prints a table for a spreadsheet, with --json one object. Times are in UTC.")]
     History(History),
+    /// The signed records of cycles: write them out, verify them with the public key, tell the head of their chain.
+    Record(RecordCommand),
     /// Look after the store: is everything in it what was written?
     #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
         panelprep store verify --cell target/cell/cell.toml")]

@@ -1,6 +1,6 @@
 //! `panelprep ctl`: questions to the service, and its answers.
 
-use super::args::{Common, Ctl, CtlAsk, PartArguments};
+use super::args::{Common, Ctl, CtlAsk};
 use super::asking::{ask, insist, outcome};
 use super::disk;
 use super::fault::Fault;
@@ -9,7 +9,7 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::part;
 use crate::cycle::Request;
-use crate::daemon::{Exit, PartNames, RecordIn, StartRequest, What};
+use crate::daemon::{Exit, RecordIn, StartRequest, What};
 use std::path::Path;
 
 /// Asks, and tells what was answered.
@@ -40,7 +40,7 @@ fn what(ask: &CtlAsk) -> Result<What, Fault> {
             recipe: recipe.display().to_string(),
             text: disk::read_text(recipe)?,
             record: record.as_ref().map(|file| record_in(file.as_deref())).transpose()?,
-            part: part::checked(names(part))?,
+            part: part::checked(part.names())?,
         }),
         CtlAsk::Hold => What::Table(Request::Hold),
         CtlAsk::Unhold { dried } => What::Table(Request::Unhold { dried: *dried }),
@@ -52,11 +52,6 @@ fn what(ask: &CtlAsk) -> Result<What, Fault> {
         CtlAsk::NewDisc => What::NewDisc,
         CtlAsk::State | CtlAsk::Watch => What::State,
     })
-}
-
-fn names(part: &PartArguments) -> PartNames {
-    let PartArguments { serial, order, operator } = part.clone();
-    PartNames { serial, order, operator }
 }
 
 /// The service stands in a folder of its own, so a file goes to it by its whole path.

@@ -7,6 +7,7 @@ use super::health;
 use super::live::{FlangeLink, Live, Simulated};
 use super::load::CellFiles;
 use super::outcome::Outcome;
+use super::record as signed;
 use super::recording;
 use super::report::{self, Kept};
 use crate::cell::Cell;
@@ -82,7 +83,11 @@ fn once(
 ) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     files.require(Purpose::Cycle)?;
-    let taught_recipe = TaughtRecipe::read(&files, &args.recipe)?;
+    let taught_recipe = TaughtRecipe::read(&files, &args.recipe)?.about(&files, Some(args.part.names()))?;
+    // An air-run abrades nothing.
+    if matches!(request(&taught_recipe), cycle::Request::Start { .. }) {
+        taught_recipe.part_may_be_abraded()?;
+    }
     let calibrated = Calibrated::read(&files, common)?;
     let health = health::judge(&files)?;
     if health.verdict == Verdict::Reject {
@@ -95,6 +100,7 @@ fn once(
         let asked = Asked { unix_ms: 0, wanted, who, answer: Some(Answer::Done), reasons: vec![] };
         store.keep_request(&asked, None, None).map_err(Fault::stage)?;
     }
+    sign(&files, progress);
     report::make_missing(&files, &|cycle, page| match page {
         Ok(page) => progress(&format!("page of cycle {cycle}, which had none: {}", page.display())),
         Err(fault) => progress(&format!("no page of cycle {cycle}: {fault}")),
@@ -102,11 +108,23 @@ fn once(
     let how = Run { start: Live::start, simulation: args.simulation, request, record: args.record.as_deref() };
     let ran = one(&files, (&taught_recipe, &calibrated), how, progress)?;
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
+    sign(&files, progress);
+    // Once more, with its signature.
+    let ran = Ran { kept: Kept::read(&files.store()?, ran.kept.record.id)?, ..ran };
     ran.kept.write(files.cell.keep(), &page, ran.recorded.as_ref())?;
     let mut outcome = ran.outcome(ran.judgement());
     outcome.say(format!("page: {}", page.display()));
     outcome.put("report", json!(page));
     Ok(outcome)
+}
+
+/// Signs this cycle and those that were left unsigned. A cycle whose signing failed has its result all the same: it is signed
+/// at the next start.
+fn sign(files: &CellFiles, progress: &dyn Fn(&str)) {
+    let told = |told: Result<String, String>| progress(&told.unwrap_or_else(|problem| problem));
+    if let Err(fault) = signed::sign_missing(files, &told) {
+        progress(&format!("records are not signed: {fault}"));
+    }
 }
 
 /// What is told of a cycle that did not start.
@@ -140,7 +158,7 @@ pub fn one(
         world.mount_disc(taught_recipe.recipe.path().disc_diameter_mm());
     }
     let recording = record.map(|file| RecordingFile::Named(file.display().to_string()));
-    let start = CycleStart { recording, ..taught_recipe.start(calibrated) };
+    let start = CycleStart { recording, ..taught_recipe.start(calibrated)? };
     let cycle = store.begin_cycle(&start).map_err(Fault::stage)?;
     let mut once = Once { start: request(taught_recipe), asked: 0, refused: None, told: None, progress };
     let state = store.state().map_err(Fault::stage)?;

@@ -10,9 +10,10 @@ use super::zivid;
 use crate::calib::budget;
 use crate::cell::LensExtent;
 use crate::cycle::Request;
-use crate::daemon::{Calibrations, CellSetup, CycleSetup, PartNames, PreparedCycle};
+use crate::daemon::{Calibrations, CellSetup, CycleSetup, PreparedCycle};
 use crate::recipe::Recipe;
-use crate::store::CycleStart;
+use crate::record::PartNames;
+use crate::store::{CycleStart, PassesOfCycle};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -71,7 +72,9 @@ pub struct TaughtRecipe {
     recipe_text: String,
     /// What was taught of its panel.
     pub taught: Taught,
-    part: Option<(&'static str, String)>,
+    part: Option<PartNames>,
+    /// Earlier cycles that abraded the same part, where its serial number is named.
+    earlier: Vec<PassesOfCycle>,
 }
 
 impl TaughtRecipe {
@@ -90,25 +93,37 @@ impl TaughtRecipe {
     pub fn of(files: &CellFiles, recipe_file: &Path, recipe_text: String) -> Result<Self, Fault> {
         let recipe = Recipe::check(&recipe_file.display().to_string(), &recipe_text)?;
         let taught = load::taught(files, recipe_file, &recipe)?;
-        Ok(TaughtRecipe { recipe, recipe_text, taught, part: None })
+        Ok(TaughtRecipe { recipe, recipe_text, taught, part: None, earlier: vec![] })
     }
 
-    /// The same for this part, whose names are kept with the cycle.
+    /// The same for this part, whose names are kept with the cycle. Passes of its earlier cycles count.
     ///
     /// # Errors
-    /// Where they cannot be kept as they stand.
-    pub fn about(self, part: Option<PartNames>) -> Result<Self, Fault> {
+    /// Where the names cannot be kept as they stand, or the store cannot be read.
+    pub fn about(self, files: &CellFiles, part: Option<PartNames>) -> Result<Self, Fault> {
         let part = part::checked(part.unwrap_or_default())?;
-        let part = part.map(|part| Ok::<_, Fault>((PartNames::FILE, part::text(&part)?))).transpose()?;
-        Ok(TaughtRecipe { part, ..self })
+        let earlier = match part.as_ref().and_then(|part| part.serial.as_ref()) {
+            Some(serial) => files.store()?.passes_of_serial(serial, None).map_err(Fault::stage)?,
+            None => vec![],
+        };
+        Ok(TaughtRecipe { part, earlier, ..self })
+    }
+
+    /// That the part may be abraded once more, by `[process] max_passes_per_part`.
+    ///
+    /// # Errors
+    /// Where earlier cycles abraded it as often as that allows, each named with its passes.
+    pub fn part_may_be_abraded(&self) -> Result<(), Fault> {
+        part::may_be_abraded(self.part.as_ref(), &self.earlier, self.recipe.process().passes_of_a_part())
     }
 
     /// A cycle for the service to begin.
     ///
     /// # Errors
-    /// Where no corner was taught, or one where the lens is not known.
+    /// Where the part may not be abraded any more, no corner was taught, or one where the lens is not known.
     pub fn prepared(self, cell: Arc<CellSetup>, calibrated: &Calibrated) -> Result<PreparedCycle, Fault> {
-        let (request, start) = (self.request(), self.start(calibrated));
+        self.part_may_be_abraded()?;
+        let (request, start) = (self.request(), self.start(calibrated)?);
         let TaughtRecipe { recipe, taught: Taught { panel, corners, .. }, .. } = self;
         let setup = CycleSetup::new(cell, recipe, (panel, corners), calibrated.of_cycle()).map_err(Fault::stage)?;
         Ok(PreparedCycle { request, setup, start, recording: None })
@@ -125,20 +140,30 @@ impl TaughtRecipe {
     }
 
     /// What the record of its cycle begins with.
-    pub fn start(&self, calibrated: &Calibrated) -> CycleStart {
-        let texts = calibrated.texts.iter().chain(&self.part);
-        CycleStart {
+    ///
+    /// # Errors
+    /// Where the part cannot be written as a text.
+    pub fn start(&self, calibrated: &Calibrated) -> Result<CycleStart, Fault> {
+        let part = self.part.as_ref().map(part::text).transpose()?.map(|text| (PartNames::FILE, text));
+        let texts = calibrated.texts.iter().chain(&part);
+        Ok(CycleStart {
             panel: self.recipe.panel().to_owned(),
             taught_version: self.taught.version.clone(),
             recipe_text: self.recipe_text.clone(),
             file_texts: texts.map(|(name, text)| ((*name).to_owned(), text.clone())).collect(),
             recording: None,
-        }
+        })
     }
 
     /// How the table is asked to begin a cycle.
     pub fn request(&self) -> Request {
-        Request::Start { max_passes: count(self.recipe.process().max_passes_per_grid()), max_moves: self.moves() }
+        let process = self.recipe.process();
+        let left = process.passes_of_a_part().saturating_sub(self.passes_before());
+        Request::Start { max_passes: count(process.max_passes_per_grid().min(left)), max_moves: self.moves() }
+    }
+
+    fn passes_before(&self) -> usize {
+        self.earlier.iter().map(|cycle| cycle.passes).sum()
     }
 
     /// How the table is asked to begin an air-run.

@@ -373,6 +373,35 @@ pub enum Fault {
         /// The folder.
         folder: PathBuf,
     },
+    /// A part that may not be abraded any more.
+    #[error(
+        "the part {serial} was abraded in as many passes as [process] max_passes_per_part allows, {most}: {history}; take it \
+         out, and let the inspector decide about it with the pages of these cycles"
+    )]
+    PartUsedUp {
+        /// Its serial number.
+        serial: String,
+        /// How many passes are allowed.
+        most: usize,
+        /// Which cycles, and how many passes in each.
+        history: String,
+    },
+    /// A cycle whose record nobody signed yet.
+    #[error(
+        "cycle {cycle} is not signed: it is not over, or its signing failed; `panelprep store verify` tells more"
+    )]
+    NotSigned {
+        /// The cycle.
+        cycle: i64,
+    },
+    /// Nothing to verify with.
+    #[error(
+        "no public key to verify with ({problem}): name the cell's with --public-key FILE; `panelprep record export` writes it"
+    )]
+    NoPublicKey {
+        /// Why the cell's own store has none.
+        problem: String,
+    },
     /// A name of the part that cannot be kept as it stands.
     #[error("{option} \"{found}\": {problem}; name it as it is to stand on the cycle's page")]
     PartName {

@@ -43,6 +43,7 @@ mod person;
 mod pictures;
 mod plan;
 mod prove;
+mod record;
 mod recording;
 mod refine;
 mod render;
@@ -54,6 +55,7 @@ mod robot;
 mod run;
 mod score;
 mod setup_source;
+mod sheet;
 mod shoot;
 mod store;
 mod teach;
@@ -104,6 +106,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Plan(args) => plan::run(args, common),
         Command::Page(args) => page::run(args, common),
         Command::History(args) => history::run(args, common),
+        Command::Record(args) => record::run(args, common),
         Command::Store(args) => store::run(args, common),
         Command::User(args) => user::run(args, common),
         Command::Backup(args) => backup::run(args, common),

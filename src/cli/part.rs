@@ -3,7 +3,8 @@
 use super::fault::Fault;
 use crate::record::{CycleRecord, PartNames};
 use crate::report::page::{Row, Section};
-use crate::store::Store;
+use crate::store::{PassesOfCycle, Store};
+use crate::words::utc_day;
 
 /// The longest of its names, in characters.
 const MOST_CHARACTERS: usize = 120;
@@ -39,6 +40,28 @@ pub fn text(part: &PartNames) -> Result<String, Fault> {
     toml::to_string(part).map_err(Fault::stage)
 }
 
+/// That a part may be abraded once more after these cycles, where `most` passes are allowed.
+///
+/// # Errors
+/// Where it had that many, each cycle named.
+pub fn may_be_abraded(part: Option<&PartNames>, earlier: &[PassesOfCycle], most: usize) -> Result<(), Fault> {
+    let serial = part.and_then(|part| part.serial.clone()).unwrap_or_default();
+    let used: usize = earlier.iter().map(|cycle| cycle.passes).sum();
+    match used < most {
+        true => Ok(()),
+        false => Err(Fault::PartUsedUp { serial, most, history: history(earlier) }),
+    }
+}
+
+/// Cycles with their passes, in words.
+pub fn history(earlier: &[PassesOfCycle]) -> String {
+    let words = |PassesOfCycle { cycle, started_unix_s, passes }: &PassesOfCycle| {
+        let passes = if *passes == 1 { "1 pass".to_owned() } else { format!("{passes} passes") };
+        format!("cycle {cycle} of {}: {passes}", utc_day(*started_unix_s))
+    };
+    earlier.iter().map(words).collect::<Vec<_>>().join("; ")
+}
+
 /// What a cycle's page says of its part; nothing where none was named.
 pub fn section(store: &Store, record: &CycleRecord) -> Option<Section> {
     let kept = record.files.iter().find(|file| file.name == PartNames::FILE)?;
@@ -61,6 +84,20 @@ pub fn section(store: &Store, record: &CycleRecord) -> Option<Section> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::record::CycleId;
+
+    /// By hand: 2 + 1 passes of 3 are allowed, and of 4.
+    #[test]
+    fn a_part_that_had_its_passes_is_refused_with_its_history() {
+        let cycle = |id, passes| PassesOfCycle { cycle: CycleId(id), started_unix_s: 86_400 * id, passes };
+        let earlier = [cycle(4, 2), cycle(9, 1)];
+        let part = PartNames { serial: Some("SN 17".to_owned()), ..PartNames::default() };
+        assert!(may_be_abraded(Some(&part), &earlier, 4).is_ok() && may_be_abraded(None, &[], 1).is_ok());
+        let refused = may_be_abraded(Some(&part), &earlier, 3).expect_err("used up").to_string();
+        let words = "the part SN 17 was abraded in as many passes as [process] max_passes_per_part allows, 3: cycle 4 of \
+                     1970-01-05: 2 passes; cycle 9 of 1970-01-10: 1 pass; take it out";
+        assert!(refused.starts_with(words), "{refused}");
+    }
 
     #[test]
     fn names_are_taken_as_they_stand_or_refused() {

@@ -25,7 +25,7 @@ pub fn of(
     (taught_recipe, calibrated): (&TaughtRecipe, &Calibrated),
 ) -> Result<RecordingPlan, Fault> {
     let teaching = files.store()?.taught(taught_recipe.recipe.panel(), Some(&taught_recipe.taught.version));
-    let mut parts = texts(taught_recipe, calibrated);
+    let mut parts = texts(taught_recipe, calibrated)?;
     parts.extend(taught_parts(&teaching.map_err(Fault::stage)?.teaching));
     Ok(RecordingPlan { file, files: parts, calibrations: calibrated.values })
 }
@@ -147,11 +147,11 @@ fn corner(index: usize) -> [String; 2] {
     ["png", "json"].map(|kind| format!("taught/corner{}.{kind}", index + 1))
 }
 
-fn texts(taught_recipe: &TaughtRecipe, calibrated: &Calibrated) -> Vec<(String, Vec<u8>)> {
-    let start = taught_recipe.start(calibrated);
+fn texts(taught_recipe: &TaughtRecipe, calibrated: &Calibrated) -> Result<Vec<(String, Vec<u8>)>, Fault> {
+    let start = taught_recipe.start(calibrated)?;
     let files = start.file_texts.into_iter().map(|(name, text)| (format!("{name}.toml"), text.into_bytes()));
     let more = [(RECIPE, start.recipe_text), (VERSION, start.taught_version)];
-    files.chain(more.map(|(name, text)| (name.to_owned(), text.into_bytes()))).collect()
+    Ok(files.chain(more.map(|(name, text)| (name.to_owned(), text.into_bytes()))).collect())
 }
 
 fn taught_parts(teaching: &Teaching) -> Vec<(String, Vec<u8>)> {

@@ -6,15 +6,17 @@ use super::kept;
 use super::load::CellFiles;
 use super::part;
 use super::recording;
+use super::sheet;
 use crate::cell::Keep;
 use crate::daemon::{self, Recorded};
 use crate::record::{CycleId, CycleRecord, RecordingFile};
 use crate::report::cycle_page;
-use crate::report::page::{Page, Section};
+use crate::report::page::{Figure, Page, Section};
+use crate::report::sheet::{Sheet, html as sheet_html};
 use crate::store::{Pruned, Store};
 use crate::tape;
 use crate::words::utc;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -28,6 +30,8 @@ pub struct Kept {
     pictures: BTreeMap<String, Vec<u8>>,
     /// What is told of the part, where it was named.
     part: Option<Section>,
+    /// The page to read and sign.
+    sheet: Sheet,
 }
 
 impl Kept {
@@ -43,7 +47,8 @@ impl Kept {
         // A store of an earlier program has removed nothing.
         let pruned = store.pruned_of(cycle).unwrap_or_default();
         let part = part::section(store, &record);
-        Ok(Kept { record, pruned, pictures, part })
+        let sheet = sheet::read(store, &record)?;
+        Ok(Kept { record, pruned, pictures, part, sheet })
     }
 
     /// Writes the page into its store: with what came of its recording, and how long clips and scans are kept.
@@ -61,8 +66,19 @@ impl Kept {
     pub fn write_with(&self, file: &Path, recorded: Option<&Recorded>, more: Vec<Section>) -> Result<(), Fault> {
         let page = cycle_page(&self.record, &self.pictures);
         let recorded = recorded.map(recording::section);
+        let first = sheet_html(&self.sheet);
         let sections = self.part.iter().cloned().chain(page.sections).chain(more).chain(recorded).collect();
-        disk::write_through(file, Page { sections, made: made(), ..page }.html())
+        disk::write_through(file, Page { first, sections, made: made(), ..page }.html())
+    }
+
+    /// The pictures that the store has, in order, each once.
+    pub fn figures(&self) -> impl Iterator<Item = Figure> + '_ {
+        let mut shown = BTreeSet::new();
+        let all = self.record.findings.iter().flat_map(|finding| &finding.pictures);
+        let all = all.filter(move |picture| shown.insert(picture.hash.clone()));
+        all.filter_map(|picture| {
+            Some(Figure { caption: picture.caption.clone(), jpeg: self.pictures.get(&picture.hash)?.clone() })
+        })
     }
 
     /// What the page shows and the store no longer has, or not whole.

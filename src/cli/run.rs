@@ -8,6 +8,7 @@ use super::live::Live;
 use super::load::{CellFiles, calibrated_serial};
 use super::outcome::Outcome;
 use super::person::Person;
+use super::record;
 use super::recording;
 use super::report::{self, Kept};
 use super::setup_source::FolderSource;
@@ -181,6 +182,8 @@ fn write_pages(
         Ok(page)
     };
     let each = move || {
+        // Before the pages, which show the signatures.
+        sign(&again);
         if let Err(fault) = report::make_missing(&again, &tell_page) {
             tracing::warn!("pages that an earlier process left out cannot be made: {fault}");
         }
@@ -190,6 +193,7 @@ fn write_pages(
             if let Some(Recorded { message, .. }) = &recorded {
                 tracing::info!("cycle {cycle}: {message}");
             }
+            sign(&again);
             let made = page(cycle, recorded.as_ref());
             if let Ok(page) = &made {
                 written.is(cycle, page);
@@ -205,6 +209,17 @@ fn tell_page(cycle: CycleId, page: Result<PathBuf, Fault>) {
     match page {
         Ok(page) => tracing::info!("page of cycle {cycle}: {}", page.display()),
         Err(fault) => tracing::warn!("no page of cycle {cycle}: {fault}; `panelprep page {cycle}` makes it"),
+    }
+}
+
+/// Signs each cycle that is over and not signed yet; what fails is tried again after the next cycle.
+fn sign(files: &CellFiles) {
+    let told = |told: Result<String, String>| match told {
+        Ok(words) => tracing::info!("{words}"),
+        Err(problem) => tracing::warn!("{problem}"),
+    };
+    if let Err(fault) = record::sign_missing(files, &told) {
+        tracing::warn!("records are not signed: {fault}");
     }
 }
 
@@ -260,7 +275,8 @@ fn loader(
                 return Err(Fault::CamerasChanged);
             }
             let calibrated = Calibrated::read(&files, &common)?;
-            let taught_recipe = TaughtRecipe::of(&files, Path::new(&name), text.clone())?.about(part.clone())?;
+            let taught_recipe = TaughtRecipe::of(&files, Path::new(&name), text.clone())?;
+            let taught_recipe = taught_recipe.about(&files, part.clone())?;
             if let Some(world) = &world {
                 world.mount_disc(taught_recipe.recipe.path().disc_diameter_mm());
             }
@@ -284,7 +300,10 @@ fn loader(
             prepared.start.recording = named;
             Ok(prepared)
         };
-        load().map_err(|fault| vec![Reason::new("bad_input", fault.to_string())])
+        load().map_err(|fault| {
+            let code = if matches!(fault, Fault::PartUsedUp { .. }) { "part_used_up" } else { "bad_input" };
+            vec![Reason::new(code, fault.to_string())]
+        })
     })
 }
 

@@ -99,7 +99,7 @@ impl SetupSource for FolderSource {
 fn is_recipe(file: &std::path::Path) -> bool {
     let text = disk::read(file).ok().and_then(|bytes| String::from_utf8(bytes).ok());
     let table = text.and_then(|text| text.parse::<toml::Table>().ok());
-    table.is_some_and(|table| ["panel", "path"].iter().all(|key| table.contains_key(*key)))
+    table.is_some_and(|table| table.get("panel").is_some_and(toml::Value::is_str))
 }
 
 fn age(at_unix_s: i64) -> String {

@@ -44,7 +44,7 @@ impl Recipe {
 
     fn take(top: &Section<'_, '_>) -> Option<Self> {
         let panel = tables::take_panel(top);
-        let process = Process::take(&top.section("process"));
+        let process = tables::take_process(&top.section("process"));
         let locate = tables::take_locate(&top.section("locate"));
         let corner = tables::take_corner(&top.section("corner"));
         let region = tables::take_region(&top.section("region"));

@@ -133,6 +133,10 @@ fn each_mistake_is_named() {
             "process.max_passes_per_grid = 0",
             "process.max_passes_per_grid: found 0, allowed is a whole number from 1 to 10",
         ),
+        (
+            "process.max_passes_per_grid = 3\nprocess.max_passes_per_part = 2",
+            "process.max_passes_per_part: found 2, allowed is max_passes_per_grid, 3, or more",
+        ),
     ];
     for (mistake, message) in cases {
         let said = says(&format!("{LEAST}{mistake}"));

@@ -7,6 +7,7 @@
 use super::finding::{CycleId, Finding, Kind};
 use crate::cycle::{Id, Motion, Outcome, Path};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// A motion as it was committed before its first waypoint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -182,6 +183,12 @@ pub fn abraded(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abraded> {
         }));
     }
     all
+}
+
+/// In how many passes the tool was on the panel, or may have been.
+pub fn passes(findings: &[Finding], motions: &[MotionRecord]) -> usize {
+    let passes: BTreeSet<u8> = abraded(findings, motions).into_iter().map(|abraded| abraded.pass).collect();
+    passes.len()
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ const BLANK: &str = "……………………………………";
 /// tested.
 pub fn inspection_page(inspection: &Inspection, recipe: &Recipe, clip: &str, figures: Vec<Figure>) -> Page {
     Page {
+        first: String::new(),
         made: String::new(),
         title: format!("Water-break test, panel {}", recipe.panel()),
         subtitle: format!("Clip {clip}"),

@@ -16,6 +16,7 @@ pub mod page;
 mod reasons;
 mod ruler;
 mod scan_view;
+pub mod sheet;
 mod surface_map;
 mod trend_chart;
 

@@ -8,6 +8,8 @@ use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 /// A page from top to bottom.
 #[derive(Debug, Clone)]
 pub struct Page {
+    /// HTML that stands before everything else, such as the page to sign; empty for none.
+    pub first: String,
     /// Heading.
     pub title: String,
     /// One line below it: what was done, with what.
@@ -80,6 +82,7 @@ impl Page {
                     style { (PreEscaped(STYLE)) }
                 }
                 body {
+                    @if !self.first.is_empty() { (PreEscaped(&self.first)) (PreEscaped("\n")) }
                     h1 { (self.title) }
                     p.sub { (self.subtitle) }
                     (verdict(&self.judgement))
@@ -152,6 +155,7 @@ mod tests {
     fn a_page_shows_verdict_numbers_and_pictures_and_escapes_text() {
         let reasons = vec![Reason::new("shift_limit", "moved 80 mm, allowed < 60 mm")];
         let page = Page {
+            first: String::new(),
             title: "Panel <A & B>".to_owned(),
             subtitle: "seed 1".to_owned(),
             judgement: Judgement { verdict: Verdict::Reject, reasons },

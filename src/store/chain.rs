@@ -68,7 +68,7 @@ impl Part {
 }
 
 /// Every table, column by column; in this order the rows of a store without a chain are taken into one.
-pub(super) static PARTS: [Part; 23] = [
+pub(super) static PARTS: [Part; 24] = [
     Part::row(
         "taught_panels",
         "taught panel",
@@ -140,6 +140,11 @@ pub(super) static PARTS: [Part; 23] = [
     Part::row("audit", "line of the audit trail", &["unix_ms", "entry"]),
     Part { key: "finding_id", ..Part::row("finding_times", "time of finding", &["unix_ms"]) },
     Part::row("acknowledgements", "acknowledgement", &["unix_ms", "cycle_id", "code", "raised_unix_ms", "who"]),
+    Part::row(
+        "signatures",
+        "signature",
+        &["cycle_id", "kind", "unix_ms", "record_hash", "previous_hash", "signature", "public_key"],
+    ),
 ];
 
 /// The part with this name.

@@ -194,6 +194,42 @@ pub enum StoreError {
         /// All versions.
         known: Vec<String>,
     },
+    /// What a person signs cannot be kept as it stands.
+    #[error("the signature's {what} is \"{found}\": {problem}")]
+    Unsignable {
+        /// "name", "user" or "remark".
+        what: &'static str,
+        /// What was given.
+        found: String,
+        /// What is wrong with it, and what is allowed.
+        problem: &'static str,
+    },
+    /// A person signs a record once for each meaning.
+    #[error("{name} has signed the record of cycle {cycle} as {meaning} already, {at}")]
+    SignedAlready {
+        /// Who.
+        name: String,
+        /// The cycle.
+        cycle: i64,
+        /// What the signature means.
+        meaning: &'static str,
+        /// When.
+        at: String,
+    },
+    /// Other processes signed meanwhile, again and again.
+    #[error("the store {} was signed by other processes meanwhile, ten times in a row; try again", path.display())]
+    SignedMeanwhile {
+        /// The database.
+        path: PathBuf,
+    },
+    /// A key, or what is signed.
+    #[error("{}: {source}", path.display())]
+    Signing {
+        /// The database, or the key's file.
+        path: PathBuf,
+        /// What does not fit.
+        source: crate::signing::SigningError,
+    },
     /// The disk is full.
     #[error("the disk of the store {} is full ({free_mb} MB are left); {advice}", path.display())]
     Full {

@@ -1,7 +1,7 @@
 //! The store: taught panels, cycles, the journal of every event, and the files that all of these name.
 //!
 //! It is a folder with `panelprep.sqlite` (WAL, synchronous FULL), `panelprep.head` (the chain's head), `panelprep.reserve` (disk space
-//! for the journal on a full disk), `panelprep.lock` (which process writes) and `blobs/`, where scans, pictures, recipes and
+//! for the journal on a full disk), `panelprep.lock` (which process writes), `record-key.pem` (the key that signs records, where no other is named) and `blobs/`, where scans, pictures, recipes and
 //! calibrations are stored under their SHA-256. Blobs are written first, and the row that names them last, in one transaction: a
 //! row never names an incomplete file. Rows of taught panels, findings, journal, requests, contact
 //! paths and permits are never changed; the end of a cycle and of a motion is written once. Each row is part of a chain of hashes
@@ -32,10 +32,12 @@ mod fullness;
 mod head;
 mod incidents;
 mod journal;
+mod key_file;
 mod lease;
 mod motions;
 mod opening;
 mod parts;
+mod passes;
 mod past;
 mod people;
 mod prune;
@@ -43,6 +45,8 @@ mod requests;
 mod reserve;
 mod schema;
 mod search;
+mod signatures;
+mod signed;
 mod steps;
 mod teaching;
 mod verifications;
@@ -55,9 +59,12 @@ pub use database::Store;
 pub use error::StoreError;
 pub use fullness::BlobWriter;
 pub use incidents::Incident;
+pub use key_file::{KeyPlace, cell_key, public_keys};
 pub use lease::Lease;
+pub use passes::PassesOfCycle;
 pub use people::NumberedEntry;
 pub use prune::Pruned;
+pub use signatures::{PersonSigns, SignatureRow};
 pub use teaching::{Taught, TaughtCorner, Teaching};
 pub use verifications::calibration_hash;
 pub use verify::Verified;

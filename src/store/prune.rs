@@ -173,7 +173,8 @@ pub(super) fn named(store: &Store, due: &dyn Fn(i64) -> bool) -> Result<BTreeSet
     let read = |error: rusqlite::Error| store.failed("read the names of files in", &error);
     let mut named = BTreeSet::new();
     let sql = "SELECT scan_hash FROM taught_panels UNION SELECT picture_hash FROM taught_corners
-        UNION SELECT recipe_hash FROM cycles UNION SELECT value ->> 'hash' FROM cycles, json_each(files)";
+        UNION SELECT recipe_hash FROM cycles UNION SELECT value ->> 'hash' FROM cycles, json_each(files)
+        UNION SELECT record_hash FROM signatures";
     let mut statement = store.connection.prepare(sql).map_err(read)?;
     for hash in statement.query_map([], |row| row.get::<_, String>(0)).map_err(read)? {
         named.insert(hash.map_err(read)?);

@@ -5,13 +5,14 @@ use super::error::StoreError;
 use super::{
     acknowledgements, chain, checkpoints, contacts, cycles, discs, finding_times, incidents, journal, motions,
 };
-use super::{parts, people, prune, requests, teaching, verifications};
+use super::{parts, people, prune, requests, signatures, teaching, verifications};
 use rusqlite::Connection;
 use std::path::Path;
 
 /// The newest schema that this program knows. 1: taught panels. 2: cycles, findings, journal, motions.
 /// 3: verifications. 4: discs. 5: strikes of verifications. 6: the chain, checkpoints, incidents, removed files.
-/// 7: requests, contact paths, facts of a cycle. 8: accounts and the audit trail, parts, times of findings, acknowledgements.
+/// 7: requests, contact paths, facts of a cycle. 8: accounts and the audit trail, parts, times of findings, acknowledgements,
+/// signatures.
 pub(super) const SCHEMA: i64 = 8;
 /// The first with a chain.
 pub(super) const CHAINED: i64 = 6;
@@ -89,7 +90,9 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
         transaction.execute_batch(contacts::TABLES)?;
     }
     if found < 8 {
-        for tables in [people::TABLES, parts::TABLES, finding_times::TABLES, acknowledgements::TABLES] {
+        for tables in
+            [people::TABLES, parts::TABLES, finding_times::TABLES, acknowledgements::TABLES, signatures::TABLES]
+        {
             transaction.execute_batch(tables)?;
         }
     }

@@ -27,6 +27,10 @@ pub struct Verified {
     pub files: u64,
     /// Files that the service removed, as `[store] keep` says.
     pub pruned: u64,
+    /// Signatures of the cell and of persons; they are looked at with the files.
+    pub signatures: u64,
+    /// The public keys that they name; one, unless the cell's key was replaced.
+    pub keys: Vec<String>,
 }
 
 /// What is wrong with a row, or with a link.
@@ -90,6 +94,7 @@ impl Store {
         }
         if files {
             store.verify_files(&mut verified);
+            store.verify_signatures(&mut verified);
         }
         Ok(verified)
     }
@@ -218,7 +223,7 @@ impl Store {
         Ok(found)
     }
 
-    fn link_hash(&self, link: i64) -> Result<Option<Hash>, rusqlite::Error> {
+    pub(super) fn link_hash(&self, link: i64) -> Result<Option<Hash>, rusqlite::Error> {
         use rusqlite::OptionalExtension;
         self.connection.query_row("SELECT hash FROM chain WHERE link = ?1", [link], |row| row.get(0)).optional()
     }

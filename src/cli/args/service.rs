@@ -1,6 +1,7 @@
 //! Arguments of the service, of its worker, and of whoever asks it for something.
 
 use super::simulation::Simulation;
+use crate::record::PartNames;
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 
@@ -13,6 +14,9 @@ pub struct Cycle {
     /// A new disc is mounted: its wear is counted from zero.
     #[arg(long)]
     pub new_disc: bool,
+    /// The part that stands in the cell: kept with the cycle and shown on its page.
+    #[command(flatten)]
+    pub part: PartArguments,
     /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film takes a gigabyte at full size.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
@@ -93,6 +97,14 @@ pub enum CtlAsk {
     State,
     /// Follow the cell until this command is interrupted: a line for each change, with --json one object a line.
     Watch,
+}
+
+impl PartArguments {
+    /// The names as they are given; none is checked yet.
+    pub fn names(&self) -> PartNames {
+        let PartArguments { serial, order, operator } = self.clone();
+        PartNames { serial, order, operator }
+    }
 }
 
 /// Which part a cycle is about, as far as it is told.

@@ -1,8 +1,9 @@
 //! Requests of the cell from the page: each goes through the gateway, as one of the socket does.
 
 use super::guard::By;
-use super::state::{Web, blocking};
+use super::state::{Web, blocking, entry};
 use super::visitor::Visitor;
+use crate::accounts::AuditEntry;
 use crate::cycle;
 use crate::daemon::reply::{Exit, Reply};
 use crate::daemon::request::{PartNames, StartRequest, What};
@@ -44,10 +45,35 @@ macro_rules! table_requests {
 table_requests! {
     stop => cycle::Request::Stop,
     abort => cycle::Request::Abort,
-    hold => cycle::Request::Hold,
     clear => cycle::Request::Clear,
     reset => cycle::Request::Reset,
     accept => cycle::Request::Accept,
+}
+
+/// The longest reason, in characters.
+const MOST_CHARACTERS: usize = 200;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Hold {
+    #[serde(default)]
+    why: String,
+}
+
+/// Holds the cycle; the reason that the person gives is kept in the audit trail once the hold is under way.
+pub(super) async fn hold(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Json(Hold { why }): Json<Hold>,
+) -> Response {
+    let reply = web.gateway.request(What::Table(cycle::Request::Hold), visitor.who()).await;
+    let why: String = why.trim().chars().filter(|c| !c.is_control()).take(MOST_CHARACTERS).collect();
+    if reply.answer == Exit::Done && !why.is_empty() {
+        let subject = reply.cycle_id.map_or(why.clone(), |cycle| format!("cycle {cycle}: {why}"));
+        let line = AuditEntry { subject: Some(subject), ..entry(&visitor, "hold") };
+        blocking(move || web.audit(&line)).await;
+    }
+    told(&reply)
 }
 
 #[derive(Debug, Deserialize)]

@@ -98,6 +98,7 @@ fn actions(visitor: &Visitor) -> Markup {
         div.buttons {
             @if visitor.may(Permission::Operate) {
                 @for (name, key) in plain { button type="button" data-request=(name) disabled { (word(key)) } }
+                label.inline { (word("run.why")) input #why-held maxlength="200" autocomplete="off"; }
                 button type="button" data-request="unhold" data-body=r#"{"dried":false}"# disabled { (word("action.unhold")) }
                 button type="button" data-request="unhold" data-body=r#"{"dried":true}"# disabled { (word("action.unhold_dried")) }
             }

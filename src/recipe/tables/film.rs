@@ -11,6 +11,9 @@ settings! {
         frames_per_second: f64, 0.5..=30.0, default 5.0;
         /// How often one grid may be abraded in a cycle.
         max_passes_per_grid: usize, 1..=10, default 2;
+        /// In how many passes one part may be abraded, over all cycles that name its serial number; see
+        /// [`Process::passes_of_a_part`].
+        max_passes_per_part: Option<usize>, 1..=100, default None;
         /// How long the dust is washed off, s.
         rinse_s: f64, 0.5..=120.0, default 10.0;
         /// How long the panel is sprayed before the film is watched, s.
@@ -19,6 +22,9 @@ settings! {
         drain_s: f64, 0.0..=600.0, default 10.0;
         /// From light on to steady light, s.
         light_settle_s: f64, 0.0..=60.0, default 1.0;
+        /// The procedure by which the panel is tested, with its edition, such as "ASTM F22-21, PS 4711 rev. C"; unstated, ASTM F22
+        /// without an edition.
+        procedure: Option<String>, (), default None;
         /// The water that is sprayed, as the inspector signs it, such as "deionised, 2 µS/cm"; unstated, a line to fill in.
         water: Option<String>, (), default None;
         /// Its temperature, °C.
@@ -26,6 +32,25 @@ settings! {
         /// The lamp and its brightness at the panel.
         lamp: Option<String>, (), default None;
     }
+}
+
+impl Process {
+    /// In how many passes one part may be abraded, over all cycles that name its serial number; where the recipe does not
+    /// state it, twice `max_passes_per_grid`.
+    pub fn passes_of_a_part(&self) -> usize {
+        self.max_passes_per_part().unwrap_or(2 * self.max_passes_per_grid())
+    }
+}
+
+pub(in crate::recipe) fn take_process(section: &Section<'_, '_>) -> Option<Process> {
+    let process = Process::take(section)?;
+    let (part, grid) = (process.passes_of_a_part(), process.max_passes_per_grid());
+    if part < grid {
+        let allowed = format!("found {part}, allowed is max_passes_per_grid, {grid}, or more");
+        section.problem("max_passes_per_part", allowed);
+        return None;
+    }
+    Some(process)
 }
 
 settings! {

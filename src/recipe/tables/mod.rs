@@ -10,7 +10,7 @@ pub use panel::Panel;
 pub use path::{FitMethod, Path, Pattern, Surface};
 pub use place::{Corner, CornerName, CornerNames, Locate};
 
-pub(super) use film::{take_inspect, take_region};
+pub(super) use film::{take_inspect, take_process, take_region};
 pub(super) use panel::take_panel;
 pub(super) use path::take_path;
 pub(super) use place::{take_corner, take_locate};

@@ -1,4 +1,4 @@
-//! The page of one cycle: what every phase found and was allowed, what was used, and a line to sign.
+//! The page of one cycle: what every phase found and was allowed, what was used, and the conditions.
 
 mod happened;
 
@@ -28,11 +28,12 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
     sections.extend([happened::abraded(record), happened::motions(record), budget(record)]);
     sections.extend(happened::asked(record));
     sections.push(used(record));
-    // Nothing was tested that an inspector could sign.
+    // Nothing was tested.
     let is_air_run = record.is_air_run();
-    sections.extend((!is_air_run).then(|| signature(record, times)));
+    sections.extend((!is_air_run).then(|| conditions(record, times)));
     let (kind, warning) = if is_air_run { (", air-run", AIR_RUN) } else { ("", "") };
     Page {
+        first: String::new(),
         title: format!("Panel {}, cycle {}{kind}", record.panel, record.id),
         subtitle: format!("{warning}{}", duration(record)),
         judgement: record.judgement.clone().unwrap_or_else(running),
@@ -208,7 +209,7 @@ fn used(record: &CycleRecord) -> Section {
     }
 }
 
-fn signature(record: &CycleRecord, times: Times) -> Section {
+fn conditions(record: &CycleRecord, times: Times) -> Section {
     let film = |number: &&Check| number.name == name::WATCHED;
     let inspections = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
     let films = inspections.map(|finding| {
@@ -229,11 +230,10 @@ fn signature(record: &CycleRecord, times: Times) -> Section {
         Row::new("lamp: kind, brightness at the panel", stated(name::LAMP), ""),
     ];
     rows.extend(films);
-    rows.extend(["inspector", "date", "signature"].map(|name| Row::new(name, BLANK, "")));
     Section {
-        heading: "Inspector".to_owned(),
+        heading: "Water, lamp and films".to_owned(),
         text: "Water and lamp are not measured by the cell: the inspector fills them in, or signs what the recipe states \
-               (ASTM F22)."
+               (ASTM F22). Whoever signs does so on the first page."
             .to_owned(),
         rows,
         figures: Vec::new(),

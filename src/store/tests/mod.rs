@@ -10,6 +10,7 @@ mod opening;
 mod prune;
 mod requests;
 mod search;
+mod signatures;
 mod verifications;
 
 use super::database::{DATABASE, unix_ms};

@@ -13,6 +13,7 @@ for (const form of document.querySelectorAll("form[data-post]")) {
     }
     const result = await send(path, body);
     tell(form.querySelector(".told"), result);
+    if (result.ok) form.dispatchEvent(new Event("sent"));
     if (result.ok && form.dataset.then && path === form.dataset.post) location.assign(form.dataset.then);
   });
 }

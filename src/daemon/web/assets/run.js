@@ -157,9 +157,13 @@ async function readReview() {
 async function ask(button) {
   button.disabled = true;
   const body = button.dataset.body ? JSON.parse(button.dataset.body) : {};
+  if (button.dataset.request === "hold") body.why = id("why-held")?.value ?? "";
   tell(id("told"), await send(`/request/${button.dataset.request}`, body));
   if (now) showButtons();
 }
+
+// The next part is another one: nothing of the last start stays in the form.
+id("start")?.addEventListener("sent", () => { for (const field of id("start").querySelectorAll("input")) field.value = ""; });
 
 for (const button of document.querySelectorAll("button[data-request]")) button.addEventListener("click", () => ask(button));
 

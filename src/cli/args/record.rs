@@ -1,0 +1,104 @@
+//! Arguments of `record`: the signed records of cycles.
+
+use clap::{Args, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+/// Options of `record`.
+#[derive(Debug, Clone, Args)]
+pub struct RecordCommand {
+    /// What to do with signed records.
+    #[command(subcommand)]
+    pub what: RecordTask,
+}
+
+/// What may be done with signed records.
+#[derive(Debug, Clone, Subcommand)]
+pub enum RecordTask {
+    /// Sign the record of a cycle, as the account that runs this command; also while the service runs.
+    #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
+        panelprep record sign 1 --cell target/cell/cell.toml --name 'Grace Hopper' --meaning reviewed")]
+    Sign(SignRecord),
+    /// Write the signed record of a cycle into a folder: canonical JSON, signature, what persons signed, public key, head, the files
+    /// that it names, and the page to read and sign as PDF.
+    #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
+        panelprep record export 1 --cell target/cell/cell.toml --out target/record\n\
+        All of them: panelprep record export --all --out target/records")]
+    Export(ExportRecord),
+    /// Verify signed records with nothing but the public key: name what was changed, is missing, was exchanged or rolled back.
+    #[command(after_help = "Example, after the one of `panelprep record export --help`:\n  \
+        panelprep record verify target/record --public-key target/record/public-key.pem\n\
+        All records of a cell, up to a head that was kept elsewhere:\n  \
+        panelprep record verify target/records --public-key kept/public-key.pem --head kept/head.json\n\
+        Exit codes: 0 nothing was found, 1 something was found, 2 a file cannot be read.")]
+    Verify(VerifyRecord),
+    /// Tell the head of the chain of signed records; written to a file each day and kept elsewhere, it tells later whether
+    /// records were taken off the end.
+    #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
+        panelprep record head --cell target/cell/cell.toml --out target/head.json")]
+    Head(HeadOfRecords),
+}
+
+/// Options of `record sign`.
+#[derive(Debug, Clone, Args)]
+pub struct SignRecord {
+    /// The number of the cycle.
+    pub cycle: i64,
+    /// Your printed name. Your account on this computer stands beside it.
+    #[arg(long)]
+    pub name: String,
+    /// What your signature means.
+    #[arg(long, value_enum)]
+    pub meaning: MeaningName,
+    /// What you add to it.
+    #[arg(long, value_name = "TEXT")]
+    pub remark: Option<String>,
+}
+
+/// What a signature means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MeaningName {
+    /// Inspected and released.
+    Released,
+    /// Inspected and not released.
+    NotReleased,
+    /// Reviewed.
+    Reviewed,
+    /// A deviation that the record states is accepted.
+    DeviationAccepted,
+}
+
+/// Options of `record export`.
+#[derive(Debug, Clone, Args)]
+pub struct ExportRecord {
+    /// The numbers of the cycles.
+    #[arg(required_unless_present = "all", conflicts_with = "all", value_name = "N")]
+    pub cycles: Vec<i64>,
+    /// Every cycle that is over.
+    #[arg(long)]
+    pub all: bool,
+    /// The folder; it is made where it is not there.
+    #[arg(long, value_name = "FOLDER")]
+    pub out: PathBuf,
+}
+
+/// Options of `record verify`.
+#[derive(Debug, Clone, Args)]
+pub struct VerifyRecord {
+    /// Records: `.json` files, each with its `.sig` beside it, or folders of them.
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// The cell's public key as PEM, or several in one file; without it, those in the folder of the cell's store.
+    #[arg(long, value_name = "FILE")]
+    pub public_key: Option<PathBuf>,
+    /// A head, with its `.sig` beside it: then the records must be all of the cell, from the first to the one that it names.
+    #[arg(long, value_name = "FILE")]
+    pub head: Option<PathBuf>,
+}
+
+/// Options of `record head`.
+#[derive(Debug, Clone, Args)]
+pub struct HeadOfRecords {
+    /// Where the head goes, with its signature beside it as `.sig`.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}

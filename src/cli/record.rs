@@ -1,0 +1,321 @@
+//! `panelprep record`: signed records written out, verified with the public key alone, and the head of their chain.
+
+use super::args::{
+    Common, ExportRecord, HeadOfRecords, MeaningName, RecordCommand, RecordTask, SignRecord, VerifyRecord,
+};
+use super::disk;
+use super::fault::Fault;
+use super::load::CellFiles;
+use super::outcome::Outcome;
+use super::report::{self, Kept};
+use super::sheet;
+use crate::daemon::whoever_runs_this;
+use crate::files::content_hash;
+use crate::record::CycleId;
+use crate::signing::{self, CellKey, Export, Meaning, Place, PublicKey, Said, Signed, Statement};
+use crate::store::{self, KeyPlace, PersonSigns, SignatureRow, Store};
+use crate::verdict::{Judgement, Reason, Verdict};
+use crate::words::utc;
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// The name under which systemd hands over the cell's key, with `LoadCredential=`.
+const CREDENTIAL: &str = "panelprep-record-key";
+const HEAD: &str = "head.json";
+const PUBLIC_KEY: &str = "public-key.pem";
+const FILES: &str = "files";
+
+/// Does what is asked.
+///
+/// # Errors
+/// Where a file cannot be read or written, or the store has no such cycle.
+pub fn run(args: &RecordCommand, common: &Common) -> Result<Outcome, Fault> {
+    match &args.what {
+        RecordTask::Sign(args) => sign(args, common),
+        RecordTask::Export(args) => export(args, common),
+        RecordTask::Verify(args) => verify(args, common),
+        RecordTask::Head(args) => head(args, common),
+    }
+}
+
+/// The key by which this cell signs: the file that the cell's file names, else a credential, else one in the store.
+///
+/// # Errors
+/// Where it cannot be read or made.
+pub fn key(files: &CellFiles) -> Result<CellKey, Fault> {
+    let credential = std::env::var_os("CREDENTIALS_DIRECTORY").map(|folder| PathBuf::from(folder).join(CREDENTIAL));
+    let place = match (files.cell.record_key(), credential.filter(|file| file.exists())) {
+        (Some(file), _) => KeyPlace::File(file.to_owned()),
+        (None, Some(file)) => KeyPlace::Provided(file),
+        (None, None) => KeyPlace::InStore,
+    };
+    store::cell_key(files.store_folder(), &place).map_err(Fault::stage)
+}
+
+/// Signs every cycle that is over and was not signed, and tells each in words; a warning is told as such.
+///
+/// # Errors
+/// Where the key or the store cannot be used.
+pub fn sign_missing(files: &CellFiles, told: &dyn Fn(Result<String, String>)) -> Result<(), Fault> {
+    let key = key(files)?;
+    let each = |cycle, signed: Result<&SignatureRow, store::StoreError>| match signed {
+        Ok(row) => {
+            told(Ok(format!("record of cycle {cycle}: signed as number {}, {}", row.number, row.record_hash)))
+        }
+        Err(error) => told(Err(format!("the record of cycle {cycle} is not signed: {error}"))),
+    };
+    Store::sign_missing(files.store_folder(), &key, &each).map_err(Fault::stage)
+}
+
+/// Signs the record of a cycle as this person and makes the cycle's page again, which then shows the signature. For
+/// fronts that have recognized the person.
+///
+/// # Errors
+/// Where the cycle is not over, the person has signed so already, or the store or the page cannot be written.
+pub fn sign_as(files: &CellFiles, signs: &PersonSigns) -> Result<SignatureRow, Fault> {
+    let row = Store::sign_as(files.store_folder(), &key(files)?, signs).map_err(Fault::stage)?;
+    let page = report::page_file(files.store_folder(), signs.cycle);
+    let kept = Kept::read(&files.store()?, signs.cycle)?;
+    kept.write(files.cell.keep(), &page, report::recorded(files.store_folder(), &kept.record).as_ref())?;
+    Ok(row)
+}
+
+fn sign(args: &SignRecord, common: &Common) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    let who = whoever_runs_this();
+    let user = who.user.or(who.uid.map(|uid| format!("user {uid}"))).unwrap_or_else(|| "not known".to_owned());
+    let meaning = match args.meaning {
+        MeaningName::Released => Meaning::InspectedAndReleased,
+        MeaningName::NotReleased => Meaning::InspectedAndNotReleased,
+        MeaningName::Reviewed => Meaning::Reviewed,
+        MeaningName::DeviationAccepted => Meaning::DeviationAccepted,
+    };
+    let (name, remark) = (args.name.clone(), args.remark.clone());
+    // A mistyped folder must not become a store.
+    drop(files.store()?);
+    let row = sign_as(&files, &PersonSigns { cycle: CycleId(args.cycle), name, user, meaning, remark })?;
+    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    outcome.words = vec![format!(
+        "cycle {}: {} by {}, as record number {}",
+        args.cycle,
+        meaning.words(),
+        args.name,
+        row.number
+    )];
+    outcome.put("number", json!(row.number));
+    outcome.put("hash", json!(row.record_hash));
+    outcome.put("cycle_id", json!(args.cycle));
+    Ok(outcome)
+}
+
+fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    let store = files.store()?;
+    let cycles = match args.all {
+        true => store.ended_cycles().map_err(Fault::stage)?,
+        false => args.cycles.iter().map(|cycle| CycleId(*cycle)).collect(),
+    };
+    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    outcome.words.clear();
+    let key = key(&files)?;
+    let mut written = Vec::new();
+    for cycle in cycles {
+        // One that is not there, or is not over, is refused before anything is written.
+        let record = store.cycle(cycle).map_err(Fault::stage)?;
+        if record.judgement.is_some() && store.signatures_of(cycle).map_err(Fault::stage)?.is_empty() {
+            sign_missing(&files, &|told| tracing::info!("{}", told.unwrap_or_else(|problem| problem)))?;
+        }
+        let rows = store.signatures_of(cycle).map_err(Fault::stage)?;
+        if rows.is_empty() {
+            return Err(Fault::NotSigned { cycle: cycle.0 });
+        }
+        if let Some(row) = rows.iter().find(|row| !row.is_of_person) {
+            let file = args.out.join(format!("{}.pdf", signing::cycle_stem(cycle)));
+            disk::write(&file, sheet::document(&store, &Kept::read(&store, cycle)?, row)?)?;
+            written.push(file);
+        }
+        for row in rows {
+            written.extend(export_row(&store, &row, &args.out)?);
+        }
+        outcome.say(format!(
+            "cycle {cycle}: {}",
+            args.out.join(format!("{}.json", signing::cycle_stem(cycle))).display()
+        ));
+    }
+    written.push(args.out.join(PUBLIC_KEY));
+    let keys = store::public_keys(files.store_folder()).map_err(Fault::stage)?;
+    let pem = keys.iter().map(PublicKey::pem).collect::<Result<String, _>>().map_err(Fault::stage)?;
+    disk::write(&args.out.join(PUBLIC_KEY), pem)?;
+    written.extend(write_head(&store, &key, &args.out.join(HEAD))?.1);
+    outcome.say(format!("public key {}: {}", key.public().hex(), args.out.join(PUBLIC_KEY).display()));
+    outcome.put("files", json!(written));
+    outcome.put("public_key", json!(key.public().hex()));
+    Ok(outcome)
+}
+
+/// Writes a statement with its signature, and of a cycle the files that it names.
+fn export_row(store: &Store, row: &SignatureRow, out: &Path) -> Result<Vec<PathBuf>, Fault> {
+    let bytes = store.blob(&row.record_hash).map_err(Fault::stage)?;
+    let stem = match row.is_of_person {
+        false => signing::cycle_stem(row.cycle),
+        true => signing::person_stem(row.cycle, row.number),
+    };
+    let [json, signature] = ["json", "sig"].map(|ending| out.join(format!("{stem}.{ending}")));
+    disk::write(&json, &bytes)?;
+    disk::write(&signature, &row.signature)?;
+    let mut written = vec![json, signature];
+    if let Said::Cycle(cycle) = Statement::read(&bytes).map_err(Fault::stage)?.says {
+        for (_, hash) in signing::exported_files(&cycle) {
+            // What the store no longer has whole, `record verify` names.
+            if let Ok(bytes) = store.blob(&hash) {
+                let file = out.join(FILES).join(&hash);
+                disk::write(&file, bytes)?;
+                written.push(file);
+            }
+        }
+    }
+    Ok(written)
+}
+
+fn write_head(store: &Store, key: &CellKey, file: &Path) -> Result<(signing::SignedHead, Vec<PathBuf>), Fault> {
+    let (head, bytes, signature) = store.signed_head(key).map_err(Fault::stage)?;
+    disk::write(file, bytes)?;
+    let beside = file.with_extension("sig");
+    disk::write(&beside, signature)?;
+    Ok((head, vec![file.to_owned(), beside]))
+}
+
+fn head(args: &HeadOfRecords, common: &Common) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    let (store, key) = (files.store()?, key(&files)?);
+    let (head, written) = match &args.out {
+        Some(file) => write_head(&store, &key, file)?,
+        None => (store.signed_head(&key).map_err(Fault::stage)?.0, vec![]),
+    };
+    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    outcome.words = vec![match head.number {
+        0 => "no record was signed in this store".to_owned(),
+        number => format!("record number {number}, {}, at {}", head.hash, utc(head.unix_ms.div_euclid(1_000))),
+    }];
+    outcome.say(format!("public key {}", head.public_key));
+    written.iter().for_each(|file| outcome.say(format!("written: {}", file.display())));
+    outcome.put("number", json!(head.number));
+    outcome.put("hash", json!(head.hash));
+    outcome.put("public_key", json!(head.public_key));
+    outcome.put("files", json!(written));
+    Ok(outcome)
+}
+
+fn verify(args: &VerifyRecord, common: &Common) -> Result<Outcome, Fault> {
+    let keys = match &args.public_key {
+        Some(file) => PublicKey::read_all(&disk::read_text(file)?).map_err(|error| Fault::file(file, error))?,
+        None => store::public_keys(&store_folder(common)?)
+            .map_err(|error| Fault::NoPublicKey { problem: error.to_string() })?,
+    };
+    let mut export = Export::default();
+    for path in &args.files {
+        read_export(path, &mut export)?;
+    }
+    let head = args.head.as_deref().map(read_signed).transpose()?;
+    if export.statements.is_empty() && head.is_none() {
+        return Err(Fault::file(&args.files[0], "has no signed record: no .json file lies in it"));
+    }
+    let verified = signing::verify_export(&export, &keys, head.as_ref());
+    let reason = |words: &String| Reason::new("record_changed", words.clone());
+    let verdict = if verified.found.is_empty() { Verdict::Pass } else { Verdict::Fail };
+    let mut outcome = Outcome::of(&Judgement { verdict, reasons: verified.found.iter().map(reason).collect() });
+    for (statement, hash) in verified.statements.values() {
+        outcome.say(words(statement, hash));
+    }
+    outcome.say(match &export.files {
+        Some(files) => format!("{} files beside the records were read", files.len()),
+        None => "no folder files/ lies beside the records: pictures and inputs were not looked at".to_owned(),
+    });
+    outcome.put("ok", json!(verified.found.is_empty()));
+    outcome.put("found", json!(verified.found));
+    outcome.put(
+        "records",
+        json!(
+            verified
+                .statements
+                .iter()
+                .map(|(number, (statement, hash))| json!({
+                    "number": number, "cycle_id": statement.cycle(), "hash": hash, "unix_ms": statement.unix_ms,
+                }))
+                .collect::<Vec<_>>()
+        ),
+    );
+    outcome.put("files", json!(export.files.as_ref().map(BTreeMap::len)));
+    Ok(outcome)
+}
+
+/// A statement in a line.
+fn words(statement: &Statement, hash: &str) -> String {
+    let at = utc(statement.unix_ms.div_euclid(1_000));
+    match &statement.says {
+        Said::Cycle(cycle) => {
+            format!("number {}: cycle {}, signed by the cell {at}, {hash}", statement.number, cycle.id)
+        }
+        Said::Person(person) => format!(
+            "number {}: cycle {}, {} by {} ({}) {at}, {hash}",
+            statement.number,
+            person.cycle,
+            person.meaning.words(),
+            person.name,
+            person.user
+        ),
+    }
+}
+
+fn store_folder(common: &Common) -> Result<PathBuf, Fault> {
+    match &common.store {
+        Some(folder) => Ok(folder.clone()),
+        None => CellFiles::read(common)
+            .map(|files| files.store_folder().to_owned())
+            .map_err(|error| Fault::NoPublicKey { problem: error.to_string() }),
+    }
+}
+
+/// Reads a record, or a folder of them, with the files beside it.
+fn read_export(path: &Path, export: &mut Export) -> Result<(), Fault> {
+    let is_folder = path.is_dir();
+    let folder = if is_folder { path } else { path.parent().unwrap_or(Path::new("")) };
+    let named = if is_folder { listed(path)? } else { vec![path.to_owned(), path.with_extension("sig")] };
+    for file in named {
+        let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+        let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let is_head = is_folder && file.file_stem().is_some_and(|stem| stem == "head");
+        // Of a record that is named, a signature that is not there is found, not an error.
+        let is_there = is_folder || ending == "json" || file.exists();
+        if ["json", "sig"].contains(&ending) && !is_head && is_there {
+            export.statements.insert(name, disk::read(&file)?);
+        }
+    }
+    let files = folder.join(FILES);
+    if files.is_dir() {
+        let all = export.files.get_or_insert_default();
+        for file in listed(&files)? {
+            let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+            all.insert(name, content_hash(&disk::read(&file)?));
+        }
+    }
+    Ok(())
+}
+
+fn listed(folder: &Path) -> Result<Vec<PathBuf>, Fault> {
+    let read = || std::fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<std::io::Result<Vec<_>>>();
+    let mut all = read().map_err(|error| Fault::file(folder, error))?;
+    all.sort();
+    Ok(all)
+}
+
+fn read_signed(file: &Path) -> Result<Signed, Fault> {
+    let name = file.display().to_string();
+    Ok(Signed {
+        name,
+        bytes: disk::read(file)?,
+        signature: disk::read(&file.with_extension("sig"))?,
+        place: Place::Any,
+    })
+}

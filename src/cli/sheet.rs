@@ -1,0 +1,151 @@
+//! The page to read and sign: what it needs beside the cycle's record, read from the store and from the files that the
+//! cycle used.
+
+use super::fault::Fault;
+use super::report::Kept;
+use crate::recipe::Recipe;
+use crate::record::{CycleRecord, KeptFile};
+use crate::report::page::Figure;
+use crate::report::sheet::{Attached, EarlierCycle, Equipment, LastVerification, Sheet, Signatory, Sources, pdf};
+use crate::signing::{Meaning, Statement, cycle_stem};
+use crate::store::{PassesOfCycle, SignatureRow, Store};
+use crate::words::{apart, utc, utc_day};
+
+/// What the cell calls its files, in words, and by which verification each is judged.
+const EQUIPMENT: [(&str, &str, Option<&str>); 6] = [
+    ("scanner", "scanner, lens", Some("scanner")),
+    ("base_from_camera", "scanner, mount", Some("scanner")),
+    ("flange_camera", "flange camera, lens", Some("flange_camera")),
+    ("flange_from_camera", "flange camera, mount", Some("flange_camera")),
+    ("flange_from_tool", "tool", Some("tool")),
+    ("robot_correction", "robot, correction", None),
+];
+
+/// The page of a cycle.
+///
+/// # Errors
+/// Where the store cannot be read.
+pub fn read(store: &Store, record: &CycleRecord) -> Result<Sheet, Fault> {
+    let part = store.kept_part(record);
+    let recipe_text = text(store, &record.recipe_hash);
+    let recipe = recipe_text.and_then(|text| Recipe::check("recipe.toml", &text).ok());
+    let earlier = match part.as_ref().and_then(|part| part.serial.as_ref()) {
+        Some(serial) => Some(store.passes_of_serial(serial, Some(record.id)).map_err(Fault::stage)?),
+        None => None,
+    };
+    let earlier: Option<Vec<EarlierCycle>> = earlier.map(|all| all.iter().map(earlier_cycle).collect());
+    let equipment = equipment(store, record)?;
+    let signatures = signatures(store, record)?;
+    Ok(Sheet::of(&Sources {
+        record,
+        part: part.as_ref(),
+        recipe: recipe.as_ref(),
+        equipment: &equipment,
+        earlier: earlier.as_deref(),
+        signatures: &signatures,
+    }))
+}
+
+/// The page with its annex as PDF/A-3, the signed record inside.
+///
+/// # Errors
+/// Where the store no longer has the signed record whole, or the PDF cannot be written.
+pub fn document(store: &Store, kept: &Kept, row: &SignatureRow) -> Result<Vec<u8>, Fault> {
+    let record = &kept.record;
+    let sheet = read(store, record)?;
+    let figures: Vec<Figure> = kept.figures().collect();
+    let stem = cycle_stem(record.id);
+    let bytes = store.blob(&row.record_hash).map_err(Fault::stage)?;
+    Statement::read(&bytes).map_err(Fault::stage)?;
+    let attached = [
+        Attached {
+            name: format!("{stem}.json"),
+            description: "The signed record: canonical JSON (RFC 8785)".to_owned(),
+            mime_type: "application/json",
+            bytes,
+        },
+        Attached {
+            name: format!("{stem}.sig"),
+            description: "Its ed25519 signature by the cell".to_owned(),
+            mime_type: "application/octet-stream",
+            bytes: row.signature.clone(),
+        },
+    ];
+    pdf(&sheet, &figures, &attached, row.unix_ms.div_euclid(1_000)).map_err(Fault::stage)
+}
+
+fn text(store: &Store, hash: &str) -> Option<String> {
+    String::from_utf8(store.blob(hash).ok()?).ok()
+}
+
+fn earlier_cycle(PassesOfCycle { cycle, started_unix_s, passes }: &PassesOfCycle) -> EarlierCycle {
+    EarlierCycle { cycle: cycle.0, started_unix_s: *started_unix_s, passes: *passes }
+}
+
+fn equipment(store: &Store, record: &CycleRecord) -> Result<Vec<Equipment>, Fault> {
+    let mut all = Vec::new();
+    for (name, what, subject) in EQUIPMENT {
+        let Some(KeptFile { hash, .. }) = record.files.iter().find(|file| file.name == name) else { continue };
+        let read = text(store, hash).and_then(|text| text.parse::<toml::Table>().ok()).unwrap_or_default();
+        let verified = match subject {
+            Some(subject) => last_verification(store, record, subject)?,
+            None => None,
+        };
+        all.push(Equipment {
+            what: what.to_owned(),
+            serial: named(&read, "serial"),
+            calibrated: named(&read, "date"),
+            hash: hash.clone(),
+            verified,
+        });
+    }
+    Ok(all)
+}
+
+/// A value of a calibration file, in whichever table it stands.
+fn named(read: &toml::Table, key: &str) -> Option<String> {
+    let tables = std::iter::once(read).chain(read.values().filter_map(toml::Value::as_table));
+    tables.filter_map(|table| table.get(key)).find_map(|value| match value {
+        toml::Value::String(text) => Some(text.clone()),
+        toml::Value::Datetime(day) => Some(day.to_string()),
+        _ => None,
+    })
+}
+
+/// The last verification before the cycle that nobody struck out.
+fn last_verification(
+    store: &Store,
+    record: &CycleRecord,
+    subject: &str,
+) -> Result<Option<LastVerification>, Fault> {
+    let all = store.verifications(subject).map_err(Fault::stage)?;
+    let mut counts = all.iter().rev().filter(|one| one.struck.is_none() && one.at_unix_s <= record.started_unix_s);
+    let Some(one) = counts.next() else { return Ok(None) };
+    let [error, limit] = apart(one.error_mm, one.limit_mm, 2);
+    Ok(Some(LastVerification { day: utc_day(one.at_unix_s), error: format!("{error} mm, allowed {limit} mm") }))
+}
+
+fn signatures(store: &Store, record: &CycleRecord) -> Result<Vec<Signatory>, Fault> {
+    let persons = store.signed_by_persons(record.id).map_err(Fault::stage)?;
+    let mut persons = persons.into_iter();
+    let mut all = Vec::new();
+    for row in store.signatures_of(record.id).map_err(Fault::stage)? {
+        let person = if row.is_of_person { persons.next() } else { None };
+        let hash = row.record_hash.get(..16).unwrap_or_default();
+        let key = row.public_key.get(..16).unwrap_or_default();
+        let person = person.map(|(_, person)| person);
+        all.push(Signatory {
+            name: person.as_ref().map_or("the cell".to_owned(), |one| format!("{} ({})", one.name, one.user)),
+            time: utc(row.unix_ms.div_euclid(1_000)),
+            meaning: person.as_ref().map_or("this is what happened".to_owned(), |one| {
+                let remark = one.remark.as_ref().map(|remark| format!(": {remark}")).unwrap_or_default();
+                format!("{}{remark}", one.meaning.words())
+            }),
+            bound: format!("number {}, SHA-256 {hash}…, key {key}…", row.number),
+            decides: person.is_some_and(|one| {
+                matches!(one.meaning, Meaning::InspectedAndReleased | Meaning::InspectedAndNotReleased)
+            }),
+        });
+    }
+    Ok(all)
+}

@@ -1,0 +1,149 @@
+//! What became of each grid: passed at once, failed and passed after it was abraded, failed, or not told.
+
+use super::numbers::rounded;
+use crate::record::{CycleRecord, Finding, Kind, abraded};
+use crate::verdict::Verdict;
+use std::collections::BTreeSet;
+
+/// What became of a grid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GridState {
+    /// No film that counts tells.
+    NotTested,
+    /// The film held.
+    Passed,
+    /// The film broke, the grid was abraded, and the film held.
+    PassedAfterAbrasion,
+    /// The film broke.
+    Failed,
+}
+
+impl GridState {
+    /// Every state, in the order of the legend.
+    pub const ALL: [GridState; 4] =
+        [GridState::Passed, GridState::PassedAfterAbrasion, GridState::Failed, GridState::NotTested];
+
+    /// The letter by which it is told without colour.
+    pub fn letter(self) -> &'static str {
+        match self {
+            GridState::NotTested => "–",
+            GridState::Passed => "P",
+            GridState::PassedAfterAbrasion => "A",
+            GridState::Failed => "F",
+        }
+    }
+
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            GridState::NotTested => "not tested",
+            GridState::Passed => "passed",
+            GridState::PassedAfterAbrasion => "failed, abraded, then passed",
+            GridState::Failed => "failed",
+        }
+    }
+
+    /// Its colour, red, green, blue, which says nothing that the letter and the hatch do not say.
+    pub fn colour(self) -> [u8; 3] {
+        match self {
+            GridState::NotTested => [255, 255, 255],
+            GridState::Passed => [214, 236, 226],
+            GridState::PassedAfterAbrasion => [249, 231, 190],
+            GridState::Failed => [246, 205, 190],
+        }
+    }
+
+    /// The directions in which its cell is hatched: `[down to the right, up to the right]`.
+    pub fn hatch(self) -> [bool; 2] {
+        match self {
+            GridState::NotTested | GridState::Passed => [false, false],
+            GridState::PassedAfterAbrasion => [false, true],
+            GridState::Failed => [true, true],
+        }
+    }
+}
+
+/// The region with the state of each grid, `r1c1` at the top left, as it lies in the taught picture.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct GridMap {
+    /// Columns.
+    pub columns: usize,
+    /// Rows of states.
+    pub rows: Vec<Vec<GridState>>,
+}
+
+/// The name of a grid, both counted from 0.
+fn name(row: usize, column: usize) -> String {
+    format!("r{}c{}", row + 1, column + 1)
+}
+
+/// Films that say something of each grid, in order.
+fn films(record: &CycleRecord) -> impl Iterator<Item = &Finding> {
+    let counts =
+        |finding: &&Finding| finding.kind == Kind::Inspect && finding.judgement.verdict != Verdict::Invalid;
+    record.findings.iter().filter(counts)
+}
+
+/// The broken area of a grid in a film, mm²; `None` where the grid was not wholly seen.
+fn broken_mm2(film: &Finding, grid: &str) -> Option<f64> {
+    film.number(&format!("broken film in {grid}"))
+}
+
+fn failed(film: &Finding, grid: &str) -> bool {
+    film.names("failed").iter().any(|name| name == grid)
+}
+
+fn state(record: &CycleRecord, grid: &str) -> GridState {
+    let Some(last) = films(record).last() else { return GridState::NotTested };
+    let has_failed = films(record).any(|film| failed(film, grid));
+    match (failed(last, grid), broken_mm2(last, grid), has_failed) {
+        (true, ..) => GridState::Failed,
+        (false, None, _) => GridState::NotTested,
+        (false, Some(_), true) => GridState::PassedAfterAbrasion,
+        (false, Some(_), false) => GridState::Passed,
+    }
+}
+
+/// The map of a region of this size.
+pub(super) fn map(record: &CycleRecord, rows: usize, columns: usize) -> GridMap {
+    let row = |row| (0..columns).map(|column| state(record, &name(row, column))).collect();
+    GridMap { columns, rows: (0..rows).map(row).collect() }
+}
+
+/// A row for each grid that failed in any film: its name, the film, time to break, broken area, passes, and the area in
+/// the last film.
+pub(super) fn failed_rows(record: &CycleRecord) -> Vec<Vec<String>> {
+    let names: BTreeSet<(usize, usize, String)> = films(record)
+        .flat_map(|film| film.names("failed"))
+        .map(|grid| {
+            let (row, column) = grid.trim_start_matches('r').split_once('c').unwrap_or(("0", "0"));
+            (row.parse().unwrap_or(0), column.parse().unwrap_or(0), grid.clone())
+        })
+        .collect();
+    let all = abraded(&record.findings, &record.motions);
+    let row = |(_, _, grid): (usize, usize, String)| {
+        let first = films(record).find(|film| failed(film, &grid));
+        let last = films(record).last();
+        let area = |film: Option<&Finding>| {
+            film.and_then(|film| broken_mm2(film, &grid)).map_or(String::new(), |mm2| rounded(mm2, "mm²"))
+        };
+        let time = first.and_then(|film| film.number(&format!("{grid} failed after")));
+        let passes = all.iter().filter(|one| one.grid.as_deref().is_none_or(|name| name == grid));
+        let passes: BTreeSet<u8> = passes.map(|one| one.pass).collect();
+        vec![
+            grid.clone(),
+            first.map_or(String::new(), |film| film_name(film.pass)),
+            time.map_or(String::new(), |time_s| rounded(time_s, "s")),
+            area(first),
+            passes.len().to_string(),
+            area(last),
+            state(record, &grid).words().to_owned(),
+        ]
+    };
+    names.into_iter().map(row).collect()
+}
+
+/// What a film is called.
+pub(super) fn film_name(pass: u8) -> String {
+    if pass == 0 { "first".to_owned() } else { format!("after pass {pass}") }
+}

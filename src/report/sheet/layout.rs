@@ -1,0 +1,294 @@
+//! Where each text, line and picture of the PDF stands: a list of marks for each page, in points from its top left corner.
+
+use super::content::{Block, Sheet};
+use super::grids::{GridMap, GridState};
+use ttf_parser::{Face, FaceParsingError};
+
+/// A4, points.
+pub(super) const PAGE_PT: [f32; 2] = [595.0, 842.0];
+const MARGIN_PT: f32 = 34.0;
+const TEXT_PT: f32 = 7.0;
+const LEADING: f32 = 1.28;
+const HEADING_PT: f32 = 8.2;
+const TITLE_PT: f32 = 13.0;
+/// The map's longer side at most.
+const MAP_PT: f32 = 150.0;
+/// The largest side of a grid's cell in it.
+const CELL_PT: f32 = 18.0;
+const GREY: [u8; 3] = [90, 90, 90];
+const BLACK: [u8; 3] = [0, 0, 0];
+
+/// Something on a page.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Mark {
+    /// A line of text; its place is its left end on the base line.
+    Text { at: [f32; 2], size_pt: f32, bold: bool, colour: [u8; 3], text: String },
+    /// A line.
+    Line { from: [f32; 2], to: [f32; 2], width_pt: f32 },
+    /// A filled rectangle with its outline.
+    Cell { at: [f32; 2], side_pt: f32, colour: [u8; 3] },
+    /// The picture of this number, in this box.
+    Picture { at: [f32; 2], size: [f32; 2], number: usize },
+}
+
+/// A picture of the annex.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shown<'p> {
+    /// What it shows.
+    pub caption: &'p str,
+    /// Its size, px.
+    pub size_px: [u32; 2],
+}
+
+/// The two fonts, for their widths.
+pub(super) struct Faces {
+    regular: Face<'static>,
+    bold: Face<'static>,
+}
+
+impl Faces {
+    pub fn new() -> Result<Self, FaceParsingError> {
+        Ok(Faces {
+            regular: Face::parse(dejavu::sans_condensed::regular(), 0)?,
+            bold: Face::parse(dejavu::sans_condensed::bold(), 0)?,
+        })
+    }
+
+    fn of(&self, bold: bool) -> &Face<'static> {
+        if bold { &self.bold } else { &self.regular }
+    }
+
+    fn width(&self, text: &str, (size_pt, bold): (f32, bool)) -> f32 {
+        let face = self.of(bold);
+        let advance = |sign| face.glyph_index(sign).and_then(|glyph| face.glyph_hor_advance(glyph)).unwrap_or(0);
+        let units: f32 = text.chars().map(|sign| f32::from(advance(sign))).sum();
+        units * size_pt / f32::from(face.units_per_em())
+    }
+
+    /// The same text in signs that the font has: of another one its number stands.
+    fn printable(&self, text: &str) -> String {
+        let mut printable = String::with_capacity(text.len());
+        for sign in text.chars() {
+            match sign {
+                sign if sign.is_whitespace() => printable.push(' '),
+                sign if self.regular.glyph_index(sign).is_some() && self.bold.glyph_index(sign).is_some() => {
+                    printable.push(sign);
+                }
+                sign => printable += &format!("[U+{:04X}]", u32::from(sign)),
+            }
+        }
+        printable
+    }
+
+    /// Lines of at most this width; a word that is wider is cut.
+    fn wrapped(&self, text: &str, style: (f32, bool), width_pt: f32) -> Vec<String> {
+        let mut lines = vec![String::new()];
+        for word in self.printable(text).split(' ').filter(|word| !word.is_empty()) {
+            let line = lines.last().cloned().unwrap_or_default();
+            let joined = if line.is_empty() { word.to_owned() } else { format!("{line} {word}") };
+            if self.width(&joined, style) <= width_pt {
+                lines.pop();
+                lines.push(joined);
+                continue;
+            }
+            if line.is_empty() {
+                lines.pop();
+            }
+            lines.push(String::new());
+            for sign in word.chars() {
+                let line = lines.last().cloned().unwrap_or_default();
+                let longer = format!("{line}{sign}");
+                if self.width(&longer, style) > width_pt && !line.is_empty() {
+                    lines.push(sign.to_string());
+                } else {
+                    lines.pop();
+                    lines.push(longer);
+                }
+            }
+        }
+        lines
+    }
+}
+
+/// Pages under way.
+struct Laying<'f> {
+    faces: &'f Faces,
+    pages: Vec<Vec<Mark>>,
+    y: f32,
+}
+
+/// The marks of each page, and how many pages come before the annex.
+pub(super) fn pages(sheet: &Sheet, pictures: &[Shown<'_>], faces: &Faces) -> (Vec<Vec<Mark>>, usize) {
+    let mut laying = Laying { faces, pages: vec![vec![]], y: MARGIN_PT };
+    laying.text(&sheet.title, (TITLE_PT, true), BLACK);
+    laying.text(&sheet.disposition, (HEADING_PT, true), BLACK);
+    laying.facts(&sheet.facts);
+    match &sheet.map {
+        Ok(map) => laying.map(map),
+        Err(why) => laying.text(&format!("No map of the panel: {why}."), (TEXT_PT, false), GREY),
+    }
+    sheet.blocks.iter().for_each(|block| laying.table(block));
+    let first = laying.pages.len();
+    if !sheet.annex.is_empty() || !pictures.is_empty() {
+        laying.next_page();
+        laying.text(&format!("Annex: {}", sheet.title), (TITLE_PT, true), BLACK);
+    }
+    sheet.annex.iter().for_each(|block| laying.table(block));
+    for (number, shown) in pictures.iter().enumerate() {
+        laying.picture(number, shown);
+    }
+    laying.numbered(&sheet.title);
+    (laying.pages, first)
+}
+
+impl Laying<'_> {
+    fn put(&mut self, mark: Mark) {
+        if let Some(page) = self.pages.last_mut() {
+            page.push(mark);
+        }
+    }
+
+    fn next_page(&mut self) {
+        self.pages.push(Vec::new());
+        self.y = MARGIN_PT;
+    }
+
+    /// Begins a page where so much has no room on this one.
+    fn needs(&mut self, height_pt: f32) {
+        if self.y + height_pt > PAGE_PT[1] - MARGIN_PT && self.y > MARGIN_PT {
+            self.next_page();
+        }
+    }
+
+    fn text(&mut self, text: &str, (size_pt, bold): (f32, bool), colour: [u8; 3]) {
+        for text in self.faces.wrapped(text, (size_pt, bold), PAGE_PT[0] - 2.0 * MARGIN_PT) {
+            self.needs(size_pt * LEADING);
+            self.y += size_pt * LEADING;
+            self.put(Mark::Text { at: [MARGIN_PT, self.y - 0.25 * size_pt], size_pt, bold, colour, text });
+        }
+    }
+
+    /// Cells beside each other, each wrapped in its column: x, width, colour, text.
+    fn row(&mut self, cells: &[(f32, f32, [u8; 3], &str)], style: (f32, bool)) {
+        let wrapped: Vec<Vec<String>> =
+            cells.iter().map(|(_, width, _, text)| self.faces.wrapped(text, style, width - 4.0)).collect();
+        let lines = wrapped.iter().map(Vec::len).max().unwrap_or(1);
+        let line_pt = style.0 * LEADING;
+        self.needs(lines as f32 * line_pt + 2.0);
+        for ((x, _, colour, _), texts) in cells.iter().zip(wrapped) {
+            for (index, text) in texts.into_iter().enumerate() {
+                let y = self.y + (index + 1) as f32 * line_pt - 0.25 * style.0;
+                self.put(Mark::Text { at: [*x, y], size_pt: style.0, bold: style.1, colour: *colour, text });
+            }
+        }
+        self.y += lines as f32 * line_pt + 1.0;
+        let (from, to) = ([MARGIN_PT, self.y], [PAGE_PT[0] - MARGIN_PT, self.y]);
+        self.put(Mark::Line { from, to, width_pt: 0.25 });
+        self.y += 1.0;
+    }
+
+    fn facts(&mut self, facts: &[(String, String)]) {
+        self.y += 4.0;
+        let half = (PAGE_PT[0] - 2.0 * MARGIN_PT) / 2.0;
+        let (name, value) = (0.33 * half, 0.67 * half);
+        for pair in facts.chunks(2) {
+            let cells: Vec<(f32, f32, [u8; 3], &str)> = pair
+                .iter()
+                .enumerate()
+                .flat_map(|(index, (named, text))| {
+                    let x = MARGIN_PT + index as f32 * half;
+                    [(x, name, GREY, named.as_str()), (x + name, value, BLACK, text.as_str())]
+                })
+                .collect();
+            self.row(&cells, (TEXT_PT, false));
+        }
+    }
+
+    fn table(&mut self, block: &Block) {
+        // A heading stays with its first row.
+        self.needs(HEADING_PT * LEADING + 4.0 * TEXT_PT * LEADING);
+        self.y += 3.0;
+        self.text(&block.heading, (HEADING_PT, true), BLACK);
+        let width = PAGE_PT[0] - 2.0 * MARGIN_PT;
+        let mut columns = Vec::new();
+        let mut x = MARGIN_PT;
+        for (head, share) in &block.columns {
+            columns.push((x, share * width, *head));
+            x += share * width;
+        }
+        let heads: Vec<(f32, f32, [u8; 3], &str)> =
+            columns.iter().map(|(x, width, head)| (*x, *width, GREY, *head)).collect();
+        self.row(&heads, (TEXT_PT, false));
+        for row in &block.rows {
+            let cells: Vec<(f32, f32, [u8; 3], &str)> =
+                columns.iter().zip(row).map(|((x, width, _), text)| (*x, *width, BLACK, text.as_str())).collect();
+            self.row(&cells, (TEXT_PT, false));
+        }
+    }
+
+    fn map(&mut self, map: &GridMap) {
+        let most = map.columns.max(map.rows.len()).max(1) as f32;
+        let side = CELL_PT.min(MAP_PT / most);
+        let height = (map.rows.len() as f32 * side).max(4.0 * 13.0);
+        self.needs(height + 8.0);
+        self.y += 5.0;
+        let top = self.y;
+        for (row, states) in map.rows.iter().enumerate() {
+            for (column, state) in states.iter().enumerate() {
+                self.cell([MARGIN_PT + column as f32 * side, top + row as f32 * side], side, *state);
+            }
+        }
+        let x = MARGIN_PT + map.columns as f32 * side + 18.0;
+        for (index, state) in GridState::ALL.into_iter().enumerate() {
+            let y = top + 13.0 * index as f32;
+            self.cell([x, y], 11.0, state);
+            let count = map.rows.iter().flatten().filter(|one| **one == state).count();
+            let text = format!("{}: {count}", state.words());
+            let at = [x + 16.0, y + 8.0];
+            self.put(Mark::Text { at, size_pt: TEXT_PT, bold: false, colour: BLACK, text });
+        }
+        self.y = top + height + 3.0;
+    }
+
+    fn cell(&mut self, at: [f32; 2], side_pt: f32, state: GridState) {
+        self.put(Mark::Cell { at, side_pt, colour: state.colour() });
+        let ([x, y], [down, up]) = (at, state.hatch());
+        if down {
+            self.put(Mark::Line { from: [x, y], to: [x + side_pt, y + side_pt], width_pt: 0.4 });
+        }
+        if up {
+            self.put(Mark::Line { from: [x, y + side_pt], to: [x + side_pt, y], width_pt: 0.4 });
+        }
+        let size_pt = (0.6 * side_pt).min(8.0);
+        if size_pt >= 3.0 {
+            let text = state.letter().to_owned();
+            let at = [
+                x + (side_pt - self.faces.width(&text, (size_pt, true))) / 2.0,
+                y + side_pt / 2.0 + 0.36 * size_pt,
+            ];
+            self.put(Mark::Text { at, size_pt, bold: true, colour: BLACK, text });
+        }
+    }
+
+    fn picture(&mut self, number: usize, shown: &Shown<'_>) {
+        let room = [PAGE_PT[0] - 2.0 * MARGIN_PT, 330.0];
+        let [width, height] = shown.size_px.map(|px| px.max(1) as f32);
+        let scale = (room[0] / width).min(room[1] / height);
+        let size = [width * scale, height * scale];
+        self.needs(size[1] + 3.0 * TEXT_PT * LEADING);
+        self.y += 6.0;
+        self.put(Mark::Picture { at: [MARGIN_PT, self.y], size, number });
+        self.y += size[1];
+        self.text(shown.caption, (TEXT_PT, false), GREY);
+    }
+
+    /// The foot of each page.
+    fn numbered(&mut self, title: &str) {
+        let all = self.pages.len();
+        for (index, page) in self.pages.iter_mut().enumerate() {
+            let text = self.faces.printable(&format!("{title} · page {} of {all}", index + 1));
+            let at = [MARGIN_PT, PAGE_PT[1] - 0.55 * MARGIN_PT];
+            page.push(Mark::Text { at, size_pt: 6.0, bold: false, colour: GREY, text });
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! Numbers of the page in one form: as many digits as what was measured supports, beside what was allowed and by whom.
+
+use crate::record::{Check, Limit, SetBy};
+use crate::words::{apart, fixed};
+
+/// Digits after the point that a unit's measurements support: a picture every fifth of a second, a pixel of a few tenths of
+/// a millimetre, a calibration of hundredths.
+fn decimals(value: f64, unit: &str) -> usize {
+    match unit {
+        "mm" | "px" => 2,
+        "s" | "%" | "°" => 1,
+        "mm²" if value.abs() < 10.0 => 1,
+        "mm²" | "grey levels" | "ms" => 0,
+        _ if value.fract() == 0.0 => 0,
+        _ => 2,
+    }
+}
+
+/// A number with its unit.
+pub(super) fn rounded(value: f64, unit: &str) -> String {
+    format!("{} {unit}", fixed(value, decimals(value, unit))).trim_end().to_owned()
+}
+
+/// An uncertainty, of which two digits say something.
+pub(super) fn uncertainty(value: f64, unit: &str) -> String {
+    let digits = if value > 0.0 { (1 - value.log10().floor() as i32).clamp(0, 4) as usize } else { 2 };
+    format!("{} {unit}", fixed(value, digits))
+}
+
+/// A check as a row of the table of numbers: what, found, allowed, by whom. What was not measured is blank, with nothing
+/// beside it that it could seem to have kept.
+pub(super) fn row(check: &Check, of: &str) -> Vec<String> {
+    let what = format!("{}{of}", check.name);
+    let Some(value) = check.value else {
+        return vec![what, String::new(), "not measured".to_owned(), String::new()];
+    };
+    let (sign, bound) = match check.limit {
+        Limit::Unlimited => ("", None),
+        Limit::AtMost(limit) => ("≤ ", Some(limit)),
+        Limit::AtLeast(limit) => ("≥ ", Some(limit)),
+        Limit::Below(limit) => ("< ", Some(limit)),
+    };
+    let (mut found, mut allowed) =
+        (rounded(value, &check.unit), bound.map(|bound| rounded(bound, &check.unit)).unwrap_or_default());
+    if let (false, Some(bound)) = (check.is_kept(), bound) {
+        let unit = |number: String| format!("{number} {}", check.unit).trim_end().to_owned();
+        let [number, limit] = apart(value, bound, decimals(bound, &check.unit));
+        (found, allowed) = (format!("{}, not allowed", unit(number)), unit(limit));
+    }
+    let by = match &check.set_by {
+        _ if bound.is_none() => String::new(),
+        Some(SetBy::Recipe(key)) => format!("recipe, {key}"),
+        Some(SetBy::Cell(key)) => format!("cell, {key}"),
+        Some(SetBy::Program) | None => "program".to_owned(),
+    };
+    vec![what, found, if allowed.is_empty() { String::new() } else { format!("{sign}{allowed}") }, by]
+}

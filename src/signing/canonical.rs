@@ -1,0 +1,36 @@
+//! JSON in the one form that is signed: RFC 8785.
+//!
+//! That form has no other numbers than doubles. A whole number beyond ±(2⁵³ − 1), such as the number of a plan, would lose
+//! digits in it and stands as a text of its digits, as RFC 8785 advises in its appendix D.
+
+use super::error::SigningError;
+use serde::Serialize;
+use serde_json::Value;
+
+/// The largest whole number of which a double has every digit, and that of its neighbours too.
+const MOST_EXACT: u64 = (1 << 53) - 1;
+
+/// The bytes that are signed.
+///
+/// # Errors
+/// Where JSON cannot hold the value.
+pub fn canonical(value: &impl Serialize) -> Result<Vec<u8>, SigningError> {
+    let json = |error: serde_json::Error| SigningError::Json { problem: error.to_string() };
+    let value = exact(serde_json::to_value(value).map_err(json)?);
+    serde_json_canonicalizer::to_vec(&value).map_err(json)
+}
+
+/// The same value with whole numbers as texts where a double does not hold them.
+pub(super) fn exact(value: Value) -> Value {
+    let is_beyond = |value: &Value| {
+        value.as_u64().or(value.as_i64().map(i64::unsigned_abs)).is_some_and(|number| number > MOST_EXACT)
+    };
+    match value {
+        Value::Array(values) => Value::Array(values.into_iter().map(exact).collect()),
+        Value::Object(entries) => {
+            Value::Object(entries.into_iter().map(|(name, value)| (name, exact(value))).collect())
+        }
+        Value::Number(_) if is_beyond(&value) => Value::String(value.to_string()),
+        other => other,
+    }
+}

@@ -1,0 +1,195 @@
+//! Verifies signed statements together: each by its signature, all by their chain, and the chain's end by a head that was
+//! kept elsewhere. Names each statement that was changed, is missing, stands in the place of another, or was rolled back.
+
+use super::key::PublicKey;
+use super::statement::{BEGIN, Said, SignedHead, Statement, hash};
+use crate::record::CycleId;
+use std::collections::BTreeMap;
+
+/// A statement with its signature, as it was found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Signed {
+    /// What it is called in messages, such as its file.
+    pub name: String,
+    /// Its bytes.
+    pub bytes: Vec<u8>,
+    /// The 64 bytes of its signature.
+    pub signature: Vec<u8>,
+    /// What its name promises.
+    pub place: Place,
+}
+
+/// What the name of a statement promises of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// Nothing.
+    Any,
+    /// The cell's statement of this cycle.
+    Cycle(CycleId),
+    /// This number.
+    Number(u64),
+}
+
+/// What came of it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Verified {
+    /// What is not what was signed, in words.
+    pub found: Vec<String>,
+    /// The statements whose signatures hold, by their numbers, each with its SHA-256.
+    pub statements: BTreeMap<u64, (Statement, String)>,
+}
+
+/// A statement whose signature holds.
+struct Whole<'s> {
+    name: &'s str,
+    statement: Statement,
+    hash: String,
+}
+
+/// Verifies these statements with these public keys. Where a `head` is given, it must be signed too, and they must be all
+/// statements from the first of the cell to the one that the head names; else they need to have no gap among themselves.
+pub fn verify(all: &[Signed], keys: &[PublicKey], head: Option<&Signed>) -> Verified {
+    let mut verified = Verified::default();
+    let mut whole: BTreeMap<u64, Whole<'_>> = BTreeMap::new();
+    for signed in all {
+        match read(signed, keys) {
+            Err(problem) => verified.found.push(problem),
+            Ok(one) => {
+                verified.found.extend(misplaced(signed, &one.statement));
+                match whole.get(&one.statement.number) {
+                    Some(other) if other.hash == one.hash => {
+                        verified.found.push(format!("{} and {} are the same record", other.name, one.name));
+                    }
+                    Some(other) => verified.found.push(format!(
+                        "{} and {} both are record number {}: the chain was forked",
+                        other.name, one.name, one.statement.number
+                    )),
+                    None => {
+                        whole.insert(one.statement.number, one);
+                    }
+                }
+            }
+        }
+    }
+    verified.found.extend(broken(&whole));
+    verified.found.extend(unbound(&whole));
+    if let Some(head) = head {
+        verified.found.extend(beyond(&whole, head, keys));
+    }
+    let statements = whole.into_iter().map(|(number, one)| (number, (one.statement, one.hash)));
+    verified.statements = statements.collect();
+    verified
+}
+
+fn read<'s>(signed: &'s Signed, keys: &[PublicKey]) -> Result<Whole<'s>, String> {
+    let Signed { name, bytes, signature, .. } = signed;
+    let signs = keys.iter().find(|key| key.verifies(bytes, signature));
+    let statement = Statement::read(bytes);
+    match (signs, statement) {
+        (Some(key), Ok(statement)) if statement.public_key == key.hex() => {
+            Ok(Whole { name, statement, hash: hash(bytes) })
+        }
+        (Some(_), Ok(statement)) => {
+            Err(format!("{name} names another key than the one that signed it, {}", statement.public_key))
+        }
+        (Some(_), Err(error)) => Err(format!("{name}: {error}")),
+        (None, Ok(statement)) if keys.iter().all(|key| key.hex() != statement.public_key) => Err(format!(
+            "{name} was changed, or signed by a key that was not given: it names the key {}",
+            statement.public_key
+        )),
+        (None, _) => Err(format!("{name} was changed: the signature is not one of these bytes")),
+    }
+}
+
+/// Where the name promises something else.
+fn misplaced(signed: &Signed, statement: &Statement) -> Option<String> {
+    let is_there = match (signed.place, &statement.says) {
+        (Place::Any, _) => true,
+        (Place::Number(number), _) => statement.number == number,
+        (Place::Cycle(id), Said::Cycle(cycle)) => cycle.id == id,
+        (Place::Cycle(_), Said::Person(_)) => false,
+    };
+    let words =
+        |number, cycle| format!("{} holds record number {number}, of cycle {cycle}: it was exchanged", signed.name);
+    (!is_there).then(|| words(statement.number, statement.cycle()))
+}
+
+/// Gaps, and statements that name another one before them than the one that is there.
+fn broken(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut before: Option<&Whole<'_>> = None;
+    for one in whole.values() {
+        let (number, name) = (one.statement.number, one.name);
+        let expected = match before {
+            _ if number == 1 => Some(BEGIN),
+            Some(before) if before.statement.number + 1 == number => Some(before.hash.as_str()),
+            Some(before) => {
+                found.push(missing(before.statement.number + 1, number - 1));
+                None
+            }
+            None => None,
+        };
+        if expected.is_some_and(|expected| expected != one.statement.previous) {
+            found
+                .push(format!("{name}, record number {number}, does not follow from record number {}", number - 1));
+        }
+        before = Some(one);
+    }
+    found
+}
+
+fn missing(first: u64, last: u64) -> String {
+    match first == last {
+        true => format!("record number {first} is missing"),
+        false => format!("records number {first} to {last} are missing"),
+    }
+}
+
+/// Signatures of persons whose record is another one than they signed.
+fn unbound(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
+    let mut found = Vec::new();
+    for one in whole.values() {
+        let Said::Person(person) = &one.statement.says else { continue };
+        let of_cycle = |other: &&Whole<'_>| match &other.statement.says {
+            Said::Cycle(cycle) => cycle.id == person.cycle && other.statement.number < one.statement.number,
+            Said::Person(_) => false,
+        };
+        let records: Vec<&Whole<'_>> = whole.values().filter(of_cycle).collect();
+        if !records.is_empty() && records.iter().all(|record| record.hash != person.record_hash) {
+            found.push(format!(
+                "{}: {} signed another record of cycle {} than this one",
+                one.name, person.name, person.cycle
+            ));
+        }
+    }
+    found
+}
+
+/// What the head has and the statements have not.
+fn beyond(whole: &BTreeMap<u64, Whole<'_>>, signed: &Signed, keys: &[PublicKey]) -> Vec<String> {
+    let name = &signed.name;
+    if !keys.iter().any(|key| key.verifies(&signed.bytes, &signed.signature)) {
+        return vec![format!("the head {name} was changed: the signature is not one of these bytes")];
+    }
+    let head = match SignedHead::read(&signed.bytes) {
+        Ok(head) => head,
+        Err(error) => return vec![format!("the head {name}: {error}")],
+    };
+    let mut found = Vec::new();
+    let first = whole.keys().next().copied().unwrap_or(head.number + 1);
+    if first > 1 && head.number > 0 {
+        found.push(missing(1, (first - 1).min(head.number)));
+    }
+    let last = whole.keys().next_back().copied().unwrap_or(0);
+    if last < head.number && last > 0 {
+        found.push(format!(
+            "rolled back: the head {name} is at record number {}; {}",
+            head.number,
+            missing(last + 1, head.number)
+        ));
+    }
+    if let Some(one) = whole.get(&head.number).filter(|one| one.hash != head.hash) {
+        found.push(format!("{} is not the record number {} that the head {name} names", one.name, head.number));
+    }
+    found
+}

@@ -1,0 +1,58 @@
+//! Where what was signed and what is there now differ, by the place in the record.
+
+use serde_json::Value;
+
+/// Lists that grow after a cycle has ended: what was asked of the cell while it rested in its result.
+const GROWING: [&str; 1] = ["/asked"];
+/// Counts that grow so.
+const COUNTING: [&str; 1] = ["/events"];
+/// Differences that are told; the first ones say enough.
+const MOST: usize = 5;
+
+/// The places at which `now` does not hold what was `signed`, such as `/findings/2/numbers/0/value`, each with both values.
+///
+/// What only `now` has is no difference: a later program may keep more of a cycle.
+pub fn differences(signed: &Value, now: &Value) -> Vec<String> {
+    let mut found = Vec::new();
+    compare("", signed, now, &mut found);
+    found.truncate(MOST);
+    found
+}
+
+fn compare(at: &str, signed: &Value, now: &Value, found: &mut Vec<String>) {
+    if signed == now || found.len() >= MOST {
+        return;
+    }
+    match (signed, now) {
+        (Value::Object(signed), Value::Object(now)) => {
+            for (name, value) in signed {
+                compare(&format!("{at}/{name}"), value, now.get(name).unwrap_or(&Value::Null), found);
+            }
+        }
+        (Value::Array(signed), Value::Array(now))
+            if signed.len() == now.len() || (GROWING.contains(&at) && signed.len() < now.len()) =>
+        {
+            for (index, (value, now)) in signed.iter().zip(now).enumerate() {
+                compare(&format!("{at}/{index}"), value, now, found);
+            }
+        }
+        (Value::Number(signed), Value::Number(now)) if COUNTING.contains(&at) && grew(signed, now) => {}
+        _ => found.push(format!("{at}: signed was {}, there is {}", short(signed), short(now))),
+    }
+}
+
+fn grew(signed: &serde_json::Number, now: &serde_json::Number) -> bool {
+    signed.as_u64().zip(now.as_u64()).is_some_and(|(signed, now)| signed <= now)
+}
+
+fn short(value: &Value) -> String {
+    let text = match value {
+        Value::Array(values) => return format!("a list of {}", values.len()),
+        Value::Object(_) => return "an object".to_owned(),
+        other => other.to_string(),
+    };
+    match text.char_indices().nth(60) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text,
+    }
+}

@@ -1,0 +1,110 @@
+//! The key that signs for a cell, and the public key that verifies.
+
+use super::error::SigningError;
+use ed25519_dalek::ed25519::pkcs8::KeypairBytes;
+use ed25519_dalek::pkcs8::spki::der::pem::LineEnding;
+use ed25519_dalek::pkcs8::{DecodePrivateKey, DecodePublicKey, EncodePrivateKey, EncodePublicKey};
+use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
+
+/// The private key of a cell. It never stands in a message.
+#[derive(Clone)]
+pub struct CellKey(SigningKey);
+
+impl std::fmt::Debug for CellKey {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "CellKey of {}", self.public().hex())
+    }
+}
+
+impl CellKey {
+    /// A key from 32 random bytes, which the operating system gives.
+    pub fn of_random(bytes: &[u8; 32]) -> Self {
+        CellKey(SigningKey::from_bytes(bytes))
+    }
+
+    /// A key as PKCS #8 in PEM.
+    ///
+    /// # Errors
+    /// Where the text is no such key.
+    pub fn read(pem: &str) -> Result<Self, SigningError> {
+        let problem = |error: ed25519_dalek::pkcs8::Error| SigningError::PrivateKey { problem: error.to_string() };
+        SigningKey::from_pkcs8_pem(pem).map(CellKey).map_err(problem)
+    }
+
+    /// The same as text, in the form that `openssl` writes.
+    ///
+    /// # Errors
+    /// Where it cannot be encoded.
+    pub fn pem(&self) -> Result<String, SigningError> {
+        let bytes = KeypairBytes { secret_key: self.0.to_bytes(), public_key: None };
+        let pem = bytes.to_pkcs8_pem(LineEnding::LF);
+        let pem = pem.map_err(|error| SigningError::PrivateKey { problem: error.to_string() })?;
+        Ok(pem.to_string())
+    }
+
+    /// The key that verifies what this one signs.
+    pub fn public(&self) -> PublicKey {
+        PublicKey(self.0.verifying_key())
+    }
+
+    /// The signature of these bytes: the same for the same bytes.
+    pub fn sign(&self, bytes: &[u8]) -> [u8; 64] {
+        self.0.sign(bytes).to_bytes()
+    }
+}
+
+/// The public key of a cell.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PublicKey(VerifyingKey);
+
+const END: &str = "-----END PUBLIC KEY-----";
+
+impl PublicKey {
+    /// Every public key in a PEM file; a cell whose key was replaced has several.
+    ///
+    /// # Errors
+    /// Where there is none, or one is no ed25519 key.
+    pub fn read_all(pem: &str) -> Result<Vec<Self>, SigningError> {
+        let problem = |problem: String| SigningError::PublicKey { problem };
+        let blocks = pem.split_inclusive(END).filter(|block| block.contains(END));
+        let key = |block: &str| {
+            VerifyingKey::from_public_key_pem(block.trim_start())
+                .map(PublicKey)
+                .map_err(|error| problem(error.to_string()))
+        };
+        let keys: Vec<Self> = blocks.map(key).collect::<Result<_, _>>()?;
+        if keys.is_empty() { Err(problem("it has no block PUBLIC KEY".to_owned())) } else { Ok(keys) }
+    }
+
+    /// The key as 64 hexadecimal digits, as a statement names it.
+    ///
+    /// # Errors
+    /// Where these are none.
+    pub fn of_hex(hex: &str) -> Result<Self, SigningError> {
+        let problem = |problem: &str| SigningError::PublicKey { problem: problem.to_owned() };
+        let digit = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
+        let bytes: Option<Vec<u8>> = hex.as_bytes().chunks(2).map(digit).collect();
+        let bytes: Option<[u8; 32]> = bytes.and_then(|bytes| bytes.try_into().ok());
+        let bytes = bytes.ok_or_else(|| problem("it has not 64 hexadecimal digits"))?;
+        VerifyingKey::from_bytes(&bytes).map(PublicKey).map_err(|error| problem(&error.to_string()))
+    }
+
+    /// 64 hexadecimal digits.
+    pub fn hex(&self) -> String {
+        self.0.as_bytes().iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+
+    /// The key as PEM, as `openssl pkeyutl -pubin` reads it.
+    ///
+    /// # Errors
+    /// Where it cannot be encoded.
+    pub fn pem(&self) -> Result<String, SigningError> {
+        let pem = self.0.to_public_key_pem(LineEnding::LF);
+        pem.map_err(|error| SigningError::PublicKey { problem: error.to_string() })
+    }
+
+    /// Whether this key's private half signed these bytes.
+    pub fn verifies(&self, bytes: &[u8], signature: &[u8]) -> bool {
+        Signature::from_slice(signature).is_ok_and(|signature| self.0.verify_strict(bytes, &signature).is_ok())
+    }
+}

@@ -1,0 +1,32 @@
+//! The signed record: what a cell states of a cycle, and what a person states of that record, as canonical JSON that the
+//! cell's key signs.
+//!
+//! A statement is a JSON object in the form of RFC 8785, whose bytes are signed with ed25519. Each names the SHA-256 of the
+//! statement before it, over all cycles of the cell, so that a statement that was changed, deleted, put in, exchanged or
+//! rolled back contradicts the signature, the chain or a head that was kept elsewhere. Whoever has the public key verifies
+//! this without the program: the file's bytes are what was signed.
+//!
+//! Pure: where keys and statements are kept is the business of `store`. A key that somebody copied signs as the cell does;
+//! no chain finds that.
+
+mod canonical;
+mod chain;
+mod differences;
+mod error;
+mod export;
+mod key;
+mod statement;
+
+pub use canonical::canonical;
+pub use chain::{Place, Signed, Verified, verify};
+pub use differences::differences;
+pub use error::SigningError;
+pub use export::{Export, cycle_stem, exported_files, person_stem, verify_export};
+pub use key::{CellKey, PublicKey};
+pub use statement::{
+    BEGIN, FORM, HEAD_FORM, Meaning, PersonSignature, Said, SignedCycle, SignedHead, Statement, StorePlace,
+    files_of,
+};
+
+#[cfg(test)]
+mod tests;

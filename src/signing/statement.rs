@@ -1,0 +1,225 @@
+//! A statement: what the cell, or a person at it, says of a cycle, and its place among all statements of the cell.
+
+use super::canonical::canonical;
+use super::error::SigningError;
+use crate::files::content_hash;
+use crate::record::{CycleId, CycleRecord, PartNames};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// The form of a statement.
+pub const FORM: &str = "panelprep-record-1";
+/// The form of a head.
+pub const HEAD_FORM: &str = "panelprep-record-head-1";
+/// What the first statement of a cell names as the one before it.
+pub const BEGIN: &str = "0000000000000000000000000000000000000000000000000000000000000000";
+
+/// One link of the chain of signed records.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Statement {
+    /// [`FORM`].
+    pub form: String,
+    /// Its place, from 1, without gaps over all cycles of the cell.
+    pub number: u64,
+    /// SHA-256 of the statement before it; [`BEGIN`] where there is none.
+    pub previous: String,
+    /// When it was signed, ms since 1970.
+    pub unix_ms: i64,
+    /// Which key signed it, 64 hexadecimal digits.
+    pub public_key: String,
+    /// Where the store's chain of all its rows was then.
+    pub store: StorePlace,
+    /// What it says.
+    pub says: Said,
+}
+
+/// A place in the store's chain of rows.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StorePlace {
+    /// The link, from 1; 0 before the first.
+    pub link: i64,
+    /// Its SHA-256.
+    pub hash: String,
+}
+
+/// What is said.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Said {
+    /// The cell: this is what happened in a cycle.
+    Cycle(SignedCycle),
+    /// A person: this is what I say of a cycle's record.
+    Person(PersonSignature),
+}
+
+/// A cycle with its part.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SignedCycle {
+    /// Its number in the store.
+    pub id: CycleId,
+    /// The part; `None` where none was named.
+    pub part: Option<PartNames>,
+    /// The [`CycleRecord`]. It is no such type here, so that a record of another version of the program stays readable.
+    pub record: Value,
+}
+
+impl SignedCycle {
+    /// What is signed of this record.
+    ///
+    /// # Errors
+    /// Where JSON cannot hold it.
+    pub fn new(record: &CycleRecord, part: Option<PartNames>) -> Result<Self, SigningError> {
+        let bytes = canonical(record)?;
+        // Read back, so that it compares to what stands in a file.
+        let record_value = serde_json::from_slice(&bytes).map_err(SigningError::form)?;
+        Ok(SignedCycle { id: record.id, part, record: record_value })
+    }
+}
+
+/// What a person says of a record, under the person's printed name.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PersonSignature {
+    /// The cycle.
+    pub cycle: CycleId,
+    /// SHA-256 of the cell's statement of that cycle: the signature is bound to this record alone.
+    pub record_hash: String,
+    /// The person's printed name.
+    pub name: String,
+    /// The account by which the person was recognized.
+    pub user: String,
+    /// What the signature means.
+    pub meaning: Meaning,
+    /// What the person added; `None` for nothing.
+    pub remark: Option<String>,
+}
+
+/// What a person's signature means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Meaning {
+    /// The part is released.
+    InspectedAndReleased,
+    /// The part is not released.
+    InspectedAndNotReleased,
+    /// The record was read.
+    Reviewed,
+    /// A deviation that the record states is accepted.
+    DeviationAccepted,
+}
+
+impl Meaning {
+    /// All of them, in the order in which they are offered.
+    pub const ALL: [Meaning; 4] = [
+        Meaning::InspectedAndReleased,
+        Meaning::InspectedAndNotReleased,
+        Meaning::Reviewed,
+        Meaning::DeviationAccepted,
+    ];
+
+    /// In words, as it is printed.
+    pub fn words(self) -> &'static str {
+        match self {
+            Meaning::InspectedAndReleased => "inspected and released",
+            Meaning::InspectedAndNotReleased => "inspected and not released",
+            Meaning::Reviewed => "reviewed",
+            Meaning::DeviationAccepted => "deviation accepted",
+        }
+    }
+}
+
+impl Statement {
+    /// The bytes that are signed.
+    ///
+    /// # Errors
+    /// Where JSON cannot hold it.
+    pub fn canonical(&self) -> Result<Vec<u8>, SigningError> {
+        canonical(self)
+    }
+
+    /// Reads a statement, whose bytes must be in their one form.
+    ///
+    /// # Errors
+    /// Where the bytes are no statement, or not in canonical form.
+    pub fn read(bytes: &[u8]) -> Result<Self, SigningError> {
+        let statement: Statement = read(bytes)?;
+        match statement.form.as_str() {
+            FORM => Ok(statement),
+            other => Err(SigningError::form(format!("its form is \"{other}\", known is \"{FORM}\""))),
+        }
+    }
+
+    /// The cycle that it is about.
+    pub fn cycle(&self) -> CycleId {
+        match &self.says {
+            Said::Cycle(cycle) => cycle.id,
+            Said::Person(person) => person.cycle,
+        }
+    }
+}
+
+/// The head of the chain at a moment, to be kept elsewhere: later it tells whether statements were taken off the end.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SignedHead {
+    /// [`HEAD_FORM`].
+    pub form: String,
+    /// The number of the last statement; 0 where there is none.
+    pub number: u64,
+    /// Its SHA-256.
+    pub hash: String,
+    /// When the head was written, ms since 1970.
+    pub unix_ms: i64,
+    /// Which key signed it.
+    pub public_key: String,
+}
+
+impl SignedHead {
+    /// Reads a head.
+    ///
+    /// # Errors
+    /// Where the bytes are no head, or not in canonical form.
+    pub fn read(bytes: &[u8]) -> Result<Self, SigningError> {
+        let head: SignedHead = read(bytes)?;
+        match head.form.as_str() {
+            HEAD_FORM => Ok(head),
+            other => Err(SigningError::form(format!("its form is \"{other}\", a head has \"{HEAD_FORM}\""))),
+        }
+    }
+}
+
+fn read<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, SigningError> {
+    let value: Value = serde_json::from_slice(bytes).map_err(SigningError::form)?;
+    if canonical(&value)? != bytes {
+        return Err(SigningError::form("its bytes are not in canonical form"));
+    }
+    serde_json::from_value(value).map_err(SigningError::form)
+}
+
+/// The files that a cycle's statement names by their SHA-256: what it ran with, and every picture, each with what it is.
+pub fn files_of(cycle: &SignedCycle) -> Vec<(String, String)> {
+    let text = |value: &Value, name: &str| value.get(name).and_then(Value::as_str).map(str::to_owned);
+    let list = |value: &Value, name: &str| value.get(name).and_then(Value::as_array).cloned().unwrap_or_default();
+    let record = &cycle.record;
+    let mut files: Vec<(String, String)> =
+        text(record, "recipe_hash").map(|hash| ("recipe".to_owned(), hash)).into_iter().collect();
+    let findings = list(record, "findings");
+    let shown = findings.iter().flat_map(|finding| {
+        let pictures = list(finding, "pictures").into_iter().map(|picture| ("picture ", picture));
+        let shots = list(finding, "shots").into_iter().map(|shot| ("shot ", shot));
+        pictures.chain(shots).collect::<Vec<_>>()
+    });
+    let used = list(record, "files").into_iter().map(|file| ("", file));
+    for (kind, file) in used.chain(shown) {
+        if let (Some(name), Some(hash)) = (text(&file, "name"), text(&file, "hash")) {
+            files.push((format!("{kind}{name}"), hash));
+        }
+    }
+    files
+}
+
+/// The hash by which the next statement, and a person, name these bytes.
+pub(super) fn hash(bytes: &[u8]) -> String {
+    content_hash(bytes)
+}

@@ -1,0 +1,140 @@
+//! The file of the key by which a cell signs its records: made at its first use, and read by its owner alone.
+
+use super::error::StoreError;
+use crate::signing::{CellKey, PublicKey, SigningError};
+use rustix::fs::{CWD, RenameFlags, renameat_with};
+use rustix::rand::{GetRandomFlags, getrandom};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, ErrorKind, Write};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+
+/// The private key in the store's folder, where no other file is named.
+const PRIVATE: &str = "record-key.pem";
+/// The public key, in the store's folder. One that was replaced stays in it, since it verifies older records.
+const PUBLIC: &str = "record-key.pub.pem";
+
+/// Which file holds the private key.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum KeyPlace {
+    /// In the store's folder.
+    InStore,
+    /// This file, which is made where it is not there.
+    File(PathBuf),
+    /// This file, which somebody else provides, such as a credential of systemd.
+    Provided(PathBuf),
+}
+
+/// The key of a cell; where there is none yet, it is made of random bytes of the operating system. Its public half is
+/// written into the store's folder as PEM.
+///
+/// # Errors
+/// Where the file cannot be read or made, holds no ed25519 key, or may be read by others than its owner.
+pub fn cell_key(store: &Path, place: &KeyPlace) -> Result<CellKey, StoreError> {
+    let (file, may_be_made) = match place {
+        KeyPlace::InStore => (store.join(PRIVATE), true),
+        KeyPlace::File(file) => (file.clone(), true),
+        KeyPlace::Provided(file) => (file.clone(), false),
+    };
+    let key = match fs::read_to_string(&file) {
+        Ok(pem) => {
+            if may_be_made {
+                is_private(&file)?;
+            }
+            CellKey::read(&pem).map_err(|source| signing(&file, source))?
+        }
+        Err(error) if error.kind() == ErrorKind::NotFound && may_be_made => made(&file)?,
+        Err(error) => return Err(at("read", &file)(error)),
+    };
+    publish(store, &key)?;
+    Ok(key)
+}
+
+/// The public keys that the store's folder has: that of the key in use, and of those before.
+///
+/// # Errors
+/// Where there is none, or the file holds something else.
+pub fn public_keys(store: &Path) -> Result<Vec<PublicKey>, StoreError> {
+    let file = store.join(PUBLIC);
+    let pem = fs::read_to_string(&file).map_err(at("read", &file))?;
+    PublicKey::read_all(&pem).map_err(|source| signing(&file, source))
+}
+
+/// A key that others can read signs for others.
+fn is_private(file: &Path) -> Result<(), StoreError> {
+    let mode = fs::metadata(file).map_err(at("look at", file))?.mode() & 0o777;
+    if mode & 0o077 == 0 {
+        return Ok(());
+    }
+    let words = format!(
+        "others than its owner may use it (mode {mode:03o}); allowed is 600: chmod 600 it, or replace it where others have read it"
+    );
+    Err(at("use", file)(io::Error::new(ErrorKind::PermissionDenied, words)))
+}
+
+/// Written beside its place and renamed, so that a key is whole or not there; what another process made first is used.
+fn made(file: &Path) -> Result<CellKey, StoreError> {
+    let mut bytes = [0; 32];
+    let count = getrandom(&mut bytes, GetRandomFlags::empty()).map_err(|error| at("make", file)(error.into()))?;
+    if count != bytes.len() {
+        return Err(at("make", file)(io::Error::new(
+            ErrorKind::UnexpectedEof,
+            "the system gave too few random bytes",
+        )));
+    }
+    let key = CellKey::of_random(&bytes);
+    let pem = key.pem().map_err(|source| signing(file, source))?;
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    fs::create_dir_all(folder).map_err(at("create", folder))?;
+    let part = folder.join(format!("record-key.{}.part", std::process::id()));
+    let write = || {
+        let mut made = OpenOptions::new().write(true).create(true).truncate(true).mode(0o600).open(&part)?;
+        made.write_all(pem.as_bytes())?;
+        made.sync_all()?;
+        renameat_with(CWD, &part, CWD, file, RenameFlags::NOREPLACE)?;
+        File::open(folder)?.sync_all()
+    };
+    match write() {
+        Ok(()) => Ok(key),
+        Err(error) => {
+            #[expect(clippy::let_underscore_must_use, reason = "the first error is the one to report")]
+            let _ = fs::remove_file(&part);
+            if error.kind() != ErrorKind::AlreadyExists {
+                return Err(at("make", file)(error));
+            }
+            let pem = fs::read_to_string(file).map_err(at("read", file))?;
+            CellKey::read(&pem).map_err(|source| signing(file, source))
+        }
+    }
+}
+
+/// Writes the public key where it is not written yet.
+fn publish(store: &Path, key: &CellKey) -> Result<(), StoreError> {
+    let file = store.join(PUBLIC);
+    let before = match fs::read_to_string(&file) {
+        Ok(text) => text,
+        Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
+        Err(error) => return Err(at("read", &file)(error)),
+    };
+    if PublicKey::read_all(&before).is_ok_and(|keys| keys.contains(&key.public())) {
+        return Ok(());
+    }
+    let pem = key.public().pem().map_err(|source| signing(&file, source))?;
+    let part = store.join(format!("record-key.{}.pub.part", std::process::id()));
+    let write = || {
+        fs::create_dir_all(store)?;
+        let mut made = File::create(&part)?;
+        made.write_all(format!("{pem}{before}").as_bytes())?;
+        made.sync_all()?;
+        fs::rename(&part, &file)
+    };
+    write().map_err(at("write", &file))
+}
+
+fn signing(file: &Path, source: SigningError) -> StoreError {
+    StoreError::Signing { path: file.to_owned(), source }
+}
+
+fn at<'p>(doing: &'static str, path: &'p Path) -> impl Fn(io::Error) -> StoreError + 'p {
+    move |source| StoreError::File { doing, path: path.to_owned(), source }
+}

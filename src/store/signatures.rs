@@ -1,0 +1,334 @@
+//! Signatures: the cell's statement of each cycle that is over, and what persons state of it; each is kept, none is changed.
+//!
+//! A statement is a file under its SHA-256, as every other one, and the row that names it comes last, in one transaction: no
+//! statement is ever half signed. Which statement comes before is read first and held against the table once more inside of the
+//! transaction, so that the loop's journal never waits for a file of the record to reach the disk.
+
+use super::chain::{self, hex};
+use super::commit::Writing;
+use super::database::{Store, unix_ms};
+use super::error::StoreError;
+use crate::record::CycleId;
+use crate::signing::{
+    BEGIN, CellKey, FORM, HEAD_FORM, Meaning, PersonSignature, Said, SignedCycle, SignedHead, SigningError,
+    Statement, StorePlace,
+};
+use crate::words::utc;
+use rusqlite::{Connection, OptionalExtension, Row, params};
+use std::path::Path;
+
+pub(super) const TABLES: &str = "
+    CREATE TABLE signatures (
+        id INTEGER PRIMARY KEY,
+        cycle_id INTEGER NOT NULL REFERENCES cycles (id),
+        kind TEXT NOT NULL,
+        unix_ms INTEGER NOT NULL,
+        record_hash TEXT NOT NULL,
+        previous_hash TEXT NOT NULL,
+        signature BLOB NOT NULL,
+        public_key TEXT NOT NULL
+    ) STRICT;
+    CREATE INDEX signatures_by_cycle ON signatures (cycle_id);
+";
+
+/// How often signing begins anew where another process signed meanwhile.
+const ATTEMPTS: usize = 10;
+/// The longest name, user or remark, in characters.
+const MOST_CHARACTERS: usize = 200;
+
+const OF_CYCLE: &str = "cycle";
+const OF_PERSON: &str = "person";
+
+/// What a person signs. Whoever calls has recognized the person, by a password or otherwise.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PersonSigns {
+    /// The cycle whose record is signed.
+    pub cycle: CycleId,
+    /// The person's printed name.
+    pub name: String,
+    /// The account by which the person was recognized.
+    pub user: String,
+    /// What the signature means.
+    pub meaning: Meaning,
+    /// What the person adds; `None` for nothing.
+    pub remark: Option<String>,
+}
+
+/// A signature as it is kept; the statement that it signs is the file `record_hash`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SignatureRow {
+    /// Its place among all signatures of the cell, from 1.
+    pub number: u64,
+    /// The cycle.
+    pub cycle: CycleId,
+    /// A person's; else the cell's.
+    pub is_of_person: bool,
+    /// When, ms since 1970.
+    pub unix_ms: i64,
+    /// SHA-256 of the statement.
+    pub record_hash: String,
+    /// SHA-256 of the statement before.
+    pub previous_hash: String,
+    /// Its 64 bytes.
+    pub signature: Vec<u8>,
+    /// The key that verifies it, 64 hexadecimal digits.
+    pub public_key: String,
+}
+
+impl SignatureRow {
+    fn of(row: &Row<'_>) -> Result<Self, rusqlite::Error> {
+        let kind: String = row.get(2)?;
+        Ok(SignatureRow {
+            number: row.get::<_, i64>(0)?.unsigned_abs(),
+            cycle: row.get(1).map(CycleId)?,
+            is_of_person: kind == OF_PERSON,
+            unix_ms: row.get(3)?,
+            record_hash: row.get(4)?,
+            previous_hash: row.get(5)?,
+            signature: row.get(6)?,
+            public_key: row.get(7)?,
+        })
+    }
+}
+
+const COLUMNS: &str = "id, cycle_id, kind, unix_ms, record_hash, previous_hash, signature, public_key";
+
+/// The last signature's number and the hash of its statement.
+fn last(connection: &Connection) -> Result<(i64, String), rusqlite::Error> {
+    let sql = "SELECT id, record_hash FROM signatures ORDER BY id DESC LIMIT 1";
+    let last = connection.query_row(sql, [], |row| Ok((row.get(0)?, row.get(1)?))).optional()?;
+    Ok(last.unwrap_or((0, BEGIN.to_owned())))
+}
+
+impl Store {
+    /// Signs every cycle that is over and is not signed yet, in order, in the store in this folder, also while a service
+    /// writes to it. Each is told by `told`; one that cannot be signed does not keep the others.
+    ///
+    /// # Errors
+    /// Where the store cannot be opened, or its signatures cannot be read.
+    pub fn sign_missing(
+        folder: &Path,
+        key: &CellKey,
+        told: &dyn Fn(CycleId, Result<&SignatureRow, StoreError>),
+    ) -> Result<(), StoreError> {
+        let mut store = Store::for_one_row(folder)?;
+        for cycle in store.unsigned_cycles()? {
+            match store.sign_cycle(key, cycle) {
+                Ok(row) => told(cycle, Ok(&row)),
+                Err(error) => told(cycle, Err(error)),
+            }
+        }
+        Ok(())
+    }
+
+    /// Signs the record of a cycle as this person, in the store in this folder, also while a service writes to it. The
+    /// signature is a statement of its own on the cell's chain, which names the hash of the cell's statement; where the
+    /// cell has not signed the cycle yet, it does so first.
+    ///
+    /// # Errors
+    /// Where there is no such cycle or it is not over, a text cannot be printed as it stands, the person has signed this
+    /// record with this meaning already, or the store cannot be written.
+    pub fn sign_as(folder: &Path, key: &CellKey, signs: &PersonSigns) -> Result<SignatureRow, StoreError> {
+        let texts = [("name", Some(&signs.name)), ("user", Some(&signs.user)), ("remark", signs.remark.as_ref())];
+        for (what, text) in texts {
+            text.map_or(Ok(()), |text| printable(what, text))?;
+        }
+        let mut store = Store::for_one_row(folder)?;
+        let of_cycle = match store.signature_of_cycle(signs.cycle)? {
+            Some(row) => row,
+            None => store.sign_cycle(key, signs.cycle)?,
+        };
+        store.not_signed_so(signs)?;
+        let PersonSigns { cycle, name, user, meaning, remark } = signs.clone();
+        let says = PersonSignature { cycle, record_hash: of_cycle.record_hash, name, user, meaning, remark };
+        store.sign(key, &Said::Person(says))
+    }
+
+    /// Signs a cycle that is over, as the cell.
+    ///
+    /// # Errors
+    /// Where there is no such cycle, it is not over, or the store cannot be written.
+    pub fn sign_cycle(&mut self, key: &CellKey, id: CycleId) -> Result<SignatureRow, StoreError> {
+        let says = self.cycle_to_sign(id)?;
+        self.sign(key, &Said::Cycle(says))
+    }
+
+    /// What of a cycle is signed, as the store has it now.
+    pub(super) fn cycle_to_sign(&self, id: CycleId) -> Result<SignedCycle, StoreError> {
+        let record = self.cycle(id)?;
+        if record.judgement.is_none() {
+            return Err(StoreError::UnknownCycle {
+                path: self.path().to_owned(),
+                what: "concluded cycle",
+                id: id.0,
+            });
+        }
+        let part = self.kept_part(&record);
+        SignedCycle::new(&record, part).map_err(|source| self.unsigned(source))
+    }
+
+    fn sign(&mut self, key: &CellKey, says: &Said) -> Result<SignatureRow, StoreError> {
+        for _ in 0..ATTEMPTS {
+            if let Some(row) = self.attempt_to_sign(key, says)? {
+                return Ok(row);
+            }
+        }
+        Err(StoreError::SignedMeanwhile { path: self.path().to_owned() })
+    }
+
+    /// `None` where another process has signed meanwhile.
+    fn attempt_to_sign(&mut self, key: &CellKey, says: &Said) -> Result<Option<SignatureRow>, StoreError> {
+        let read = |store: &Store, error: rusqlite::Error| store.failed("read the signatures of", &error);
+        let (before, previous) = last(&self.connection).map_err(|error| read(self, error))?;
+        let place = chain::last(&self.connection).map_err(|error| read(self, error))?;
+        let statement = Statement {
+            form: FORM.to_owned(),
+            number: before.unsigned_abs() + 1,
+            previous: previous.clone(),
+            unix_ms: unix_ms(self.clock()),
+            public_key: key.public().hex(),
+            store: StorePlace { link: place.link, hash: hex(&place.hash) },
+            says: says.clone(),
+        };
+        let bytes = statement.canonical().map_err(|source| self.unsigned(source))?;
+        let row = SignatureRow {
+            number: statement.number,
+            cycle: statement.cycle(),
+            is_of_person: matches!(says, Said::Person(_)),
+            unix_ms: statement.unix_ms,
+            record_hash: self.blobs.put(&bytes).map_err(|error| self.full_or(error))?,
+            previous_hash: previous.clone(),
+            signature: key.sign(&bytes).to_vec(),
+            public_key: statement.public_key,
+        };
+        let is_written = self.commit("write a signature to", |writing| {
+            if last(writing)? != (before, previous.clone()) {
+                return Ok(false);
+            }
+            insert(writing, before + 1, &row)?;
+            writing.chain("signatures", before + 1)?;
+            Ok(true)
+        })?;
+        Ok(is_written.then_some(row))
+    }
+
+    /// All signatures of the cell, in order; a store of an earlier program has none.
+    ///
+    /// # Errors
+    /// Where they cannot be read.
+    pub fn signatures(&self) -> Result<Vec<SignatureRow>, StoreError> {
+        self.signatures_where("?1 IS NULL", None)
+    }
+
+    /// The signatures of a cycle, in order: the cell's first, then persons'.
+    ///
+    /// # Errors
+    /// Where they cannot be read.
+    pub fn signatures_of(&self, id: CycleId) -> Result<Vec<SignatureRow>, StoreError> {
+        self.signatures_where("cycle_id = ?1", Some(id))
+    }
+
+    /// What persons have signed of a cycle, in order, each with the time, ms since 1970.
+    ///
+    /// # Errors
+    /// Where it cannot be read, or a statement is damaged.
+    pub fn signed_by_persons(&self, id: CycleId) -> Result<Vec<(i64, PersonSignature)>, StoreError> {
+        let mut persons = Vec::new();
+        for row in self.signatures_of(id)?.into_iter().filter(|row| row.is_of_person) {
+            let statement =
+                Statement::read(&self.blob(&row.record_hash)?).map_err(|source| self.unsigned(source))?;
+            if let Said::Person(person) = statement.says {
+                persons.push((row.unix_ms, person));
+            }
+        }
+        Ok(persons)
+    }
+
+    /// The head of the chain of signatures as it is now, in canonical form, with its signature.
+    ///
+    /// # Errors
+    /// Where it cannot be read.
+    pub fn signed_head(&self, key: &CellKey) -> Result<(SignedHead, Vec<u8>, [u8; 64]), StoreError> {
+        let row = self.signatures()?.pop();
+        let head = SignedHead {
+            form: HEAD_FORM.to_owned(),
+            number: row.as_ref().map_or(0, |row| row.number),
+            hash: row.map_or(BEGIN.to_owned(), |row| row.record_hash),
+            unix_ms: unix_ms(self.clock()),
+            public_key: key.public().hex(),
+        };
+        let bytes = crate::signing::canonical(&head).map_err(|source| self.unsigned(source))?;
+        let signature = key.sign(&bytes);
+        Ok((head, bytes, signature))
+    }
+
+    fn signatures_where(&self, condition: &str, id: Option<CycleId>) -> Result<Vec<SignatureRow>, StoreError> {
+        let failed = |error: rusqlite::Error| self.failed("read the signatures of", &error);
+        if !self.connection.table_exists(None, "signatures").map_err(failed)? {
+            return Ok(Vec::new());
+        }
+        let sql = format!("SELECT {COLUMNS} FROM signatures WHERE {condition} ORDER BY id");
+        let mut statement = self.connection.prepare(&sql).map_err(failed)?;
+        let rows = statement.query_map([id.map(|id| id.0)], SignatureRow::of).map_err(failed)?;
+        rows.collect::<Result<_, _>>().map_err(failed)
+    }
+
+    fn signature_of_cycle(&self, id: CycleId) -> Result<Option<SignatureRow>, StoreError> {
+        Ok(self.signatures_of(id)?.into_iter().find(|row| !row.is_of_person))
+    }
+
+    fn unsigned_cycles(&self) -> Result<Vec<CycleId>, StoreError> {
+        let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
+            let sql = "SELECT id FROM cycles WHERE verdict IS NOT NULL
+                AND id NOT IN (SELECT cycle_id FROM signatures WHERE kind = ?1) ORDER BY id";
+            self.connection.prepare(sql)?.query_map([OF_CYCLE], |row| row.get(0).map(CycleId))?.collect()
+        };
+        read().map_err(|error| self.failed("read the signatures of", &error))
+    }
+
+    fn not_signed_so(&self, signs: &PersonSigns) -> Result<(), StoreError> {
+        let same =
+            |(_, person): &(i64, PersonSignature)| person.user == signs.user && person.meaning == signs.meaning;
+        match self.signed_by_persons(signs.cycle)?.into_iter().find(same) {
+            None => Ok(()),
+            Some((unix_ms, person)) => Err(StoreError::SignedAlready {
+                name: person.name,
+                cycle: signs.cycle.0,
+                meaning: signs.meaning.words(),
+                at: utc(unix_ms.div_euclid(1_000)),
+            }),
+        }
+    }
+
+    pub(super) fn unsigned(&self, source: SigningError) -> StoreError {
+        StoreError::Signing { path: self.path().to_owned(), source }
+    }
+}
+
+fn insert(writing: &Writing<'_>, id: i64, row: &SignatureRow) -> Result<usize, rusqlite::Error> {
+    let kind = if row.is_of_person { OF_PERSON } else { OF_CYCLE };
+    writing.execute(
+        &format!("INSERT INTO signatures ({COLUMNS}) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)"),
+        params![
+            id,
+            row.cycle.0,
+            kind,
+            row.unix_ms,
+            row.record_hash,
+            row.previous_hash,
+            row.signature,
+            row.public_key
+        ],
+    )
+}
+
+/// What stands under a signature is printed: no control characters, no empty text, no more than fits.
+fn printable(what: &'static str, text: &str) -> Result<(), StoreError> {
+    let refused = |problem| Err(StoreError::Unsignable { what, found: text.escape_debug().to_string(), problem });
+    match text.chars().count() {
+        _ if text.trim() != text || text.is_empty() => refused("it is empty, or begins or ends with a space"),
+        count if count > MOST_CHARACTERS => refused("it is longer than 200 characters"),
+        _ if text.chars().any(char::is_control) => refused("it has control characters, such as a line feed"),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,87 @@
+//! Verifies the signatures of a store: each by its key, all by their chain, and what was signed against what the rows say
+//! now. Rows that were changed together with the store's own chain and head contradict what was signed of them.
+
+use super::chain::hex;
+use super::database::Store;
+use super::signatures::SignatureRow;
+use super::verify::Verified;
+use crate::record::CycleId;
+use crate::signing::{self, Place, PublicKey, Said, Signed, SignedCycle, Statement, differences};
+use std::collections::BTreeSet;
+
+impl Store {
+    /// Adds what contradicts the signatures, and how many there are.
+    pub(super) fn verify_signatures(&self, verified: &mut Verified) {
+        let rows = match self.signatures() {
+            Ok(rows) => rows,
+            Err(error) => return verified.found.push(error.to_string()),
+        };
+        verified.signatures = rows.len() as u64;
+        let mut all = Vec::new();
+        for row in &rows {
+            match self.blob(&row.record_hash) {
+                Ok(bytes) => all.push(signed(row, bytes)),
+                Err(error) => verified.found.push(format!("signature {}: {error}", row.number)),
+            }
+        }
+        let named: BTreeSet<&str> = rows.iter().map(|row| row.public_key.as_str()).collect();
+        let keys: Vec<PublicKey> = named.iter().filter_map(|hex| PublicKey::of_hex(hex).ok()).collect();
+        let checked = signing::verify(&all, &keys, None);
+        verified.found.extend(checked.found);
+        for (number, (statement, _)) in &checked.statements {
+            verified.found.extend(self.contradicts(*number, statement));
+        }
+        for row in &rows {
+            let Some((statement, hash)) = checked.statements.get(&row.number) else { continue };
+            let same = (row.cycle, row.unix_ms, &row.previous_hash, &row.record_hash, &row.public_key)
+                == (statement.cycle(), statement.unix_ms, &statement.previous, hash, &statement.public_key)
+                && row.is_of_person == matches!(statement.says, Said::Person(_));
+            if !same {
+                verified.found.push(format!("signature {} does not say what its signed record says", row.number));
+            }
+        }
+        verified.found.extend(after_the_last(&rows));
+        verified.keys = keys.iter().map(PublicKey::hex).collect();
+    }
+
+    /// What the rows now say otherwise than a statement.
+    fn contradicts(&self, number: u64, statement: &Statement) -> Vec<String> {
+        let mut found = Vec::new();
+        let place = &statement.store;
+        let here = if place.link == 0 { Ok(None) } else { self.link_hash(place.link) };
+        if place.link > 0 && here.ok().flatten().map(|hash| hex(&hash)).as_ref() != Some(&place.hash) {
+            found.push(format!("link {} of the chain is not the one that signature {number} names", place.link));
+        }
+        if let Said::Cycle(signed) = &statement.says {
+            found.extend(self.cycle_contradicts(number, signed));
+        }
+        found
+    }
+
+    fn cycle_contradicts(&self, number: u64, signed: &SignedCycle) -> Vec<String> {
+        let CycleId(id) = signed.id;
+        let now = match self.cycle_to_sign(signed.id) {
+            Ok(now) => now,
+            Err(error) => return vec![format!("cycle {id}, which signature {number} is of: {error}")],
+        };
+        let mut found: Vec<String> = differences(&signed.record, &now.record)
+            .into_iter()
+            .map(|words| format!("cycle {id} is not what was signed, at {words}"))
+            .collect();
+        if signed.part.is_some() && now.part != signed.part {
+            found.push(format!("cycle {id} is not what was signed: its part was named otherwise"));
+        }
+        found
+    }
+}
+
+fn signed(row: &SignatureRow, bytes: Vec<u8>) -> Signed {
+    let name = format!("signature {}", row.number);
+    Signed { name, bytes, signature: row.signature.clone(), place: Place::Number(row.number) }
+}
+
+/// Numbers have no gaps; the first ones may not be gone either.
+fn after_the_last(rows: &[SignatureRow]) -> Option<String> {
+    let first = rows.first()?.number;
+    (first > 1).then(|| format!("signatures 1 to {} are missing", first - 1))
+}

@@ -1,0 +1,279 @@
+//! Signatures are whole or not there, and contradict what was changed afterwards.
+
+use super::super::{chain, head};
+use super::*;
+use crate::record::{CycleId, Finding, Kind, PartNames};
+use crate::signing::{CellKey, Meaning};
+use crate::verdict::{Judgement, Verdict};
+use std::io::{BufRead, BufReader};
+use std::os::unix::fs::PermissionsExt;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+
+fn key() -> CellKey {
+    CellKey::of_random(&[7; 32])
+}
+
+fn cycle(store: &mut Store, serial: Option<&str>) -> CycleId {
+    let mut start = super::cycles::start();
+    if let Some(serial) = serial {
+        let part = PartNames { serial: Some(serial.to_owned()), ..PartNames::default() };
+        start.file_texts.push((PartNames::FILE.to_owned(), toml::to_string(&part).expect("TOML")));
+    }
+    let id = store.begin_cycle(&start).expect("begun");
+    let judgement = Judgement { verdict: Verdict::Review, reasons: vec![] };
+    store.note(id, &Finding::new(Kind::Locate, 0, judgement)).expect("kept");
+    store.conclude(id, Verdict::Fail, &[]).expect("over");
+    id
+}
+
+/// A closed store with three signed cycles, the second of which a person released.
+fn signed() -> (TempDir, PathBuf) {
+    let (folder, mut store) = new_store();
+    store.recover().expect("recovers");
+    for _ in 0..3 {
+        let id = cycle(&mut store, Some("SN 1"));
+        store.sign_cycle(&key(), id).expect("signed");
+    }
+    drop(store);
+    let path = folder.path().join("store");
+    Store::sign_as(&path, &key(), &signs(2)).expect("signed");
+    (folder, path)
+}
+
+fn signs(cycle: i64) -> PersonSigns {
+    let (name, user) = ("Grace Hopper".to_owned(), "grace".to_owned());
+    PersonSigns { cycle: CycleId(cycle), name, user, meaning: Meaning::InspectedAndReleased, remark: None }
+}
+
+fn found(path: &Path) -> Vec<String> {
+    let found = Store::verify(path, true).expect("verified").found;
+    found.into_iter().filter(|words| !words.contains("after the program closed it")).collect()
+}
+
+#[test]
+fn each_cycle_is_signed_once_in_order_also_beside_a_writer() {
+    let (folder, mut store) = new_store();
+    store.recover().expect("recovers");
+    let path = folder.path().join("store");
+    let ids = [cycle(&mut store, None), cycle(&mut store, Some("SN 1"))];
+    let running = store.begin_cycle(&super::cycles::start()).expect("begun");
+    let told = std::cell::RefCell::new(Vec::new());
+    for _ in 0..2 {
+        Store::sign_missing(&path, &key(), &|cycle, row| {
+            told.borrow_mut().push((cycle, row.expect("signed").number))
+        })
+        .expect("signed");
+    }
+    assert_eq!(*told.borrow(), [(ids[0], 1), (ids[1], 2)], "the running one is not signed");
+    let refused = store.sign_cycle(&key(), running).expect_err("it runs").to_string();
+    assert!(refused.contains("no concluded cycle 3"), "{refused}");
+    let rows = store.signatures().expect("read");
+    assert_eq!(rows[1].previous_hash, rows[0].record_hash);
+    assert_eq!(store.signatures_of(ids[1]).expect("read"), rows[1..]);
+    drop(store);
+    let verified = Store::verify(&path, true).expect("verified");
+    assert_eq!((verified.found, verified.signatures), (vec![], 2));
+}
+
+#[test]
+fn a_person_signs_a_record_once_for_each_meaning() {
+    let (_folder, path) = signed();
+    let persons = Store::open(&path).expect("opens").signed_by_persons(CycleId(2)).expect("read");
+    assert_eq!(persons.len(), 1);
+    assert_eq!(
+        (persons[0].1.name.as_str(), persons[0].1.meaning.words()),
+        ("Grace Hopper", "inspected and released")
+    );
+    let refused = Store::sign_as(&path, &key(), &signs(2)).expect_err("signed already").to_string();
+    assert!(
+        refused.contains("has signed the record of cycle 2 as inspected and released already, 20"),
+        "{refused}"
+    );
+    Store::sign_as(&path, &key(), &PersonSigns { meaning: Meaning::Reviewed, ..signs(2) })
+        .expect("another meaning");
+    let bad = PersonSigns { name: "Grace\nHopper".to_owned(), ..signs(1) };
+    let refused = Store::sign_as(&path, &key(), &bad).expect_err("refused").to_string();
+    assert!(refused.contains("the signature's name is \"Grace\\nHopper\": it has control characters"), "{refused}");
+    assert!(Store::sign_as(&path, &key(), &signs(9)).expect_err("no cycle").to_string().contains("has no cycle 9"));
+    assert_eq!(found(&path), [] as [String; 0]);
+}
+
+/// Somebody who knows the program writes its chain and head anew over rows that he changed: what was signed contradicts them.
+#[test]
+fn rows_changed_with_their_chain_contradict_what_was_signed() {
+    let (_folder, path) = signed();
+    let connection = Connection::open(path.join(DATABASE)).expect("opens");
+    let sql =
+        "UPDATE findings SET finding = replace(finding, 'review', 'accept') WHERE cycle_id = 2; DELETE FROM chain";
+    connection.execute_batch(sql).expect("changed");
+    let last = chain::adopt(&connection).expect("written anew");
+    connection.close().expect("closed");
+    head::HeadFile::open(&path).and_then(|head| head.close(last, None)).expect("written anew");
+    let told = found(&path);
+    let words = "cycle 2 is not what was signed, at /findings/0/judgement/verdict: signed was \"review\", there is \"accept\"";
+    assert!(told.iter().any(|told| told == words), "{told:?}");
+    assert!(told.iter().any(|told| told.contains("is not the one that signature 2 names")), "{told:?}");
+}
+
+#[test]
+fn a_changed_statement_signature_or_row_is_named() {
+    let (_folder, path) = signed();
+    let rows = Store::open(&path).expect("opens").signatures().expect("read");
+    let planted = [
+        ("UPDATE signatures SET signature = zeroblob(64) WHERE id = 2", "signature 2 was changed"),
+        ("UPDATE signatures SET unix_ms = 0 WHERE id = 3", "signature 3 does not say what its signed record says"),
+        (
+            "UPDATE signatures SET kind = 'cycle' WHERE id = 4",
+            "signature 4 does not say what its signed record says",
+        ),
+        ("DELETE FROM signatures WHERE id = 2", "record number 2 is missing"),
+        ("DELETE FROM signatures WHERE id = 1", "signatures 1 to 1 are missing"),
+        ("DELETE FROM signatures WHERE id = 4", "deleted: signature 4 is missing"),
+    ];
+    for (sql, words) in planted {
+        let (_folder, path) = signed();
+        let connection = Connection::open(path.join(DATABASE)).expect("opens");
+        connection.execute_batch(sql).expect("changed");
+        drop(connection);
+        let told = found(&path);
+        assert!(told.iter().any(|told| told.contains(words)), "{sql}: {told:?}");
+    }
+    let file = path.join("blobs").join(&rows[1].record_hash);
+    let mut bytes = fs::read(&file).expect("there");
+    bytes[100] ^= 1;
+    fs::write(&file, bytes).expect("changed");
+    let told = found(&path);
+    assert!(told.iter().any(|told| told.contains("signature 2: ") && told.contains("is damaged")), "{told:?}");
+}
+
+/// A store of schema 7 has no such table.
+#[test]
+fn cycles_of_an_earlier_program_are_signed_once_the_store_is_brought_up_to_date() {
+    let (folder, mut store) = new_store();
+    store.recover().expect("recovers");
+    let id = store.begin_cycle(&super::cycles::start()).expect("begun");
+    store.conclude(id, Verdict::Fail, &[]).expect("over");
+    drop(store);
+    let path = folder.path().join("store");
+    let connection = Connection::open(path.join(DATABASE)).expect("opens");
+    connection.execute_batch(super::search::SCHEMA_7).expect("as it was");
+    drop(connection);
+    assert_eq!(Store::open(&path).expect("opens").signatures().expect("none"), []);
+    Store::sign_missing(&path, &key(), &|_, row| assert!(row.is_ok())).expect("signed");
+    assert_eq!(Store::open(&path).expect("opens").signatures().expect("read").len(), 1);
+    assert_eq!(found(&path), [] as [String; 0]);
+}
+
+#[test]
+fn the_key_is_made_once_for_its_owner_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let store = folder.path();
+    let first = cell_key(store, &KeyPlace::InStore).expect("made");
+    assert_eq!(cell_key(store, &KeyPlace::InStore).expect("read").public(), first.public());
+    let file = store.join("record-key.pem");
+    let mode = |file: &Path| fs::metadata(file).expect("there").permissions().mode() & 0o777;
+    assert_eq!(mode(&file), 0o600);
+    let elsewhere = KeyPlace::File(store.join("keys/cell.pem"));
+    let second = cell_key(store, &elsewhere).expect("made");
+    assert_ne!(first.public(), second.public(), "random");
+    assert_eq!(public_keys(store).expect("both"), [second.public(), first.public()]);
+    fs::set_permissions(&file, fs::Permissions::from_mode(0o644)).expect("set");
+    let refused = cell_key(store, &KeyPlace::InStore).expect_err("others read it").to_string();
+    assert!(refused.contains("(mode 644); allowed is 600"), "{refused}");
+    let provided = KeyPlace::Provided(file.clone());
+    assert_eq!(cell_key(store, &provided).expect("read").public(), first.public());
+    let none = KeyPlace::Provided(store.join("none"));
+    assert!(cell_key(store, &none).is_err() && !store.join("none").exists(), "it is not made");
+    fs::write(&file, "x").expect("spoilt");
+    assert!(cell_key(store, &provided).expect_err("no key").to_string().contains("no private ed25519 key"));
+}
+
+/// By hand: passes 1 and 2 in the first cycle, pass 1 in the third; the second was another part.
+#[test]
+fn passes_of_a_serial_are_counted_over_its_cycles() {
+    let (_folder, mut store) = new_store();
+    store.recover().expect("recovers");
+    for (serial, passes) in [("SN 1", 2), ("SN 2", 1), ("SN 1", 1), ("SN 1", 0)] {
+        let part = PartNames { serial: Some(serial.to_owned()), ..PartNames::default() };
+        let mut start = super::cycles::start();
+        start.file_texts.push((PartNames::FILE.to_owned(), toml::to_string(&part).expect("TOML")));
+        let id = store.begin_cycle(&start).expect("begun");
+        for pass in 1..=passes {
+            let judgement = Judgement { verdict: Verdict::Accept, reasons: vec![] };
+            let found = Finding::new(Kind::Abrade, pass, judgement);
+            store.note(id, &found.detail("grids", vec!["r1c1", "r1c2"])).expect("kept");
+        }
+        store.conclude(id, Verdict::Pass, &[]).expect("over");
+    }
+    let of = |serial: &str, before: Option<i64>| -> Vec<(i64, usize)> {
+        let all = store.passes_of_serial(serial, before.map(CycleId)).expect("read");
+        all.into_iter().map(|passes| (passes.cycle.0, passes.passes)).collect()
+    };
+    assert_eq!(of("SN 1", None), [(1, 2), (3, 1)]);
+    assert_eq!(of("SN 1", Some(3)), [(1, 2)]);
+    assert_eq!(of("SN 2", None), [(2, 1)]);
+    assert_eq!(of("SN 3", None), []);
+}
+
+const FOLDER: &str = "PANELPREP_TEST_SIGNS_IN";
+
+/// Not a test by itself: the child, which signs until it is killed, and says so after each signature.
+#[test]
+#[ignore = "run by the tests below as a process of its own"]
+fn signs_until_killed() {
+    let Some(folder) = std::env::var_os(FOLDER) else { return };
+    let mut store = Store::create(Path::new(&folder)).expect("the lease of a killed process is free");
+    store.recover().expect("recovers");
+    loop {
+        let id = cycle(&mut store, Some("SN 1"));
+        let row = store.sign_cycle(&key(), id).expect("signed");
+        println!("signed {}", row.number);
+    }
+}
+
+fn no_kill_leaves_half_a_record(kills: u64) {
+    let mut stores = 0;
+    let (mut folder, mut before) = (tempfile::tempdir().expect("a folder"), 0);
+    for kill in 0..kills {
+        if kill % 25 == 24 {
+            (folder, before, stores) = (tempfile::tempdir().expect("a folder"), 0, stores + 1);
+        }
+        let path = folder.path().join("store");
+        let mut child = Command::new(std::env::current_exe().expect("this program"))
+            .args(["--exact", "store::tests::signatures::signs_until_killed", "--ignored", "--nocapture"])
+            .env(FOLDER, &path)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("a child");
+        let told = BufReader::new(child.stdout.take().expect("its output"));
+        let mut signed = before;
+        for line in told.lines().map_while(Result::ok) {
+            let number = line.strip_prefix("signed ").and_then(|number| number.parse::<u64>().ok());
+            if number.is_some_and(|number| number == before + 1 + kill % 3) {
+                // The kill hits wherever the child is by then.
+                std::thread::sleep(std::time::Duration::from_micros(37 * (kill * 131 % 400)));
+                child.kill().expect("killed");
+            }
+            signed = number.unwrap_or(signed);
+        }
+        assert!(!child.wait().expect("ended").success());
+        let verified = Store::verify(&path, true).expect("verified");
+        assert_eq!(verified.found, [] as [String; 0], "kill {kill}");
+        assert!((signed..=signed + 1).contains(&verified.signatures), "kill {kill}: {signed} told, {verified:?}");
+        before = verified.signatures;
+    }
+    eprintln!("{kills} kills while signing in {} stores: no half record", stores + 1);
+}
+
+#[test]
+fn a_kill_while_signing_leaves_no_half_record() {
+    no_kill_leaves_half_a_record(10);
+}
+
+#[test]
+#[ignore = "a thousand kills: make test-long"]
+fn a_thousand_kills_while_signing_leave_no_half_record() {
+    no_kill_leaves_half_a_record(1_000);
+}
