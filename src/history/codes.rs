@@ -45,8 +45,10 @@ pub struct Code {
 }
 
 /// Codes of a cell that was aborted, or whose state is not known.
-const HIGH: [&str; 27] = [
+const HIGH: [&str; 29] = [
     "link_lost",
+    "no_route",
+    "not_sent",
     "robot_restarted",
     "emergency_stop",
     "guard_open",
