@@ -8,8 +8,8 @@ use super::*;
 use crate::cycle::{At, Cause, Event, Motion, Outcome, Path as MotionPath, Report, Request};
 use crate::record::{Budget, Finding, Kind};
 use crate::verdict::{Judgement, Verdict};
-use std::cell::Cell;
-use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A store in which every table has rows, closed.
 fn whole() -> TempDir {
@@ -286,11 +286,12 @@ fn a_head_that_is_gone_and_a_database_that_is_gone_are_told() {
 fn no_kill_between_commit_and_head_is_a_false_alarm() {
     let (folder, mut store) = new_store();
     store.recover().expect("recovers");
-    let (from, left, count) = (store_in(&folder), tempfile::tempdir().expect("a folder"), Rc::new(Cell::new(0)));
+    let (from, left, count) =
+        (store_in(&folder), tempfile::tempdir().expect("a folder"), Arc::new(AtomicUsize::new(0)));
     let (to, counted) = (left.path().to_owned(), count.clone());
     store.steps.told = Some(Box::new(move |step| {
-        counted.set(counted.get() + 1);
-        let to = to.join(format!("{:03} {step:?}", counted.get()));
+        let number = counted.fetch_add(1, Ordering::Relaxed) + 1;
+        let to = to.join(format!("{number:03} {step:?}"));
         fs::create_dir_all(to.join("blobs")).expect("made");
         for name in [DATABASE, "panelprep.sqlite-wal", head::FILE] {
             // Through another process: closing a file here would take SQLite's locks along.
@@ -318,8 +319,11 @@ fn no_kill_between_commit_and_head_is_a_false_alarm() {
         let step = step.iter().position(|step| path.display().to_string().ends_with(&format!("{step:?}")));
         seen[step.expect("a step")] += 1;
     }
-    eprintln!("{} kill points (prepared, committed, settled: {seen:?}), no false alarm", count.get());
-    assert!(count.get() >= 200 && seen == [67; 3]);
+    eprintln!(
+        "{} kill points (prepared, committed, settled: {seen:?}), no false alarm",
+        count.load(Ordering::Relaxed)
+    );
+    assert!(count.load(Ordering::Relaxed) >= 200 && seen == [67; 3]);
 }
 
 /// One transaction less than a settled head is not what a crash leaves.
