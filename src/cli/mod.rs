@@ -44,6 +44,7 @@ mod pictures;
 mod plan;
 mod prove;
 mod record;
+mod record_source;
 mod recording;
 mod refine;
 mod render;

@@ -9,6 +9,7 @@ use super::load::{CellFiles, calibrated_serial};
 use super::outcome::Outcome;
 use super::person::Person;
 use super::record;
+use super::record_source::StoreRecords;
 use super::recording;
 use super::report::{self, Kept};
 use super::setup_source::FolderSource;
@@ -123,7 +124,8 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
 fn operator_page(files: &Arc<CellFiles>, gateway: Gateway, view: LiveView) -> Result<Option<OperatorPage>, Fault> {
     let page = files.cell.page().clone();
     let setup = Arc::new(FolderSource { recipes: page.recipes.clone(), files: files.clone() });
-    let parts = PageParts { page, folder: files.store_folder().to_owned(), gateway, view, setup };
+    let records = Arc::new(StoreRecords(files.clone()));
+    let parts = PageParts { page, folder: files.store_folder().to_owned(), gateway, view, setup, records };
     let page = OperatorPage::serve(parts).map_err(Fault::stage)?;
     if let Some(page) = &page {
         tracing::info!("operator's page: {}", page.url);

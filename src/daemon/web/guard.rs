@@ -1,6 +1,6 @@
 //! What stands before each route: who asks, whether the request comes from our own page, and whether the role may.
 
-use super::routes::{Access, Method, Route};
+use super::access::{Access, Method, Route};
 use super::state::{Web, blocking, entry};
 use super::visitor::{Person, Visitor};
 use axum::body::Body;
@@ -16,7 +16,7 @@ use std::sync::Arc;
 /// The header that each change by a person must bring along.
 const CSRF: &str = "x-csrf-token";
 /// Nothing is fetched from elsewhere, run from a text, or framed.
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; frame-src 'self'; \
                       form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 
 /// The name of the cookie; with TLS one that only this host can set.
@@ -111,7 +111,7 @@ async fn refused(web: &Arc<Web>, visitor: Visitor, path: String, is_change: bool
         return match is_change {
             true => refusal(StatusCode::UNAUTHORIZED, "log_in", "log in first"),
             false if is_by_itself(&path) => refusal(StatusCode::UNAUTHORIZED, "log_in", "log in first"),
-            false => Redirect::to(&format!("/login?next={}", super::login::escaped(&path))).into_response(),
+            false => Redirect::to(&format!("/login?next={}", escaped(&path))).into_response(),
         };
     };
     let message = format!("the role {} may not do this", person.role.word());
@@ -119,6 +119,14 @@ async fn refused(web: &Arc<Web>, visitor: Visitor, path: String, is_change: bool
     (line.subject, line.refused) = (Some(path), Some(message.clone()));
     blocking(move || web.audit(&line)).await;
     refusal(StatusCode::FORBIDDEN, "role", &message)
+}
+
+/// A path as a part of an address.
+pub(super) fn escaped(path: &str) -> String {
+    let plain = |byte: &u8| byte.is_ascii_alphanumeric() || b"/-._".contains(byte);
+    path.bytes()
+        .map(|byte| if plain(&byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") })
+        .collect()
 }
 
 pub(super) async fn not_found() -> Response {
@@ -140,11 +148,11 @@ pub(super) async fn headers(State(web): State<Arc<Web>>, request: Request<Body>,
     for (name, value) in [
         (header::CACHE_CONTROL, kept),
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (header::X_FRAME_OPTIONS, "DENY"),
         (header::REFERRER_POLICY, "no-referrer"),
     ] {
         headers.insert(name, HeaderValue::from_static(value));
     }
+    headers.entry(header::X_FRAME_OPTIONS).or_insert(HeaderValue::from_static("DENY"));
     headers.entry(header::CONTENT_SECURITY_POLICY).or_insert(HeaderValue::from_static(POLICY));
     if web.is_tls {
         let value = HeaderValue::from_static("max-age=31536000");
@@ -155,3 +163,13 @@ pub(super) async fn headers(State(web): State<Arc<Web>>, request: Request<Body>,
 
 /// Who asks, in a handler.
 pub(super) type By = Extension<Visitor>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_is_a_part_of_an_address() {
+        assert_eq!(escaped("/cycle/7?a=b&c"), "/cycle/7%3Fa%3Db%26c");
+    }
+}

@@ -81,7 +81,7 @@ impl SearchForm {
             ("text", &self.text),
         ];
         let filled = fields.into_iter().filter(|(_, value)| !value.is_empty());
-        let pair = |(name, value): (&str, &String)| format!("{name}={}", super::login::escaped(value));
+        let pair = |(name, value): (&str, &String)| format!("{name}={}", super::guard::escaped(value));
         filled.map(pair).collect::<Vec<_>>().join("&")
     }
 }

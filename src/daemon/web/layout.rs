@@ -1,8 +1,7 @@
 //! The frame of every page: head, navigation, the bar with stop and abort, and what the scripts need.
 
 use super::assets;
-use super::people::role_key;
-use super::visitor::Visitor;
+use super::visitor::{Visitor, role_key};
 use crate::accounts::Permission;
 use crate::words::utc;
 use axum::http::{StatusCode, header};

@@ -26,14 +26,6 @@ fn own_path(next: &str) -> &str {
     if is_own { next } else { "/" }
 }
 
-/// A path as a part of an address.
-pub(super) fn escaped(path: &str) -> String {
-    let plain = |byte: &u8| byte.is_ascii_alphanumeric() || b"/-._".contains(byte);
-    path.bytes()
-        .map(|byte| if plain(&byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") })
-        .collect()
-}
-
 /// The form.
 pub(super) async fn page(Extension(visitor): By, Query(Next { next }): Query<Next>) -> Response {
     let words = visitor.language();
@@ -223,6 +215,5 @@ mod tests {
         for path in ["", "//evil.example", "https://evil.example", "/\\evil.example", "/a\r\nSet-Cookie: x"] {
             assert_eq!(own_path(path), "/", "{path}");
         }
-        assert_eq!(escaped("/cycle/7?a=b&c"), "/cycle/7%3Fa%3Db%26c");
     }
 }

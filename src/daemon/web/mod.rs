@@ -13,6 +13,7 @@
 //! `words` (languages) · `sessions` · `tls` · `state` (what handlers share) · `assets` · `layout` (the frame of each page) ·
 //! and a file for each page.
 
+mod access;
 mod alarms;
 mod assets;
 mod audit;
@@ -24,14 +25,17 @@ mod guard;
 mod history;
 mod layout;
 mod live;
+mod live_state;
 mod login;
 mod people;
+mod record_source;
 mod requests;
 mod routes;
 mod run_page;
 mod server;
 mod sessions;
 mod setup;
+mod setup_source;
 mod state;
 mod tls;
 mod trends;
@@ -41,8 +45,9 @@ mod words;
 #[cfg(test)]
 mod tests;
 
+pub use record_source::RecordSource;
 pub use server::{OperatorPage, PageParts};
-pub use setup::{Equipment, RecipeText, SetupSource};
+pub use setup_source::{Equipment, RecipeText, SetupSource};
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};

@@ -4,7 +4,7 @@ use super::guard::{By, refusal};
 use super::layout::{Frame, Script, failed};
 use super::login::salt;
 use super::state::{Web, blocking, entry};
-use super::visitor::Visitor;
+use super::visitor::{Visitor, role_key};
 use crate::accounts::{self, Account, AuditEntry, Permission, Role};
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -51,16 +51,6 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
         section.card.narrow { h2 { (word("people.add")) } (form(&visitor, None)) }
     };
     Frame { visitor: &visitor, title: word("people.title"), here: "/people", scripts: &[Script::Forms] }.page(&body)
-}
-
-pub(super) fn role_key(role: Role) -> &'static str {
-    match role {
-        Role::Viewer => "role.viewer",
-        Role::Operator => "role.operator",
-        Role::Inspector => "role.inspector",
-        Role::Engineer => "role.engineer",
-        Role::Administrator => "role.administrator",
-    }
 }
 
 fn form(visitor: &Visitor, account: Option<&Account>) -> Markup {

@@ -1,5 +1,6 @@
 //! The one table of routes: each with its method and who may use it. What is not in it is not served.
 
+use super::access::{Access, Method, Route};
 use super::state::Web;
 use super::{
     alarms, assets, audit, compare, cycle, guard, history, live, login, people, requests, run_page, setup, trends,
@@ -10,30 +11,6 @@ use axum::extract::DefaultBodyLimit;
 use axum::middleware::from_fn_with_state;
 use axum::routing::{MethodRouter, get, post};
 use std::sync::Arc;
-
-/// Who may use a route.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Access {
-    /// Everybody, logged in or not.
-    Open,
-    /// Whose role has this permission.
-    Needs(Permission),
-}
-
-/// By which method.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Method {
-    Get,
-    Post,
-}
-
-/// A route.
-pub(super) struct Route {
-    pub path: &'static str,
-    pub method: Method,
-    pub access: Access,
-    handler: fn() -> MethodRouter<Arc<Web>>,
-}
 
 /// The longest body that is read: a recipe that is edited, with its escapes.
 pub(super) const MOST_BODY_BYTES: usize = 512 * 1_024;
@@ -47,7 +24,7 @@ const fn change(path: &'static str, access: Access, handler: fn() -> MethodRoute
 }
 
 use Access::{Needs, Open};
-use Permission::{Accept, Acknowledge, Audit, Configure, ManagePeople, Operate, View};
+use Permission::{Accept, Acknowledge, Audit, Configure, ManagePeople, Operate, Sign, View};
 
 /// Every route.
 pub(super) static ROUTES: &[Route] = &[
@@ -72,6 +49,9 @@ pub(super) static ROUTES: &[Route] = &[
     look("/now.json", Needs(View), || get(run_page::now)),
     look("/review", Needs(View), || get(run_page::review)),
     look("/cycle/{number}", Needs(View), || get(cycle::page)),
+    look("/cycle/{number}/record", Needs(View), || get(cycle::record)),
+    look("/cycle/{number}/record.pdf", Needs(View), || get(cycle::pdf)),
+    change("/cycle/{number}/sign", Needs(Sign), || post(cycle::sign)),
     look("/cycle/{number}/record.json", Needs(View), || get(cycle::json)),
     look("/cycle/{number}/picture/{finding}/{picture}", Needs(View), || get(cycle::picture)),
     look("/history", Needs(View), || get(history::page)),

@@ -1,9 +1,11 @@
 //! The page's thread: it listens, speaks TLS, and holds every connection to limits of time and number.
 
 use super::frame::Frames;
-use super::live::{self, Live};
+use super::live;
+use super::live_state::Live;
+use super::record_source::RecordSource;
 use super::routes;
-use super::setup::SetupSource;
+use super::setup_source::SetupSource;
 use super::state::{Web, WebParts};
 use super::words::Words;
 use super::{PageError, tls};
@@ -51,6 +53,8 @@ pub struct PageParts {
     pub view: LiveView,
     /// Recipes, calibrations and what else is set up.
     pub setup: Arc<dyn SetupSource>,
+    /// Pages of cycles, and their signatures.
+    pub records: Arc<dyn RecordSource>,
 }
 
 /// The page while it is served; it ends when this is dropped.
@@ -70,7 +74,7 @@ impl OperatorPage {
     /// # Errors
     /// Where the address, the certificate or the file of words cannot be used.
     pub fn serve(parts: PageParts) -> Result<Option<Self>, PageError> {
-        let PageParts { page, folder, gateway, view, setup } = parts;
+        let PageParts { page, folder, gateway, view, setup, records } = parts;
         let Some(address) = page.listen else { return Ok(None) };
         let words = words(&page)?;
         let is_local = address.ip().is_loopback() && page.certificate.is_none();
@@ -94,6 +98,7 @@ impl OperatorPage {
             frames: frames.clone(),
             words,
             setup,
+            records,
             is_tls,
             hosts,
             folder,

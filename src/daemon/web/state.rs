@@ -1,9 +1,10 @@
 //! What the page's handlers share.
 
 use super::frame::Frames;
-use super::live::Live;
+use super::live_state::Live;
+use super::record_source::RecordSource;
 use super::sessions::Sessions;
-use super::setup::SetupSource;
+use super::setup_source::SetupSource;
 use super::visitor::Visitor;
 use super::words::Words;
 use crate::accounts::{AuditEntry, Lockout};
@@ -21,6 +22,7 @@ pub(super) struct Web {
     pub frames: Arc<Frames>,
     pub words: Arc<Words>,
     pub setup: Arc<dyn SetupSource>,
+    pub records: Arc<dyn RecordSource>,
     /// Whether the page goes by TLS.
     pub is_tls: bool,
     /// The hosts by which a page without TLS may be asked for.
@@ -42,6 +44,7 @@ pub(super) struct WebParts {
     pub frames: Arc<Frames>,
     pub words: Words,
     pub setup: Arc<dyn SetupSource>,
+    pub records: Arc<dyn RecordSource>,
     pub is_tls: bool,
     pub hosts: Option<[String; 2]>,
     pub folder: PathBuf,
@@ -58,6 +61,7 @@ impl Web {
             frames: parts.frames,
             words: Arc::new(parts.words),
             setup: parts.setup,
+            records: parts.records,
             is_tls: parts.is_tls,
             hosts: parts.hosts,
             hashing: Semaphore::new(1),

@@ -152,7 +152,7 @@ pub(super) async fn heat_json(
 fn body(words: Language<'_>, shown: &Shown) -> Markup {
     let word = |key| words.word(key);
     let Shown { panel, trend, heat, .. } = shown;
-    let escaped = super::login::escaped;
+    let escaped = super::guard::escaped;
     let address = format!("panel={}&name={}", escaped(panel), escaped(&shown.name));
     html! {
         section.card {

@@ -44,3 +44,14 @@ impl Visitor {
         self.person.as_ref().is_some_and(|person| person.role.may(permission))
     }
 }
+
+/// The key of a role's word.
+pub(super) fn role_key(role: Role) -> &'static str {
+    match role {
+        Role::Viewer => "role.viewer",
+        Role::Operator => "role.operator",
+        Role::Inspector => "role.inspector",
+        Role::Engineer => "role.engineer",
+        Role::Administrator => "role.administrator",
+    }
+}
