@@ -6,7 +6,8 @@
 //! row never names an incomplete file. Rows of taught panels, findings, journal, requests, contact
 //! paths and permits are never changed; the end of a cycle and of a motion is written once. Each row is part of a chain of hashes
 //! (`chain`), whose head is also kept outside of the database (`head`): changed, deleted, reordered or rolled-back rows are
-//! detected (`verify`). The table of parts alone is an index over texts that are in the chain, and is compared with them. Of a panel only raw inputs are stored; what is derived from them is derived again on loading, by other rooms.
+//! detected (`verify`). The table of parts alone is an index over texts that are in the chain, and is compared with them. Of a
+//! panel only raw inputs are stored; what is derived from them is derived again on loading, by other rooms.
 //!
 //! The journal is written before effects: [`Store::append`] returns when the event is on the disk. After a failed append
 //! nothing more is appended, since it is unknown whether the line was written; the next process finds out. A full disk is no
