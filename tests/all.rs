@@ -29,6 +29,7 @@ mod patterns;
 mod poor_pictures;
 mod quiet;
 mod record;
+mod records;
 mod rehearsal;
 mod replay;
 mod robot;
