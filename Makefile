@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo test test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history
+.PHONY: browser deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo test test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
@@ -41,12 +41,20 @@ setup:
 	  echo 'opencv-devel aravis-devel libusb1-devel clang-devel; Arch: base-devel opencv aravis libusb clang), then try again.' >&2; exit 1; \
 	fi
 
+# The browser test of the operator's page needs node, npm and chromium, which are not installed for it: without them it says that
+# it did not run.
+browser:
+	@if command -v npm >/dev/null && command -v chromium >/dev/null && [ ! -d target/browser/node_modules/axe-core ]; then \
+	  mkdir -p target/browser && npm install --silent --no-save --no-audit --no-fund --prefix target/browser \
+	    playwright-core@1.65.1 axe-core@4.14.1 || echo 'playwright-core and axe-core could not be had: the browser test will not run' >&2; \
+	fi
+
 demo: setup
 	cargo build --release --locked
 	target/release/panelprep demo --out $(DEMO_OUT)
 
 # Some tests wait for a watchdog or a cable, and some compute: three at a time keep two cores busy.
-test: setup
+test: setup browser
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
 	RUST_TEST_THREADS=3 cargo test --locked

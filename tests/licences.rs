@@ -26,6 +26,9 @@ const ALLOWED: [&str; 13] = [
 /// Crates that name no licence and have the text of one: how that text begins, and which it is.
 const BY_TEXT: [(&str, &str, &str); 1] = [("pcd-rs", "MIT License", "MIT")];
 
+/// What comes along in a crate under a licence of its own: the crate, and the file with that licence's text.
+const BESIDE: [(&str, &str); 1] = [("dejavu", "assets/dejavu-fonts-ttf-2.37/LICENSE")];
+
 /// A crate that is linked into the program.
 #[allow(dead_code, reason = "authors and repository are printed by the package's licence file alone")]
 pub struct Linked {
@@ -79,7 +82,8 @@ fn of_package(package: &Value) -> Linked {
     let authors = package["authors"].as_array().into_iter().flatten().filter_map(Value::as_str);
     let mut texts = BTreeMap::new();
     let named = package["license_file"].as_str().map(|file| folder.join(file));
-    for file in named.into_iter().chain(licence_files(&folder)) {
+    let beside = BESIDE.iter().filter(|(name, _)| *name == text("name")).map(|(_, file)| folder.join(file));
+    for file in named.into_iter().chain(licence_files(&folder)).chain(beside) {
         let name = file.file_name().expect("a name").to_string_lossy().into_owned();
         texts.insert(name, String::from_utf8_lossy(&std::fs::read(&file).expect("a licence")).replace('\r', ""));
     }
@@ -131,6 +135,10 @@ fn everything_that_is_linked_has_a_licence_that_the_package_may_carry() {
         linked.iter().filter(|it| it.texts.is_empty()).count() < linked.len() / 10,
         "sources without their texts"
     );
+    // The fonts may be embedded where their own notice comes along.
+    let fonts =
+        linked.iter().filter(|it| it.texts.iter().any(|(_, text)| text.contains("Bitstream Vera Fonts Copyright")));
+    assert_eq!(fonts.count(), BESIDE.len());
     let wrong: Vec<String> = linked
         .iter()
         .filter(|it| !is_allowed(&it.licence))

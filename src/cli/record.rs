@@ -12,6 +12,7 @@ use super::sheet;
 use crate::daemon::whoever_runs_this;
 use crate::files::content_hash;
 use crate::record::CycleId;
+use crate::report::page::Figure;
 use crate::signing::{self, CellKey, Export, Meaning, Place, PublicKey, Said, Signed, Statement};
 use crate::store::{self, KeyPlace, PersonSigns, SignatureRow, Store};
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -132,7 +133,9 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
         }
         if let Some(row) = rows.iter().find(|row| !row.is_of_person) {
             let file = args.out.join(format!("{}.pdf", signing::cycle_stem(cycle)));
-            disk::write(&file, sheet::document(&store, &Kept::read(&store, cycle)?, row)?)?;
+            let kept = Kept::read(&store, cycle)?;
+            let figures: Vec<Figure> = kept.figures().collect();
+            disk::write(&file, sheet::document(&store, (&kept.record, &figures), row)?)?;
             written.push(file);
         }
         for row in rows {
@@ -144,7 +147,7 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
         ));
     }
     written.push(args.out.join(PUBLIC_KEY));
-    let keys = store::public_keys(files.store_folder()).map_err(Fault::stage)?;
+    let keys = known_keys(files.store_folder())?;
     let pem = keys.iter().map(PublicKey::pem).collect::<Result<String, _>>().map_err(Fault::stage)?;
     disk::write(&args.out.join(PUBLIC_KEY), pem)?;
     written.extend(write_head(&store, &key, &args.out.join(HEAD))?.1);
@@ -210,8 +213,9 @@ fn head(args: &HeadOfRecords, common: &Common) -> Result<Outcome, Fault> {
 fn verify(args: &VerifyRecord, common: &Common) -> Result<Outcome, Fault> {
     let keys = match &args.public_key {
         Some(file) => PublicKey::read_all(&disk::read_text(file)?).map_err(|error| Fault::file(file, error))?,
-        None => store::public_keys(&store_folder(common)?)
-            .map_err(|error| Fault::NoPublicKey { problem: error.to_string() })?,
+        None => {
+            known_keys(&store_folder(common)?).map_err(|error| Fault::NoPublicKey { problem: error.to_string() })?
+        }
     };
     let mut export = Export::default();
     for path in &args.files {
@@ -266,6 +270,18 @@ fn words(statement: &Statement, hash: &str) -> String {
             person.user
         ),
     }
+}
+
+/// The public keys of the store: of the key in use, and of those by which earlier records were signed.
+fn known_keys(store: &Path) -> Result<Vec<PublicKey>, Fault> {
+    let mut keys = store::public_keys(store).map_err(Fault::stage)?;
+    for row in Store::open(store).map_err(Fault::stage)?.signatures().map_err(Fault::stage)? {
+        let key = PublicKey::of_hex(&row.public_key).map_err(Fault::stage)?;
+        if !keys.contains(&key) {
+            keys.push(key);
+        }
+    }
+    Ok(keys)
 }
 
 fn store_folder(common: &Common) -> Result<PathBuf, Fault> {

@@ -28,7 +28,10 @@ impl RecordSource for StoreRecords {
         let rows = store.signatures_of(cycle).map_err(|error| error.to_string())?;
         let Some(row) = rows.iter().find(|row| !row.is_of_person) else { return Ok(None) };
         let kept = Kept::read(&store, cycle);
-        let pdf = kept.and_then(|kept| sheet::document(&store, &kept, row));
+        let pdf = kept.and_then(|kept| {
+            let figures: Vec<_> = kept.figures().collect();
+            sheet::document(&store, (&kept.record, &figures), row)
+        });
         pdf.map(Some).map_err(|fault| fault.to_string())
     }
 

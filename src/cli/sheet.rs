@@ -2,7 +2,6 @@
 //! cycle used.
 
 use super::fault::Fault;
-use super::report::Kept;
 use crate::recipe::Recipe;
 use crate::record::{CycleRecord, KeptFile};
 use crate::report::page::Figure;
@@ -50,10 +49,12 @@ pub fn read(store: &Store, record: &CycleRecord) -> Result<Sheet, Fault> {
 ///
 /// # Errors
 /// Where the store no longer has the signed record whole, or the PDF cannot be written.
-pub fn document(store: &Store, kept: &Kept, row: &SignatureRow) -> Result<Vec<u8>, Fault> {
-    let record = &kept.record;
+pub fn document(
+    store: &Store,
+    (record, figures): (&CycleRecord, &[Figure]),
+    row: &SignatureRow,
+) -> Result<Vec<u8>, Fault> {
     let sheet = read(store, record)?;
-    let figures: Vec<Figure> = kept.figures().collect();
     let stem = cycle_stem(record.id);
     let bytes = store.blob(&row.record_hash).map_err(Fault::stage)?;
     Statement::read(&bytes).map_err(Fault::stage)?;
@@ -71,7 +72,7 @@ pub fn document(store: &Store, kept: &Kept, row: &SignatureRow) -> Result<Vec<u8
             bytes: row.signature.clone(),
         },
     ];
-    pdf(&sheet, &figures, &attached, row.unix_ms.div_euclid(1_000)).map_err(Fault::stage)
+    pdf(&sheet, figures, &attached, row.unix_ms.div_euclid(1_000)).map_err(Fault::stage)
 }
 
 fn text(store: &Store, hash: &str) -> Option<String> {

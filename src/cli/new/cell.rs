@@ -313,6 +313,7 @@ store = \"store\" # folder for taught panels, cycles and their pictures; everyth
 # Or, at the end of this file, as a table that says how long clips and scans are kept (pages and records stay for ever):
 # [store]
 # folder = \"store\"
+# record_key = \"record-key.pem\"   # the private key that signs records; without it, in the store, or a credential of systemd
 # keep = {{ days = 30, cycles = 200, failed_days = 365, failed_cycles = 1000 }}   # days before the newest cycle; newest cycles
 {socket}
 "

@@ -106,7 +106,7 @@ pub struct Sheet {
 }
 
 /// Rows of a table on the page; the annex has all.
-const MOST_ROWS: usize = 6;
+const MOST_ROWS: usize = 5;
 const NOT_NAMED: &str = "not named at the start";
 const TABLE: [(&str, f32); 4] = [("what", 0.42), ("found", 0.2), ("allowed", 0.18), ("allowed by", 0.2)];
 
@@ -148,7 +148,12 @@ impl Sheet {
         put(numbers(record));
         put(equipment(sources.equipment));
         put(deviations(record));
-        blocks.push(signatures(sources));
+        put(signatures(sources));
+        // Beside those who signed, in whatever number, there is a line for whoever decides.
+        if let (Some(line), Some(block)) = (line_to_sign(sources), blocks.last_mut()) {
+            block.rows.push(line);
+        }
+        annex.extend(reasons(record));
         annex.extend(record.findings.iter().filter(|finding| !finding.checks.is_empty()).map(all_checks));
         Sheet {
             title: format!("Water-break test, panel {}, cycle {}", record.panel, record.id),
@@ -311,8 +316,8 @@ fn attempts(record: &CycleRecord) -> Block {
             film_name(film.pass),
             film.judgement.verdict.word().to_owned(),
             watched.map_or(String::new(), |check| row(check, "")[1].clone()),
-            if failed.is_empty() { "none".to_owned() } else { shortened(&failed.join(", "), 60) },
-            shortened(&reasons.join("; "), 110),
+            if failed.is_empty() { "none".to_owned() } else { shortened(&failed.join(", "), 45) },
+            shortened(&reasons.join("; "), 75),
         ]
     };
     Block {
@@ -398,7 +403,7 @@ fn deviations(record: &CycleRecord) -> Block {
     let review = |finding: &Finding| {
         let reasons: Vec<&str> = finding.judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
         let pass = if finding.pass == 0 { String::new() } else { format!(", pass {}", finding.pass) };
-        vec![format!("review: {}{pass}", kind_word(finding.kind)), shortened(&reasons.join("; "), 150)]
+        vec![format!("review: {}{pass}", kind_word(finding.kind)), shortened(&reasons.join("; "), 100)]
     };
     let accepts = record
         .asked
@@ -421,19 +426,38 @@ fn signatures(sources: &Sources<'_>) -> Block {
         .iter()
         .map(|one| vec![one.name.clone(), one.time.clone(), one.meaning.clone(), one.bound.clone()])
         .collect();
-    let line = "……………………………".to_owned();
     if sources.signatures.is_empty() {
         rows.push(vec!["the cell".to_owned(), String::new(), "not signed yet".to_owned(), String::new()]);
-    }
-    // Of an air-run there is nothing to release.
-    if !sources.record.is_air_run() && !sources.signatures.iter().any(|one| one.decides) {
-        rows.push(vec![line.clone(), line.clone(), "released / not released".to_owned(), line]);
     }
     Block {
         heading: "Signatures".to_owned(),
         columns: vec![("name", 0.24), ("time", 0.22), ("meaning", 0.24), ("record", 0.3)],
         rows,
     }
+}
+
+/// The line to sign by hand. Of an air-run there is nothing to release.
+fn line_to_sign(sources: &Sources<'_>) -> Option<Vec<String>> {
+    let is_open = !sources.record.is_air_run() && !sources.signatures.iter().any(|one| one.decides);
+    let line = "……………………………".to_owned();
+    is_open.then(|| vec![line.clone(), line.clone(), "released / not released".to_owned(), line])
+}
+
+/// Every reason in full: the page has no room for long ones.
+fn reasons(record: &CycleRecord) -> Option<Block> {
+    let row =
+        |what: String, verdict: Verdict, message: &str| vec![what, verdict.word().to_owned(), message.to_owned()];
+    let of_cycle = record.judgement.iter().flat_map(|judgement| {
+        judgement.reasons.iter().map(|reason| row("the cycle".to_owned(), judgement.verdict, &reason.message))
+    });
+    let of_findings = record.findings.iter().flat_map(|finding| {
+        let what = format!("{}, pass {}", kind_word(finding.kind), finding.pass);
+        let judgement = &finding.judgement;
+        judgement.reasons.iter().map(move |reason| row(what.clone(), judgement.verdict, &reason.message))
+    });
+    let rows: Vec<Vec<String>> = of_cycle.chain(of_findings).collect();
+    let columns = vec![("of", 0.22), ("verdict", 0.1), ("reason", 0.68)];
+    (!rows.is_empty()).then(|| Block { heading: "Every reason".to_owned(), columns, rows })
 }
 
 fn all_checks(finding: &Finding) -> Block {

@@ -40,11 +40,13 @@ pub(super) fn row(check: &Check, of: &str) -> Vec<String> {
         Limit::AtLeast(limit) => ("≥ ", Some(limit)),
         Limit::Below(limit) => ("< ", Some(limit)),
     };
-    let (mut found, mut allowed) =
-        (rounded(value, &check.unit), bound.map(|bound| rounded(bound, &check.unit)).unwrap_or_default());
+    // Both in one form: a share of 1 beside a limit of 0.99 is 1.00.
+    let decimals = decimals(value, &check.unit).max(bound.map_or(0, |bound| decimals(bound, &check.unit)));
+    let unit = |number: String| format!("{number} {}", check.unit).trim_end().to_owned();
+    let shown = |value: f64| unit(fixed(value, decimals).to_string());
+    let (mut found, mut allowed) = (shown(value), bound.map(shown).unwrap_or_default());
     if let (false, Some(bound)) = (check.is_kept(), bound) {
-        let unit = |number: String| format!("{number} {}", check.unit).trim_end().to_owned();
-        let [number, limit] = apart(value, bound, decimals(bound, &check.unit));
+        let [number, limit] = apart(value, bound, decimals);
         (found, allowed) = (format!("{}, not allowed", unit(number)), unit(limit));
     }
     let by = match &check.set_by {

@@ -7,6 +7,7 @@ use crate::words::utc;
 use krilla::color::rgb;
 use krilla::configure::{Archival, ConfigurationBuilder};
 use krilla::embed::{AssociationKind, EmbeddedFile, MimeType};
+use krilla::error::KrillaError;
 use krilla::geom::{PathBuilder, Point, Rect, Size, Transform};
 use krilla::image::Image;
 use krilla::metadata::{DateTime, Metadata};
@@ -38,9 +39,16 @@ pub struct PdfError {
 }
 
 impl PdfError {
-    fn of(problem: impl std::fmt::Debug) -> Self {
-        // The library has these errors in no other words.
-        PdfError { problem: format!("{problem:?}") }
+    fn of(error: &KrillaError) -> Self {
+        match error {
+            KrillaError::Validation(broken) => {
+                PdfError { problem: format!("{} of its rules are broken", broken.len()) }
+            }
+            KrillaError::Font(_, why) => PdfError { problem: format!("a font: {why}") },
+            KrillaError::Image(_, _, why) => PdfError { problem: format!("a picture: {why}") },
+            KrillaError::Limit(_) => PdfError::new("it is too large"),
+            _ => PdfError::new("two of its parts have one name"),
+        }
     }
 
     fn new(problem: &str) -> Self {
@@ -66,8 +74,10 @@ pub fn pdf(sheet: &Sheet, figures: &[Figure], attached: &[Attached], unix_s: i64
         shown.map(|(figure, image)| Shown { caption: &figure.caption, size_px: image.size().into() }).collect();
     let (laid, _) = pages(sheet, &shown, &faces);
     let archival = ConfigurationBuilder::new().with_archival_validator(Archival::A3_B).finish();
-    let settings =
-        SerializeSettings { configuration: archival.map_err(PdfError::of)?, ..SerializeSettings::default() };
+    let settings = SerializeSettings {
+        configuration: archival.map_err(|_| PdfError::new("the library does not know the standard"))?,
+        ..SerializeSettings::default()
+    };
     let mut document = Document::new_with(settings);
     let date = date(unix_s).ok_or_else(|| PdfError::new("its time is no time"))?;
     document.set_metadata(
@@ -90,7 +100,7 @@ pub fn pdf(sheet: &Sheet, figures: &[Figure], attached: &[Attached], unix_s: i64
         let embedded = embedded(file, date).ok_or_else(|| PdfError::new("a kind of file is not known"))?;
         document.embed_file(embedded).ok_or_else(|| PdfError::new("two attached files have one name"))?;
     }
-    document.finish().map_err(PdfError::of)
+    document.finish().map_err(|error| PdfError::of(&error))
 }
 
 fn embedded(file: &Attached, date: DateTime) -> Option<EmbeddedFile> {

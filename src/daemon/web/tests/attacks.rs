@@ -56,7 +56,7 @@ async fn names_are_text_and_never_a_script() {
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     let recipe = site.get(&engineer, "/setup/recipe/panel.toml").await.body;
     assert!(recipe.contains("&lt;b&gt;p&lt;/b&gt;") && !recipe.contains("<b>p"));
-    let login = site.get(&engineer, "/login?next=\"><script>alert(1)</script>").await.body;
+    let login = site.get(&engineer, "/login?next=%22%3E%3Cscript%3Ealert(1)%3C/script%3E").await.body;
     assert!(!login.contains("<script>alert"));
 }
 

@@ -1,0 +1,106 @@
+//! Signed records as an inspector and an auditor use them: signed by the cell and a person, exported, and verified by the
+//! program, by OpenSSL and by the manual's own script.
+
+use super::commands::{json, rendered, taught_and_verified};
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+const CELL: &str = "--cell cell/cell.toml";
+
+/// The text of the manual's block of this kind after this heading.
+fn block(heading: &str, kind: &str) -> String {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/manual/records.md");
+    let text = fs::read_to_string(page).expect("the manual");
+    let rest = text.split(heading).nth(1).expect("the heading");
+    let block = rest.split(&format!("```{kind}\n")).nth(1).expect("a block");
+    block.split("```").next().expect("its end").to_owned()
+}
+
+/// Runs a line of the manual in a folder; whether it ended well.
+fn shell(folder: &Path, line: &str) -> bool {
+    Command::new("sh").args(["-c", line]).current_dir(folder).output().expect("a shell").status.success()
+}
+
+fn script_finds_it_whole(folder: &Path) -> (bool, String) {
+    fs::write(folder.join("verify_record.py"), block("## Without this program", "python")).expect("written");
+    let script = Command::new("python3")
+        .args(["verify_record.py", "records", "records/public-key.pem"])
+        .current_dir(folder)
+        .output()
+        .expect("python3");
+    (script.status.success(), String::from_utf8_lossy(&script.stdout).into_owned())
+}
+
+fn verify(folder: &Path, more: &str) -> (i32, Vec<String>) {
+    let (exit, told) = json(folder, &format!("record verify records --public-key records/public-key.pem {more}"));
+    let found = told["found"].as_array().expect("found").iter();
+    let found: Vec<String> = found.map(|words| words.as_str().expect("words").to_owned()).collect();
+    assert_eq!(told["ok"].as_bool(), Some(found.is_empty()), "{told}");
+    (exit, found)
+}
+
+/// The script is as short as the manual says.
+#[test]
+fn the_manuals_script_has_thirty_lines() {
+    let lines = block("## Without this program", "python").lines().filter(|line| !line.trim().is_empty()).count();
+    assert!(lines <= 30, "{lines} lines");
+}
+
+#[test]
+fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
+    let folder = rendered("good");
+    let at = folder.path();
+    taught_and_verified(at);
+    let start = format!("cycle {CELL} --recipe cell/recipe.toml --seed 3 --part SN-17 --order W-1 --operator Ada");
+    let (exit, ended) = json(at, &start);
+    assert_eq!((exit, ended["verdict"].as_str()), (0, Some("pass")), "{ended}");
+    let (exit, told) = json(at, &format!("record sign 1 {CELL} --name Grace --meaning released"));
+    assert_eq!((exit, told["number"].as_i64()), (0, Some(2)), "{told}");
+    let (exit, told) = json(at, &format!("record export 1 {CELL} --out records"));
+    assert_eq!(exit, 0, "{told}");
+
+    assert_eq!(verify(at, "--head records/head.json"), (0, vec![]));
+    let openssl = block("OpenSSL (3.0 or newer)", "");
+    let records = at.join("records");
+    assert!(shell(&records, &openssl), "{openssl}");
+    assert_eq!(script_finds_it_whole(at), (true, "2 records are as they were signed\n".to_owned()));
+    let (exit, told) = json(at, &format!("store verify {CELL}"));
+    assert_eq!((exit, told["signatures"].as_i64()), (0, Some(2)), "{told}");
+    let page = fs::read_to_string(at.join("cell/store/reports/cycle-000001.html")).expect("the page");
+    for words in ["SN-17", "W-1", "inspected and released", "Grace (", "failed, abraded, then passed", "ASTM F22"] {
+        assert!(page.contains(words), "the page lacks {words}");
+    }
+    let pdf = fs::read(records.join("cycle-1.pdf")).expect("the PDF");
+    assert!(pdf.starts_with(b"%PDF-1.7") && pdf.windows(20).any(|part| part == b"<pdfaid:part>3</pdfa"), "PDF/A-3");
+
+    // One letter of the verdict; the same file as it was; and a picture.
+    let file = records.join("cycle-1.json");
+    let whole = fs::read_to_string(&file).expect("the record");
+    fs::write(&file, whole.replacen("\"pass\"", "\"fail\"", 1)).expect("changed");
+    let (exit, found) = verify(at, "");
+    assert!(exit == 1 && found[0].contains("cycle-1.json was changed"), "{found:?}");
+    assert!(!shell(&records, &openssl));
+    let (is_whole, words) = script_finds_it_whole(at);
+    assert!(!is_whole && words.contains("cycle-1.json was changed"), "{words}");
+    fs::write(&file, whole).expect("as it was");
+    fs::remove_file(records.join("cycle-1-signature-2.json")).expect("removed");
+    let (exit, found) = verify(at, "--head records/head.json");
+    assert!(exit == 1 && found.iter().any(|words| words.contains("rolled back")), "{found:?}");
+
+    // The part has had its passes; another one has not.
+    let recipe = at.join("cell/recipe.toml");
+    let text = fs::read_to_string(&recipe).expect("the recipe");
+    let least = text.replace("[process]\n", "[process]\nmax_passes_per_grid = 1\nmax_passes_per_part = 1\n");
+    assert_ne!(least, text, "the recipe has [process]");
+    fs::write(&recipe, least).expect("written");
+    let (exit, told) = json(at, &start);
+    let words = told["reasons"][0]["message"].as_str().unwrap_or_default();
+    assert_eq!(exit, 2, "{told}");
+    assert!(
+        words.contains("the part SN-17") && words.contains("cycle 1 of ") && words.contains(": 1 pass"),
+        "{words}"
+    );
+    let (_, told) = json(at, &start.replace("SN-17", "SN-18"));
+    assert_eq!(told["cycle_id"].as_i64(), Some(2), "another part begins: {told}");
+}
