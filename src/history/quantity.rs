@@ -133,9 +133,9 @@ fn picked(past: &PastCycle, kind: Kind, name: &str, pick: Pick) -> Option<(f64, 
     let checks = past.findings(kind).flat_map(|finding| &finding.checks).filter(|check| check.name == name);
     let mut values = checks.filter_map(|check| Some((check.value?, check.limit)));
     match pick {
-        Pick::Last => values.last(),
+        Pick::Last => values.next_back(),
         Pick::Least => values.min_by(|one, other| one.0.total_cmp(&other.0)),
-        Pick::Most => values.by_ref().max_by(|one, other| one.0.total_cmp(&other.0)),
+        Pick::Most => values.max_by(|one, other| one.0.total_cmp(&other.0)),
     }
 }
 

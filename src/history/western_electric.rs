@@ -10,7 +10,7 @@ use serde::Serialize;
 /// Values that are needed before the rules are applied: fewer estimate no scatter.
 pub const LEAST_VALUES: usize = 10;
 /// The mean difference of two neighbours is so many times the scatter, where that is normal: 2 / √π.
-const D2: f64 = 1.128_379_167_095_512_6;
+const D2: f64 = std::f64::consts::FRAC_2_SQRT_PI;
 
 /// Which rule a row of values breaks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, strum::EnumIter)]

@@ -145,7 +145,7 @@ pub(super) fn comparison(comparison: &Comparison) -> Vec<String> {
         vec![input.name.clone(), short(&input.values[0]), short(&input.values[1]), "differs".to_owned()]
     }));
     rows.extend(comparison.checks.iter().map(|pair| {
-        let value = |value: Option<f64>| or_nothing(value.map(|value| shown(value)));
+        let value = |value: Option<f64>| or_nothing(value.map(shown));
         let limits = pair.limits.map(|one| one.map_or(String::new(), limit).trim_start_matches(", ").to_owned());
         let limit = if pair.has_other_limit() { limits.join(" | ") } else { limits[0].clone() };
         let pass = if pair.pass == 0 { String::new() } else { format!(" {}", pair.pass) };
@@ -161,8 +161,10 @@ pub(super) fn comparison(comparison: &Comparison) -> Vec<String> {
     words.extend(columns(&rows));
     let grids: Vec<_> = comparison.grids.iter().filter(|pair| pair.cycles[0] != pair.cycles[1]).collect();
     words.extend(grids.iter().map(|pair| {
-        let told =
-            pair.cycles.each_ref().map(|past| past.as_ref().map_or("not seen".to_owned(), |past| past.words()));
+        let told = pair
+            .cycles
+            .each_ref()
+            .map(|past| past.as_ref().map_or("not seen".to_owned(), crate::history::GridPast::words));
         format!("{}: {} | {}", pair.grid, told[0], told[1])
     }));
     words

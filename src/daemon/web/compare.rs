@@ -110,7 +110,7 @@ fn body(words: Language<'_>, comparison: &Comparison) -> Markup {
                 tbody { @for pair in &comparison.grids {
                     tr.differs[pair.cycles[0] != pair.cycles[1]] {
                         th scope="row" { (pair.grid) }
-                        @for past in &pair.cycles { td { (past.as_ref().map_or("–".to_owned(), |past| past.words())) } }
+                        @for past in &pair.cycles { td { (past.as_ref().map_or("–".to_owned(), crate::history::GridPast::words)) } }
                         td { (word(if pair.cycles[0] == pair.cycles[1] { "compare.same" } else { "compare.differs" })) }
                     }
                 } }
@@ -140,7 +140,7 @@ fn check(pair: &CheckPair) -> Markup {
         Some(Limit::AtLeast(bound)) => format!(" (≥ {})", plain(bound)),
         Some(Limit::Below(bound)) => format!(" (< {})", plain(bound)),
     };
-    let number = |value: Option<f64>| value.map_or("–".to_owned(), |value| shown(value));
+    let number = |value: Option<f64>| value.map_or("–".to_owned(), shown);
     html! {
         tr.differs[pair.difference.is_some_and(|difference| difference != 0.0)] {
             th scope="row" {
