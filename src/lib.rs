@@ -20,6 +20,7 @@ pub mod cycle;
 pub mod geometry;
 pub mod krl;
 
+pub mod accounts;
 pub mod cell;
 pub mod eki;
 pub mod files;
@@ -29,6 +30,7 @@ pub mod recipe;
 pub mod record;
 pub mod sim;
 
+pub mod history;
 pub mod panel;
 pub mod signing;
 pub mod tape;

@@ -15,7 +15,7 @@ pub use contact::{
     Abraded, Bounds, Contact, ContactPath, EarlierPass, How, MotionRecord, Reached, Touched, abraded, passes,
 };
 pub use finding::{CycleId, Finding, KeptFile, Kind, Picture, name};
-pub use part::{PART, PartNames};
+pub use part::PartNames;
 
 use crate::cycle::{Path, Request};
 use crate::verdict::Judgement;

@@ -24,6 +24,7 @@ mod live;
 mod locate;
 mod manual;
 mod new;
+mod operator_page;
 mod patterns;
 mod poor_pictures;
 mod quiet;

@@ -14,6 +14,7 @@ mod keep;
 mod lens_extent;
 mod limits;
 mod names;
+mod page;
 mod provenance;
 mod robot_correction;
 mod rough;
@@ -35,6 +36,7 @@ pub use keep::{Keep, KeepFor};
 pub use lens_extent::{LensExtent, Supported};
 pub use limits::{Limits, Workspace};
 pub use names::{Feedback, InputsOutputs, Output};
+pub use page::Page;
 pub use provenance::Provenance;
 pub use robot_correction::{CorrectionNumbers, GEOMETRY_NUMBERS, RobotCorrection, SMOOTH_NUMBERS};
 pub use rough::RoughMounts;
@@ -111,10 +113,11 @@ pub struct Cell {
     limits: Limits,
     rough: RoughMounts,
     arm: Arm,
+    page: Page,
 }
 
 /// The keys at the top of a cell's file, by which it is distinguished from other files.
-pub const CELL_KEYS: [&str; 12] = [
+pub const CELL_KEYS: [&str; 13] = [
     "store",
     "socket",
     "scanner",
@@ -127,6 +130,7 @@ pub const CELL_KEYS: [&str; 12] = [
     "rough",
     "arm",
     "keep_out",
+    "page",
 ];
 
 impl Cell {
@@ -151,6 +155,7 @@ impl Cell {
         let limits = limits::take_limits(&top.section("limits"));
         let rough = rough::take_rough(&top.section("rough"));
         let arm = arm::take_arm(&top.section("arm"), &top.sections("keep_out"));
+        let page = page::take_page(folder, &top.section("page"));
         top.done();
         let store = store?;
         Some(Cell {
@@ -167,6 +172,7 @@ impl Cell {
             limits: limits?,
             rough: rough?,
             arm: arm?,
+            page: page?,
         })
     }
 
@@ -243,6 +249,11 @@ impl Cell {
     /// The arm and what it must keep out of.
     pub fn arm(&self) -> &Arm {
         &self.arm
+    }
+
+    /// The operator's page.
+    pub fn page(&self) -> &Page {
+        &self.page
     }
 
     /// The same cell with its arm corrected as this file says, the one that `[calibration]` names.

@@ -2,9 +2,11 @@
 
 mod backup;
 mod files;
+mod history;
 mod keeping;
 mod new;
 mod package_files;
+mod people;
 mod record;
 mod robot;
 mod service;
@@ -14,9 +16,11 @@ mod simulation;
 
 pub use backup::{Backup, BackupPart, Restore};
 pub use files::{Check, Doctor, Inspect, Label, Locate, Look, Plan, PurposeName, Refine, Teach, Tune};
+pub use history::{EndName, History, HistoryTask, SearchArguments};
 pub use keeping::{Explain, PageOf, Replay, StoreCommand, StoreTask, VerifyStore};
 pub use new::{FlangeCameraKind, New, NewCell, NewFile, NewRecipe, RobotKindName, ScannerKind};
 pub use package_files::PackageFiles;
+pub use people::{User, UserTask};
 pub use record::{ExportRecord, HeadOfRecords, MeaningName, RecordCommand, RecordTask, SignRecord, VerifyRecord};
 pub use robot::{OnOff, Prove, Robot, RobotFunction, TipName};
 pub use service::{Ctl, CtlAsk, Cycle, PartArguments, Run, ZividWorker};
@@ -194,12 +198,23 @@ pub enum Command {
     #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
         panelprep page 1 --cell target/cell/cell.toml")]
     Page(PageOf),
+    /// Search the cycles of the store, compare two, see how numbers develop over many, list alarms.
+    #[command(after_help = "Examples, after the one of `panelprep cycle --help`, also while the service runs:\n  \
+        panelprep history --verdict pass --from 2026-01-01 --cell target/cell/cell.toml\n  \
+        panelprep history show 1 --cell target/cell/cell.toml\n  \
+        panelprep history trend simulated-panel localization-residual --cell target/cell/cell.toml\n\
+        With --csv each prints a table for a spreadsheet, with --json one object. Times are in UTC.")]
+    History(History),
     /// The signed records of cycles: write them out, verify them with the public key, tell the head of their chain.
     Record(RecordCommand),
     /// Look after the store: is everything in it what was written?
     #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
         panelprep store verify --cell target/cell/cell.toml")]
     Store(StoreCommand),
+    /// Accounts of the operator's page: who may log in, as what. The first administrator is made here.
+    #[command(after_help = "Example, with the password as the first line of standard input:\n  \
+        echo 'a long password' | panelprep user add anna --role administrator --cell target/cell/cell.toml")]
+    User(User),
     /// Copy the store, the configuration and the calibrations into one archive that is read back and verified; also while the
     /// service runs.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \

@@ -13,8 +13,8 @@ use super::report::{self, Kept};
 use crate::cell::Cell;
 use crate::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot, State, Why};
 use crate::daemon::{
-    self, Calibrations, Computing, LoopOutcome, LoopStart, News, Ports, Recorded, RecordedPort, RecordingSwitch,
-    Request, Requester, StoreRecord, What, whoever_runs_this,
+    self, Calibrations, Computing, LiveView, LoopOutcome, LoopStart, News, Ports, Recorded, RecordedPort,
+    RecordingSwitch, Request, Requester, StoreRecord, What, whoever_runs_this,
 };
 use crate::geometry::KukaPose;
 use crate::record::{self, Abraded, Answer, Asked, CycleRecord, RecordingFile, Wanted};
@@ -176,7 +176,7 @@ pub fn one(
         // The calibrations have just been read.
         false => {
             let parts = (cameras as _, Box::new(Vec::new) as _, keep);
-            Computing::on_thread(parts, lock_step, &supervisor).map_err(Fault::stage)?
+            Computing::on_thread(parts, lock_step, &supervisor, LiveView::default()).map_err(Fault::stage)?
         }
     };
     let ports = Ports {

@@ -12,7 +12,7 @@ use crate::cell::LensExtent;
 use crate::cycle::Request;
 use crate::daemon::{Calibrations, CellSetup, CycleSetup, PreparedCycle};
 use crate::recipe::Recipe;
-use crate::record::{PART, PartNames};
+use crate::record::PartNames;
 use crate::store::{CycleStart, PassesOfCycle};
 use std::path::Path;
 use std::sync::Arc;
@@ -144,7 +144,7 @@ impl TaughtRecipe {
     /// # Errors
     /// Where the part cannot be written as a text.
     pub fn start(&self, calibrated: &Calibrated) -> Result<CycleStart, Fault> {
-        let part = self.part.as_ref().map(part::text).transpose()?.map(|text| (PART, text));
+        let part = self.part.as_ref().map(part::text).transpose()?.map(|text| (PartNames::FILE, text));
         let texts = calibrated.texts.iter().chain(&part);
         Ok(CycleStart {
             panel: self.recipe.panel().to_owned(),

@@ -3,7 +3,7 @@
 //! The cell is rendered as files, taught by them, and its cameras are verified on their boards; then the cycle runs as `panelprep cycle` would run it. The truth
 //! is read for the score alone, when the cycle is over.
 
-use super::args::{Demo, Simulation, Teach, real_arm};
+use super::args::{Common, Demo, Simulation, Teach, real_arm};
 use super::calibrate::args::CameraName;
 use super::calibrate::verify;
 use super::cycle_files::{Calibrated, TaughtRecipe};
@@ -12,11 +12,14 @@ use super::live::Live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::score::Score;
-use super::{commissioned, cycle, health, render, teach};
+use super::{commissioned, cycle, disk, health, render, teach, user};
+use crate::accounts::Role;
 use crate::sim::{self, Scene};
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
+use std::net::SocketAddr;
 use std::time::Instant;
+use strum::VariantArray;
 
 /// Renders, teaches, runs the cycle, writes pictures and page.
 ///
@@ -66,6 +69,9 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
         outcome.put("verified", verified);
         return Ok(outcome);
     }
+    if let Some(address) = args.page {
+        return serve(address, (&files, &common), simulation, &progress);
+    }
     let calibrated = Calibrated::read(&files, &common)?;
     let how = cycle::Run {
         start: Live::start_demo,
@@ -103,6 +109,34 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     }
     outcome.say(format!("{wall_s:.1} s of wall time; page: {}", page.display()));
     Ok(outcome)
+}
+
+/// An account for each role, so that everything can be tried.
+const DEMO_PASSWORD: &str = "panelprep demo";
+
+/// Serves the simulated cell with its page, for whoever looks at it on this computer.
+fn serve(
+    address: SocketAddr,
+    (files, common): (&CellFiles, &Common),
+    simulation: Simulation,
+    progress: &dyn Fn(&str),
+) -> Result<Outcome, Fault> {
+    if !address.ip().is_loopback() {
+        return Err(Fault::DemoPage { address });
+    }
+    for role in Role::VARIANTS {
+        user::add(files.store_folder(), (role.word(), *role), DEMO_PASSWORD)?;
+    }
+    let text = disk::read(&common.cell)?;
+    let page = format!("\n[page]\nlisten = \"{address}\"\nrecipes = \".\"\n");
+    disk::write(&common.cell, [text.as_slice(), page.as_bytes()].concat())?;
+    let names: Vec<&str> = Role::VARIANTS.iter().map(|role| role.word()).collect();
+    progress(&format!(
+        "open http://{address}/ and log in as {}, with the password \"{DEMO_PASSWORD}\"",
+        names.join(", ")
+    ));
+    progress("press Ctrl+C to end it");
+    super::run::run(&super::args::Run { simulation }, common)
 }
 
 /// A cycle whose waypoints were not executed as they were sent is a fault, whatever its film says.

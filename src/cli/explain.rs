@@ -4,26 +4,8 @@ use super::args::Explain;
 use super::fault::Fault;
 use super::outcome::Outcome;
 use crate::config::nearest;
+use crate::history::{code, codes};
 use serde_json::json;
-
-const PAGE: &str = include_str!("../../config/manual/messages.md");
-
-/// A row of the page.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Row {
-    code: &'static str,
-    meaning: &'static str,
-    remedy: &'static str,
-}
-
-fn rows() -> impl Iterator<Item = Row> {
-    let of = |line: &'static str| {
-        let mut cells = line.strip_prefix("| `")?.strip_suffix('|')?.split('|').map(str::trim);
-        let (code, meaning, remedy) = (cells.next()?.trim_end_matches('`'), cells.next()?, cells.next()?);
-        Some(Row { code, meaning, remedy })
-    };
-    PAGE.lines().filter_map(of)
-}
 
 /// Tells what the code means; without one, lists all of them.
 ///
@@ -31,23 +13,24 @@ fn rows() -> impl Iterator<Item = Row> {
 /// Where no message has this code.
 pub fn run(args: &Explain) -> Result<Outcome, Fault> {
     let mut outcome = Outcome { exit: 0, json: serde_json::Map::new(), words: vec![] };
-    let Some(code) = &args.code else {
-        let codes: Vec<&str> = rows().map(|row| row.code).collect();
-        outcome.say(codes.join("\n"));
-        outcome.put("codes", json!(codes));
+    let Some(word) = &args.code else {
+        let words: Vec<&str> = codes().iter().map(|code| &*code.code).collect();
+        outcome.say(words.join("\n"));
+        outcome.put("codes", json!(words));
         return Ok(outcome);
     };
-    let code = code.trim_matches(['(', ')', '`']);
-    let Some(row) = rows().find(|row| row.code == code) else {
-        let nearest =
-            nearest(code, &rows().map(|row| row.code).collect::<Vec<_>>()).map(|(name, _)| name.to_owned());
-        return Err(Fault::NoSuchCode { found: code.to_owned(), nearest });
+    let word = word.trim_matches(['(', ')', '`']);
+    let Some(known) = code(word) else {
+        let words: Vec<&str> = codes().iter().map(|code| &*code.code).collect();
+        let nearest = nearest(word, &words).map(|(name, _)| name.to_owned());
+        return Err(Fault::NoSuchCode { found: word.to_owned(), nearest });
     };
-    outcome.say(row.meaning);
-    outcome.say(format!("What to do: {}", row.remedy));
-    outcome.put("code", json!(row.code));
-    outcome.put("meaning", json!(row.meaning));
-    outcome.put("remedy", json!(row.remedy));
+    outcome.say(&*known.cause);
+    outcome.say(format!("What to do: {}", known.remedy));
+    outcome.put("code", json!(known.code));
+    outcome.put("priority", json!(known.priority));
+    outcome.put("meaning", json!(known.cause));
+    outcome.put("remedy", json!(known.remedy));
     Ok(outcome)
 }
 

@@ -143,6 +143,43 @@ pub enum Fault {
         /// The one that is most like it.
         nearest: Option<String>,
     },
+    /// A date of a search is none.
+    #[error("{option}: {cause}")]
+    Date {
+        /// The option.
+        option: &'static str,
+        /// What is wrong with it.
+        cause: crate::history::DateError,
+    },
+    /// Conditions of a search beside something else that is asked of the history.
+    #[error(
+        "conditions such as --part belong to the search, `panelprep history` without another word; leave them out here"
+    )]
+    SearchBesideTask,
+    /// No cycle was about this panel.
+    #[error("no cycle in this store was about a panel {panel}; {}", panels_words(panels))]
+    NoCyclesOf {
+        /// The panel as it was named.
+        panel: String,
+        /// Those that cycles were about.
+        panels: Vec<String>,
+    },
+    /// No cycle has a number of this name.
+    #[error(
+        "no cycle of panel {panel} has a number {found}{}; write a word of this list: {}; or the name of a check as the page of a \
+         cycle has it, in quotes",
+        nearest.as_ref().map_or(String::new(), |nearest| format!(": did you mean {nearest}?")), words.join(", ")
+    )]
+    NoSuchNumber {
+        /// As it was typed.
+        found: String,
+        /// The panel.
+        panel: String,
+        /// The one that is most like it.
+        nearest: Option<String>,
+        /// The words of those that have one.
+        words: Vec<&'static str>,
+    },
     /// A tool, or a touch, without poses.
     #[error("there are no poses: name their file, or read them from the controller with --live DIR")]
     NoPoses,
@@ -375,6 +412,22 @@ pub enum Fault {
         /// What is wrong.
         problem: &'static str,
     },
+    /// The demonstration's page for others.
+    #[error(
+        "{address}: the demonstration has accounts with known passwords, so that its page is for this computer alone; name an address such as 127.0.0.1:8090"
+    )]
+    DemoPage {
+        /// As asked for.
+        address: std::net::SocketAddr,
+    },
+    /// An account of the operator's page.
+    #[error("account {name}: {problem}")]
+    Account {
+        /// Its name.
+        name: String,
+        /// What is wrong.
+        problem: String,
+    },
     /// The cycle that was waited for is not the service's last one any more.
     #[error("{} was waited for, and the service runs {}; look at the cycle's page", shown(*waited_for), shown(*found))]
     OtherCycle {
@@ -461,6 +514,13 @@ impl Fault {
 
 fn shown(cycle: Option<i64>) -> String {
     cycle.map_or("no cycle".to_owned(), |cycle| format!("cycle {cycle}"))
+}
+
+fn panels_words(panels: &[String]) -> String {
+    match panels {
+        [] => "it has no cycles at all".to_owned(),
+        _ => format!("its cycles are about {}", panels.join(", ")),
+    }
 }
 
 fn correction_words(hash: Option<&str>) -> String {

@@ -21,6 +21,7 @@ mod fault;
 mod flange_pose;
 mod follow;
 mod health;
+mod history;
 mod inspect;
 mod inspected;
 mod kept;
@@ -43,6 +44,7 @@ mod pictures;
 mod plan;
 mod prove;
 mod record;
+mod record_source;
 mod recording;
 mod refine;
 mod render;
@@ -53,11 +55,13 @@ mod report;
 mod robot;
 mod run;
 mod score;
+mod setup_source;
 mod sheet;
 mod shoot;
 mod store;
 mod teach;
 mod tune;
+mod user;
 mod validate;
 mod zivid;
 
@@ -102,8 +106,10 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Label(args) => label::run(args, common),
         Command::Plan(args) => plan::run(args, common),
         Command::Page(args) => page::run(args, common),
+        Command::History(args) => history::run(args, common),
         Command::Record(args) => record::run(args, common),
         Command::Store(args) => store::run(args, common),
+        Command::User(args) => user::run(args, common),
         Command::Backup(args) => backup::run(args, common),
         Command::Restore(args) => backup::restore(args, common),
         Command::New(args) => new::run(args, common),

@@ -1,7 +1,7 @@
 //! The part that a cycle is about: checked as it is named, kept as a text with the cycle, shown first on its page.
 
 use super::fault::Fault;
-use crate::record::{CycleRecord, PART, PartNames};
+use crate::record::{CycleRecord, PartNames};
 use crate::report::page::{Row, Section};
 use crate::store::{PassesOfCycle, Store};
 use crate::words::utc_day;
@@ -64,9 +64,9 @@ pub fn history(earlier: &[PassesOfCycle]) -> String {
 
 /// What a cycle's page says of its part; nothing where none was named.
 pub fn section(store: &Store, record: &CycleRecord) -> Option<Section> {
-    let kept = record.files.iter().find(|file| file.name == PART)?;
+    let kept = record.files.iter().find(|file| file.name == PartNames::FILE)?;
     let text = store.blob(&kept.hash).ok().and_then(|bytes| String::from_utf8(bytes).ok());
-    let part: Option<PartNames> = text.and_then(|text| PartNames::read(&text));
+    let part = text.and_then(|text| PartNames::read(&text));
     let (text, part) = match part {
         Some(part) => ("As it was named when the cycle was started.", part),
         None => ("It was named, and what was kept of it is missing or damaged in the store.", PartNames::default()),

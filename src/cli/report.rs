@@ -64,11 +64,16 @@ impl Kept {
     /// # Errors
     /// Where the disk refuses.
     pub fn write_with(&self, file: &Path, recorded: Option<&Recorded>, more: Vec<Section>) -> Result<(), Fault> {
+        disk::write_through(file, self.html(recorded, more))
+    }
+
+    /// The page as HTML, with `more` and what came of its recording at its end.
+    pub fn html(&self, recorded: Option<&Recorded>, more: Vec<Section>) -> String {
         let page = cycle_page(&self.record, &self.pictures);
         let recorded = recorded.map(recording::section);
         let first = sheet_html(&self.sheet);
         let sections = self.part.iter().cloned().chain(page.sections).chain(more).chain(recorded).collect();
-        disk::write_through(file, Page { first, sections, made: made(), ..page }.html())
+        Page { first, sections, made: made(), ..page }.html()
     }
 
     /// The pictures that the store has, in order, each once.

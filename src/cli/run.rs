@@ -9,14 +9,17 @@ use super::load::{CellFiles, calibrated_serial};
 use super::outcome::Outcome;
 use super::person::Person;
 use super::record;
+use super::record_source::StoreRecords;
 use super::recording;
 use super::report::{self, Kept};
+use super::setup_source::FolderSource;
 use super::zivid;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
-    self, CellSetup, Computing, EndedCycle, Gateway, Loader, LoopStart, News, Ports, PreparedCycle, RecordIn,
-    Recorded, RecordedPort, Recording, RecordingSwitch, Request, RequestHandler, RequestQueue, RequestSender,
-    Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord, WrittenPage,
+    self, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, OperatorPage, PageParts,
+    Ports, PreparedCycle, RecordIn, Recorded, RecordedPort, Recording, RecordingSwitch, Request, RequestHandler,
+    RequestQueue, RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord,
+    WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::record::{CycleId, RecordingFile};
@@ -65,8 +68,10 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let cameras = SharedCameras::new(live.cameras, live.robot.last_state());
     let lent = Some(cameras.clone());
     let gateway = Gateway::new(sender, loader, lent.clone());
-    let socket = Socket::listen(&path, gateway, &supervisor).map_err(Fault::stage)?;
+    let view = LiveView::default();
+    let socket = Socket::listen(&path, gateway.clone(), &supervisor).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
+    let page = operator_page(&files, gateway, view.clone())?;
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
     let written = WrittenPage::default();
@@ -91,8 +96,8 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let mut record = StoreRecord::new(&mut store, left_open);
     let readable = Box::new(move || Calibrated::read(&again, &whole).err().iter().map(unreadable).collect());
     let cameras = Box::new(RecordedPort::new(Box::new(cameras), recording.clone()));
-    let computing =
-        Computing::on_thread((cameras, readable, keep), lock_step, &supervisor).map_err(Fault::of_loop)?;
+    let computing = Computing::on_thread((cameras, readable, keep), lock_step, &supervisor, view.clone())
+        .map_err(Fault::of_loop)?;
     let ports = Ports {
         robot: &mut RecordedPort::new(&mut live.robot, recording.clone()),
         record: &mut RecordedPort::new(&mut record, recording.clone()),
@@ -106,12 +111,29 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         tracing::info!("{}", recorded.message);
     }
     let ended = ended.map_err(Fault::of_loop)?;
-    drop((socket, person));
+    // The page's connections to the store end before the store's own one, which then leaves a database without a log.
+    drop((socket, page, person));
     #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
     let ended = ended.state;
     tracing::info!("ends in {}", ended.at.word());
     Ok(outcome(&ended))
+}
+
+/// Serves the operator's page, where the cell's file names an address for it.
+fn operator_page(files: &Arc<CellFiles>, gateway: Gateway, view: LiveView) -> Result<Option<OperatorPage>, Fault> {
+    let page = files.cell.page().clone();
+    let setup = Arc::new(FolderSource { recipes: page.recipes.clone(), files: files.clone() });
+    let records = Arc::new(StoreRecords(files.clone()));
+    let parts = PageParts { page, folder: files.store_folder().to_owned(), gateway, view, setup, records };
+    let page = OperatorPage::serve(parts).map_err(Fault::stage)?;
+    if let Some(page) = &page {
+        tracing::info!("operator's page: {}", page.url);
+        if let Some(fingerprint) = &page.fingerprint {
+            tracing::info!("SHA-256 of its own certificate: {fingerprint}");
+        }
+    }
+    Ok(page)
 }
 
 /// Opens the store. On a disk that is full to the last byte the service starts all the same: it answers, refuses whatever is

@@ -25,7 +25,7 @@ const EQUIPMENT: [(&str, &str, Option<&str>); 6] = [
 /// # Errors
 /// Where the store cannot be read.
 pub fn read(store: &Store, record: &CycleRecord) -> Result<Sheet, Fault> {
-    let part = store.part_of(record);
+    let part = store.kept_part(record);
     let recipe_text = text(store, &record.recipe_hash);
     let recipe = recipe_text.and_then(|text| Recipe::check("recipe.toml", &text).ok());
     let earlier = match part.as_ref().and_then(|part| part.serial.as_ref()) {

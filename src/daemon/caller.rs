@@ -18,7 +18,10 @@ pub fn whoever_runs_this() -> Who {
 
 /// The same with the user's name, where this computer's list of users has one.
 pub(super) fn named(who: Who) -> Who {
-    Who { user: who.uid.and_then(name), ..who }
+    match who.uid {
+        Some(uid) => Who { user: name(uid), ..who },
+        None => who,
+    }
 }
 
 /// A user in a line of the log: `anna (uid 1001)`.
@@ -26,7 +29,8 @@ pub(super) fn in_log(who: &Who) -> String {
     match (&who.user, who.uid) {
         (Some(user), Some(uid)) => format!("{user} (uid {uid})"),
         (None, Some(uid)) => format!("uid {uid}"),
-        (_, None) => "an unknown user".to_owned(),
+        (Some(user), None) => user.clone(),
+        (None, None) => "an unknown user".to_owned(),
     }
 }
 

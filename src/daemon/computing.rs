@@ -18,6 +18,7 @@ pub use work::Readable;
 pub(super) use work::{Found, Work, Worked};
 
 use super::error::DaemonError;
+use super::live_view::LiveView;
 use super::ports::{CameraPort, Keeper};
 use crate::cycle::{Act, Answer, Id, Trouble};
 use crate::supervision::{Supervised, Supervisor, supervised};
@@ -82,7 +83,7 @@ impl<'p> Computing<'p> {
     }
 
     /// Starts a thread that computes. By the wall clock it steps back behind the loop and the robot's link. It ends when
-    /// nobody submits work any more; nobody waits for its end, since a camera may hang.
+    /// nobody submits work any more; nobody waits for its end, since a camera may hang. People who look on see what it sees on `view`.
     ///
     /// # Errors
     /// Where the system gives no thread.
@@ -90,13 +91,19 @@ impl<'p> Computing<'p> {
         (cameras, readable, keep): (Box<dyn CameraPort + Send>, Readable, Keeper),
         lock_step: bool,
         supervisor: &Supervisor,
+        view: LiveView,
     ) -> Result<Self, DaemonError> {
         let (queue, taken) = mpsc::channel();
         let (tell, results) = mpsc::channel();
         let (sign, watched) = supervised("computing", LONGEST_WORK);
         let due = Arc::new(AtomicU64::new(NONE_DUE));
-        let mut computes =
-            Thread { worker: Worker::new(cameras, readable, Some(keep)), lock_step, due: due.clone(), tell, sign };
+        let mut computes = Thread {
+            worker: Worker::new(cameras, readable, Some(keep)).shown_on(view),
+            lock_step,
+            due: due.clone(),
+            tell,
+            sign,
+        };
         let serve = move || computes.serve(&taken);
         thread::Builder::new().name("computing".to_owned()).spawn(serve).map_err(DaemonError::Thread)?;
         supervisor.watch(watched);

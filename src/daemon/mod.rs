@@ -39,6 +39,7 @@ mod deadlines;
 mod error;
 mod gateway;
 mod lending;
+mod live_view;
 mod moves;
 mod pending;
 mod ports;
@@ -60,6 +61,7 @@ mod single;
 mod single_interlocks;
 mod socket;
 mod underway;
+mod web;
 mod wiring;
 mod without_store;
 mod words;
@@ -73,6 +75,7 @@ pub use computing::{Computing, Memory, Readable, Seen};
 pub use error::DaemonError;
 pub use gateway::{Gateway, Loader};
 pub use lending::{AllCameras, BorrowedFlangeCamera, BorrowedScanner, LastState, SharedCameras, ShotRequest};
+pub use live_view::{LiveFilm, LiveFrame, LiveView};
 pub use ports::{
     CameraAnswer, CameraCommand, CameraFault, CameraPort, Command, Figure, Finding, Keeper, Kept, LinkedRobot,
     News, NoCameras, Note, Picture2d, Port, Record, RecordAnswer, RecordCommand, RecordError, RecordPort,
@@ -92,6 +95,7 @@ pub use run::{LoopOutcome, LoopStart, Ports, run};
 pub use setup::{Calibrations, CellSetup, CycleSetup};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Socket, SocketError};
+pub use web::{Equipment, OperatorPage, PageError, PageParts, RecipeText, RecordSource, SetupSource};
 pub use wiring::Wiring;
 pub use without_store::wait_for;
 pub use words::{refusal, request_word, why};

@@ -1,9 +1,11 @@
 //! The reply to a request.
 
 use super::replay::Recorded;
+use crate::panel::GridId;
 use crate::verdict::{Reason, Verdict};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// How it went.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -65,6 +67,22 @@ pub struct Reply {
     pub done: Option<String>,
     /// Why it was refused, or why the cell is in this state.
     pub reasons: Vec<Reason>,
+    /// For the operator's page alone: it goes through no socket.
+    #[serde(skip)]
+    pub extras: Extras,
+}
+
+/// What only the operator's page shows.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Extras {
+    /// Words of the requests that the table would take now.
+    pub possible: Vec<&'static str>,
+    /// The panel's grids; none before the first cycle.
+    pub grids: Arc<[GridId]>,
+    /// How long the film is watched, s.
+    pub film_total_s: Option<f64>,
+    /// Whether the cycle waits for a person's word on a result.
+    pub is_review: bool,
 }
 
 impl Reply {
@@ -87,6 +105,7 @@ impl Reply {
             recording: None,
             done: None,
             reasons,
+            extras: Extras::default(),
         }
     }
 }

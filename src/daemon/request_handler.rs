@@ -7,11 +7,12 @@
 use super::lending::SharedCameras;
 use super::ports::{News, Requester};
 use super::replay::{Recording, RecordingSwitch};
-use super::reply::{Exit, Reply};
+use super::reply::{Exit, Extras, Reply};
 use super::request::{Request, What};
 use super::request_queue::RequestQueue;
 use super::words;
 use crate::cycle::{self, At, Path as PathKind, Phase, Refusal, State};
+use crate::panel::GridId;
 use crate::record::{CycleId, Front, Who};
 use crate::supervision::{Supervised, Supervisor, ThreadFault, supervised};
 use crate::verdict::{Reason, Verdict};
@@ -102,6 +103,9 @@ pub struct RequestHandler {
     /// The panel of the cycle, and of the start that the loop has taken.
     panel: Option<String>,
     ordered: Option<String>,
+    /// The grids of the last panel whose cycle was asked for, and how long its film is watched, s.
+    grids: Arc<[GridId]>,
+    film_total_s: Option<f64>,
     /// Seconds of the film that is under way.
     film_s: Option<f64>,
     /// What was done, for the reply.
@@ -134,6 +138,8 @@ impl RequestHandler {
             verdict: None,
             panel: None,
             ordered: None,
+            grids: Arc::default(),
+            film_total_s: None,
             film_s: None,
             done: None,
             ended: None,
@@ -163,7 +169,24 @@ impl RequestHandler {
             recording: self.parts.recording.told(),
             done: None,
             reasons,
+            extras: self.extras(state),
         }
+    }
+
+    /// What only the operator's page shows.
+    fn extras(&self, state: &State) -> Extras {
+        use cycle::Request::{Abort, Accept, AirRun, Clear, Hold, Reset, Start, Stop, Unhold};
+        let start = Start { max_passes: 1, max_moves: 0 };
+        let air_run = AirRun { max_moves: 0 };
+        let asked = [Hold, Unhold { dried: false }, Accept, Stop, Abort, Clear, Reset, start, air_run];
+        let is_taken = |request: &cycle::Request| {
+            let (_, effects) = cycle::step(*state, cycle::Event::Asked(*request));
+            !effects.iter().any(|effect| matches!(effect, cycle::Effect::Refuse { .. }))
+        };
+        let mut possible: Vec<_> = asked.into_iter().filter(is_taken).map(words::request_word).collect();
+        possible.extend(state.at.rests().then_some("new-disc"));
+        let is_review = matches!(state.at, At::Held(hold) if hold.why == cycle::Why::Review);
+        Extras { possible, grids: self.grids.clone(), film_total_s: self.film_total_s, is_review }
     }
 
     /// Why the cell is in this state, and what was last found wrong.
@@ -217,7 +240,12 @@ impl RequestHandler {
                     self.noted.clear();
                 }
             }
-            What::Begin(prepared) => self.ordered = Some(prepared.setup.panel_name().to_owned()),
+            What::Begin(prepared) => {
+                let setup = &prepared.setup;
+                self.ordered = Some(setup.panel_name().to_owned());
+                self.grids = setup.panel.grids.iter().map(|grid| grid.id).collect();
+                self.film_total_s = Some(setup.demands().filmed_s());
+            }
             _ => {}
         }
         request

@@ -6,8 +6,9 @@ use super::error::DaemonError;
 use super::ports::{CameraPort, Picture2d, Record};
 use super::setup::CycleSetup;
 use crate::cycle::{Answer, Film, Trouble};
-use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid, median};
+use crate::geometry::{Base, ColorPicture, FlangeCamera, Mask, Panel, Rigid, median};
 use crate::inspect::Inspection;
+use crate::panel::GridId;
 use crate::path::approach::Approach;
 use crate::path::reach::Obstacles;
 use crate::phase::Phase;
@@ -42,13 +43,21 @@ pub(super) struct Sight {
 #[derive(Debug)]
 pub(super) struct Filming {
     filming: film::Filming,
-    place: Rigid<Base, Panel>,
+    /// Where the panel stands in it.
+    pub place: Rigid<Base, Panel>,
     /// When its first picture was taken, by the camera's clock, s.
     first_s: Option<f64>,
     /// From its first picture to its last one, s.
     pub seen_s: f64,
     /// From a decoded picture to its result.
     elapsed_ms: Vec<f64>,
+}
+
+impl Filming {
+    /// The newest picture, the pixels that broke so far and the grids that failed so far.
+    pub fn so_far(&self) -> Option<(Arc<ColorPicture>, Mask, Vec<GridId>)> {
+        self.filming.so_far()
+    }
 }
 
 impl Sight {

@@ -173,12 +173,10 @@ impl Observation {
 
 /// Names of the checks that tell what no number of a film says alone.
 pub mod name {
-    pub use crate::record::name::WATCHED;
+    pub use crate::record::name::{FILM_CHANGE, LIGHT_LEAST, LIGHT_MOST, WATCHED, broken_film, failed_after};
 
     /// Whether the dry panel was seen.
     pub const DRY_PICTURE: &str = "a picture of the dry panel";
-    /// By how much the film changes the panel.
-    pub const FILM_CHANGE: &str = "change of the panel by the film";
     /// The first picture's own sharpness.
     pub const FIRST_SHARPNESS: &str = "sharpness of the first picture";
     /// Grids with places that were wet in the dry picture.
@@ -320,8 +318,8 @@ impl Film<'_> {
             Check::new("longest time without one", "s", quality.longest_unseen_s)
                 .at_most(allowed_s, pictures())
                 .broken(is_unseen, Severity::Reject, flaw.word(), words),
-            Check::new("change of the light, least", "%", percent(quality.light[0])).at_least(-darker, light()),
-            Check::new("change of the light, most", "%", percent(quality.light[1])).at_most(brighter, light()),
+            Check::new(name::LIGHT_LEAST, "%", percent(quality.light[0])).at_least(-darker, light()),
+            Check::new(name::LIGHT_MOST, "%", percent(quality.light[1])).at_most(brighter, light()),
             Check::new("panel moved in the picture", "px", quality.moved_px),
             Check::new("least sharpness against the dry picture", "", quality.sharpness),
             Check::new("the film leaves of the dry brightness", "", observation.film_left),
@@ -378,11 +376,11 @@ impl Film<'_> {
         let broken = grids.iter().flat_map(|grid| {
             let (id, when_s) = (grid.id, grid.time_to_break_s);
             let limit = (Limit::Below(min_break_mm2), self.demands.min_break_set_by());
-            let area = Check::new(format!("broken film in {id}"), "mm²", grid.seen.then_some(grid.broken_mm2));
+            let area = Check::new(name::broken_film(id), "mm²", grid.seen.then_some(grid.broken_mm2));
             let area = area
                 .within(limit.0, limit.1)
                 .broken(grid.failed, Severity::Review, "broken", || broken_words(min_break_mm2, grids));
-            let failed = when_s.map(|time_s| Check::new(format!("{id} failed after"), "s", time_s));
+            let failed = when_s.map(|time_s| Check::new(name::failed_after(id), "s", time_s));
             std::iter::once(area).chain(failed)
         });
         let faint = Check::new(name::FAINT_GRIDS, "", faint.len() as f64)

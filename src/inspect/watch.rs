@@ -218,6 +218,12 @@ impl Watch {
         self.footprint.detection_limit_mm2()
     }
 
+    /// The grids that failed so far.
+    pub fn failed(&self) -> Vec<GridId> {
+        let grids = self.footprint.grids().iter().zip(&self.time_to_break_s);
+        grids.filter(|(_, time_s)| time_s.is_some()).map(|(grid, _)| grid.id).collect()
+    }
+
     /// The region's pixels in the picture.
     pub fn region(&self) -> Mask {
         self.footprint.region()

@@ -10,6 +10,7 @@ use super::evidence::Fit;
 use super::fit::CONVERGED_MM;
 use super::{CompetingPose, OutlineSeen};
 use crate::recipe;
+use crate::record::name;
 use crate::verdict::{Check, Judgement, Reason, SetBy, Severity, Verdict};
 use crate::words::{apart, fixed, percent_apart};
 
@@ -95,7 +96,7 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
                 let [step, allowed] = apart(step_mm, MAX_LAST_STEP_MM, 4);
                 format!("after {steps} steps the fit still moved by {step} mm, allowed are {allowed} mm; scan again")
             }),
-        Check::new("residual, point to plane, rms", "mm", fit.rms_mm)
+        Check::new(name::RESIDUAL, "mm", fit.rms_mm)
             .at_most(limits.max_rms_mm(), SetBy::recipe("locate.max_rms_mm"))
             .rejects("poor_fit", || {
                 let [rms, allowed] = apart(fit.rms_mm, limits.max_rms_mm(), 3);
@@ -116,7 +117,7 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
         Check::new("outline in view that is elsewhere", "", fit.outline_absent)
             .at_most(MAX_OUTLINE_ABSENT, SetBy::Program)
             .rejects("outline_differs", differs),
-        Check::new("residual of the outline, rms", "px", fit.outline_rms_px)
+        Check::new(name::OUTLINE_RESIDUAL, "px", fit.outline_rms_px)
             .at_most(MAX_OUTLINE_RMS_PX, SetBy::Program)
             .rejects("outline_differs", differs),
     ];
@@ -227,7 +228,7 @@ fn knowledge(fit: &Fit) -> Vec<Check> {
         )
     };
     vec![
-        Check::new("error at the worst place, 95 %", "mm", fit.uncertainty_mm)
+        Check::new(name::LOCATION_ERROR, "mm", fit.uncertainty_mm)
             .at_most(MAX_UNCERTAINTY_MM, SetBy::Program)
             .reviews("uncertain", || {
                 let [known, allowed] = apart(fit.uncertainty_mm, MAX_UNCERTAINTY_MM, 2);

@@ -51,6 +51,8 @@ pub struct Who {
 pub enum Front {
     /// The service's socket, as `panelprep ctl` uses it.
     Socket,
+    /// The operator's page.
+    Page,
     /// The command that runs one cycle.
     Command,
     /// SIGTERM or SIGINT.
@@ -82,6 +84,12 @@ impl std::fmt::Display for Who {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let by = match self.front {
             Front::Socket => "through the service's socket",
+            Front::Page => {
+                return match &self.user {
+                    Some(user) => write!(f, "{user}, on the operator's page"),
+                    None => f.write_str("somebody who was not logged in, on the operator's page"),
+                };
+            }
             Front::Command => "who ran the command",
             Front::Signal => return f.write_str("a signal to the program; who sent it is not known"),
             Front::Program => return f.write_str("the program itself"),

@@ -67,6 +67,35 @@ pub mod name {
     pub const BEGUN: &str = "grids that were not covered as planned";
     /// Moves of the corner loop.
     pub const MOVES: &str = "moves after the first picture";
+    /// Localization: residual along the surface's normals, rms, mm.
+    pub const RESIDUAL: &str = "residual, point to plane, rms";
+    /// Localization: residual of the outline, rms, px.
+    pub const OUTLINE_RESIDUAL: &str = "residual of the outline, rms";
+    /// Localization: the stated error at the panel's worst place, 95 %, mm.
+    pub const LOCATION_ERROR: &str = "error at the worst place, 95 %";
+    /// By how much the film changes the panel, grey levels.
+    pub const FILM_CHANGE: &str = "change of the panel by the film";
+    /// The least light of a film against the dry picture's, %.
+    pub const LIGHT_LEAST: &str = "change of the light, least";
+    /// The most light of a film against the dry picture's, %.
+    pub const LIGHT_MOST: &str = "change of the light, most";
+
+    const BROKEN_FILM: &str = "broken film in ";
+
+    /// The area of a grid on which the film broke, mm².
+    pub fn broken_film(grid: impl std::fmt::Display) -> String {
+        format!("{BROKEN_FILM}{grid}")
+    }
+
+    /// The grid of a [`broken_film`]; `None` for another name.
+    pub fn grid_of_broken_film(name: &str) -> Option<&str> {
+        name.strip_prefix(BROKEN_FILM)
+    }
+
+    /// After how long a grid failed, s.
+    pub fn failed_after(grid: impl std::fmt::Display) -> String {
+        format!("{grid} failed after")
+    }
 }
 
 /// A picture to show.

@@ -1,11 +1,6 @@
-//! The part that a cycle is about, as it is named where the cycle is started.
-//!
-//! It is kept as a TOML text with the cycle, under the name [`PART`]. Whether a name can be kept is decided where it is given.
+//! The part that a cycle is about, as it was named when the cycle was started. Checks no name: whoever takes one does.
 
 use serde::{Deserialize, Serialize};
-
-/// The name under which a cycle keeps its part.
-pub const PART: &str = "part";
 
 /// Which part a cycle is about, as far as it is known.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -23,8 +18,11 @@ pub struct PartNames {
 }
 
 impl PartNames {
-    /// The part as the text of a cycle names it; `None` where the text is no such text.
-    pub fn read(text: &str) -> Option<Self> {
+    /// The name of the kept file that holds them, among a cycle's [`files`](super::CycleRecord::files).
+    pub const FILE: &'static str = "part";
+
+    /// The names as the kept file has them; `None` where the text is none that this program wrote.
+    pub fn read(text: &str) -> Option<PartNames> {
         toml::from_str(text).ok()
     }
 }

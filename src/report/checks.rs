@@ -7,7 +7,7 @@ use crate::words::{apart, fixed, plain};
 pub(super) const NOT_MEASURED: &str = "not measured";
 
 /// A check as a row; `beside` is said after its value. A limit without a key is the program's own.
-pub(super) fn check_row(check: &Check, beside: &str) -> Row {
+pub fn check_row(check: &Check, beside: &str) -> Row {
     let with_unit = |text: String| format!("{text} {}", check.unit).trim_end().to_owned();
     let (sign, limit) = match check.limit {
         Limit::Unlimited => ("", None),
@@ -36,7 +36,7 @@ pub(super) fn check_row(check: &Check, beside: &str) -> Row {
 }
 
 /// Four significant digits, or all before the point; the store has the rest.
-pub(super) fn shown(value: f64) -> String {
+pub fn shown(value: f64) -> String {
     if value == 0.0 || !value.is_finite() || value.fract() == 0.0 {
         return plain(value);
     }

@@ -2,7 +2,7 @@
 //! film is judged.
 
 use super::{Drawing, names, strip::Strip};
-use crate::geometry::{Camera, ColorPicture, Panel, PinholeCamera, Rigid};
+use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
 use crate::inspect::{Demands, InspectError, Inspection, Watch};
 use crate::panel::{Grid, GridId, TaughtPanel};
 use crate::phase::Phase;
@@ -78,6 +78,11 @@ impl Filming {
         self.opened |= opens;
         let opened_on = opens.then(|| names(&step.newly_failed).join(", "));
         Ok(Added { since_wet_s: step.since_wet_s, opened_on })
+    }
+
+    /// The newest picture, the pixels that broke so far and the grids that failed so far; `None` before the first picture.
+    pub fn so_far(&self) -> Option<(Arc<ColorPicture>, Mask, Vec<GridId>)> {
+        Some((self.last.clone()?, self.watch.mask(), self.watch.failed()))
     }
 
     /// Judges the film.

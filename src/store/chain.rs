@@ -68,7 +68,7 @@ impl Part {
 }
 
 /// Every table, column by column; in this order the rows of a store without a chain are taken into one.
-pub(super) static PARTS: [Part; 20] = [
+pub(super) static PARTS: [Part; 24] = [
     Part::row(
         "taught_panels",
         "taught panel",
@@ -136,6 +136,10 @@ pub(super) static PARTS: [Part; 20] = [
     Part::row("contacts", "contact path", &["motion_id", "path"]),
     Part::row("permits", "permit of waypoints", &["motion_id", "unix_ms", "waypoints"]),
     Part::row("cycle_facts", "fact of a cycle", &["cycle_id", "name", "fact"]),
+    Part::row("accounts", "account", &["unix_ms", "account"]),
+    Part::row("audit", "line of the audit trail", &["unix_ms", "entry"]),
+    Part { key: "finding_id", ..Part::row("finding_times", "time of finding", &["unix_ms"]) },
+    Part::row("acknowledgements", "acknowledgement", &["unix_ms", "cycle_id", "code", "raised_unix_ms", "who"]),
     Part::row(
         "signatures",
         "signature",

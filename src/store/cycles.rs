@@ -1,7 +1,8 @@
 //! Cycles: the inputs of each, the findings of its phases, and how it ended.
 
-use super::database::Store;
+use super::database::{Store, unix_ms};
 use super::error::StoreError;
+use super::{finding_times, parts};
 use crate::record::{Budget, CycleId, CycleRecord, Finding, KeptFile, RecordingFile};
 use crate::verdict::{Judgement, Reason, Verdict};
 use rusqlite::{OptionalExtension, Row, params};
@@ -59,6 +60,7 @@ impl Store {
         let files: Vec<KeptFile> = start.file_texts.iter().map(kept).collect::<Result<_, StoreError>>()?;
         let recipe_hash = self.put_blob(start.recipe_text.as_bytes())?;
         let (started_unix_s, files) = (self.unix_s(), self.text(&files)?);
+        let part = parts::named(&start.file_texts);
         let id = self.commit("write a cycle to", |writing| {
             let (panel, version, program) = (&start.panel, &start.taught_version, env!("CARGO_PKG_VERSION"));
             writing.execute(
@@ -68,6 +70,7 @@ impl Store {
             )?;
             let id = writing.last_insert_rowid();
             writing.chain("cycles", id)?;
+            part.as_ref().map_or(Ok(()), |part| parts::insert(writing, id, part))?;
             Ok(CycleId(id))
         })?;
         start.recording.as_ref().map_or(Ok(()), |file| self.keep_recording(id, file))?;
@@ -130,12 +133,15 @@ impl Store {
         finding.pictures.iter().try_for_each(|picture| self.blob(&picture.hash).map(drop))?;
         finding.shots.iter().try_for_each(|shot| self.blob(&shot.hash).map(drop))?;
         let (kind, text) = (self.text(&finding.kind)?, self.text(finding)?);
+        let unix_ms = unix_ms(self.clock());
         self.commit("write a finding to", |writing| {
             writing.execute(
                 "INSERT INTO findings (cycle_id, kind, pass, finding) VALUES (?1, ?2, ?3, ?4)",
                 params![id.0, kind.trim_matches('"'), finding.pass, text],
             )?;
-            writing.chain("findings", writing.last_insert_rowid())
+            let number = writing.last_insert_rowid();
+            writing.chain("findings", number)?;
+            finding_times::insert(writing, number, unix_ms)
         })
     }
 

@@ -6,12 +6,15 @@
 //! row never names an incomplete file. Rows of taught panels, findings, journal, requests, contact
 //! paths and permits are never changed; the end of a cycle and of a motion is written once. Each row is part of a chain of hashes
 //! (`chain`), whose head is also kept outside of the database (`head`): changed, deleted, reordered or rolled-back rows are
-//! detected (`verify`). Of a panel only raw inputs are stored; what is derived from them is derived again on loading, by other rooms.
+//! detected (`verify`). The table of parts alone is an index over texts that are in the chain, and is compared with them. Of a
+//! panel only raw inputs are stored; what is derived from them is derived again on loading, by other rooms.
 //!
 //! The journal is written before effects: [`Store::append`] returns when the event is on the disk. After a failed append
 //! nothing more is appended, since it is unknown whether the line was written; the next process finds out. A full disk is no
 //! such failure: the reserve is released, and the journal continues until the cell is at rest (`reserve`, `full_disk`).
 
+mod acknowledgements;
+mod alarms;
 mod blobs;
 mod chain;
 mod checkpoints;
@@ -23,6 +26,7 @@ mod database;
 mod database_files;
 mod discs;
 mod error;
+mod finding_times;
 mod fold;
 mod full_disk;
 mod fullness;
@@ -34,10 +38,14 @@ mod lease;
 mod motions;
 mod opening;
 mod parts;
+mod passes;
+mod past;
+mod people;
 mod prune;
 mod requests;
 mod reserve;
 mod schema;
+mod search;
 mod signatures;
 mod signed;
 mod steps;
@@ -54,7 +62,8 @@ pub use fullness::BlobWriter;
 pub use incidents::Incident;
 pub use key_file::{KeyPlace, cell_key, public_keys};
 pub use lease::Lease;
-pub use parts::PassesOfCycle;
+pub use passes::PassesOfCycle;
+pub use people::NumberedEntry;
 pub use prune::Pruned;
 pub use signatures::{PersonSigns, SignatureRow};
 pub use teaching::{Taught, TaughtCorner, Teaching};

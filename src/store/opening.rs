@@ -10,7 +10,7 @@ use super::head::{self, Head, HeadFile};
 use super::lease::Lease;
 use super::reserve::{self, Reserve};
 use super::steps::Steps;
-use super::{copy, schema};
+use super::{copy, parts, schema};
 use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use std::path::Path;
 use std::time::SystemTime;
@@ -114,6 +114,7 @@ impl Store {
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let before = if version < schema::CHAINED { ChainPosition::BEGIN } else { chain::last(&transaction)? };
         let Some(after) = schema::raise(&transaction)? else { return Ok(Ok(before)) };
+        parts::fill_missing(&transaction, &self.blobs)?;
         // A head that says more than nothing is looked at before it is written over.
         let is_new = matches!(head::read(self.blobs.store()), Ok(None));
         if is_new && let Err(error) = head.prepare(before, after) {

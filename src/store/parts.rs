@@ -1,68 +1,128 @@
-//! The parts that cycles were about, and what earlier cycles did to one.
+//! The names of each cycle's part (serial number, work order, operator) as a table that can be searched.
+//!
+//! What counts is the text that the cycle keeps as the file `part`, whose hash the chain covers; this table is an index over
+//! those texts and no part of the chain. It is written in the transaction that begins a cycle, made anew for cycles of
+//! earlier programs, and `store verify` compares every row with its text.
 
+use super::blobs::Blobs;
+use super::commit::Failed;
 use super::database::Store;
 use super::error::StoreError;
-use crate::record::{CycleId, CycleRecord, PART, PartNames, passes};
-use rusqlite::params;
+use crate::record::PartNames;
+use rusqlite::{Connection, OptionalExtension, params};
 use std::collections::BTreeMap;
 
-/// How often a part was abraded in a cycle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct PassesOfCycle {
-    /// The cycle.
-    pub cycle: CycleId,
-    /// When it began, s since 1970.
-    pub started_unix_s: i64,
-    /// Passes in which the tool was on the part, or may have been.
-    pub passes: usize,
+pub(super) const TABLES: &str = "
+    CREATE TABLE cycle_parts (
+        cycle_id INTEGER PRIMARY KEY REFERENCES cycles (id),
+        serial TEXT,
+        work_order TEXT,
+        operator TEXT
+    ) STRICT;
+    CREATE INDEX cycle_parts_by_serial ON cycle_parts (serial COLLATE NOCASE);
+";
+
+/// The same table beside a store that is open for reading and was written by an earlier program; it is gone when the store
+/// is closed.
+const BESIDE: &str =
+    "CREATE TEMP TABLE cycle_parts (cycle_id INTEGER PRIMARY KEY, serial TEXT, work_order TEXT, operator TEXT)";
+
+/// The part among the texts that a cycle begins with.
+pub(super) fn named(file_texts: &[(String, String)]) -> Option<PartNames> {
+    let (_, text) = file_texts.iter().find(|(name, _)| name == PartNames::FILE)?;
+    PartNames::read(text)
+}
+
+/// Writes the names of a cycle's part. Part of a transaction.
+pub(super) fn insert(connection: &Connection, cycle: i64, part: &PartNames) -> Result<(), Failed> {
+    Ok(write(connection, cycle, part)?)
+}
+
+fn write(connection: &Connection, cycle: i64, part: &PartNames) -> Result<(), rusqlite::Error> {
+    connection
+        .prepare_cached("INSERT INTO cycle_parts (cycle_id, serial, work_order, operator) VALUES (?1, ?2, ?3, ?4)")?
+        .execute(params![cycle, part.serial, part.order, part.operator])
+        .map(drop)
+}
+
+/// Writes the names of every cycle that has no row. A text that is missing or damaged has no names. Part of a transaction.
+pub(super) fn fill_missing(connection: &Connection, blobs: &Blobs) -> Result<(), rusqlite::Error> {
+    let there = rows(connection)?;
+    for (cycle, hash) in kept(connection)? {
+        if !there.contains_key(&cycle)
+            && let Some(part) = text(blobs, &hash)
+        {
+            write(connection, cycle, &part)?;
+        }
+    }
+    Ok(())
+}
+
+/// Each cycle that keeps a part's text, with the text's hash.
+fn kept(connection: &Connection) -> Result<Vec<(i64, String)>, rusqlite::Error> {
+    let sql =
+        "SELECT cycles.id, value ->> 'hash' FROM cycles, json_each(files) WHERE value ->> 'name' = ?1 ORDER BY 1";
+    let mut statement = connection.prepare(sql)?;
+    statement.query_map([PartNames::FILE], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
+}
+
+fn text(blobs: &Blobs, hash: &str) -> Option<PartNames> {
+    PartNames::read(&String::from_utf8(blobs.get(hash).ok()?).ok()?)
+}
+
+/// The table by cycle.
+fn rows(connection: &Connection) -> Result<BTreeMap<i64, PartNames>, rusqlite::Error> {
+    let mut statement = connection.prepare("SELECT cycle_id, serial, work_order, operator FROM cycle_parts")?;
+    let part = |row: &rusqlite::Row<'_>| {
+        Ok((row.get(0)?, PartNames { serial: row.get(1)?, order: row.get(2)?, operator: row.get(3)? }))
+    };
+    statement.query_map([], part)?.collect()
+}
+
+/// Which rows differ from the texts that their cycles keep, in words.
+pub(super) fn differences(connection: &Connection, blobs: &Blobs) -> Result<Vec<String>, rusqlite::Error> {
+    let (mut rows, mut found) = (rows(connection)?, Vec::new());
+    for (cycle, hash) in kept(connection)? {
+        let row = rows.remove(&cycle);
+        // A text that is missing or damaged is found with the files.
+        let Some(part) = text(blobs, &hash) else { continue };
+        match row {
+            Some(row) if row == part => {}
+            Some(_) => {
+                found.push(format!("changed: the part of cycle {cycle} is not the one that the cycle keeps"))
+            }
+            None => found.push(format!("deleted: the part of cycle {cycle} is missing from the table of parts")),
+        }
+    }
+    let more = rows.keys().map(|cycle| format!("put in: the part of cycle {cycle}, which keeps none"));
+    found.extend(more);
+    Ok(found)
 }
 
 impl Store {
-    /// The part that a cycle was about; `None` where none was named, or what was kept of it is missing or damaged.
-    pub fn part_of(&self, record: &CycleRecord) -> Option<PartNames> {
-        let kept = record.files.iter().find(|file| file.name == PART)?;
-        self.part(&kept.hash)
-    }
-
-    fn part(&self, hash: &str) -> Option<PartNames> {
-        PartNames::read(&String::from_utf8(self.blob(hash).ok()?).ok()?)
-    }
-
-    fn serial(&self, hash: &str) -> Option<String> {
-        self.part(hash)?.serial
-    }
-
-    /// The cycles in which the part with this serial number was abraded, or may have been, in order; those before `before`
-    /// where it is given.
+    /// The part of a cycle; `None` where none was named.
     ///
     /// # Errors
-    /// Where a cycle cannot be read.
-    pub fn passes_of_serial(
-        &self,
-        serial: &str,
-        before: Option<CycleId>,
-    ) -> Result<Vec<PassesOfCycle>, StoreError> {
-        let read = || -> Result<Vec<(CycleId, String)>, rusqlite::Error> {
-            let sql = "SELECT cycles.id, value ->> 'hash' FROM cycles, json_each(files)
-                WHERE value ->> 'name' = ?1 AND (?2 IS NULL OR cycles.id < ?2) ORDER BY cycles.id";
-            let row = |row: &rusqlite::Row<'_>| Ok((row.get(0).map(CycleId)?, row.get(1)?));
-            self.connection.prepare(sql)?.query_map(params![PART, before.map(|id| id.0)], row)?.collect()
+    /// Where it cannot be read.
+    pub fn part_of(&self, cycle: crate::record::CycleId) -> Result<Option<PartNames>, StoreError> {
+        self.with_parts()?;
+        let sql = "SELECT serial, work_order, operator FROM cycle_parts WHERE cycle_id = ?1";
+        let part = |row: &rusqlite::Row<'_>| {
+            Ok(PartNames { serial: row.get(0)?, order: row.get(1)?, operator: row.get(2)? })
         };
-        let named = read().map_err(|error| self.failed("read the cycles of", &error))?;
-        // The same names are the same file.
-        let mut is_of: BTreeMap<String, bool> = BTreeMap::new();
-        let mut all = Vec::new();
-        for (cycle, hash) in named {
-            let is_of = is_of.entry(hash).or_insert_with_key(|hash| self.serial(hash).as_deref() == Some(serial));
-            if !*is_of {
-                continue;
+        let read = || self.connection.prepare_cached(sql)?.query_row([cycle.0], part).optional();
+        read().map_err(|error| self.failed("read the parts of", &error))
+    }
+
+    /// Sees to it that there is a table of parts to read, also beside an earlier program's store.
+    pub(super) fn with_parts(&self) -> Result<(), StoreError> {
+        let made = || -> Result<(), rusqlite::Error> {
+            if !self.connection.table_exists(None, "cycle_parts")? {
+                self.connection.execute_batch(BESIDE)?;
+                fill_missing(&self.connection, &self.blobs)?;
             }
-            let record = self.cycle(cycle)?;
-            let passes = passes(&record.findings, &record.motions);
-            if passes > 0 {
-                all.push(PassesOfCycle { cycle, started_unix_s: record.started_unix_s, passes });
-            }
-        }
-        Ok(all)
+            Ok(())
+        };
+        made().map_err(|error| self.failed("read the parts of", &error))
     }
 }

@@ -183,7 +183,7 @@ impl Store {
                 id: id.0,
             });
         }
-        let part = self.part_of(&record);
+        let part = self.kept_part(&record);
         SignedCycle::new(&record, part).map_err(|source| self.unsigned(source))
     }
 

@@ -12,7 +12,7 @@ pub(super) enum Step {
 #[derive(Default)]
 pub(super) struct Steps {
     #[cfg(test)]
-    pub told: Option<Box<dyn Fn(Step)>>,
+    pub told: Option<Box<dyn Fn(Step) + Send>>,
 }
 
 impl std::fmt::Debug for Steps {

@@ -4,7 +4,7 @@ use super::chain::{self, ChainPosition, Hash, PARTS, Part, hex};
 use super::database::{DATABASE, Store};
 use super::database_files::{file_hash, log_of};
 use super::error::StoreError;
-use super::{head, prune, schema};
+use super::{head, parts, prune, schema};
 use rusqlite::{Connection, Row};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -113,6 +113,8 @@ impl Store {
         verified
             .found
             .extend(schema::differences(&self.connection).unwrap_or_else(|error| vec![error.to_string()]));
+        let parts = parts::differences(&self.connection, &self.blobs);
+        verified.found.extend(parts.unwrap_or_else(|error| vec![format!("the parts cannot be read: {error}")]));
         if let (Some(written), Some(found)) = (database, hash)
             && written != found
         {

@@ -106,7 +106,9 @@ fn every_code_has_a_row_in_the_manual() {
     assert!(named.len() > 140, "{}", named.len());
     let without: Vec<&String> = named.difference(&page).collect();
     assert!(without.is_empty(), "no row in messages.md: {without:?}");
-    let all: String = texts.iter().map(|(_, text)| text.as_str()).collect();
+    // The table of priorities lists codes and gives none.
+    let giving = texts.iter().filter(|(path, _)| !path.ends_with("history/codes.rs"));
+    let all: String = giving.map(|(_, text)| text.as_str()).collect();
     let unknown: Vec<&String> = page.iter().filter(|code| !all.contains(&format!("\"{code}\""))).collect();
     assert!(unknown.is_empty(), "nothing gives: {unknown:?}");
 }

@@ -43,6 +43,10 @@ pub struct Demo {
     /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film takes a gigabyte at full size.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
+    /// Instead of one cycle, serve the simulated cell with the operator's page until it is interrupted: open the address in a browser
+    /// on this computer.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8090", conflicts_with = "record")]
+    pub page: Option<std::net::SocketAddr>,
 }
 
 /// Options of `render`.

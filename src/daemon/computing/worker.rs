@@ -4,6 +4,7 @@ use super::work::{Found, Readable, Work, Worked};
 use crate::cycle::{Act, Answer, Grade, Trouble};
 use crate::daemon::answers::MISSING;
 use crate::daemon::error::DaemonError;
+use crate::daemon::live_view::{LiveFilm, LiveFrame, LiveView};
 use crate::daemon::ports::{CameraPort, Keeper, Kept, Note, Record, RecordError};
 use crate::daemon::setup::CycleSetup;
 use crate::daemon::sight::Filming;
@@ -11,16 +12,19 @@ use crate::files::ClipEntry;
 use crate::geometry::{Frame, Rigid};
 use crate::record::{KeptFile, Picture};
 use crate::verdict::Reason;
+use std::sync::Arc;
 
 /// Notes instead of a record. On its own thread the worker packs and writes pictures at once: on the loop that would take
 /// longer than its deadlines and its watchdog bear.
 struct Notes<'k> {
     notes: Vec<Note>,
     keep: Option<&'k mut Keeper>,
+    view: &'k LiveView,
 }
 
 impl Record for Notes<'_> {
     fn note(&mut self, note: Note) -> Result<(), RecordError> {
+        self.show(&note);
         let Some(keep) = &mut self.keep else {
             self.notes.push(note);
             return Ok(());
@@ -44,6 +48,18 @@ impl Record for Notes<'_> {
     }
 }
 
+impl Notes<'_> {
+    /// Shows what a camera gave, or what was drawn of it, to people who look on.
+    fn show(&self, note: &Note) {
+        let (name, picture) = match note {
+            Note::Picture(name, picture) => (name, picture),
+            Note::Figure(figure) => (&figure.name, &figure.picture),
+            _ => return,
+        };
+        self.view.offer(|| Some(LiveFrame { name: name.clone(), picture: Arc::new(picture.clone()), film: None }));
+    }
+}
+
 /// Does the work: it has the cameras, and the film under way.
 pub(super) struct Worker<'p> {
     cameras: Box<dyn CameraPort + Send + 'p>,
@@ -51,18 +67,26 @@ pub(super) struct Worker<'p> {
     readable: Readable,
     keep: Option<Keeper>,
     filming: Option<Filming>,
+    /// Where people look on.
+    view: LiveView,
 }
 
 impl<'p> Worker<'p> {
     /// Keeps pictures at once where there is a keeper; else it leaves them to the record.
     pub fn new(cameras: Box<dyn CameraPort + Send + 'p>, readable: Readable, keep: Option<Keeper>) -> Self {
-        Worker { cameras, readable, keep, filming: None }
+        Worker { cameras, readable, keep, filming: None, view: LiveView::default() }
+    }
+
+    /// The same, with people who look on.
+    pub fn shown_on(self, view: LiveView) -> Self {
+        Worker { view, ..self }
     }
 
     /// Does one piece of work.
     pub fn perform(&mut self, mut work: Work) -> Worked {
         let mut keep = self.keep.take();
-        let mut notes = Notes { notes: Vec::new(), keep: keep.as_mut() };
+        let view = self.view.clone();
+        let mut notes = Notes { notes: Vec::new(), keep: keep.as_mut(), view: &view };
         let setup = work.setup.take();
         let found = match (work.act, setup.as_deref()) {
             (Act::SelfTest, _) => Ok(Found::Wrong(self.test())),
@@ -71,6 +95,9 @@ impl<'p> Worker<'p> {
         };
         let notes = notes.notes;
         self.keep = keep;
+        if let (Some(filming), Some(setup), true) = (&self.filming, &setup, work.is_next_picture) {
+            view.offer(|| live(filming, setup));
+        }
         let is_of_film = work.act == Act::Film;
         Worked { id: work.id, found, artifacts: Some((work.sight, work.abrasion)), notes, is_of_film }
     }
@@ -119,6 +146,13 @@ impl<'p> Worker<'p> {
         let unreadable = (self.readable)().into_iter().map(|reason| (Trouble::Computing, reason));
         faults.chain(unreadable).collect()
     }
+}
+
+/// The newest picture of a film with what broke so far, for people who look on.
+fn live(filming: &Filming, setup: &Arc<CycleSetup>) -> Option<LiveFrame> {
+    let (picture, broken, failed) = filming.so_far()?;
+    let film = LiveFilm { seen_s: filming.seen_s, broken, failed, setup: setup.clone(), place: filming.place };
+    Some(LiveFrame { name: "film".to_owned(), picture, film: Some(film) })
 }
 
 impl Work {

@@ -9,6 +9,7 @@ mod killed;
 mod opening;
 mod prune;
 mod requests;
+mod search;
 mod signatures;
 mod verifications;
 

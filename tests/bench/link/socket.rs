@@ -4,8 +4,8 @@ use super::peer::Peer;
 use crate::clients::harass;
 use panelprep::cell::Cell;
 use panelprep::daemon::{
-    self, CellSetup, Computing, Gateway, LinkedRobot, LoopStart, NoCameras, Ports, RecordingSwitch, Request,
-    RequestHandler, ServiceParts, Socket, StoreRecord, WrittenPage,
+    self, CellSetup, Computing, Gateway, LinkedRobot, LiveView, LoopStart, NoCameras, Ports, RecordingSwitch,
+    Request, RequestHandler, ServiceParts, Socket, StoreRecord, WrittenPage,
 };
 use panelprep::devices::robot::{Address, BlockingLink, link_limits};
 use panelprep::eki::Pace;
@@ -76,7 +76,8 @@ pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
                 cameras: None,
             };
             let parts_of_computing = (Box::new(NoCameras) as _, Box::new(Vec::new) as _, keep);
-            let computing = Computing::on_thread(parts_of_computing, false, &supervisor).expect("a thread");
+            let computing = Computing::on_thread(parts_of_computing, false, &supervisor, LiveView::default())
+                .expect("a thread");
             let ports = Ports {
                 robot: &mut robot,
                 record: &mut record,

@@ -429,7 +429,8 @@ fn computing(cameras: Box<dyn CameraPort + Send>, readable: Vec<Reason>, lock_st
         Ok(Some(String::new()))
     });
     let parts = (cameras, Box::new(move || readable.clone()) as _, keep as _);
-    Computing::on_thread(parts, lock_step, &crate::supervision::Supervisor::default()).expect("a thread")
+    Computing::on_thread(parts, lock_step, &crate::supervision::Supervisor::default(), super::LiveView::default())
+        .expect("a thread")
 }
 
 /// What a cycle of this cell works with.

@@ -1,0 +1,57 @@
+//! People at the operator's page: their roles, what each role may do, their passwords, and the pause after wrong ones.
+//!
+//! Plain data and decisions. The store keeps accounts (`store::people`), the page asks (`daemon::web`). Stop and abort need no
+//! account: authentication must not stand in the way of an emergency action (IEC 62443-4-2, CR 1.1 with its note on essential
+//! functions).
+
+mod lockout;
+mod name;
+mod password;
+mod role;
+
+pub use lockout::{Lockout, PAUSE_S, TRIES};
+pub use name::{NameError, checked_name};
+pub use password::{LEAST_CHARACTERS, PasswordError, hashed, is_right};
+pub use role::{Permission, Role};
+
+use serde::{Deserialize, Serialize};
+
+/// A person who may log in. The newest statement of an account holds.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Account {
+    /// The name to log in with.
+    pub name: String,
+    /// The person's printed name, as a signature shows it.
+    pub printed_name: String,
+    /// What the person may do.
+    pub role: Role,
+    /// The password's hash, a PHC string of argon2id.
+    pub password_hash: String,
+    /// Whether the person may log in at all.
+    pub is_enabled: bool,
+}
+
+/// A line of the audit trail: who did what, when and from where. Refused attempts stand there too.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AuditEntry {
+    /// When, ms since 1970.
+    pub unix_ms: i64,
+    /// The account's name; `None` for somebody who was not logged in.
+    pub who: Option<String>,
+    /// The role at that time.
+    pub role: Option<Role>,
+    /// From where: an IP address, or `terminal`.
+    pub from: String,
+    /// What was done or attempted, such as `log in` or `change account`.
+    pub what: String,
+    /// What it was done to.
+    pub subject: Option<String>,
+    /// The value before.
+    pub before: Option<String>,
+    /// The value after.
+    pub after: Option<String>,
+    /// Why it was refused; `None` where it was done.
+    pub refused: Option<String>,
+}

@@ -1,0 +1,100 @@
+//! Passwords: kept as argon2id hashes, as OWASP's cheat sheet asks (19 MiB, two passes, one lane).
+
+use argon2::password_hash::phc::PasswordHash;
+use argon2::password_hash::{PasswordHasher, PasswordVerifier};
+use argon2::{Algorithm, Argon2, Params, Version};
+
+/// The fewest characters of a password (NIST SP 800-63B asks for eight where it is the only factor; here it also signs).
+pub const LEAST_CHARACTERS: usize = 10;
+/// The most, so that nobody keeps the computer busy by one.
+const MOST_CHARACTERS: usize = 200;
+/// Memory, KiB, and passes.
+const MEMORY_KIB: u32 = 19 * 1_024;
+const PASSES: u32 = 2;
+
+/// Why a password is not taken.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum PasswordError {
+    /// Too few characters, or far too many.
+    #[error("the password has {found} characters; allowed are {LEAST_CHARACTERS} to {MOST_CHARACTERS}")]
+    Length {
+        /// Its characters.
+        found: usize,
+    },
+    /// Anybody would try it.
+    #[error(
+        "the password is the account's name, or one character again and again; choose words that nobody would try"
+    )]
+    Obvious,
+    /// The hash could not be computed.
+    #[error("the password could not be hashed: {0}")]
+    Hash(String),
+}
+
+/// The hash of a new password, with this salt.
+///
+/// # Errors
+/// Where the password is too short, too long or obvious.
+pub fn hashed(password: &str, name: &str, salt: [u8; 16]) -> Result<String, PasswordError> {
+    let found = password.chars().count();
+    if !(LEAST_CHARACTERS..=MOST_CHARACTERS).contains(&found) {
+        return Err(PasswordError::Length { found });
+    }
+    let first = password.chars().next();
+    let lower = password.to_lowercase();
+    if lower.contains(&name.to_lowercase()) && found < name.chars().count() + LEAST_CHARACTERS
+        || password.chars().all(|c| Some(c) == first)
+    {
+        return Err(PasswordError::Obvious);
+    }
+    let hash = hasher()?.hash_password_with_salt(password.as_bytes(), &salt);
+    hash.map(|hash: PasswordHash| hash.to_string()).map_err(|error| PasswordError::Hash(error.to_string()))
+}
+
+/// Whether this is the password. It takes a fraction of a second, the same for a hash that is no hash.
+pub fn is_right(password: &str, hash: &str) -> bool {
+    let Ok(hasher) = hasher() else { return false };
+    let is_short = password.chars().count() <= MOST_CHARACTERS;
+    let bytes = if is_short { password.as_bytes() } else { b"" };
+    match PasswordHash::new(hash) {
+        Ok(hash) => hasher.verify_password(bytes, &hash).is_ok() && is_short,
+        Err(_) => {
+            // Who tries names must not hear by the time which of them are accounts.
+            let spent: Result<PasswordHash, _> = hasher.hash_password_with_salt(bytes, &[0; 16]);
+            drop(spent);
+            false
+        }
+    }
+}
+
+fn hasher() -> Result<Argon2<'static>, PasswordError> {
+    let params = Params::new(MEMORY_KIB, PASSES, 1, None);
+    let params = params.map_err(|error| PasswordError::Hash(error.to_string()))?;
+    Ok(Argon2::new(Algorithm::Argon2id, Version::V0x13, params))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_password_is_kept_as_a_salted_hash() {
+        let of = |salt| hashed("correct horse", "anna", [salt; 16]).expect("allowed");
+        let hash = of(1);
+        assert!(hash.starts_with("$argon2id$v=19$m=19456,t=2,p=1$"), "{hash}");
+        assert_ne!(of(2), hash, "the salt is part of it");
+        assert!(is_right("correct horse", &hash));
+        assert!(!is_right("correct horse ", &hash) && !is_right("", &hash));
+        assert!(!is_right("correct horse", "none") && !is_right("correct horse", ""));
+    }
+
+    #[test]
+    fn weak_ones_are_refused() {
+        let of = |password: &str| hashed(password, "anna", [7; 16]).map(drop);
+        assert_eq!(of("short"), Err(PasswordError::Length { found: 5 }));
+        assert_eq!(of(&"x1".repeat(101)), Err(PasswordError::Length { found: 202 }));
+        assert_eq!(of("aaaaaaaaaaaa"), Err(PasswordError::Obvious));
+        assert_eq!(of("Anna123456"), Err(PasswordError::Obvious));
+        assert_eq!(of("anna and the horse"), Ok(()), "a phrase with the name in it is long enough");
+    }
+}

@@ -1,0 +1,103 @@
+//! Roles, and what each of them may do.
+
+use serde::{Deserialize, Serialize};
+
+/// What a person may do at the cell.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    Hash,
+    Serialize,
+    Deserialize,
+    strum::IntoStaticStr,
+    strum::EnumString,
+    strum::VariantArray,
+    clap::ValueEnum,
+)]
+#[serde(rename_all = "lowercase")]
+#[strum(serialize_all = "lowercase")]
+pub enum Role {
+    /// Looks.
+    Viewer,
+    /// Runs cycles.
+    Operator,
+    /// Judges results and signs records.
+    Inspector,
+    /// The process engineer: runs cycles and changes recipes.
+    Engineer,
+    /// Manages accounts.
+    Administrator,
+}
+
+/// Something that a role may do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, strum::VariantArray)]
+pub enum Permission {
+    /// To see states, records and trends.
+    View,
+    /// To start, hold, go on, clear and reset, and to say that a new disc is mounted.
+    Operate,
+    /// To accept a result that waits for a person.
+    Accept,
+    /// To acknowledge alarms.
+    Acknowledge,
+    /// To sign a record.
+    Sign,
+    /// To change and approve recipes.
+    Configure,
+    /// To read the audit trail.
+    Audit,
+    /// To add and change accounts.
+    ManagePeople,
+}
+
+impl Role {
+    /// Its word, as it is kept.
+    pub fn word(self) -> &'static str {
+        self.into()
+    }
+
+    /// Whether this role may do it.
+    pub fn may(self, permission: Permission) -> bool {
+        use Permission::{Accept, Acknowledge, Audit, Configure, ManagePeople, Operate, Sign, View};
+        match self {
+            Role::Viewer => matches!(permission, View),
+            Role::Operator => matches!(permission, View | Operate | Accept | Acknowledge),
+            Role::Inspector => matches!(permission, View | Accept | Acknowledge | Sign | Audit),
+            Role::Engineer => matches!(permission, View | Operate | Accept | Acknowledge | Configure | Audit),
+            Role::Administrator => matches!(permission, View | Audit | ManagePeople),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use strum::VariantArray;
+
+    /// Two people for two things: who changes accounts neither runs the cell nor signs, and who signs neither runs cycles
+    /// nor changes recipes.
+    #[test]
+    fn duties_are_separate() {
+        let all = |permission| -> Vec<&str> {
+            Role::VARIANTS.iter().filter(|role| role.may(permission)).map(|role| role.word()).collect()
+        };
+        assert_eq!(all(Permission::View), ["viewer", "operator", "inspector", "engineer", "administrator"]);
+        assert_eq!(all(Permission::Operate), ["operator", "engineer"]);
+        assert_eq!(all(Permission::Accept), ["operator", "inspector", "engineer"]);
+        assert_eq!(all(Permission::Acknowledge), ["operator", "inspector", "engineer"]);
+        assert_eq!(all(Permission::Sign), ["inspector"]);
+        assert_eq!(all(Permission::Configure), ["engineer"]);
+        assert_eq!(all(Permission::Audit), ["inspector", "engineer", "administrator"]);
+        assert_eq!(all(Permission::ManagePeople), ["administrator"]);
+    }
+
+    #[test]
+    fn words_read_back() {
+        for role in Role::VARIANTS {
+            assert_eq!(role.word().parse(), Ok(*role));
+        }
+    }
+}

@@ -1,0 +1,62 @@
+//! `[page]`: the operator's page. It is off until `listen` is set.
+
+use crate::config::Section;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+/// Where the page is served, and how long people stay logged in.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Page {
+    /// The address and port; without it there is no page.
+    pub listen: Option<SocketAddr>,
+    /// The certificate's file and its key's, PEM; without them the program makes its own where others can reach the page.
+    pub certificate: Option<[PathBuf; 2]>,
+    /// The folder of the recipes that can be started.
+    pub recipes: PathBuf,
+    /// A file with the page's words in further languages.
+    pub words: Option<PathBuf>,
+    /// A session ends after so many minutes without an action.
+    pub idle_min: usize,
+    /// So many sessions of one account at one time.
+    pub sessions: usize,
+}
+
+const IDLE_MIN: std::ops::RangeInclusive<usize> = 1..=720;
+const SESSIONS: std::ops::RangeInclusive<usize> = 1..=20;
+
+pub(super) fn take_page(folder: &Path, section: &Section<'_, '_>) -> Option<Page> {
+    let listen = section.take::<Option<String>>("listen", (), Some(None));
+    let [certificate, key] =
+        ["certificate", "certificate_key"].map(|key| section.take::<Option<String>>(key, (), Some(None)));
+    let recipes = section.take::<String>("recipes", (), Some(".".to_owned()));
+    let words = section.take::<Option<String>>("words", (), Some(None));
+    let idle_min = section.take::<usize>("idle_min", IDLE_MIN, Some(30));
+    let sessions = section.take::<usize>("sessions", SESSIONS, Some(3));
+    section.done();
+    let (certificate, key) = (certificate?, key?);
+    if certificate.is_some() != key.is_some() {
+        let missing = if key.is_some() { "certificate" } else { "certificate_key" };
+        section.problem(missing, "is missing; certificate and certificate_key belong together");
+        return None;
+    }
+    let listen = listen?;
+    let address = match &listen {
+        None => None,
+        Some(text) => match text.parse::<SocketAddr>() {
+            Ok(address) if address.port() > 0 => Some(address),
+            _ => {
+                let allowed = "allowed is an IP address and a port, such as \"127.0.0.1:8443\" or \"0.0.0.0:8443\"";
+                section.problem("listen", format!("found \"{text}\", {allowed}"));
+                return None;
+            }
+        },
+    };
+    Some(Page {
+        listen: address,
+        certificate: certificate.zip(key).map(|(file, key)| [folder.join(file), folder.join(key)]),
+        recipes: folder.join(recipes?),
+        words: words?.map(|name| folder.join(name)),
+        idle_min: idle_min?,
+        sessions: sessions?,
+    })
+}

@@ -1,0 +1,103 @@
+//! Arguments of `history`: the search, and what is asked of the cycles that it finds.
+
+use clap::{Args, Subcommand, ValueEnum};
+
+/// Options of `history`.
+#[derive(Debug, Clone, Args)]
+pub struct History {
+    /// What is asked; without it, cycles are searched.
+    #[command(subcommand)]
+    pub what: Option<HistoryTask>,
+    /// What is searched.
+    #[command(flatten)]
+    pub search: SearchArguments,
+    /// Cycles at most: of a search those found, of a trend, a heat map and alarms the newest.
+    #[arg(long, global = true, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u16).range(1..=1_000))]
+    pub limit: u16,
+    /// Print comma-separated values (CSV) on standard output, for a spreadsheet.
+    #[arg(long, global = true, conflicts_with = "json")]
+    pub csv: bool,
+}
+
+/// Conditions of a search. In names `*` stands for any characters; without it the whole name must be so.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Args)]
+pub struct SearchArguments {
+    /// Serial number of the part.
+    #[arg(long, value_name = "SERIAL")]
+    pub part: Option<String>,
+    /// Work order.
+    #[arg(long, value_name = "ORDER")]
+    pub order: Option<String>,
+    /// Panel, by its name in the recipe.
+    #[arg(long, value_name = "PANEL")]
+    pub panel: Option<String>,
+    /// Operator, as named at the start.
+    #[arg(long, value_name = "NAME")]
+    pub operator: Option<String>,
+    /// Begun at this time or later, UTC: 2026-05-31 or 2026-05-31T09:00.
+    #[arg(long, value_name = "DATE")]
+    pub from: Option<String>,
+    /// Begun before this time, UTC; a day without a time counts wholly.
+    #[arg(long, value_name = "DATE")]
+    pub to: Option<String>,
+    /// How the cycle ended.
+    #[arg(long, value_name = "VERDICT")]
+    pub verdict: Option<EndName>,
+    /// Words that are all in the reasons of the verdict, in codes or sentences.
+    #[arg(long, value_name = "WORDS")]
+    pub text: Option<String>,
+    /// Cycles before this one: the next page of a search.
+    #[arg(long, value_name = "N")]
+    pub before: Option<i64>,
+}
+
+/// How a cycle ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[expect(missing_docs, reason = "these are the words of the verdicts")]
+pub enum EndName {
+    Pass,
+    Fail,
+    Invalid,
+    Review,
+    Reject,
+    Accept,
+    Aborted,
+    /// Not at all so far.
+    Running,
+}
+
+/// What may be asked of the history.
+#[derive(Debug, Clone, Subcommand)]
+pub enum HistoryTask {
+    /// One cycle at a glance: part, verdict, grids, residuals and errors, times, disc.
+    Show {
+        /// The number of the cycle.
+        cycle: i64,
+    },
+    /// Two cycles side by side: with what they ran, every check with its difference and limit, every grid.
+    Compare {
+        /// The number of one cycle.
+        first: i64,
+        /// The number of the other.
+        second: i64,
+    },
+    /// How a number of a panel developed over its cycles, with its limits, and with hints by the rules of Western Electric.
+    #[command(after_help = format!("NAME is one of these words:\n  {}\nor the name of a check as the page of a cycle has it, in quotes.",
+        crate::history::Known::words().join("\n  ")))]
+    Trend {
+        /// The panel, by its name in the recipe.
+        panel: String,
+        /// The number: a word of the list below, or the name of a check.
+        name: String,
+    },
+    /// How often and after which time the film broke on each grid of a panel, over all parts of its kind.
+    Heat {
+        /// The panel, by its name in the recipe.
+        panel: String,
+    },
+    /// The alarms of the newest cycles, or of one: when raised, when gone, cause and remedy.
+    Alarms {
+        /// The number of the cycle.
+        cycle: Option<i64>,
+    },
+}

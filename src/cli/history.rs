@@ -1,0 +1,160 @@
+//! `panelprep history`: searches the cycles of the store, compares two, shows how numbers developed, lists alarms. The same data
+//! as a table for people, as JSON and as CSV.
+
+mod told;
+
+use super::args::{Common, EndName, History, HistoryTask, SearchArguments};
+use super::fault::Fault;
+use super::load::CellFiles;
+use super::outcome::Outcome;
+use crate::config::nearest;
+use crate::history::{self, Edge, End, Known, PastCycle, Quantity, Query, Sheet, Trend};
+use crate::record::CycleId;
+use crate::store::Store;
+use crate::verdict::Verdict;
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+/// Does what is asked.
+///
+/// # Errors
+/// Where a date, a panel or a number is not known, or there is no store to read.
+pub fn run(args: &History, common: &Common) -> Result<Outcome, Fault> {
+    let store = match &common.store {
+        // A copy somewhere else needs no cell.
+        Some(folder) => Store::open(folder).map_err(Fault::stage)?,
+        None => CellFiles::read(common)?.store()?,
+    };
+    if args.what.is_some() && args.search != SearchArguments::default() {
+        return Err(Fault::SearchBesideTask);
+    }
+    let limit = usize::from(args.limit);
+    match &args.what {
+        None => search(&store, args),
+        Some(HistoryTask::Show { cycle }) => {
+            let summary = history::summary(&past(&store, *cycle)?);
+            found(args, &summary, &history::summary_sheet(std::slice::from_ref(&summary)), told::summary(&summary))
+        }
+        Some(HistoryTask::Compare { first, second }) => {
+            let comparison = history::compare(&past(&store, *first)?, &past(&store, *second)?);
+            found(args, &comparison, &history::comparison_sheet(&comparison), told::comparison(&comparison))
+        }
+        Some(HistoryTask::Trend { panel, name }) => {
+            let trend = trend(&store, (panel, name), limit)?;
+            found(args, &trend, &history::trend_sheet(&trend), told::trend(&trend))
+        }
+        Some(HistoryTask::Heat { panel }) => {
+            let map = history::heat_map(&cycles(&store, panel, limit)?);
+            found(args, &map, &history::heat_sheet(&map), told::heat(&map))
+        }
+        Some(HistoryTask::Alarms { cycle }) => alarms(&store, args, cycle.map(CycleId)),
+    }
+}
+
+/// What was found, in the form that was asked for; all of it as one object of JSON.
+fn found(args: &History, data: &impl Serialize, sheet: &Sheet, words: Vec<String>) -> Result<Outcome, Fault> {
+    let json = match serde_json::to_value(data).map_err(Fault::stage)? {
+        Value::Object(object) => object,
+        other => Map::from_iter([("rows".to_owned(), other)]),
+    };
+    let words = if args.csv { vec![sheet.csv().map_err(Fault::stage)?.trim_end().to_owned()] } else { words };
+    Ok(Outcome { exit: 0, json, words })
+}
+
+fn search(store: &Store, args: &History) -> Result<Outcome, Fault> {
+    let hits = store.search(&query(&args.search, usize::from(args.limit))?).map_err(Fault::stage)?;
+    found(args, &hits, &history::hits_sheet(&hits.hits), told::hits(&hits))
+}
+
+fn query(search: &SearchArguments, limit: usize) -> Result<Query, Fault> {
+    let date = |option: &'static str, text: &Option<String>, edge: Edge| {
+        let read = text.as_ref().map(|text| history::unix_s(text, edge));
+        read.transpose().map_err(|cause| Fault::Date { option, cause })
+    };
+    Ok(Query {
+        serial: search.part.clone(),
+        order: search.order.clone(),
+        panel: search.panel.clone(),
+        operator: search.operator.clone(),
+        from_unix_s: date("--from", &search.from, Edge::Start)?,
+        until_unix_s: date("--to", &search.to, Edge::Behind)?,
+        end: search.verdict.map(end),
+        words: search.text.as_deref().unwrap_or_default().split_whitespace().map(str::to_owned).collect(),
+        before: search.before.map(CycleId),
+        limit,
+    })
+}
+
+fn end(name: EndName) -> End {
+    End::With(match name {
+        EndName::Running => return End::Running,
+        EndName::Pass => Verdict::Pass,
+        EndName::Fail => Verdict::Fail,
+        EndName::Invalid => Verdict::Invalid,
+        EndName::Review => Verdict::Review,
+        EndName::Reject => Verdict::Reject,
+        EndName::Accept => Verdict::Accept,
+        EndName::Aborted => Verdict::Aborted,
+    })
+}
+
+fn past(store: &Store, cycle: i64) -> Result<PastCycle, Fault> {
+    store.past_cycle(CycleId(cycle)).map_err(Fault::stage)
+}
+
+/// The newest cycles of a panel that are over, the oldest of them first.
+fn cycles(store: &Store, panel: &str, limit: usize) -> Result<Vec<PastCycle>, Fault> {
+    let panels = store.cycle_panels().map_err(Fault::stage)?;
+    if !panels.iter().any(|name| name == panel) {
+        return Err(Fault::NoCyclesOf { panel: panel.to_owned(), panels });
+    }
+    store.past_cycles(panel, limit).map_err(Fault::stage)
+}
+
+fn trend(store: &Store, (panel, name): (&str, &str), limit: usize) -> Result<Trend, Fault> {
+    let quantity = Quantity::named(name);
+    if let Quantity::Known(known) = &quantity
+        && let Some(subject) = known.verified_subject()
+    {
+        let (title, unit) = known.title_and_unit();
+        let points = store.verification_points(subject, limit).map_err(Fault::stage)?;
+        return Ok(Trend::of_points((title.to_owned(), unit.to_owned()), points, 0));
+    }
+    let cycles = cycles(store, panel, limit)?;
+    let trend = history::trend(&quantity, &cycles);
+    if matches!(quantity, Quantity::Check(_)) && trend.points.is_empty() {
+        let names = check_names(&cycles);
+        let known: Vec<&str> = Known::words().into_iter().chain(names.iter().map(String::as_str)).collect();
+        let nearest = nearest(name, &known).map(|(name, _)| name.to_owned());
+        return Err(Fault::NoSuchNumber {
+            found: name.to_owned(),
+            panel: panel.to_owned(),
+            nearest,
+            words: Known::words(),
+        });
+    }
+    Ok(trend)
+}
+
+/// The names of all checks of these cycles.
+fn check_names(cycles: &[PastCycle]) -> std::collections::BTreeSet<String> {
+    let findings = cycles.iter().flat_map(|past| &past.record.findings);
+    findings.flat_map(|finding| &finding.checks).map(|check| check.name.clone()).collect()
+}
+
+fn alarms(store: &Store, args: &History, cycle: Option<CycleId>) -> Result<Outcome, Fault> {
+    let ids = match cycle {
+        Some(id) => vec![id],
+        None => {
+            let query = Query { limit: usize::from(args.limit), ..Query::default() };
+            store.search(&query).map_err(Fault::stage)?.hits.into_iter().map(|hit| hit.cycle).collect()
+        }
+    };
+    let mut all = Vec::new();
+    for id in ids {
+        all.extend(store.alarms(id).map_err(Fault::stage)?);
+    }
+    all.sort_by_key(|alarm| std::cmp::Reverse((alarm.raised_unix_ms, alarm.cycle)));
+    let words = told::alarms(&all);
+    found(args, &serde_json::json!({ "alarms": all }), &history::alarm_sheet(&all), words)
+}

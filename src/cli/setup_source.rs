@@ -1,0 +1,126 @@
+//! What the operator's page shows and changes of the set-up: recipes in a folder, and the calibrations with their age.
+
+use super::calibrate::now_unix_s;
+use super::health;
+use super::load::CellFiles;
+use crate::daemon::{Equipment, RecipeText, SetupSource};
+use crate::disk;
+use crate::recipe::Recipe;
+use crate::store::Store;
+use crate::verdict::Verdict;
+use crate::words::utc_day;
+use std::io::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+const DAY_S: i64 = 86_400;
+
+/// The recipes' folder, and the cell's files.
+pub struct FolderSource {
+    /// The folder.
+    pub recipes: PathBuf,
+    /// The cell's files.
+    pub files: Arc<CellFiles>,
+}
+
+impl FolderSource {
+    /// The file of a recipe that is offered: a name that is none of them leads nowhere.
+    fn file(&self, name: &str) -> Result<PathBuf, String> {
+        match self.recipes()?.iter().any(|known| known == name) {
+            true => Ok(self.recipes.join(name)),
+            false => Err(format!("there is no recipe {name:?} in {}", self.recipes.display())),
+        }
+    }
+}
+
+impl SetupSource for FolderSource {
+    fn recipes(&self) -> Result<Vec<String>, String> {
+        let failed = |error: std::io::Error| format!("{}: {error}", self.recipes.display());
+        let mut names = Vec::new();
+        for entry in std::fs::read_dir(&self.recipes).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            let Ok(name) = entry.file_name().into_string() else { continue };
+            if name.ends_with(".toml") && entry.path().is_file() && is_recipe(&entry.path()) {
+                names.push(name);
+            }
+        }
+        names.sort();
+        Ok(names)
+    }
+
+    fn recipe(&self, name: &str) -> Result<RecipeText, String> {
+        let file = self.file(name)?;
+        let bytes = disk::read(&file).map_err(|error| format!("{}: {error}", file.display()))?;
+        let text = String::from_utf8(bytes).map_err(|_| format!("{}: it is no UTF-8 text", file.display()))?;
+        Ok(RecipeText { name: file.display().to_string(), text })
+    }
+
+    fn problems(&self, name: &str, text: &str) -> Vec<String> {
+        match Recipe::check(name, text) {
+            Ok(_) => vec![],
+            Err(problems) => problems.to_string().lines().map(str::to_owned).collect(),
+        }
+    }
+
+    fn save(&self, name: &str, text: &str) -> Result<Option<String>, String> {
+        let file = self.file(name)?;
+        let problems = self.problems(name, text);
+        if !problems.is_empty() {
+            return Err(problems.join("\n"));
+        }
+        let failed = |error: std::io::Error| format!("{}: {error}", file.display());
+        let former = disk::read(&file).ok().and_then(|bytes| String::from_utf8(bytes).ok());
+        let mut new = tempfile::NamedTempFile::new_in(&self.recipes).map_err(failed)?;
+        new.write_all(text.as_bytes()).and_then(|()| new.as_file().sync_all()).map_err(failed)?;
+        new.persist(&file).map_err(|error| failed(error.error))?;
+        Ok(former)
+    }
+
+    fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
+        let judged = health::judge(&self.files).map_err(|fault| fault.to_string())?;
+        let reasons = judged.reasons.iter().map(|reason| format!("{} ({})", reason.message, reason.code)).collect();
+        let store = self.files.store().map_err(|fault| fault.to_string())?;
+        let named = self.files.cell.calibration().named();
+        let equipment = named.into_iter().map(|(name, file)| {
+            let made = std::fs::metadata(file).and_then(|found| found.modified()).ok();
+            let made_s =
+                made.and_then(|at| at.duration_since(std::time::UNIX_EPOCH).ok()).map(|at| at.as_secs() as i64);
+            let calibration = match made_s {
+                Some(at_s) => format!("{}, file of {}", file.display(), age(at_s)),
+                None => format!("{}: is missing", file.display()),
+            };
+            Equipment { name: name.replace('_', " "), calibration, verification: verification(&store, name) }
+        });
+        Ok((judged.verdict, reasons, equipment.collect()))
+    }
+}
+
+/// Whether a file says that it is a recipe: other files of the same folder are the cell's and its calibrations.
+fn is_recipe(file: &std::path::Path) -> bool {
+    let text = disk::read(file).ok().and_then(|bytes| String::from_utf8(bytes).ok());
+    let table = text.and_then(|text| text.parse::<toml::Table>().ok());
+    table.is_some_and(|table| table.get("panel").is_some_and(toml::Value::is_str))
+}
+
+fn age(at_unix_s: i64) -> String {
+    let days = (now_unix_s() - at_unix_s).div_euclid(DAY_S);
+    format!("{}, {days} days ago", utc_day(at_unix_s))
+}
+
+/// What is verified by itself: both cameras, and the tool.
+fn verification(store: &Store, calibration: &str) -> String {
+    let subject = match calibration {
+        "scanner" | "flange_camera" => calibration,
+        "base_from_camera" => "scanner",
+        "flange_from_camera" => "flange_camera",
+        "flange_from_tool" => "tool",
+        _ => return "–".to_owned(),
+    };
+    match store.last_verification(subject) {
+        Ok(Some(last)) => {
+            format!("{:.3} mm, allowed {:.3} mm, {}", last.error_mm, last.limit_mm, age(last.at_unix_s))
+        }
+        Ok(None) => "never".to_owned(),
+        Err(error) => error.to_string(),
+    }
+}

@@ -1,0 +1,154 @@
+//! `panelprep user`: accounts of the operator's page, from a terminal of the cell's computer. The first administrator is made here.
+
+use super::args::{Common, User, UserTask};
+use super::fault::Fault;
+use super::load::CellFiles;
+use super::outcome::Outcome;
+use crate::accounts::{self, Account, AuditEntry, Role};
+use crate::daemon::whoever_runs_this;
+use crate::store::Store;
+use crate::verdict::{Judgement, Verdict};
+use serde_json::json;
+use std::io::{BufRead, IsTerminal};
+use std::path::Path;
+
+/// Does what is asked.
+///
+/// # Errors
+/// Where the cell's file has problems, the account is not what is asked for, or the store cannot be written.
+pub fn run(args: &User, common: &Common) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    let mut people = People { store: Store::for_people(files.store_folder()).map_err(Fault::stage)? };
+    match &args.what {
+        UserTask::Add { name, role, printed_name } => {
+            people.add(name, *role, printed_name.as_deref().unwrap_or(name), &password(name)?)
+        }
+        UserTask::Password { name } => {
+            let former = people.account(name)?;
+            let password_hash = hashed(name, &password(name)?)?;
+            people.keep(Account { password_hash, ..former.clone() }, Some(&former), "its password is a new one")
+        }
+        UserTask::Role { name, role } => {
+            let former = people.account(name)?;
+            people.keep(Account { role: *role, ..former.clone() }, Some(&former), "its role is changed")
+        }
+        UserTask::Disable { name } => {
+            let former = people.account(name)?;
+            people.keep(
+                Account { is_enabled: false, ..former.clone() },
+                Some(&former),
+                "it may not log in any more",
+            )
+        }
+        UserTask::Enable { name } => {
+            let former = people.account(name)?;
+            people.keep(Account { is_enabled: true, ..former.clone() }, Some(&former), "it may log in again")
+        }
+        UserTask::List => people.list(),
+    }
+}
+
+/// Adds an account with this password to the store of a cell that is made for a demonstration.
+///
+/// # Errors
+/// As [`run`].
+pub fn add(folder: &Path, (name, role): (&str, Role), password: &str) -> Result<(), Fault> {
+    People { store: Store::for_people(folder).map_err(Fault::stage)? }.add(name, role, name, password).map(drop)
+}
+
+struct People {
+    store: Store,
+}
+
+impl People {
+    fn account(&self, name: &str) -> Result<Account, Fault> {
+        let mut all = self.store.accounts().map_err(Fault::stage)?;
+        let known: Vec<String> = all.keys().cloned().collect();
+        all.remove(name).ok_or_else(|| Fault::Account {
+            name: name.to_owned(),
+            problem: match known.is_empty() {
+                true => "there is no account yet; `panelprep user add` makes one".to_owned(),
+                false => format!("there is no such account; there are {}", known.join(", ")),
+            },
+        })
+    }
+
+    fn add(&mut self, name: &str, role: Role, printed_name: &str, password: &str) -> Result<Outcome, Fault> {
+        let problem = |problem: String| Fault::Account { name: name.to_owned(), problem };
+        accounts::checked_name(name).map_err(|error| problem(error.to_string()))?;
+        if self.store.accounts().map_err(Fault::stage)?.contains_key(name) {
+            return Err(problem(
+                "there is such an account already; `panelprep user password` sets a new password".to_owned(),
+            ));
+        }
+        let (name, printed_name) = (name.to_owned(), printed_name.to_owned());
+        let password_hash = hashed(&name, password)?;
+        let account = Account { name, printed_name, role, password_hash, is_enabled: true };
+        self.keep(account, None, "it is added")
+    }
+
+    fn keep(&mut self, account: Account, former: Option<&Account>, done: &str) -> Result<Outcome, Fault> {
+        let said = |account: &Account| {
+            let enabled = if account.is_enabled { "enabled" } else { "disabled" };
+            format!("{}, {}, {enabled}", account.printed_name, account.role.word())
+        };
+        let who = whoever_runs_this();
+        let entry = AuditEntry {
+            unix_ms: 0,
+            who: Some(who.to_string()),
+            role: None,
+            from: "terminal".to_owned(),
+            what: "change account".to_owned(),
+            subject: Some(format!("{}: {done}", account.name)),
+            before: former.map(said),
+            after: Some(said(&account)),
+            refused: None,
+        };
+        self.store.keep_account(&account, &entry).map_err(Fault::stage)?;
+        let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+        outcome.say(format!("account {}: {done} ({})", account.name, said(&account)));
+        Ok(outcome)
+    }
+
+    fn list(&self) -> Result<Outcome, Fault> {
+        let all = self.store.accounts().map_err(Fault::stage)?;
+        let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+        for Account { name, printed_name, role, is_enabled, .. } in all.values() {
+            let disabled = if *is_enabled { "" } else { ", may not log in" };
+            outcome.say(format!("{name}: {printed_name}, {}{disabled}", role.word()));
+        }
+        let listed = |account: &Account| json!({"name": account.name, "printed_name": account.printed_name, "role": account.role, "is_enabled": account.is_enabled});
+        outcome.put("accounts", json!(all.values().map(listed).collect::<Vec<_>>()));
+        Ok(outcome)
+    }
+}
+
+fn hashed(name: &str, password: &str) -> Result<String, Fault> {
+    let problem = |problem: String| Fault::Account { name: name.to_owned(), problem };
+    let mut salt = [0; 16];
+    rustix::rand::getrandom(&mut salt, rustix::rand::GetRandomFlags::empty())
+        .map_err(|error| problem(format!("there are no random numbers: {error}")))?;
+    accounts::hashed(password, name, salt).map_err(|error| problem(error.to_string()))
+}
+
+/// Asks for the password twice at a terminal; else reads a line.
+fn password(name: &str) -> Result<String, Fault> {
+    let problem = |problem: String| Fault::Account { name: name.to_owned(), problem };
+    let stdin = std::io::stdin();
+    if !stdin.is_terminal() {
+        let mut line = String::new();
+        stdin
+            .lock()
+            .read_line(&mut line)
+            .map_err(|error| problem(format!("no password could be read: {error}")))?;
+        return Ok(line.trim_end_matches(['\r', '\n']).to_owned());
+    }
+    let ask = |words: &str| {
+        rpassword::prompt_password(words).map_err(|error| problem(format!("no password could be read: {error}")))
+    };
+    let first = ask(&format!("Password of {name}: "))?;
+    match ask("The same again: ")? == first {
+        true => Ok(first),
+        false => Err(problem("the two passwords are not the same; nothing was changed".to_owned())),
+    }
+}

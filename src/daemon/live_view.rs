@@ -1,0 +1,122 @@
+//! What the cameras see now, for people who look on.
+//!
+//! The thread that computes offers a picture; whoever looks on takes the newest one and draws it on a thread of its own. Nothing
+//! waits for anybody: where nobody has looked lately, nothing is copied, and a picture that nobody took is replaced.
+
+use super::setup::CycleSetup;
+use super::sight::view;
+use crate::geometry::{Base, ColorPicture, Mask, Panel, Rigid};
+use crate::imaging::ImagingError;
+use crate::panel::{Grid, GridId};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Pictures come at most so often.
+const EVERY: Duration = Duration::from_millis(450);
+/// Who has looked within this time is still looking on.
+const LOOKING: Duration = Duration::from_secs(5);
+
+/// The newest picture. Clones are the same one.
+#[derive(Debug, Clone, Default)]
+pub struct LiveView(Arc<Mutex<Inside>>);
+
+#[derive(Debug, Default)]
+struct Inside {
+    number: u64,
+    frame: Option<Arc<LiveFrame>>,
+    offered: Option<Instant>,
+    looked: Option<Instant>,
+}
+
+/// A picture, and what is drawn on it.
+#[derive(Debug)]
+pub struct LiveFrame {
+    /// What it shows: the name of the camera's picture or of the drawing.
+    pub name: String,
+    /// The picture.
+    pub picture: Arc<ColorPicture>,
+    /// The film on it, where it is one of a film.
+    pub film: Option<LiveFilm>,
+}
+
+/// A film under way.
+#[derive(Debug)]
+pub struct LiveFilm {
+    /// Seconds since its first picture.
+    pub seen_s: f64,
+    /// The pixels that broke so far. What turns out to be a glint is taken back at the end.
+    pub broken: Mask,
+    /// The grids that failed so far.
+    pub failed: Vec<GridId>,
+    pub(super) setup: Arc<CycleSetup>,
+    pub(super) place: Rigid<Base, Panel>,
+}
+
+impl LiveFrame {
+    /// The picture with what is known of it drawn on it.
+    ///
+    /// # Errors
+    /// Where it cannot be drawn.
+    pub fn drawn(&self) -> Result<ColorPicture, ImagingError> {
+        let Some(film) = &self.film else { return Ok((*self.picture).clone()) };
+        let failed = |grid: &Grid| film.failed.contains(&grid.id);
+        view(&film.setup, &self.picture, film.place).inspected(&film.setup.panel, &film.broken, &failed)
+    }
+}
+
+impl LiveView {
+    /// The number of the newest picture, and the picture, where there is one. Whoever asks is looking on.
+    pub fn newest(&self) -> (u64, Option<Arc<LiveFrame>>) {
+        let mut inside = self.lock();
+        inside.looked = Some(Instant::now());
+        (inside.number, inside.frame.clone())
+    }
+
+    /// Offers a picture that is made where somebody looks on and the last one is old enough.
+    pub(super) fn offer(&self, frame: impl FnOnce() -> Option<LiveFrame>) {
+        let is_recent = |at: Option<Instant>, span| at.is_some_and(|at| at.elapsed() < span);
+        {
+            let inside = self.lock();
+            if !is_recent(inside.looked, LOOKING) || is_recent(inside.offered, EVERY) {
+                return;
+            }
+        }
+        // Made without the lock, so that nobody who looks on waits for a copy.
+        if let Some(frame) = frame() {
+            let mut inside = self.lock();
+            inside.number += 1;
+            (inside.frame, inside.offered) = (Some(Arc::new(frame)), Some(Instant::now()));
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inside> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame() -> LiveFrame {
+        let picture = Arc::new(ColorPicture::filled(2, 1, [7, 8, 9]));
+        LiveFrame { name: "scan".to_owned(), picture, film: None }
+    }
+
+    #[test]
+    fn a_picture_is_made_only_where_somebody_looks_on() {
+        let view = LiveView::default();
+        view.offer(|| panic!("nobody has looked"));
+        assert_eq!(view.newest().0, 0);
+        view.offer(|| None);
+        assert!(view.newest().1.is_none());
+        view.offer(|| Some(frame()));
+        view.offer(|| panic!("twice within half a second"));
+        let (number, shown) = view.newest();
+        let drawn = shown.expect("a picture").drawn().expect("as it is");
+        assert_eq!((number, drawn.rgb), (1, vec![[7, 8, 9]; 2]));
+        view.lock().looked = Instant::now().checked_sub(LOOKING);
+        view.lock().offered = None;
+        view.offer(|| panic!("they went away"));
+    }
+}

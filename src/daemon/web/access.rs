@@ -1,0 +1,30 @@
+//! A route, and who may use it.
+
+use super::state::Web;
+use crate::accounts::Permission;
+use axum::routing::MethodRouter;
+use std::sync::Arc;
+
+/// Who may use a route.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Access {
+    /// Everybody, logged in or not.
+    Open,
+    /// Whose role has this permission.
+    Needs(Permission),
+}
+
+/// By which method.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Method {
+    Get,
+    Post,
+}
+
+/// A route.
+pub(super) struct Route {
+    pub path: &'static str,
+    pub method: Method,
+    pub access: Access,
+    pub handler: fn() -> MethodRouter<Arc<Web>>,
+}

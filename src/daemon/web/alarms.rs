@@ -1,0 +1,228 @@
+//! The alarms of the newest cycles as a list, and their acknowledgement.
+
+use super::downloads::{self, Form};
+use super::guard::{By, refusal};
+use super::layout::{Frame, Script, failed, local};
+use super::state::{Web, blocking, entry};
+use super::words::Language;
+use crate::accounts::{AuditEntry, Permission};
+use crate::history::{Acknowledgement, Alarm, Priority, Query, alarm_sheet};
+use crate::record::CycleId;
+use crate::store::{Store, StoreError};
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use maud::{Markup, html};
+use serde::Deserialize;
+use serde_json::json;
+use std::cmp::Reverse;
+use std::sync::Arc;
+
+/// The newest cycles whose alarms are shown.
+const CYCLES: usize = 50;
+
+/// Those that last first, then by priority and time.
+fn read(store: &Store) -> Result<Vec<Alarm>, StoreError> {
+    let newest = store.search(&Query { limit: CYCLES, ..Query::default() })?;
+    let mut all = Vec::new();
+    for hit in newest.hits {
+        all.extend(store.alarms(hit.cycle)?);
+    }
+    all.sort_by_key(|alarm| {
+        Reverse((alarm.is_active(), alarm.is_active().then_some(alarm.priority), alarm.raised_unix_ms))
+    });
+    Ok(all)
+}
+
+pub(super) async fn page(state: State<Arc<Web>>, by: By) -> Response {
+    listed(state, by, Form::Page).await
+}
+
+pub(super) async fn csv(state: State<Arc<Web>>, by: By) -> Response {
+    listed(state, by, Form::Csv).await
+}
+
+pub(super) async fn json(state: State<Arc<Web>>, by: By) -> Response {
+    listed(state, by, Form::Json).await
+}
+
+async fn listed(State(web): State<Arc<Web>>, Extension(visitor): By, as_what: Form) -> Response {
+    let alarms = match blocking(move || web.read(read)).await {
+        Some(Ok(alarms)) => alarms,
+        Some(Err(error)) => return failed(&visitor, &error),
+        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    };
+    match as_what {
+        Form::Page => {
+            let words = visitor.language();
+            let frame = Frame {
+                visitor: &visitor,
+                title: words.word("alarms.title"),
+                here: "/alarms",
+                scripts: &[Script::Forms],
+            };
+            frame.page(&body(words, &alarms, visitor.may(Permission::Acknowledge)))
+        }
+        Form::Csv => downloads::csv(&visitor, "alarms", &alarm_sheet(&alarms)),
+        Form::Json => downloads::json(&json!({ "alarms": alarms })),
+    }
+}
+
+fn body(words: Language<'_>, alarms: &[Alarm], may_acknowledge: bool) -> Markup {
+    let word = |key| words.word(key);
+    html! {
+        section.card {
+            h2 { (word("alarms.title")) }
+            p.note { (word("alarms.help")) }
+            p.links { a href="/alarms.csv" { "CSV" } " · " a href="/alarms.json" { "JSON" } }
+            @if alarms.is_empty() { p { (word("alarms.none")) } }
+            @for alarm in alarms { (one(words, alarm, may_acknowledge)) }
+        }
+    }
+}
+
+/// The word of a priority, with signs that need no colour.
+fn priority_key(priority: Priority) -> &'static str {
+    match priority {
+        Priority::High => "alarms.priority.high",
+        Priority::Medium => "alarms.priority.medium",
+        Priority::Low => "alarms.priority.low",
+        Priority::Note => "alarms.priority.note",
+    }
+}
+
+fn one(words: Language<'_>, alarm: &Alarm, may_acknowledge: bool) -> Markup {
+    let word = |key| words.word(key);
+    let class = format!("alarm {}{}", alarm.priority.word(), if alarm.is_active() { " is-active" } else { "" });
+    html! {
+        article class=(class) {
+            h3 { (alarm.code) " – " (word(priority_key(alarm.priority))) @if alarm.is_active() { ", " (word("alarms.active")) } }
+            p {
+                (word("alarms.raised")) " " (local(alarm.raised_unix_ms))
+                @if let Some(gone) = alarm.gone_unix_ms { " · " (word("alarms.gone")) " " (local(gone)) }
+                " · " a href={ "/cycle/" (alarm.cycle) } { (word("run.cycle")) " " (alarm.cycle) }
+                @if let Some(kind) = alarm.phase { " · " (kind.word()) }
+            }
+            p lang="en" { (alarm.message) }
+            @if !alarm.remedy.is_empty() {
+                details {
+                    summary { (word("alarms.cause")) " · " (word("alarms.remedy")) }
+                    p lang="en" { (alarm.cause) }
+                    p lang="en" { strong { (word("alarms.remedy")) ": " } (alarm.remedy) }
+                }
+            }
+            @match &alarm.acknowledged {
+                Some(seen) => p { "✓ " (word("alarms.acknowledged")) ": " (seen.who) ", " (local(seen.unix_ms)) },
+                None if may_acknowledge && alarm.priority > Priority::Note => form data-post="/alarms/acknowledge" data-then="/alarms" {
+                    input type="hidden" name="cycle" value=(alarm.cycle);
+                    input type="hidden" name="code" value=(alarm.code);
+                    input type="hidden" name="raised_unix_ms" value=(alarm.raised_unix_ms);
+                    button.plain type="submit" { (word("alarms.acknowledge")) }
+                    p.told role="status" {}
+                },
+                None => {},
+            }
+        }
+    }
+}
+
+/// Which alarm was seen; a form sends texts.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Seen {
+    cycle: String,
+    code: String,
+    raised_unix_ms: String,
+}
+
+/// Keeps that the person has seen an alarm, and says so in the audit trail.
+pub(super) async fn acknowledge(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Json(seen): Json<Seen>,
+) -> Response {
+    let line = entry(&visitor, "acknowledge alarm");
+    let person = visitor.person.as_ref();
+    let who = person.map_or(String::new(), |person| format!("{} ({})", person.printed_name, person.name));
+    match blocking(move || kept(&web, line, &seen, who)).await {
+        Some(Ok(true)) => Json(json!({ "message": visitor.language().word("saved") })).into_response(),
+        Some(Ok(false)) => refusal(StatusCode::CONFLICT, "alarm", visitor.language().word("alarms.no_such")),
+        Some(Err(error)) => refusal(StatusCode::SERVICE_UNAVAILABLE, "store", &error.to_string()),
+        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}
+
+/// False where there is no such alarm, or somebody has acknowledged it already.
+fn kept(web: &Web, line: AuditEntry, seen: &Seen, who: String) -> Result<bool, StoreError> {
+    let (Ok(cycle), Ok(raised_unix_ms)) = (seen.cycle.parse().map(CycleId), seen.raised_unix_ms.parse()) else {
+        return Ok(false);
+    };
+    let alarms = match web.read(|store| store.alarms(cycle)) {
+        Err(StoreError::UnknownCycle { .. }) => return Ok(false),
+        read => read?,
+    };
+    let is_meant = |alarm: &&Alarm| alarm.code == seen.code && alarm.raised_unix_ms == raised_unix_ms;
+    let Some(alarm) = alarms.iter().find(is_meant).filter(|alarm| alarm.acknowledged.is_none()) else {
+        return Ok(false);
+    };
+    let acknowledgement =
+        Acknowledgement { unix_ms: 0, cycle: Some(cycle), code: alarm.code.clone(), raised_unix_ms, who };
+    web.write(|store| store.acknowledge(&acknowledgement))?;
+    let subject = format!("{} of cycle {cycle}, raised {raised_unix_ms}", seen.code);
+    web.audit(&AuditEntry { subject: Some(subject), ..line });
+    Ok(true)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::daemon::web::words::Words;
+
+    fn alarm(gone_unix_ms: Option<i64>) -> Alarm {
+        Alarm {
+            cycle: CycleId(3),
+            code: "low_overlap".to_owned(),
+            priority: Priority::Medium,
+            message: "85 % <b>".to_owned(),
+            cause: "Too little.".to_owned(),
+            remedy: "Remove it.".to_owned(),
+            phase: None,
+            raised_unix_ms: 5_000,
+            gone_unix_ms,
+            acknowledged: None,
+        }
+    }
+
+    #[test]
+    fn an_alarm_tells_its_cause_and_can_be_acknowledged_by_who_may() {
+        let words = Words::read(None).expect("the program's own");
+        let html = |alarm: &Alarm, may| {
+            body(words.language(Some("en"), None), std::slice::from_ref(alarm), may).into_string()
+        };
+        let active = html(&alarm(None), true);
+        assert!(
+            active.contains("!! medium, lasts")
+                && active.contains("85 % &lt;b&gt;")
+                && active.contains("Remove it.")
+        );
+        assert!(
+            active.contains("name=\"raised_unix_ms\" value=\"5000\"")
+                && active.contains("class=\"alarm medium is-active\"")
+        );
+        assert!(!html(&alarm(None), false).contains("<form"), "a viewer only looks");
+        let seen = Acknowledgement {
+            unix_ms: 9_000,
+            cycle: Some(CycleId(3)),
+            code: "low_overlap".to_owned(),
+            raised_unix_ms: 5_000,
+            who: "Ada".to_owned(),
+        };
+        let told = html(&Alarm { acknowledged: Some(seen), ..alarm(Some(6_000)) }, true);
+        assert!(
+            told.contains("Acknowledged: Ada") && !told.contains("<form") && !told.contains("is-active"),
+            "{told}"
+        );
+        assert!(!html(&Alarm { priority: Priority::Note, ..alarm(None) }, true).contains("<form"));
+    }
+}

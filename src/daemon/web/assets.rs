@@ -1,0 +1,43 @@
+//! The page's own files: styles and scripts, part of the program. Their address has the hash of all of them, so that a browser keeps
+//! them until the program is another one.
+
+use super::guard::not_found;
+use axum::extract::Path;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use sha2::{Digest, Sha256};
+use std::sync::LazyLock;
+
+const STYLE: &str = "text/css; charset=utf-8";
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+const FILES: [(&str, &str, &str); 5] = [
+    ("page.css", STYLE, include_str!("assets/page.css")),
+    ("page.js", SCRIPT, include_str!("assets/page.js")),
+    ("run.js", SCRIPT, include_str!("assets/run.js")),
+    ("forms.js", SCRIPT, include_str!("assets/forms.js")),
+    ("icon.svg", "image/svg+xml", include_str!("assets/icon.svg")),
+];
+
+static VERSION: LazyLock<String> = LazyLock::new(|| {
+    let mut hasher = Sha256::new();
+    FILES.iter().for_each(|(_, _, text)| hasher.update(text.as_bytes()));
+    hasher.finalize().iter().take(6).map(|byte| format!("{byte:02x}")).collect()
+});
+
+/// The address of a file.
+pub(super) fn address(name: &str) -> String {
+    format!("/assets/{}-{name}", *VERSION)
+}
+
+/// Serves a file under its address.
+pub(super) async fn asset(Path(name): Path<String>) -> Response {
+    let own = name.strip_prefix(VERSION.as_str()).and_then(|rest| rest.strip_prefix('-'));
+    match own.and_then(|own| FILES.iter().find(|(name, ..)| *name == own)) {
+        Some((_, kind, text)) => {
+            // A script names another one by its address.
+            let text = text.replace("PAGE_JS", &format!("{}-page.js", *VERSION));
+            ([(header::CONTENT_TYPE, *kind)], text).into_response()
+        }
+        None => not_found().await,
+    }
+}

@@ -1,0 +1,19 @@
+// Forms are sent as JSON, with the session's token; what came of it stands beside the button.
+
+import { send, tell } from "./PAGE_JS";
+
+for (const form of document.querySelectorAll("form[data-post]")) {
+  form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    const path = event.submitter?.dataset.post ?? form.dataset.post;
+    const body = {};
+    for (const field of form.elements) {
+      if (!field.name) continue;
+      body[field.name] = field.type === "checkbox" ? field.checked : field.value === "true" && field.type === "hidden" ? true : field.value;
+    }
+    const result = await send(path, body);
+    tell(form.querySelector(".told"), result);
+    if (result.ok) form.dispatchEvent(new Event("sent"));
+    if (result.ok && form.dataset.then && path === form.dataset.post) location.assign(form.dataset.then);
+  });
+}

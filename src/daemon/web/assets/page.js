@@ -1,0 +1,49 @@
+// What every page has: stop and abort, logging out, times in local time with offset, and how a change is sent.
+
+const meta = (name) => document.querySelector(`meta[name="${name}"]`)?.content ?? "";
+const words = JSON.parse(meta("words") || "{}");
+
+/** The page's word for a key. */
+export const word = (key) => words[`js.${key}`] ?? key;
+
+/** Sends a change; what came of it as { ok, status, message }. It never throws. */
+export async function send(path, body = {}) {
+  try {
+    const headers = { "content-type": "application/json", "x-csrf-token": meta("csrf") };
+    const response = await fetch(path, { method: "POST", headers, body: JSON.stringify(body), cache: "no-store" });
+    const text = await response.text();
+    let told = {};
+    try { told = JSON.parse(text); } catch { told = { message: text }; }
+    const message = response.status === 401 && path !== "/login" ? word("log_in") : told.message;
+    return { ok: response.ok, status: response.status, message: message || (response.ok ? word("done") : `${response.status}`) };
+  } catch {
+    return { ok: false, status: 0, message: word("failed") };
+  }
+}
+
+/** A time of day with the offset, as this computer has it. */
+export function localTime(ms) {
+  const at = new Date(ms);
+  const pad = (n) => String(Math.abs(n)).padStart(2, "0");
+  const off = -at.getTimezoneOffset();
+  const offset = `${off < 0 ? "-" : "+"}${pad(Math.trunc(off / 60))}:${pad(off % 60)}`;
+  const day = `${at.getFullYear()}-${pad(at.getMonth() + 1)}-${pad(at.getDate())}`;
+  return `${day} ${pad(at.getHours())}:${pad(at.getMinutes())}:${pad(at.getSeconds())} ${offset}`;
+}
+
+/** Shows what came of a change. */
+export function tell(place, { ok, message }) {
+  if (!place) return;
+  place.textContent = message;
+  place.classList.toggle("bad", !ok);
+}
+
+const told = () => document.querySelector("#told, .told");
+
+for (const name of ["stop", "abort"]) {
+  document.getElementById(name)?.addEventListener("click", async () => tell(told(), await send(`/request/${name}`)));
+}
+document.getElementById("logout")?.addEventListener("click", async () => {
+  if ((await send("/logout")).ok) location.assign("/");
+});
+for (const time of document.querySelectorAll("time[data-ms]")) time.textContent = localTime(Number(time.dataset.ms));

@@ -1,0 +1,200 @@
+// The page of the cell as it runs, kept up to date by the service's events.
+
+import { localTime, send, tell, word } from "./PAGE_JS";
+
+const id = (name) => document.getElementById(name);
+const STALE_MS = 3000; // the service says something at least once a second
+const set = (element, text) => { if (element && element.textContent !== text) element.textContent = text; };
+
+let now = null;
+let heard = Date.now();
+let frame = 0;
+let record = { part: null, grids: {} };
+let recordOf = "";
+let reviewOf = "";
+let path = null;
+
+/** How a state is shown: abnormal ones alone have a colour, and a sign beside it. */
+function looks(now) {
+  if (!now.answers || now.state === "aborted" || now.state === "aborting") return "bad";
+  if (now.state === "complete") return { pass: "good", accept: "good", fail: "bad", reject: "bad" }[now.verdict] ?? "doubt";
+  if (now.state === "held" || now.state === "holding" || (now.reasons.length > 0 && now.state !== "execute")) return "doubt";
+  return "";
+}
+
+function showState() {
+  const ended = ["complete", "stopped", "aborted"].includes(now.state) && now.verdict;
+  const verdict = now.verdict && now.state !== "aborted" ? `: ${word(`verdict.${now.verdict}`)}` : "";
+  const state = id("state");
+  state.dataset.state = now.state ?? "";
+  state.className = `state ${looks(now)}`;
+  set(id("state-word"), now.state ? word(`state.${now.state}`) + (ended ? verdict : "") : "…");
+  const part = record.part ?? {};
+  set(id("panel"), [now.panel, part.serial, part.order, part.operator].filter(Boolean).join(" · "));
+  const list = now.reasons.map((reason) => `${reason.message} (${reason.code})`);
+  set(id("why"), list[0] ?? "");
+  const more = id("reasons");
+  if (more.dataset.list !== JSON.stringify(list)) {
+    more.dataset.list = JSON.stringify(list);
+    more.replaceChildren(...list.slice(1).map((text) => Object.assign(document.createElement("li"), { textContent: text })));
+  }
+}
+
+/** Seconds that are left of the film, or of the path by its speed so far. */
+function left() {
+  if (now.film_s !== null && now.film_total_s) return Math.max(0, now.film_total_s - now.film_s);
+  if (now.waypoint === null || !now.of) { path = null; return null; }
+  if (!path || path.of !== now.of || now.waypoint < path.from) path = { of: now.of, from: now.waypoint, at: Date.now() };
+  const done = now.waypoint - path.from;
+  return done < 5 ? null : ((now.of - now.waypoint) * (Date.now() - path.at)) / 1000 / done;
+}
+
+function showProgress() {
+  for (const item of id("phases").children) {
+    const isNow = item.dataset.phase === now.phase;
+    item.classList.toggle("is-now", isNow);
+    if (isNow) item.setAttribute("aria-current", "step"); else item.removeAttribute("aria-current");
+  }
+  const total = now.film_total_s ? ` / ${now.film_total_s.toFixed(0)}` : "";
+  set(id("film"), now.film_s === null ? "–" : `${now.film_s.toFixed(1)}${total} s`);
+  set(id("waypoint"), now.of === null ? "–" : `${now.waypoint} / ${now.of}`);
+  const seconds = left();
+  set(id("left"), seconds === null ? "–" : `${seconds.toFixed(0)} s`);
+  set(id("pass"), now.pass === null ? "–" : String(now.pass));
+  const cycle = id("cycle");
+  if (now.cycle !== null && cycle.dataset.cycle !== String(now.cycle)) {
+    cycle.dataset.cycle = String(now.cycle);
+    const link = Object.assign(document.createElement("a"), { href: `/cycle/${now.cycle}`, textContent: String(now.cycle) });
+    link.setAttribute("aria-label", `${word("record")} ${now.cycle}`);
+    cycle.replaceChildren(link);
+  }
+  const share = now.film_s !== null && now.film_total_s ? now.film_s / now.film_total_s : now.of ? now.waypoint / now.of : 0;
+  id("bar").value = Math.min(1, share);
+}
+
+function showButtons() {
+  const possible = new Set(now.answers ? now.possible : []);
+  for (const button of document.querySelectorAll("button[data-request]")) button.disabled = !possible.has(button.dataset.request);
+  for (const button of document.querySelectorAll("button[data-needs]")) button.disabled = !possible.has(button.dataset.needs);
+}
+
+function showGrids() {
+  const place = id("grids");
+  if (!place) return;
+  const cells = now.grids.map((name) => /^r(\d+)c(\d+)$/.exec(name)).filter(Boolean).map(([name, row, column]) => ({ name, row: +row, column: +column }));
+  const state = (name) => record.grids[name] ?? record.grids["*"] ?? "untested";
+  const shown = JSON.stringify(cells.map(({ name }) => [name, state(name)]));
+  if (place.dataset.shown === shown) return;
+  place.dataset.shown = shown;
+  const table = Object.assign(document.createElement("table"), { className: "map" });
+  const rows = Math.max(-1, ...cells.map(({ row }) => row));
+  const columns = Math.max(-1, ...cells.map(({ column }) => column));
+  for (let row = 0; row <= rows; row += 1) {
+    const line = table.insertRow();
+    for (let column = 0; column <= columns; column += 1) {
+      const cell = line.insertCell();
+      const found = cells.find((one) => one.row === row && one.column === column);
+      if (!found) continue;
+      const box = Object.assign(document.createElement("span"), { className: `grid ${state(found.name)}`, title: found.name });
+      box.setAttribute("role", "img");
+      box.setAttribute("aria-label", `${found.name}: ${word(state(found.name))}`);
+      cell.append(box);
+    }
+  }
+  place.replaceChildren(table);
+}
+
+async function showFrame() {
+  const image = id("frame");
+  if (!image || now.frame === 0 || now.frame === frame) return;
+  frame = now.frame;
+  const next = new Image();
+  next.onload = () => {
+    image.src = next.src;
+    image.hidden = false;
+    const name = word(`picture.${now.frame_name}`).replace(/^picture\./, "");
+    image.alt = name;
+    set(id("frame-name"), name);
+  };
+  next.src = `/frame.jpg?${frame}`;
+}
+
+/** The part and the grids are in the record, which changes with the phase. */
+async function readRecord() {
+  const of = `${now.cycle} ${now.state} ${now.phase} ${now.pass}`;
+  if (of === recordOf || !id("grids")) return;
+  recordOf = of;
+  try {
+    const response = await fetch("/now.json", { cache: "no-store" });
+    if (response.ok) { record = await response.json(); showState(); showGrids(); }
+  } catch { recordOf = ""; }
+}
+
+async function readReview() {
+  const place = id("review");
+  const of = now.is_review ? `${now.cycle} ${now.reasons.map((reason) => reason.code)}` : "";
+  if (of === reviewOf) return;
+  reviewOf = of;
+  place.hidden = true;
+  if (!of) { place.replaceChildren(); return; }
+  try {
+    const response = await fetch("/review", { cache: "no-store" });
+    if (!response.ok) return;
+    const parsed = new DOMParser().parseFromString(await response.text(), "text/html");
+    const accept = document.querySelector('button[data-request="accept"]');
+    place.replaceChildren(...parsed.body.childNodes);
+    if (accept) {
+      const beside = accept.cloneNode(true);
+      beside.disabled = false;
+      beside.classList.add("primary");
+      beside.addEventListener("click", () => ask(beside));
+      place.append(beside);
+    }
+    place.hidden = false;
+  } catch { reviewOf = ""; }
+}
+
+async function ask(button) {
+  button.disabled = true;
+  const body = button.dataset.body ? JSON.parse(button.dataset.body) : {};
+  if (button.dataset.request === "hold") body.why = id("why-held")?.value ?? "";
+  tell(id("told"), await send(`/request/${button.dataset.request}`, body));
+  if (now) showButtons();
+}
+
+// The next part is another one: nothing of the last start stays in the form.
+id("start")?.addEventListener("sent", () => { for (const field of id("start").querySelectorAll("input")) field.value = ""; });
+
+for (const button of document.querySelectorAll("button[data-request]")) button.addEventListener("click", () => ask(button));
+
+function show(event) {
+  now = JSON.parse(event.data);
+  heard = Date.now();
+  showState(); showProgress(); showButtons(); showGrids();
+  showFrame(); readRecord(); readReview();
+  showStale();
+}
+
+/** What is shown is old when the service is silent, or when the cell's loop does not answer it. */
+function showStale() {
+  const silent = Date.now() - heard > STALE_MS;
+  const isStale = silent || (now && !now.answers);
+  const place = id("stale");
+  document.body.classList.toggle("is-stale", Boolean(isStale));
+  place.hidden = !isStale;
+  if (isStale) {
+    const since = silent ? heard : now.answered_ms || heard;
+    set(place, `${word(silent ? "stale" : "silent")} ${localTime(since)}`);
+  }
+  if (silent) for (const button of document.querySelectorAll("button[data-request], button[data-needs]")) button.disabled = true;
+}
+
+let source = null;
+function listen() {
+  source?.close();
+  source = new EventSource("/events");
+  source.onmessage = show;
+  source.onerror = () => { if (source.readyState === EventSource.CLOSED) setTimeout(listen, 1000); };
+}
+listen();
+setInterval(showStale, 500);

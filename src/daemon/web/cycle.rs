@@ -1,0 +1,241 @@
+//! The record of one cycle: to read, to take along, and to sign.
+
+use super::guard::{By, not_found, refusal};
+use super::layout::{Frame, Script, failed, local};
+use super::state::{Web, blocking, entry};
+use super::visitor::Visitor;
+use crate::accounts::{self, AuditEntry, Permission};
+use crate::record::{CycleId, CycleRecord};
+use crate::signing::{Meaning, PersonSignature};
+use crate::store::{PersonSigns, StoreError};
+use axum::extract::{Path, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use maud::{Markup, html};
+use serde::Deserialize;
+use serde_json::json;
+use std::sync::Arc;
+
+/// The record's page has its style and its pictures inside, and no script. The page around it may frame it.
+const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; form-action 'none'; base-uri 'none'; \
+                      frame-ancestors 'self'";
+
+fn id(number: &str) -> Option<CycleId> {
+    number.parse().ok().filter(|number| *number > 0).map(CycleId)
+}
+
+/// A cycle with its record inside, its signatures and the form to sign it.
+pub(super) async fn page(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Path(number): Path<String>,
+) -> Response {
+    let Some(id) = id(&number) else { return not_found().await };
+    let read = move || web.read(|store| Ok((store.cycle(id)?, store.signed_by_persons(id)?)));
+    let (record, signatures) = match blocking(read).await {
+        Some(Ok(read)) => read,
+        Some(Err(StoreError::UnknownCycle { .. })) => return not_found().await,
+        Some(Err(error)) => return failed(&visitor, &error),
+        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    };
+    let words = visitor.language();
+    let word = |key| words.word(key);
+    let title = format!("{} {id}", word("run.cycle"));
+    let is_over = record.judgement.is_some();
+    let body = html! {
+        section.card {
+            h2 { (title) " · " (record.panel) }
+            p.links {
+                a href={ "/cycle/" (id) "/record" } { (word("cycle.record")) }
+                @if is_over { " · " a href={ "/cycle/" (id) "/record.pdf" } { "PDF/A-3" } }
+                " · " a href={ "/cycle/" (id) "/record.json" } { "JSON" }
+            }
+            h3 { (word("cycle.signatures")) }
+            @if signatures.is_empty() { p { (word("cycle.unsigned")) } }
+            ul { @for (unix_ms, signature) in &signatures { li { (said(signature)) ", " (local(*unix_ms)) } } }
+            @if visitor.may(Permission::Sign) && is_over { (form(&visitor, id)) }
+        }
+        iframe.record title=(word("cycle.record")) src={ "/cycle/" (id) "/record" } {}
+    };
+    Frame { visitor: &visitor, title: &title, here: "/cycle", scripts: &[Script::Forms] }.page(&body)
+}
+
+fn said(signature: &PersonSignature) -> String {
+    let PersonSignature { name, user, meaning, remark, .. } = signature;
+    let remark = remark.as_ref().map_or(String::new(), |remark| format!(": {remark}"));
+    format!("{name} ({user}): {}{remark}", meaning.words())
+}
+
+fn form(visitor: &Visitor, id: CycleId) -> Markup {
+    let words = visitor.language();
+    let word = |key| words.word(key);
+    html! {
+        details #sign {
+            summary { (word("cycle.sign")) }
+            form.narrow data-post={ "/cycle/" (id) "/sign" } data-then={ "/cycle/" (id) } {
+                label { (word("cycle.meaning")) select name="meaning" required {
+                    option value="" {}
+                    @for meaning in Meaning::ALL { option value=(meaning_key(meaning)) { (meaning.words()) } }
+                } }
+                label { (word("cycle.remark")) input name="remark" maxlength="200" autocomplete="off"; }
+                label { (word("login.password")) input name="password" type="password" autocomplete="current-password" required maxlength="200"; }
+                p.told role="status" {}
+                button.primary type="submit" { (word("cycle.sign")) }
+            }
+        }
+    }
+}
+
+/// A meaning's word in requests, as it is kept.
+fn meaning_key(meaning: Meaning) -> String {
+    serde_json::to_value(meaning).ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default()
+}
+
+/// The page of the record alone, as a person reads and prints it.
+pub(super) async fn record(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Path(number): Path<String>,
+) -> Response {
+    let Some(id) = known(&web, &number).await else { return not_found().await };
+    match blocking(move || web.records.page(id)).await {
+        Some(Ok(html)) => {
+            let headers = [
+                (header::CONTENT_TYPE, "text/html; charset=utf-8"),
+                (header::CONTENT_SECURITY_POLICY, POLICY),
+                (header::X_FRAME_OPTIONS, "SAMEORIGIN"),
+            ];
+            (headers, html).into_response()
+        }
+        Some(Err(problem)) => failed(&visitor, &problem),
+        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}
+
+/// The record as PDF/A-3 with the signed JSON inside.
+pub(super) async fn pdf(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Path(number): Path<String>,
+) -> Response {
+    let Some(id) = known(&web, &number).await else { return not_found().await };
+    match blocking(move || web.records.pdf(id)).await {
+        Some(Ok(Some(pdf))) => {
+            let name = format!("attachment; filename=\"cycle-{id}.pdf\"");
+            ([(header::CONTENT_TYPE, "application/pdf".to_owned()), (header::CONTENT_DISPOSITION, name)], pdf)
+                .into_response()
+        }
+        Some(Ok(None)) => refusal(StatusCode::NOT_FOUND, "not_signed", visitor.language().word("cycle.unsigned")),
+        Some(Err(problem)) => failed(&visitor, &problem),
+        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}
+
+/// The number of a cycle that there is.
+async fn known(web: &Arc<Web>, number: &str) -> Option<CycleId> {
+    let (id, web) = (id(number)?, web.clone());
+    let known = blocking(move || web.read(|store| store.cycle(id)).is_ok()).await;
+    known.filter(|known| *known).map(|_| id)
+}
+
+/// A cycle's record as JSON.
+pub(super) async fn json(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Path(number): Path<String>,
+) -> Response {
+    let Some(id) = id(&number) else { return not_found().await };
+    match blocking(move || web.read(|store| store.cycle(id))).await {
+        Some(Ok(record)) => Json(record).into_response(),
+        Some(Err(StoreError::UnknownCycle { .. })) => not_found().await,
+        Some(Err(error)) => failed(&visitor, &error),
+        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}
+
+/// A picture that a finding of the cycle names.
+pub(super) async fn picture(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Path((number, finding, picture)): Path<(String, String, String)>,
+) -> Response {
+    let (Some(id), Ok(finding), Ok(picture)) = (id(&number), finding.parse::<usize>(), picture.parse::<usize>())
+    else {
+        return not_found().await;
+    };
+    let read = move || {
+        web.read(|store| {
+            let record: CycleRecord = store.cycle(id)?;
+            let named = record.findings.get(finding).and_then(|finding| finding.pictures.get(picture));
+            named.map(|picture| store.blob(&picture.hash)).transpose()
+        })
+    };
+    match blocking(read).await {
+        Some(Ok(Some(jpeg))) => ([(header::CONTENT_TYPE, "image/jpeg")], jpeg).into_response(),
+        Some(Ok(None) | Err(StoreError::UnknownCycle { .. })) => not_found().await,
+        Some(Err(error)) => failed(&visitor, &error),
+        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Signs {
+    meaning: Meaning,
+    #[serde(default)]
+    remark: String,
+    password: String,
+}
+
+/// Signs the record as the person who is logged in, who gives the password once more.
+pub(super) async fn sign(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Path(number): Path<String>,
+    Json(Signs { meaning, remark, password }): Json<Signs>,
+) -> Response {
+    let (Some(id), Some(person)) = (id(&number), visitor.person.clone()) else { return not_found().await };
+    if let Some(left_s) = web.lockout().pauses_s(&person.name, web.now_s()) {
+        let message = format!("{} {:.0} s", visitor.language().word("login.pauses"), left_s.ceil());
+        return refusal(StatusCode::UNPROCESSABLE_ENTITY, "password", &message);
+    }
+    let Ok(_turn) = web.hashing.acquire().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
+    let remark = Some(remark.trim().to_owned()).filter(|remark| !remark.is_empty());
+    let signs = PersonSigns { cycle: id, name: person.printed_name, user: person.name, meaning, remark };
+    let line = AuditEntry {
+        subject: Some(format!("cycle {id}")),
+        after: Some(meaning.words().to_owned()),
+        ..entry(&visitor, "sign record")
+    };
+    let shared = web.clone();
+    let signed = blocking(move || {
+        let signed = signed(&shared, &signs, &password);
+        let refused = signed.as_ref().err().map(|(_, problem)| problem.clone());
+        shared.audit(&AuditEntry { refused, ..line });
+        (signed, signs.user)
+    });
+    match signed.await {
+        Some((Ok(number), user)) => {
+            web.lockout().right(&user);
+            Json(json!({ "message": visitor.language().word("saved"), "number": number })).into_response()
+        }
+        Some((Err((is_password, problem)), user)) => {
+            if is_password {
+                web.lockout().wrong(&user, web.now_s());
+            }
+            refusal(StatusCode::UNPROCESSABLE_ENTITY, "sign", &problem)
+        }
+        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}
+
+/// The signature's number; else whether the password was wrong, and the reason in words.
+fn signed(web: &Web, signs: &PersonSigns, password: &str) -> Result<u64, (bool, String)> {
+    let accounts = web.read(|store| store.accounts()).map_err(|error| (false, error.to_string()))?;
+    let hash = accounts.get(&signs.user).map_or("", |account| &account.password_hash);
+    if !accounts::is_right(password, hash) {
+        return Err((true, "the password is wrong; the record is not signed".to_owned()));
+    }
+    web.records.sign(signs).map_err(|problem| (false, problem))
+}

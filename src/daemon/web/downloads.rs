@@ -1,0 +1,37 @@
+//! What a page shows as a file: CSV for a spreadsheet, JSON for a program.
+
+use super::layout::failed;
+use super::visitor::Visitor;
+use crate::history::Sheet;
+use axum::Json;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+
+/// The form in which something is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Form {
+    Page,
+    Csv,
+    Json,
+}
+
+/// A sheet as a file of this name, without its ending.
+pub(super) fn csv(visitor: &Visitor, name: &str, sheet: &Sheet) -> Response {
+    match sheet.csv() {
+        Ok(text) => {
+            let name = format!("attachment; filename=\"{name}.csv\"");
+            (
+                [(header::CONTENT_TYPE, "text/csv; charset=utf-8".to_owned()), (header::CONTENT_DISPOSITION, name)],
+                text,
+            )
+                .into_response()
+        }
+        Err(error) => failed(visitor, &error),
+    }
+}
+
+/// The same data for a program.
+pub(super) fn json(data: &impl Serialize) -> Response {
+    Json(data).into_response()
+}

@@ -1,0 +1,175 @@
+//! What stands before each route: who asks, whether the request comes from our own page, and whether the role may.
+
+use super::access::{Access, Method, Route};
+use super::state::{Web, blocking, entry};
+use super::visitor::{Person, Visitor};
+use axum::body::Body;
+use axum::extract::{ConnectInfo, Request, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Redirect, Response};
+use axum::{Extension, Json};
+use serde_json::json;
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+/// The header that each change by a person must bring along.
+const CSRF: &str = "x-csrf-token";
+/// Nothing is fetched from elsewhere, run from a text, or framed.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; frame-src 'self'; \
+                      form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
+
+/// The name of the cookie; with TLS one that only this host can set.
+pub(super) fn cookie_name(is_tls: bool) -> &'static str {
+    if is_tls { "__Host-panelprep" } else { "panelprep" }
+}
+
+/// The value of this cookie.
+pub(super) fn cookie<'h>(headers: &'h HeaderMap, name: &str) -> Option<&'h str> {
+    let all = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
+    let mut each = all.flat_map(|value| value.split(';')).filter_map(|part| part.trim().split_once('='));
+    each.find(|(found, _)| *found == name).map(|(_, value)| value)
+}
+
+/// What a refused request is told.
+pub(super) fn refusal(status: StatusCode, code: &str, message: &str) -> Response {
+    (status, Json(json!({ "code": code, "message": message }))).into_response()
+}
+
+/// Finds out who asks, and lets pass what may.
+pub(super) async fn pass(
+    State((web, route)): State<(Arc<Web>, &'static Route)>,
+    ConnectInfo(from): ConnectInfo<SocketAddr>,
+    mut request: Request<Body>,
+    next: Next,
+) -> Response {
+    let headers = request.headers();
+    let (is_change, access) = (route.method == Method::Post, route.access);
+    let visitor = visitor(&web, headers, from, is_change || !is_by_itself(request.uri().path()));
+    if is_change && let Err(refused) = is_own(headers, &visitor, access) {
+        return refused;
+    }
+    if let Access::Needs(permission) = access
+        && !visitor.may(permission)
+    {
+        let path = request.uri().path().to_owned();
+        return refused(&web, visitor, path, is_change).await;
+    }
+    request.extensions_mut().insert(visitor);
+    next.run(request).await
+}
+
+/// What a page asks for without a person: it keeps no session alive.
+fn is_by_itself(path: &str) -> bool {
+    ["/events", "/frame.jpg", "/now.json", "/review"].contains(&path) || path.starts_with("/assets/")
+}
+
+fn visitor(web: &Web, headers: &HeaderMap, from: SocketAddr, is_action: bool) -> Visitor {
+    let text = |name| headers.get(name).and_then(|value: &HeaderValue| value.to_str().ok()).map(str::to_owned);
+    let token = cookie(headers, cookie_name(web.is_tls));
+    let person = token.and_then(|token| {
+        let session = web.sessions().find(token, web.now_s(), is_action)?;
+        let (name, printed_name, role) = (session.name, session.printed_name, session.role);
+        Some(Person { name, printed_name, role, csrf: session.csrf, token: token.to_owned() })
+    });
+    Visitor {
+        from: from.ip().to_canonical().to_string(),
+        person,
+        chosen: cookie(headers, "language").map(str::to_owned),
+        accepted: text(header::ACCEPT_LANGUAGE),
+        words: web.words.clone(),
+    }
+}
+
+/// Whether a change comes from our own page: a browser says so itself, or names the page's own host as the origin; and of a
+/// person who is logged in the page knows the session's token.
+fn is_own(headers: &HeaderMap, visitor: &Visitor, access: Access) -> Result<(), Response> {
+    let text = |name: &str| headers.get(name).and_then(|value| value.to_str().ok());
+    let host = text("host").unwrap_or("");
+    let is_same = match (text("sec-fetch-site"), text("origin")) {
+        (Some(site), _) => site == "same-origin",
+        (None, Some(origin)) => origin.split_once("://").is_some_and(|(_, rest)| rest == host),
+        (None, None) => false,
+    };
+    if !is_same {
+        return Err(refusal(StatusCode::FORBIDDEN, "origin", "the request does not come from this page"));
+    }
+    if text("content-type").is_none_or(|kind| !kind.starts_with("application/json")) {
+        return Err(refusal(StatusCode::UNSUPPORTED_MEDIA_TYPE, "content_type", "a change is sent as JSON"));
+    }
+    // Whoever needs no session needs no token of one: a stop from a page whose session has ended goes on.
+    match &visitor.person {
+        Some(person) if access != Access::Open && text(CSRF) != Some(&person.csrf) => {
+            Err(refusal(StatusCode::FORBIDDEN, "token", "the page is older than the session; load it again"))
+        }
+        _ => Ok(()),
+    }
+}
+
+async fn refused(web: &Arc<Web>, visitor: Visitor, path: String, is_change: bool) -> Response {
+    let Some(person) = &visitor.person else {
+        return match is_change {
+            true => refusal(StatusCode::UNAUTHORIZED, "log_in", "log in first"),
+            false if is_by_itself(&path) => refusal(StatusCode::UNAUTHORIZED, "log_in", "log in first"),
+            false => Redirect::to(&format!("/login?next={}", escaped(&path))).into_response(),
+        };
+    };
+    let message = format!("the role {} may not do this", person.role.word());
+    let (web, mut line) = (web.clone(), entry(&visitor, if is_change { "request" } else { "look" }));
+    (line.subject, line.refused) = (Some(path), Some(message.clone()));
+    blocking(move || web.audit(&line)).await;
+    refusal(StatusCode::FORBIDDEN, "role", &message)
+}
+
+/// A path as a part of an address.
+pub(super) fn escaped(path: &str) -> String {
+    let plain = |byte: &u8| byte.is_ascii_alphanumeric() || b"/-._".contains(byte);
+    path.bytes()
+        .map(|byte| if plain(&byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") })
+        .collect()
+}
+
+pub(super) async fn not_found() -> Response {
+    refusal(StatusCode::NOT_FOUND, "not_found", "there is no such page")
+}
+
+/// The headers of every response; and without TLS only this computer's own name is answered to.
+pub(super) async fn headers(State(web): State<Arc<Web>>, request: Request<Body>, next: Next) -> Response {
+    if let Some(hosts) = &web.hosts {
+        let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());
+        if !host.is_some_and(|host| hosts.iter().any(|own| own == host)) {
+            return refusal(StatusCode::MISDIRECTED_REQUEST, "host", "this page has another name");
+        }
+    }
+    let is_asset = request.uri().path().starts_with("/assets/");
+    let mut response = next.run(request).await;
+    let headers = response.headers_mut();
+    let kept = if is_asset { "max-age=31536000, immutable" } else { "no-store" };
+    for (name, value) in [
+        (header::CACHE_CONTROL, kept),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::REFERRER_POLICY, "no-referrer"),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    headers.entry(header::X_FRAME_OPTIONS).or_insert(HeaderValue::from_static("DENY"));
+    headers.entry(header::CONTENT_SECURITY_POLICY).or_insert(HeaderValue::from_static(POLICY));
+    if web.is_tls {
+        let value = HeaderValue::from_static("max-age=31536000");
+        headers.insert(header::STRICT_TRANSPORT_SECURITY, value);
+    }
+    response
+}
+
+/// Who asks, in a handler.
+pub(super) type By = Extension<Visitor>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_is_a_part_of_an_address() {
+        assert_eq!(escaped("/cycle/7?a=b&c"), "/cycle/7%3Fa%3Db%26c");
+    }
+}

@@ -1,0 +1,120 @@
+//! The frame of every page: head, navigation, the bar with stop and abort, and what the scripts need.
+
+use super::assets;
+use super::visitor::{Visitor, role_key};
+use crate::accounts::Permission;
+use crate::words::utc;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use maud::{DOCTYPE, Markup, html};
+
+/// Scripts beside the one that every page has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Script {
+    /// Forms that are sent as JSON.
+    Forms,
+    /// The page of the cell as it runs.
+    Run,
+}
+
+/// What a page is framed by.
+pub(super) struct Frame<'p> {
+    pub visitor: &'p Visitor,
+    pub title: &'p str,
+    /// The page's own path.
+    pub here: &'p str,
+    pub scripts: &'p [Script],
+}
+
+/// The pages of the navigation: path, word, and what a role needs for it.
+const PAGES: [(&str, &str, Option<Permission>); 7] = [
+    ("/", "nav.run", None),
+    ("/history", "nav.history", Some(Permission::View)),
+    ("/trends", "nav.trends", Some(Permission::View)),
+    ("/alarms", "nav.alarms", Some(Permission::View)),
+    ("/setup", "nav.setup", Some(Permission::View)),
+    ("/people", "nav.people", Some(Permission::ManagePeople)),
+    ("/audit", "nav.audit", Some(Permission::Audit)),
+];
+
+impl Frame<'_> {
+    /// The whole page around this body.
+    pub fn page(&self, body: &Markup) -> Response {
+        let words = self.visitor.language();
+        let word = |key| words.word(key);
+        let csrf = self.visitor.person.as_ref().map_or("", |person| &person.csrf);
+        let script_words = serde_json::to_string(&words.all("js.")).unwrap_or_default();
+        let page = html! {
+            (DOCTYPE)
+            html lang=(words.name()) {
+                head {
+                    meta charset="utf-8";
+                    meta name="viewport" content="width=device-width,initial-scale=1";
+                    meta name="csrf" content=(csrf);
+                    meta name="words" content=(script_words);
+                    title { (self.title) " – Panelprep" }
+                    link rel="icon" href=(assets::address("icon.svg"));
+                    link rel="stylesheet" href=(assets::address("page.css"));
+                    script type="module" src=(assets::address("page.js")) {}
+                    @for script in self.scripts {
+                        script type="module" src=(assets::address(match script { Script::Forms => "forms.js", Script::Run => "run.js" })) {}
+                    }
+                }
+                body {
+                    a.skip href="#main" { (word("skip")) }
+                    (self.header())
+                    p #stale role="alert" hidden {}
+                    main #main { h1.hidden { (self.title) } (body) }
+                }
+            }
+        };
+        ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], page.into_string()).into_response()
+    }
+
+    fn header(&self) -> Markup {
+        let words = self.visitor.language();
+        let word = |key| words.word(key);
+        let shown = PAGES.iter().filter(|(.., needs)| needs.is_none_or(|permission| self.visitor.may(permission)));
+        html! {
+            header {
+                nav aria-label=(word("nav.label")) {
+                    @for (path, key, _) in shown {
+                        a href=(path) aria-current=[(*path == self.here).then_some("page")] { (word(key)) }
+                    }
+                }
+                div.who {
+                    @for language in self.visitor.words.languages() {
+                        @if language != words.name() { a href={ "/language/" (language) "?next=" (self.here) } lang=(language) hreflang=(language) { (language.to_uppercase()) } }
+                    }
+                    @match &self.visitor.person {
+                        Some(person) => {
+                            span { (person.printed_name) " · " (word(role_key(person.role))) }
+                            button.plain #logout type="button" { (word("login.out")) }
+                        }
+                        None => a href={ "/login?next=" (self.here) } { (word("login.do")) },
+                    }
+                }
+                div.stops {
+                    button.stop #stop type="button" { (word("action.stop")) }
+                    button.abort #abort type="button" { (word("action.abort")) }
+                    small { (word("action.no_emergency_stop")) }
+                }
+            }
+        }
+    }
+}
+
+/// A time, which the browser shows as its own local time with the offset.
+pub(super) fn local(unix_ms: i64) -> Markup {
+    html! { time data-ms=(unix_ms) { (utc(unix_ms.div_euclid(1_000))) } }
+}
+
+/// A page about something that went wrong below.
+pub(super) fn failed(visitor: &Visitor, error: &dyn std::fmt::Display) -> Response {
+    tracing::warn!("the page could not be made: {error}");
+    let words = visitor.language();
+    let body = html! { section.card { h2 { (words.word("failed")) } p { (error.to_string()) } } };
+    let title = words.word("failed");
+    let page = Frame { visitor, title, here: "", scripts: &[] }.page(&body);
+    (StatusCode::INTERNAL_SERVER_ERROR, page).into_response()
+}

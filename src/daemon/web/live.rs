@@ -1,0 +1,55 @@
+//! How the cell stands, for everybody who looks on: asked for once, told to all.
+
+use super::frame::Frames;
+use super::live_state::Live;
+use super::state::Web;
+use crate::daemon::gateway::Gateway;
+use crate::daemon::request::What;
+use crate::record::{Front, Who};
+use axum::extract::State;
+use axum::response::sse::{Event, KeepAlive, Sse};
+use futures_util::stream::{self, Stream};
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::watch;
+
+/// The loop is asked so often.
+const EVERY: Duration = Duration::from_millis(200);
+/// Without a change, a page hears at least so often that all is well.
+const SIGN: Duration = Duration::from_secs(1);
+
+/// Asks the loop again and again, and tells what changed, until nobody listens.
+pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::Sender<Arc<Live>>) {
+    let mut told = tokio::time::Instant::now();
+    loop {
+        let reply = gateway.request(What::State, Who::by(Front::Page)).await;
+        let was = tell.borrow().clone();
+        let now = match reply.state {
+            Some(_) => Live::of(reply, frames.newest()),
+            // What was last known stays, with the time when it was.
+            None => Live { answers: false, reasons: reply.reasons, possible: vec![], ..(*was).clone() },
+        };
+        if !now.says_the_same(&was) || told.elapsed() >= SIGN {
+            told = tokio::time::Instant::now();
+            if tell.send(Arc::new(now)).is_err() {
+                return;
+            }
+        }
+        tokio::time::sleep(EVERY).await;
+    }
+}
+
+/// The events of a page: how the cell stands, now and at each change. A browser that does not read holds nothing but its
+/// connection: it gets the newest state when it reads again.
+pub(super) async fn events(State(web): State<Arc<Web>>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+    let mut live = web.live.clone();
+    live.mark_changed();
+    let stream = stream::unfold(live, |mut live| async move {
+        live.changed().await.ok()?;
+        let now = live.borrow_and_update().clone();
+        let event = Event::default().json_data(&*now).unwrap_or_default();
+        Some((Ok(event), live))
+    });
+    Sse::new(stream).keep_alive(KeepAlive::new().interval(Duration::from_secs(15)))
+}

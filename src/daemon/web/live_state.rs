@@ -1,0 +1,70 @@
+//! How the cell stands, as a page shows it.
+
+use crate::daemon::reply::Reply;
+use crate::verdict::{Reason, Verdict};
+use serde::Serialize;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// How the cell stands.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub(super) struct Live {
+    /// The service's clock when the loop answered last, ms since 1970.
+    pub answered_ms: u64,
+    /// Whether the loop answers now.
+    pub answers: bool,
+    pub state: Option<String>,
+    pub phase: Option<String>,
+    pub panel: Option<String>,
+    pub pass: Option<u8>,
+    pub film_s: Option<f64>,
+    pub film_total_s: Option<f64>,
+    pub waypoint: Option<u32>,
+    pub of: Option<u32>,
+    pub cycle: Option<i64>,
+    pub verdict: Option<Verdict>,
+    pub reasons: Vec<Reason>,
+    /// What the table would take now.
+    pub possible: Vec<&'static str>,
+    pub is_review: bool,
+    pub has_page: bool,
+    pub grids: Vec<String>,
+    /// The newest picture, by its number and name.
+    pub frame: u64,
+    pub frame_name: Option<String>,
+}
+
+impl Live {
+    pub fn of(reply: Reply, (frame, frame_name): (u64, Option<String>)) -> Self {
+        Live {
+            answered_ms: unix_ms(),
+            answers: reply.state.is_some(),
+            state: reply.state,
+            phase: reply.phase,
+            panel: reply.panel,
+            pass: reply.pass,
+            film_s: reply.film_s,
+            film_total_s: reply.extras.film_total_s,
+            waypoint: reply.waypoint,
+            of: reply.of,
+            cycle: reply.cycle_id,
+            verdict: reply.verdict,
+            reasons: reply.reasons,
+            possible: reply.extras.possible,
+            is_review: reply.extras.is_review,
+            has_page: reply.page.is_some(),
+            grids: reply.extras.grids.iter().map(ToString::to_string).collect(),
+            frame,
+            frame_name,
+        }
+    }
+
+    /// Whether nothing changed but the time.
+    pub fn says_the_same(&self, other: &Live) -> bool {
+        Live { answered_ms: 0, ..self.clone() } == Live { answered_ms: 0, ..other.clone() }
+    }
+}
+
+fn unix_ms() -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    u64::try_from(since.as_millis()).unwrap_or(u64::MAX)
+}

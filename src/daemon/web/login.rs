@@ -1,0 +1,219 @@
+//! Logging in and out, and one's own password.
+
+use super::guard::{By, cookie_name, refusal};
+use super::layout::{Frame, Script};
+use super::state::{Web, blocking, entry};
+use super::visitor::Visitor;
+use crate::accounts::{self, Account, AuditEntry};
+use axum::extract::{Path, Query, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Redirect, Response};
+use axum::{Extension, Json};
+use maud::html;
+use serde::Deserialize;
+use serde_json::json;
+use std::sync::Arc;
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Next {
+    #[serde(default)]
+    next: String,
+}
+
+/// A path of this page alone: nobody is sent elsewhere after logging in.
+fn own_path(next: &str) -> &str {
+    let is_own = next.starts_with('/') && !next.starts_with("//") && !next.contains(['\\', '\r', '\n']);
+    if is_own { next } else { "/" }
+}
+
+/// The form.
+pub(super) async fn page(Extension(visitor): By, Query(Next { next }): Query<Next>) -> Response {
+    let words = visitor.language();
+    let word = |key| words.word(key);
+    let body = html! {
+        section.card.narrow {
+            h2 { (word("login.title")) }
+            form data-post="/login" data-then=(own_path(&next)) {
+                label { (word("login.name")) input name="name" autocomplete="username" autofocus required maxlength="40"; }
+                label { (word("login.password")) input name="password" type="password" autocomplete="current-password" required maxlength="200"; }
+                p.told role="status" {}
+                button.primary type="submit" { (word("login.do")) }
+            }
+            p.note { (word("login.stop")) }
+        }
+    };
+    Frame { visitor: &visitor, title: word("login.title"), here: "/login", scripts: &[Script::Forms] }.page(&body)
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Credentials {
+    name: String,
+    password: String,
+}
+
+/// Begins a session where name and password are right.
+pub(super) async fn log_in(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Json(Credentials { name, password }): Json<Credentials>,
+) -> Response {
+    let wrong = |message: &str| refusal(StatusCode::UNAUTHORIZED, "log_in", message);
+    let words = visitor.language();
+    if accounts::checked_name(&name).is_err() {
+        return wrong(words.word("login.wrong"));
+    }
+    if let Some(left_s) = web.lockout().pauses_s(&name, web.now_s()) {
+        return wrong(&format!("{} {:.0} s", words.word("login.pauses"), left_s.ceil()));
+    }
+    let line = AuditEntry { who: Some(name.clone()), role: None, ..entry(&visitor, "log in") };
+    let checked = match web.hashing.acquire().await {
+        Ok(_turn) => {
+            let (web, name) = (web.clone(), name.clone());
+            blocking(move || judged(&web, &name, &password)).await.flatten()
+        }
+        Err(_) => None,
+    };
+    let Some(account) = checked else {
+        let is_paused = web.lockout().wrong(&name, web.now_s());
+        let why = if is_paused { "wrong password; the account pauses" } else { "wrong name or password" };
+        keep(&web, AuditEntry { refused: Some(why.to_owned()), ..line }).await;
+        return wrong(words.word("login.wrong"));
+    };
+    web.lockout().right(&name);
+    keep(&web, AuditEntry { role: Some(account.role), ..line }).await;
+    begin(&web, &visitor, account)
+}
+
+/// A session under a new token, whatever the browser had before.
+fn begin(web: &Web, visitor: &Visitor, account: Account) -> Response {
+    let (Some(token), Some(csrf)) = (random(), random()) else {
+        return refusal(StatusCode::SERVICE_UNAVAILABLE, "random", "this computer has no random numbers yet");
+    };
+    if let Some(person) = &visitor.person {
+        web.sessions().end(&person.token);
+    }
+    let who = (account.name, account.printed_name, account.role);
+    web.sessions().begin((&token, csrf), who, web.now_s());
+    let cookie = set_cookie(web, &token, "");
+    ([(header::SET_COOKIE, cookie)], Json(json!({ "message": "" }))).into_response()
+}
+
+/// The account, where it may log in by this password.
+fn judged(web: &Web, name: &str, password: &str) -> Option<Account> {
+    let account = match web.read(|store| store.accounts()) {
+        Ok(mut accounts) => accounts.remove(name),
+        Err(error) => {
+            tracing::warn!("nobody can log in: {error}");
+            None
+        }
+    };
+    let hash = account.as_ref().map_or("", |account| &account.password_hash);
+    let is_right = accounts::is_right(password, hash);
+    account.filter(|account| is_right && account.is_enabled)
+}
+
+pub(super) async fn log_out(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
+    if let Some(person) = &visitor.person {
+        web.sessions().end(&person.token);
+        keep(&web, entry(&visitor, "log out")).await;
+    }
+    let cookie = set_cookie(&web, "", "; Max-Age=0");
+    ([(header::SET_COOKIE, cookie)], Json(json!({ "message": "" }))).into_response()
+}
+
+fn set_cookie(web: &Web, token: &str, more: &str) -> String {
+    let secure = if web.is_tls { "; Secure" } else { "" };
+    format!("{}={token}; Path=/; HttpOnly; SameSite=Strict{secure}{more}", cookie_name(web.is_tls))
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct NewPassword {
+    password: String,
+    new: String,
+}
+
+/// Changes one's own password, by the old one.
+pub(super) async fn change_password(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Json(NewPassword { password, new }): Json<NewPassword>,
+) -> Response {
+    let Some(person) = visitor.person.clone() else { return StatusCode::UNAUTHORIZED.into_response() };
+    if let Some(left_s) = web.lockout().pauses_s(&person.name, web.now_s()) {
+        let message = format!("{} {:.0} s", visitor.language().word("login.pauses"), left_s.ceil());
+        return refusal(StatusCode::UNAUTHORIZED, "log_in", &message);
+    }
+    let Ok(_turn) = web.hashing.acquire().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
+    let (shared, line) = (web.clone(), entry(&visitor, "change own password"));
+    let name = person.name.clone();
+    let changed = blocking(move || -> Result<(), String> {
+        let account = judged(&shared, &person.name, &password).ok_or("the old password is wrong")?;
+        let salt = salt().ok_or("this computer has no random numbers yet")?;
+        let password_hash = accounts::hashed(&new, &person.name, salt).map_err(|error| error.to_string())?;
+        let account = Account { password_hash, ..account };
+        shared.write(|store| store.keep_account(&account, &line)).map_err(|error| error.to_string())
+    });
+    match changed.await {
+        Some(Ok(())) => {
+            web.sessions().end_all_of(&name);
+            Json(json!({ "message": visitor.language().word("login.again") })).into_response()
+        }
+        Some(Err(problem)) => {
+            web.lockout().wrong(&name, web.now_s());
+            refusal(StatusCode::UNPROCESSABLE_ENTITY, "password", &problem)
+        }
+        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}
+
+/// Chooses a language, and goes back to the page that it was chosen on.
+pub(super) async fn language(
+    State(web): State<Arc<Web>>,
+    Path(name): Path<String>,
+    Query(Next { next }): Query<Next>,
+) -> Response {
+    let known = web.words.languages().iter().find(|language| **language == name);
+    let Some(known) = known else { return super::guard::not_found().await };
+    let cookie = format!("language={known}; Path=/; SameSite=Strict; Max-Age=31536000");
+    ([(header::SET_COOKIE, cookie)], Redirect::to(own_path(&next))).into_response()
+}
+
+async fn keep(web: &Arc<Web>, line: AuditEntry) {
+    let web = web.clone();
+    blocking(move || web.audit(&line)).await;
+}
+
+fn random() -> Option<String> {
+    let mut bytes = [0; 32];
+    fill(&mut bytes)?;
+    Some(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// A new salt for a password.
+pub(super) fn salt() -> Option<[u8; 16]> {
+    let mut bytes = [0; 16];
+    fill(&mut bytes)?;
+    Some(bytes)
+}
+
+fn fill(bytes: &mut [u8]) -> Option<()> {
+    let filled = rustix::rand::getrandom(&mut *bytes, rustix::rand::GetRandomFlags::empty()).ok()?;
+    (filled == bytes.len()).then_some(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_is_sent_elsewhere() {
+        for path in ["/", "/cycle/7", "/setup/recipe/panel.toml"] {
+            assert_eq!(own_path(path), path);
+        }
+        for path in ["", "//evil.example", "https://evil.example", "/\\evil.example", "/a\r\nSet-Cookie: x"] {
+            assert_eq!(own_path(path), "/", "{path}");
+        }
+    }
+}

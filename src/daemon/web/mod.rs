@@ -1,0 +1,85 @@
+//! The operator's page: a second front on the service's requests and states, in a browser. It decides nothing of the cell.
+//!
+//! ```text
+//! browser ─ TLS ─ server ─ guard (session, origin, role) ─ routes (the one table) ─ views
+//!                                                          ├─ requests → Gateway → the loop
+//! the loop ─ state, five times a second ─ live ─ events ───┘
+//! ```
+//!
+//! It runs on a thread and a runtime of its own, and reads the store by a connection of its own. Whatever browsers do, the loop,
+//! the robot's link and the cameras wait for none of it. Stop and abort need no log-in, are kept in the record like every request,
+//! and are no emergency stop. Nothing is fetched from elsewhere.
+//!
+//! `words` (languages) · `sessions` · `tls` · `state` (what handlers share) · `assets` · `layout` (the frame of each page) ·
+//! and a file for each page.
+
+mod access;
+mod alarms;
+mod assets;
+mod audit;
+mod compare;
+mod cycle;
+mod downloads;
+mod frame;
+mod guard;
+mod history;
+mod layout;
+mod live;
+mod live_state;
+mod login;
+mod people;
+mod record_source;
+mod requests;
+mod routes;
+mod run_page;
+mod server;
+mod sessions;
+mod setup;
+mod setup_source;
+mod state;
+mod tls;
+mod trends;
+mod visitor;
+mod words;
+
+#[cfg(test)]
+mod tests;
+
+pub use record_source::RecordSource;
+pub use server::{OperatorPage, PageParts};
+pub use setup_source::{Equipment, RecipeText, SetupSource};
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+/// Why there is no page.
+#[derive(Debug, thiserror::Error)]
+pub enum PageError {
+    /// The address.
+    #[error(
+        "{address}: the operator's page cannot be served here: {source}; name another address or port at [page] listen"
+    )]
+    Listen {
+        /// As the cell's file has it.
+        address: SocketAddr,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// A file.
+    #[error("{}: {problem}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// The system gives no thread.
+    #[error("the operator's page has no thread: {0}")]
+    Thread(std::io::Error),
+}
+
+impl PageError {
+    fn file(path: &Path, problem: impl ToString) -> Self {
+        PageError::File { path: path.to_owned(), problem: problem.to_string() }
+    }
+}

@@ -1,0 +1,169 @@
+//! Accounts: who may log in, as what.
+
+use super::guard::{By, refusal};
+use super::layout::{Frame, Script, failed};
+use super::login::salt;
+use super::state::{Web, blocking, entry};
+use super::visitor::{Visitor, role_key};
+use crate::accounts::{self, Account, AuditEntry, Permission, Role};
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use maud::{Markup, html};
+use serde::Deserialize;
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use strum::VariantArray;
+
+/// The longest printed name, in characters.
+const MOST_CHARACTERS: usize = 80;
+
+/// All accounts, with a form for each.
+pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
+    let shared = web.clone();
+    let accounts = match blocking(move || shared.read(|store| store.accounts())).await {
+        Some(Ok(accounts)) => accounts,
+        Some(Err(error)) => return failed(&visitor, &error),
+        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    };
+    let words = visitor.language();
+    let word = |key| words.word(key);
+    let body = html! {
+        section.card {
+            h2 { (word("people.title")) }
+            table {
+                thead { tr { th { (word("login.name")) } th { (word("people.printed")) } th { (word("people.role")) } th { (word("people.enabled")) } th {} } }
+                tbody {
+                    @for account in accounts.values() {
+                        tr {
+                            td { (account.name) }
+                            td { (account.printed_name) }
+                            td { (word(role_key(account.role))) }
+                            td { (word(if account.is_enabled { "yes" } else { "no" })) }
+                            td { details { summary { (word("people.change")) } (form(&visitor, Some(account))) } }
+                        }
+                    }
+                }
+            }
+        }
+        section.card.narrow { h2 { (word("people.add")) } (form(&visitor, None)) }
+    };
+    Frame { visitor: &visitor, title: word("people.title"), here: "/people", scripts: &[Script::Forms] }.page(&body)
+}
+
+fn form(visitor: &Visitor, account: Option<&Account>) -> Markup {
+    let words = visitor.language();
+    let word = |key| words.word(key);
+    let (name, printed) = account.map_or(("", ""), |account| (&account.name, &account.printed_name));
+    html! {
+        form data-post="/people" data-then="/people" {
+            @match account {
+                Some(_) => input type="hidden" name="name" value=(name);,
+                None => label { (word("login.name")) input name="name" required maxlength="40" autocomplete="off"; },
+            }
+            label { (word("people.printed")) input name="printed_name" value=(printed) required maxlength=(MOST_CHARACTERS) autocomplete="off"; }
+            label { (word("people.role"))
+                select name="role" {
+                    @for role in Role::VARIANTS {
+                        option value=(role.word()) selected[account.is_some_and(|account| account.role == *role)] { (word(role_key(*role))) }
+                    }
+                }
+            }
+            label { (word(if account.is_some() { "people.new_password" } else { "login.password" }))
+                input name="password" type="password" autocomplete="new-password" required[account.is_none()] maxlength="200"; }
+            @if let Some(account) = account {
+                label.check { input type="checkbox" name="is_enabled" checked[account.is_enabled]; (word("people.enabled")) }
+            } @else {
+                input type="hidden" name="is_enabled" value="true";
+            }
+            p.told role="status" {}
+            button.primary type="submit" { (word("save")) }
+        }
+    }
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Changed {
+    name: String,
+    printed_name: String,
+    role: Role,
+    #[serde(default)]
+    password: String,
+    is_enabled: bool,
+}
+
+/// Adds an account or changes one.
+pub(super) async fn save(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Json(changed): Json<Changed>,
+) -> Response {
+    let Ok(_turn) = web.hashing.acquire().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
+    let (shared, line, name) = (web.clone(), entry(&visitor, "change account"), changed.name.clone());
+    match blocking(move || kept(&shared, line, changed)).await {
+        Some(Ok(())) => {
+            // What a person may do has changed: the old role must not go on.
+            web.sessions().end_all_of(&name);
+            Json(json!({ "message": visitor.language().word("saved") })).into_response()
+        }
+        Some(Err(problem)) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "account", &problem),
+        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}
+
+fn kept(web: &Web, line: AuditEntry, changed: Changed) -> Result<(), String> {
+    let accounts = web.read(|store| store.accounts()).map_err(|error| error.to_string())?;
+    let former = accounts.get(&changed.name);
+    let account = account(changed, former)?;
+    if leaves_nobody(&accounts, &account) {
+        return Err(
+            "this account is the last that may change accounts; make another administrator first".to_owned()
+        );
+    }
+    let line = AuditEntry {
+        subject: Some(account.name.clone()),
+        before: former.map(said),
+        after: Some(said(&account)),
+        ..line
+    };
+    web.write(|store| store.keep_account(&account, &line)).map_err(|error| error.to_string())
+}
+
+fn account(changed: Changed, former: Option<&Account>) -> Result<Account, String> {
+    let Changed { name, printed_name, role, password, is_enabled } = changed;
+    accounts::checked_name(&name).map_err(|error| error.to_string())?;
+    let count = printed_name.chars().count();
+    if printed_name.trim() != printed_name
+        || count == 0
+        || count > MOST_CHARACTERS
+        || printed_name.contains(char::is_control)
+    {
+        return Err(format!("the printed name has 1 to {MOST_CHARACTERS} characters and no space at its ends"));
+    }
+    let password_hash = match (password.as_str(), former) {
+        ("", Some(former)) => former.password_hash.clone(),
+        (password, _) => {
+            let salt = salt().ok_or("this computer has no random numbers yet")?;
+            accounts::hashed(password, &name, salt).map_err(|error| error.to_string())?
+        }
+    };
+    Ok(Account { name, printed_name, role, password_hash, is_enabled })
+}
+
+/// Whether nobody could change accounts any more.
+fn leaves_nobody(accounts: &BTreeMap<String, Account>, changed: &Account) -> bool {
+    let may = |account: &Account| account.is_enabled && account.role.may(Permission::ManagePeople);
+    !may(changed) && !accounts.values().any(|other| other.name != changed.name && may(other))
+}
+
+/// An account in a line of the audit trail; its password is not told.
+fn said(account: &Account) -> String {
+    let enabled = if account.is_enabled { "enabled" } else { "disabled" };
+    let Account { printed_name, role, password_hash, .. } = account;
+    // A changed password shows, by the beginning of its salt.
+    let salt = password_hash.split('$').nth(4).map_or("", |salt| salt.get(..6).unwrap_or(""));
+    format!("{printed_name}, {}, {enabled}, password {salt}…", role.word())
+}

@@ -1,0 +1,130 @@
+//! Requests of the cell from the page: each goes through the gateway, as one of the socket does.
+
+use super::guard::By;
+use super::state::{Web, blocking, entry};
+use super::visitor::Visitor;
+use crate::accounts::AuditEntry;
+use crate::cycle;
+use crate::daemon::reply::{Exit, Reply};
+use crate::daemon::request::{PartNames, StartRequest, What};
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use serde::Deserialize;
+use serde_json::json;
+use std::sync::Arc;
+
+/// What came of a request, for the page.
+fn told(reply: &Reply) -> Response {
+    let status = match reply.answer {
+        Exit::Done => StatusCode::OK,
+        Exit::Refused => StatusCode::CONFLICT,
+        Exit::Fault => StatusCode::SERVICE_UNAVAILABLE,
+    };
+    let message = match reply.answer {
+        Exit::Done => reply.done.clone().unwrap_or_default(),
+        _ => reply.reasons.iter().map(|reason| reason.message.as_str()).collect::<Vec<_>>().join("; "),
+    };
+    let code = reply.reasons.first().map(|reason| reason.code.as_ref()).filter(|_| reply.answer != Exit::Done);
+    (status, Json(json!({ "code": code, "message": message, "state": reply.state }))).into_response()
+}
+
+async fn requested(web: &Web, visitor: &Visitor, what: What) -> Response {
+    told(&web.gateway.request(what, visitor.who()).await)
+}
+
+macro_rules! table_requests {
+    ($($name:ident => $request:expr),* $(,)?) => {
+        $(pub(super) async fn $name(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
+            requested(&web, &visitor, What::Table($request)).await
+        })*
+    };
+}
+
+table_requests! {
+    stop => cycle::Request::Stop,
+    abort => cycle::Request::Abort,
+    clear => cycle::Request::Clear,
+    reset => cycle::Request::Reset,
+    accept => cycle::Request::Accept,
+}
+
+/// The longest reason, in characters.
+const MOST_CHARACTERS: usize = 200;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Hold {
+    #[serde(default)]
+    why: String,
+}
+
+/// Holds the cycle; the reason that the person gives is kept in the audit trail once the hold is under way.
+pub(super) async fn hold(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Json(Hold { why }): Json<Hold>,
+) -> Response {
+    let reply = web.gateway.request(What::Table(cycle::Request::Hold), visitor.who()).await;
+    let why: String = why.trim().chars().filter(|c| !c.is_control()).take(MOST_CHARACTERS).collect();
+    if reply.answer == Exit::Done && !why.is_empty() {
+        let subject = reply.cycle_id.map_or(why.clone(), |cycle| format!("cycle {cycle}: {why}"));
+        let line = AuditEntry { subject: Some(subject), ..entry(&visitor, "hold") };
+        blocking(move || web.audit(&line)).await;
+    }
+    told(&reply)
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Unhold {
+    dried: bool,
+}
+
+/// Goes on after a hold.
+pub(super) async fn unhold(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Json(Unhold { dried }): Json<Unhold>,
+) -> Response {
+    requested(&web, &visitor, What::Table(cycle::Request::Unhold { dried })).await
+}
+
+pub(super) async fn new_disc(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
+    requested(&web, &visitor, What::NewDisc).await
+}
+
+/// The cycle that is to begin. The operator is the person who is logged in.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Start {
+    recipe: String,
+    #[serde(default)]
+    serial: String,
+    #[serde(default)]
+    order: String,
+}
+
+/// Begins a cycle by one of the offered recipes.
+pub(super) async fn start(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Json(Start { recipe, serial, order }): Json<Start>,
+) -> Response {
+    let source = web.setup.clone();
+    let named = recipe.clone();
+    let text = blocking(move || source.recipe(&named)).await;
+    let text = match text {
+        Some(Ok(text)) => text,
+        Some(Err(problem)) => {
+            return (StatusCode::CONFLICT, Json(json!({ "code": "recipe", "message": problem }))).into_response();
+        }
+        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    };
+    let some = |name: String| Some(name.trim().to_owned()).filter(|name| !name.is_empty());
+    let operator = visitor.person.as_ref().map(|person| person.printed_name.clone());
+    let part = PartNames { serial: some(serial), order: some(order), operator };
+    let start = StartRequest { recipe: text.name, text: text.text, record: None, part: Some(part) };
+    requested(&web, &visitor, What::Start(start)).await
+}

@@ -1,0 +1,216 @@
+//! The page of the cell as it runs: readable from two metres. A script keeps it up to date by the events.
+
+use super::guard::By;
+use super::layout::{Frame, Script, failed};
+use super::state::{Web, blocking};
+use super::visitor::Visitor;
+use crate::accounts::Permission;
+use crate::daemon::request::PartNames;
+use crate::record::{CycleId, CycleRecord, Finding, Kind};
+use crate::report::check_row;
+use crate::store::{Store, StoreError};
+use crate::verdict::Verdict;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::{Html, IntoResponse, Response};
+use axum::{Extension, Json};
+use maud::{Markup, html};
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// The phases of a cycle in their usual order.
+const PHASES: [&str; 10] =
+    ["locate", "refine", "dry", "wet", "inspect", "plan", "verify", "abrade", "retract", "rinse"];
+
+/// The page.
+pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
+    let source = web.setup.clone();
+    let recipes = match visitor.may(Permission::Operate) {
+        true => blocking(move || source.recipes()).await.unwrap_or_else(|| Ok(vec![])),
+        false => Ok(vec![]),
+    };
+    let words = visitor.language();
+    let word = |key| words.word(key);
+    let phase = |name: &'static str| (name, format!("phase.{name}"));
+    let phases = PHASES.map(phase);
+    let body = html! {
+        section.state #state data-state="" aria-live="polite" {
+            p.panel #panel {}
+            p.word #state-word { "…" }
+            p.why #why {}
+            ol.reasons #reasons {}
+        }
+        section.review #review hidden aria-live="polite" {}
+        section.actions.card {
+            h2 { (word("run.actions")) }
+            @if visitor.may(Permission::Operate) || visitor.may(Permission::Accept) { (actions(&visitor)) }
+            @else { p { (word("run.no_actions")) } }
+            p.told #told role="status" {}
+            @if visitor.may(Permission::Operate) { (start(&visitor, &recipes)) }
+        }
+        section.progress.card {
+            h2 { (word("run.progress")) }
+            ol.phases #phases {
+                @for (name, key) in &phases { li data-phase=(name) { (words.word(key)) } }
+            }
+            dl.numbers {
+                div { dt { (word("run.film")) } dd #film { "–" } }
+                div { dt { (word("run.waypoint")) } dd #waypoint { "–" } }
+                div { dt { (word("run.left")) } dd #left { "–" } }
+                div { dt { (word("run.pass")) } dd #pass { "–" } }
+                div { dt { (word("run.cycle")) } dd #cycle { "–" } }
+            }
+            progress #bar max="1" value="0" aria-label=(word("run.progress")) {}
+        }
+        section.view.card {
+            h2 { (word("run.view")) }
+            @if visitor.may(Permission::View) {
+                figure { img #frame alt=(word("run.no_picture")) hidden; figcaption #frame-name { (word("run.no_picture")) } }
+            } @else { p { (word("run.log_in_to_see")) } }
+        }
+        section.grids.card {
+            h2 { (word("run.grids")) }
+            @if visitor.may(Permission::View) {
+                div #grids {}
+                ul.key {
+                    @for (class, key) in [("untested", "grid.untested"), ("whole", "grid.whole"), ("broke", "grid.broke"), ("abraded", "grid.abraded")] {
+                        li { span class={ "grid " (class) } aria-hidden="true" {} (word(key)) }
+                    }
+                }
+            } @else { p { (word("run.log_in_to_see")) } }
+        }
+    };
+    Frame { visitor: &visitor, title: word("nav.run"), here: "/", scripts: &[Script::Run, Script::Forms] }
+        .page(&body)
+}
+
+fn actions(visitor: &Visitor) -> Markup {
+    let words = visitor.language();
+    let word = |key| words.word(key);
+    let plain = [
+        ("hold", "action.hold"),
+        ("clear", "action.clear"),
+        ("reset", "action.reset"),
+        ("new-disc", "action.new_disc"),
+    ];
+    html! {
+        div.buttons {
+            @if visitor.may(Permission::Operate) {
+                @for (name, key) in plain { button type="button" data-request=(name) disabled { (word(key)) } }
+                label.inline { (word("run.why")) input #why-held maxlength="200" autocomplete="off"; }
+                button type="button" data-request="unhold" data-body=r#"{"dried":false}"# disabled { (word("action.unhold")) }
+                button type="button" data-request="unhold" data-body=r#"{"dried":true}"# disabled { (word("action.unhold_dried")) }
+            }
+            @if visitor.may(Permission::Accept) { button type="button" data-request="accept" disabled { (word("action.accept")) } }
+        }
+    }
+}
+
+fn start(visitor: &Visitor, recipes: &Result<Vec<String>, String>) -> Markup {
+    let words = visitor.language();
+    let word = |key| words.word(key);
+    html! {
+        form #start data-post="/request/start" {
+            h3 { (word("run.start")) }
+            @match recipes {
+                Err(problem) => p.told.bad { (problem) },
+                Ok(recipes) => label { (word("run.recipe")) select name="recipe" required {
+                    @for recipe in recipes { option value=(recipe) { (recipe) } }
+                } }
+            }
+            label { (word("run.serial")) input name="serial" maxlength="120" autocomplete="off"; }
+            label { (word("run.order")) input name="order" maxlength="120" autocomplete="off"; }
+            p.told role="status" {}
+            button.primary type="submit" data-needs="start" disabled { (word("action.start")) }
+        }
+    }
+}
+
+/// What the camera sees now.
+pub(super) async fn frame(State(web): State<Arc<Web>>) -> Response {
+    match blocking(move || web.frames.jpeg()).await.flatten() {
+        Some(jpeg) => ([(header::CONTENT_TYPE, "image/jpeg")], jpeg.to_vec()).into_response(),
+        None => StatusCode::NOT_FOUND.into_response(),
+    }
+}
+
+/// The cycle that runs or ran last, as far as its record goes: its part, and how each grid stands.
+pub(super) async fn now(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
+    let cycle = web.live.borrow().cycle;
+    let Some(id) = cycle.map(CycleId) else { return Json(json!({ "part": null, "grids": {} })).into_response() };
+    let read = move || {
+        web.read(|store| {
+            let record = store.cycle(id)?;
+            Ok((part(store, &record)?, grids(&record)))
+        })
+    };
+    match blocking(read).await {
+        Some(Ok((part, grids))) => Json(json!({ "part": part, "grids": grids })).into_response(),
+        Some(Err(error)) => failed(&visitor, &error),
+        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}
+
+/// The part of a cycle, where it was named.
+pub(super) fn part(store: &Store, record: &CycleRecord) -> Result<Option<PartNames>, StoreError> {
+    let Some(kept) = record.files.iter().find(|file| file.name == PartNames::FILE) else { return Ok(None) };
+    let text = store.blob(&kept.hash)?;
+    Ok(std::str::from_utf8(&text).ok().and_then(|text| toml::from_str(text).ok()))
+}
+
+/// How each grid that is known of stands: the last film's word, and abrasion after it.
+fn grids(record: &CycleRecord) -> BTreeMap<String, &'static str> {
+    let mut grids = BTreeMap::new();
+    for finding in &record.findings {
+        match finding.kind {
+            Kind::Inspect if matches!(finding.judgement.verdict, Verdict::Pass | Verdict::Fail) => {
+                grids.values_mut().for_each(|state| *state = "whole");
+                grids.insert("*".to_owned(), "whole");
+                grids.extend(finding.names("failed").into_iter().map(|grid| (grid, "broke")));
+            }
+            Kind::Abrade => grids.extend(finding.names("grids").into_iter().map(|grid| (grid, "abraded"))),
+            _ => {}
+        }
+    }
+    grids
+}
+
+/// What a person is asked about: the numbers in question and the pictures, beside the buttons.
+pub(super) async fn review(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
+    let cycle = web.live.borrow().cycle;
+    let Some(id) = cycle.map(CycleId) else { return StatusCode::NOT_FOUND.into_response() };
+    let record = match blocking(move || web.read(|store| store.cycle(id))).await {
+        Some(Ok(record)) => record,
+        Some(Err(error)) => return failed(&visitor, &error),
+        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    };
+    let asked = record.findings.iter().enumerate().rev();
+    let mut asked = asked.filter(|(_, finding)| finding.judgement.verdict == Verdict::Review);
+    match asked.next() {
+        Some(found) => Html(question(&visitor, id, found).into_string()).into_response(),
+        None => StatusCode::NOT_FOUND.into_response(),
+    }
+}
+
+fn question(visitor: &Visitor, id: CycleId, (number, finding): (usize, &Finding)) -> Markup {
+    let words = visitor.language();
+    let word = |key| words.word(key);
+    let judged = finding.checks.iter().filter(|check| check.limit.bound().is_some());
+    html! {
+        h2 { (word("review.title")) }
+        ul { @for reason in &finding.judgement.reasons { li { (reason.message) " " small { "(" (reason.code) ")" } } } }
+        div.evidence {
+            @for (at, picture) in finding.pictures.iter().enumerate() {
+                figure {
+                    img src={ "/cycle/" (id) "/picture/" (number) "/" (at) } alt=(picture.caption);
+                    figcaption { (picture.caption) }
+                }
+            }
+            table {
+                thead { tr { th {} th { (word("review.found")) } th { (word("review.allowed")) } } }
+                tbody { @for row in judged.map(|check| check_row(check, "")) { tr { td { (row.name) } td { (row.value) } td { (row.allowed) } } } }
+            }
+        }
+    }
+}

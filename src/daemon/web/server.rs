@@ -1,0 +1,204 @@
+//! The page's thread: it listens, speaks TLS, and holds every connection to limits of time and number.
+
+use super::frame::Frames;
+use super::live;
+use super::live_state::Live;
+use super::record_source::RecordSource;
+use super::routes;
+use super::setup_source::SetupSource;
+use super::state::{Web, WebParts};
+use super::words::Words;
+use super::{PageError, tls};
+use crate::cell;
+use crate::daemon::gateway::Gateway;
+use crate::daemon::live_view::LiveView;
+use crate::disk;
+use axum::Router;
+use axum::extract::ConnectInfo;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::runtime::{Builder, Runtime};
+use tokio::sync::{Semaphore, oneshot, watch};
+use tokio::time::{sleep, timeout};
+use tokio_rustls::TlsAcceptor;
+
+/// So many connections at one time. Whoever comes then waits until one ends.
+const MOST_CONNECTIONS: usize = 512;
+/// The TLS handshake, and the head of each request, must come within this time.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// A peer that takes nothing for so long is gone.
+const GONE: Duration = Duration::from_secs(30);
+/// Threads that wait for the store's disk, hash passwords and encode pictures.
+const BLOCKING: usize = 4;
+/// How far the page steps back behind the loop and the robot's link.
+const NICE: i32 = 5;
+
+/// What the page is made of.
+pub struct PageParts {
+    /// `[page]` of the cell's file.
+    pub page: cell::Page,
+    /// The store's folder.
+    pub folder: PathBuf,
+    /// Where requests go.
+    pub gateway: Gateway,
+    /// What the cameras see.
+    pub view: LiveView,
+    /// Recipes, calibrations and what else is set up.
+    pub setup: Arc<dyn SetupSource>,
+    /// Pages of cycles, and their signatures.
+    pub records: Arc<dyn RecordSource>,
+}
+
+/// The page while it is served; it ends when this is dropped.
+#[derive(Debug)]
+pub struct OperatorPage {
+    /// What people open.
+    pub url: String,
+    /// The fingerprint of the program's own certificate, where it shows that one.
+    pub fingerprint: Option<String>,
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl OperatorPage {
+    /// Serves the page; `None` where the cell's file names no address.
+    ///
+    /// # Errors
+    /// Where the address, the certificate or the file of words cannot be used.
+    pub fn serve(parts: PageParts) -> Result<Option<Self>, PageError> {
+        let PageParts { page, folder, gateway, view, setup, records } = parts;
+        let Some(address) = page.listen else { return Ok(None) };
+        let words = words(&page)?;
+        let is_local = address.ip().is_loopback() && page.certificate.is_none();
+        let certificate = match is_local {
+            true => None,
+            false => Some(tls::certificate(page.certificate.as_ref(), &folder, address)?),
+        };
+        let failed = |source| PageError::Listen { address, source };
+        let mut builder = Builder::new_current_thread();
+        let runtime = builder.enable_io().enable_time().max_blocking_threads(BLOCKING).build().map_err(failed)?;
+        let listener = runtime.block_on(TcpListener::bind(address)).map_err(failed)?;
+        let address = listener.local_addr().map_err(failed)?;
+        let (tell, live) = watch::channel(Arc::new(Live::default()));
+        let frames = Arc::new(Frames::new(view));
+        let is_tls = certificate.is_some();
+        let (idle_min, sessions) = (page.idle_min, page.sessions);
+        let hosts = is_local.then(|| [address.to_string(), format!("localhost:{}", address.port())]);
+        let parts = WebParts {
+            gateway: gateway.clone(),
+            live,
+            frames: frames.clone(),
+            words,
+            setup,
+            records,
+            is_tls,
+            hosts,
+            folder,
+            idle_min,
+            sessions,
+        };
+        let router = routes::router(&Arc::new(Web::new(parts)));
+        let (end, ended) = oneshot::channel();
+        let fingerprint = certificate.as_ref().and_then(|certificate| certificate.fingerprint.clone());
+        let acceptor = certificate.map(|certificate| TlsAcceptor::from(certificate.config));
+        let serve = move || {
+            step_back();
+            runtime.spawn(live::follow(gateway, frames, tell));
+            run(&runtime, listener, (acceptor, router), ended);
+        };
+        let thread = thread::Builder::new().name("page".to_owned()).spawn(serve).map_err(PageError::Thread)?;
+        let url = format!("{}://{address}/", if is_tls { "https" } else { "http" });
+        Ok(Some(OperatorPage { url, fingerprint, end: Some(end), thread: Some(thread) }))
+    }
+}
+
+impl Drop for OperatorPage {
+    fn drop(&mut self) {
+        drop(self.end.take());
+        #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+fn words(page: &cell::Page) -> Result<Words, PageError> {
+    let more = match &page.words {
+        None => None,
+        Some(file) => {
+            let bytes = disk::read(file).map_err(|error| PageError::file(file, error))?;
+            Some(String::from_utf8(bytes).map_err(|_| PageError::file(file, "it is no UTF-8 text"))?)
+        }
+    };
+    let file = page.words.clone().unwrap_or_default();
+    Words::read(more.as_deref()).map_err(|error| PageError::file(&file, error))
+}
+
+fn step_back() {
+    #[expect(
+        clippy::let_underscore_must_use,
+        reason = "where it is not permitted, the system shares out as it does"
+    )]
+    let _ = rustix::process::setpriority_process(None, NICE);
+}
+
+fn run(
+    runtime: &Runtime,
+    listener: TcpListener,
+    (acceptor, router): (Option<TlsAcceptor>, Router),
+    ended: oneshot::Receiver<()>,
+) {
+    runtime.block_on(async {
+        tokio::select! {
+            () = accept(listener, acceptor, router) => {}
+            _ = ended => {}
+        }
+    });
+}
+
+async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Router) {
+    let places = Arc::new(Semaphore::new(MOST_CONNECTIONS));
+    loop {
+        let Ok(place) = places.clone().acquire_owned().await else { return };
+        match listener.accept().await {
+            Ok((stream, from)) => {
+                let (acceptor, router) = (acceptor.clone(), router.clone());
+                tokio::spawn(async move {
+                    attend(stream, from, acceptor, router).await;
+                    drop(place);
+                });
+            }
+            // Such as no file descriptor left: whoever asks tries again.
+            Err(_) => sleep(Duration::from_millis(50)).await,
+        }
+    }
+}
+
+async fn attend(stream: TcpStream, from: SocketAddr, acceptor: Option<TlsAcceptor>, router: Router) {
+    let socket = socket2::SockRef::from(&stream);
+    if socket.set_tcp_user_timeout(Some(GONE)).and_then(|()| socket.set_tcp_nodelay(true)).is_err() {
+        return;
+    }
+    match acceptor {
+        None => speak(stream, from, router).await,
+        Some(acceptor) => {
+            if let Ok(Ok(stream)) = timeout(PATIENCE, acceptor.accept(stream)).await {
+                speak(stream, from, router).await;
+            }
+        }
+    }
+}
+
+async fn speak(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, from: SocketAddr, router: Router) {
+    let service = TowerToHyperService::new(router.layer(axum::Extension(ConnectInfo(from))));
+    let mut server = http1::Builder::new();
+    server.timer(TokioTimer::new()).header_read_timeout(PATIENCE).max_buf_size(64 * 1_024);
+    #[expect(clippy::let_underscore_must_use, reason = "whoever hung up does not want to know")]
+    let _ = server.serve_connection(TokioIo::new(stream), service).await;
+}

@@ -1,0 +1,130 @@
+//! Sessions of people who logged in. They live in memory: a restart of the service ends them all.
+
+use crate::accounts::Role;
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+
+/// A session ends so long after the person logged in, whatever they do, s.
+const LONGEST_S: f64 = 12.0 * 3_600.0;
+/// So many sessions of all accounts.
+const MOST: usize = 200;
+
+/// A session.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Session {
+    /// The account's name.
+    pub name: String,
+    /// The person's printed name.
+    pub printed_name: String,
+    /// The role.
+    pub role: Role,
+    /// What each change must bring along, so that no other site can cause one.
+    pub csrf: String,
+    began_s: f64,
+    seen_s: f64,
+}
+
+/// The hash of a token: whoever reads the memory's copy cannot log in by it, and looking it up tells nothing by its time.
+type Key = [u8; 32];
+
+/// All sessions. Times are seconds of a clock that does not jump.
+#[derive(Debug)]
+pub struct Sessions {
+    open: BTreeMap<Key, Session>,
+    idle_s: f64,
+    of_account: usize,
+}
+
+fn key(token: &str) -> Key {
+    Sha256::digest(token.as_bytes()).into()
+}
+
+impl Sessions {
+    /// No session; one ends after so many seconds without a request, and an account has so many at most.
+    pub fn new(idle_s: f64, of_account: usize) -> Self {
+        Sessions { open: BTreeMap::new(), idle_s, of_account }
+    }
+
+    /// Begins a session under a new token. Of too many of this account, the one that was silent for longest ends.
+    pub fn begin(&mut self, (token, csrf): (&str, String), who: (String, String, Role), now_s: f64) {
+        self.forget(now_s);
+        let (name, printed_name, role) = who;
+        while self.open.values().filter(|session| session.name == name).count() >= self.of_account {
+            self.end_oldest(|session| session.name == name);
+        }
+        if self.open.len() >= MOST {
+            self.end_oldest(|_| true);
+        }
+        let session = Session { name, printed_name, role, csrf, began_s: now_s, seen_s: now_s };
+        self.open.insert(key(token), session);
+    }
+
+    fn end_oldest(&mut self, of: impl Fn(&Session) -> bool) {
+        let oldest = self.open.iter().filter(|(_, session)| of(session));
+        let oldest = oldest.min_by(|a, b| a.1.seen_s.total_cmp(&b.1.seen_s)).map(|(key, _)| *key);
+        oldest.and_then(|key| self.open.remove(&key));
+    }
+
+    /// The session of this token. What a person does keeps it alive; a page that asks by itself does not.
+    pub fn find(&mut self, token: &str, now_s: f64, is_action: bool) -> Option<Session> {
+        self.forget(now_s);
+        let session = self.open.get_mut(&key(token))?;
+        if is_action {
+            session.seen_s = now_s;
+        }
+        Some(session.clone())
+    }
+
+    /// Ends the session of this token.
+    pub fn end(&mut self, token: &str) -> Option<Session> {
+        self.open.remove(&key(token))
+    }
+
+    /// Ends every session of this account, as when it is changed.
+    pub fn end_all_of(&mut self, name: &str) {
+        self.open.retain(|_, session| session.name != name);
+    }
+
+    fn forget(&mut self, now_s: f64) {
+        let idle_s = self.idle_s;
+        self.open.retain(|_, session| now_s - session.seen_s < idle_s && now_s - session.began_s < LONGEST_S);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn anna() -> (String, String, Role) {
+        ("anna".to_owned(), "Anna B".to_owned(), Role::Operator)
+    }
+
+    #[test]
+    fn a_session_ends_when_idle_and_at_the_end_of_a_shift() {
+        let mut sessions = Sessions::new(60.0, 2);
+        sessions.begin(("t", "c".to_owned()), anna(), 0.0);
+        assert_eq!(sessions.find("t", 59.0, false).map(|found| found.name), Some("anna".to_owned()));
+        assert_eq!(sessions.find("t", 60.0, false), None, "a page that only looks keeps nothing alive");
+        sessions.begin(("t", "c".to_owned()), anna(), 100.0);
+        let mut now_s = 100.0;
+        while sessions.find("t", now_s, true).is_some() {
+            now_s += 59.0;
+        }
+        assert!((LONGEST_S..LONGEST_S + 59.0).contains(&(now_s - 100.0)), "{now_s}");
+        assert_eq!(sessions.find("u", 0.0, true), None);
+    }
+
+    #[test]
+    fn an_account_has_only_so_many() {
+        let mut sessions = Sessions::new(60.0, 2);
+        for (token, now_s) in [("a", 0.0), ("b", 1.0)] {
+            sessions.begin((token, String::new()), anna(), now_s);
+        }
+        sessions.find("a", 2.0, true).expect("open");
+        sessions.begin(("c", String::new()), anna(), 3.0);
+        let open: Vec<bool> = ["a", "b", "c"].map(|token| sessions.find(token, 4.0, false).is_some()).into();
+        assert_eq!(open, [true, false, true], "the one that was silent for longest ended");
+        sessions.end_all_of("anna");
+        assert_eq!(sessions.open.len(), 0);
+    }
+}

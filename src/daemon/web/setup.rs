@@ -1,0 +1,146 @@
+//! What is set up: recipes with what is wrong with them, and the equipment with the age of its calibrations.
+
+use super::guard::{By, refusal};
+use super::layout::{Frame, Script};
+use super::state::{Web, blocking, entry};
+use crate::accounts::{AuditEntry, Permission};
+use crate::verdict::Verdict;
+use axum::extract::{Path, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use maud::{Markup, html};
+use serde::Deserialize;
+use serde_json::json;
+use std::sync::Arc;
+
+/// Recipes and equipment.
+pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
+    let source = web.setup.clone();
+    let Some((recipes, equipment)) = blocking(move || (source.recipes(), source.equipment())).await else {
+        return StatusCode::INTERNAL_SERVER_ERROR.into_response();
+    };
+    let words = visitor.language();
+    let word = |key| words.word(key);
+    let body = html! {
+        section.card {
+            h2 { (word("setup.recipes")) }
+            @match recipes {
+                Ok(recipes) => ul.links { @for recipe in &recipes { li { a href={ "/setup/recipe/" (recipe) } { (recipe) } } } },
+                Err(problem) => p.told.bad { (problem) },
+            }
+        }
+        section.card {
+            h2 { (word("setup.equipment")) }
+            @match equipment {
+                Ok((verdict, reasons, equipment)) => {
+                    p { (word(if verdict == Verdict::Reject { "setup.may_not_start" } else { "setup.may_start" })) }
+                    ul { @for reason in &reasons { li { (reason) } } }
+                    div.scroll tabindex="0" { table {
+                        thead { tr { th { (word("setup.what")) } th { (word("setup.calibration")) } th { (word("setup.verification")) } } }
+                        tbody { @for one in &equipment { tr { td { (one.name) } td { (one.calibration) } td { (one.verification) } } } }
+                    } }
+                }
+                Err(problem) => p.told.bad { (problem) },
+            }
+        }
+    };
+    Frame { visitor: &visitor, title: word("nav.setup"), here: "/setup", scripts: &[] }.page(&body)
+}
+
+/// One recipe: its text, what is wrong with it, and for who may, a form to change it.
+pub(super) async fn recipe(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Path(name): Path<String>,
+) -> Response {
+    let (source, asked) = (web.setup.clone(), name.clone());
+    let read = blocking(move || {
+        let recipe = source.recipe(&asked)?;
+        let problems = source.problems(&asked, &recipe.text);
+        Ok::<_, String>((recipe, problems))
+    });
+    let (recipe, problems) = match read.await {
+        Some(Ok(read)) => read,
+        Some(Err(problem)) => return refusal(StatusCode::NOT_FOUND, "recipe", &problem),
+        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    };
+    let words = visitor.language();
+    let word = |key| words.word(key);
+    let body = html! {
+        section.card {
+            h2 { (name) }
+            (verdict(&problems, word("setup.right")))
+            @if visitor.may(Permission::Configure) {
+                form data-post={ "/setup/recipe/" (name) } {
+                    label { (word("setup.text")) textarea name="text" rows="30" spellcheck="false" { (recipe.text) } }
+                    label { (word("setup.why")) input name="why" required maxlength="200" autocomplete="off"; }
+                    p.told role="status" {}
+                    div.buttons {
+                        button type="submit" data-post="/setup/check" { (word("setup.check")) }
+                        button.primary type="submit" { (word("setup.save")) }
+                    }
+                }
+            } @else { pre.scroll tabindex="0" { (recipe.text) } }
+        }
+    };
+    Frame { visitor: &visitor, title: &name, here: "/setup", scripts: &[Script::Forms] }.page(&body)
+}
+
+fn verdict(problems: &[String], right: &str) -> Markup {
+    html! {
+        @if problems.is_empty() { p { (right) } }
+        @else { ul.told.bad { @for problem in problems { li { (problem) } } } }
+    }
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Text {
+    text: String,
+    #[serde(default)]
+    why: String,
+}
+
+/// What is wrong with this text; nothing is written.
+pub(super) async fn check(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Json(Text { text, .. }): Json<Text>,
+) -> Response {
+    let source = web.setup.clone();
+    match blocking(move || source.problems("recipe.toml", &text)).await {
+        Some(problems) if problems.is_empty() => {
+            Json(json!({ "message": visitor.language().word("setup.right") })).into_response()
+        }
+        Some(problems) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problems.join("\n")),
+        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}
+
+/// Writes the recipe; the audit trail has it before and after, with the reason.
+pub(super) async fn save(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Path(name): Path<String>,
+    Json(Text { text, why }): Json<Text>,
+) -> Response {
+    if why.trim().is_empty() {
+        return refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", visitor.language().word("setup.why_missing"));
+    }
+    let line = AuditEntry { subject: Some(format!("{name}: {}", why.trim())), ..entry(&visitor, "change recipe") };
+    let kept = blocking(move || {
+        let former = web.setup.save(&name, &text);
+        let (before, refused) = match &former {
+            Ok(before) => (before.clone(), None),
+            Err(problem) => (None, Some(problem.clone())),
+        };
+        web.audit(&AuditEntry { before, after: Some(text), refused, ..line });
+        former
+    });
+    match kept.await {
+        Some(Ok(_)) => Json(json!({ "message": visitor.language().word("saved") })).into_response(),
+        Some(Err(problem)) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problem),
+        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}

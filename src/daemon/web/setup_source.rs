@@ -1,0 +1,53 @@
+//! Where recipes and calibrations come from.
+
+use crate::verdict::Verdict;
+
+/// A recipe's file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecipeText {
+    /// Its whole name, which messages show.
+    pub name: String,
+    /// Its text.
+    pub text: String,
+}
+
+/// A camera, the tool or another thing whose calibration has an age.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Equipment {
+    /// What it is.
+    pub name: String,
+    /// Its calibration and when it was made, in words.
+    pub calibration: String,
+    /// Its last verification, in words.
+    pub verification: String,
+}
+
+/// Where recipes and calibrations come from. Names of recipes are those of files in one folder.
+pub trait SetupSource: Send + Sync {
+    /// The recipes that are offered.
+    ///
+    /// # Errors
+    /// Where the folder cannot be read, in words.
+    fn recipes(&self) -> Result<Vec<String>, String>;
+
+    /// One of them.
+    ///
+    /// # Errors
+    /// Where there is no such recipe or it cannot be read, in words.
+    fn recipe(&self, name: &str) -> Result<RecipeText, String>;
+
+    /// What is wrong with a recipe, as `panelprep check` says it; nothing where it is right.
+    fn problems(&self, name: &str, text: &str) -> Vec<String>;
+
+    /// Writes a recipe in place of the one with this name; the former text comes back.
+    ///
+    /// # Errors
+    /// Where it is wrong or the disk refuses, in words.
+    fn save(&self, name: &str, text: &str) -> Result<Option<String>, String>;
+
+    /// The equipment, and whether a cycle may start with it.
+    ///
+    /// # Errors
+    /// Where a file cannot be read, in words.
+    fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String>;
+}

@@ -1,0 +1,218 @@
+//! The page as browsers and attackers meet it: its own router, with a queue in place of the loop.
+
+mod attacks;
+mod roles;
+mod sessions;
+
+use super::frame::Frames;
+use super::live_state::Live;
+use super::record_source::RecordSource;
+use super::routes;
+use super::setup_source::{Equipment, RecipeText, SetupSource};
+use super::state::{Web, WebParts};
+use super::words::Words;
+use crate::accounts::{self, Account, AuditEntry, Role};
+use crate::daemon::gateway::Gateway;
+use crate::daemon::live_view::LiveView;
+use crate::daemon::reply::{Exit, Reply};
+use crate::daemon::request::Request as CellRequest;
+use crate::daemon::request_queue::request_queue;
+use crate::record::CycleId;
+use crate::store::{PersonSigns, Store};
+use crate::verdict::{Reason, Verdict};
+use axum::Router;
+use axum::body::{Body, to_bytes};
+use axum::extract::ConnectInfo;
+use axum::http::{HeaderMap, Request, StatusCode};
+use std::net::SocketAddr;
+use std::sync::{Arc, LazyLock, Mutex};
+use std::thread;
+use std::time::Duration;
+use strum::VariantArray;
+use tempfile::TempDir;
+use tower::ServiceExt;
+
+pub(super) const PASSWORD: &str = "correct horse";
+/// One hash for all: it takes a while.
+static HASH: LazyLock<String> = LazyLock::new(|| accounts::hashed(PASSWORD, "nobody", [3; 16]).expect("allowed"));
+
+struct Source;
+
+impl SetupSource for Source {
+    fn recipes(&self) -> Result<Vec<String>, String> {
+        Ok(vec!["panel.toml".to_owned()])
+    }
+
+    fn recipe(&self, name: &str) -> Result<RecipeText, String> {
+        match name {
+            "panel.toml" => Ok(RecipeText { name: name.to_owned(), text: "panel = \"<b>p</b>\"".to_owned() }),
+            _ => Err(format!("there is no recipe {name:?}")),
+        }
+    }
+
+    fn problems(&self, _: &str, text: &str) -> Vec<String> {
+        if text.contains("wrong") { vec!["line 1: wrong".to_owned()] } else { vec![] }
+    }
+
+    fn save(&self, name: &str, text: &str) -> Result<Option<String>, String> {
+        self.recipe(name)?;
+        self.problems(name, text).pop().map_or(Ok(Some("before".to_owned())), Err)
+    }
+
+    fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
+        Ok((Verdict::Accept, vec![], vec![]))
+    }
+}
+
+impl RecordSource for Source {
+    fn page(&self, _: CycleId) -> Result<String, String> {
+        Ok("<!DOCTYPE html>".to_owned())
+    }
+
+    fn pdf(&self, _: CycleId) -> Result<Option<Vec<u8>>, String> {
+        Ok(None)
+    }
+
+    fn sign(&self, _: &PersonSigns) -> Result<u64, String> {
+        Ok(1)
+    }
+}
+
+/// A page on a new store, with an account for each role.
+pub(super) struct Site {
+    router: Router,
+    pub asked: Arc<Mutex<Vec<String>>>,
+    pub folder: TempDir,
+}
+
+/// A response, read to its end.
+#[derive(Debug)]
+pub(super) struct Told {
+    pub status: StatusCode,
+    pub headers: HeaderMap,
+    pub body: String,
+}
+
+impl Told {
+    /// The session's cookie that was set.
+    pub fn cookie(&self) -> Option<String> {
+        let set = self.headers.get_all("set-cookie").iter().filter_map(|value| value.to_str().ok());
+        set.map(|value| value.split(';').next().unwrap_or("").to_owned())
+            .find(|value| value.starts_with("panelprep="))
+    }
+}
+
+/// Somebody with a browser.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Browser {
+    pub cookie: Option<String>,
+    pub csrf: String,
+}
+
+impl Site {
+    pub fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = Store::create(&folder.path().join("store")).expect("a store");
+        drop(store);
+        let folder_of_store = folder.path().join("store");
+        let mut store = Store::for_people(&folder_of_store).expect("open");
+        let entry = AuditEntry {
+            unix_ms: 0,
+            who: None,
+            role: None,
+            from: "terminal".to_owned(),
+            what: "change account".to_owned(),
+            subject: None,
+            before: None,
+            after: None,
+            refused: None,
+        };
+        for role in Role::VARIANTS {
+            let name = role.word().to_owned();
+            let printed_name = format!("<script>alert('{name}')</script>");
+            let account =
+                Account { name, printed_name, role: *role, password_hash: HASH.clone(), is_enabled: true };
+            store.keep_account(&account, &entry).expect("kept");
+        }
+        drop(store);
+        let (sender, queue) = request_queue();
+        let asked = Arc::new(Mutex::new(Vec::new()));
+        let heard = asked.clone();
+        thread::spawn(move || {
+            loop {
+                let Some(CellRequest { what, who, reply }) = queue.next(Duration::from_secs(60)) else { return };
+                heard.lock().expect("whole").push(format!("{} by {who}", what.words()));
+                let done = Reply { state: Some("idle".to_owned()), ..Reply::refused(Exit::Done, vec![]) };
+                reply.map(|reply| reply.send(done));
+            }
+        });
+        let loader = Arc::new(|_| Err(vec![Reason::new("bad_input", "no cell here")]));
+        let (_, live) = tokio::sync::watch::channel(Arc::new(Live::default()));
+        let web = Web::new(WebParts {
+            gateway: Gateway::new(sender, loader, None),
+            live,
+            frames: Arc::new(Frames::new(LiveView::default())),
+            words: Words::read(None).expect("the program's own"),
+            setup: Arc::new(Source),
+            records: Arc::new(Source),
+            is_tls: false,
+            hosts: Some(["127.0.0.1:8090".to_owned(), "localhost:8090".to_owned()]),
+            folder: folder_of_store,
+            idle_min: 30,
+            sessions: 2,
+        });
+        let router = routes::router(&Arc::new(web));
+        let from = ConnectInfo(SocketAddr::from(([127, 0, 0, 1], 5_000)));
+        Site { router: router.layer(axum::Extension(from)), asked, folder }
+    }
+
+    /// Sends a request with these headers.
+    pub async fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> Told {
+        let mut request = Request::builder().method(method).uri(path);
+        if !headers.iter().any(|(name, _)| *name == "host") {
+            request = request.header("host", "127.0.0.1:8090");
+        }
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        let request = request.body(Body::from(body.to_owned())).expect("a request");
+        let response = self.router.clone().oneshot(request).await.expect("infallible");
+        let (parts, body) = response.into_parts();
+        // The events have no end.
+        let is_endless = parts.headers.get("content-type").is_some_and(|kind| kind == "text/event-stream");
+        let body = if is_endless { Default::default() } else { to_bytes(body, 1 << 24).await.expect("whole") };
+        let body = String::from_utf8_lossy(&body).into_owned();
+        Told { status: parts.status, headers: parts.headers, body }
+    }
+
+    pub async fn get(&self, browser: &Browser, path: &str) -> Told {
+        let cookie = browser.cookie.clone().unwrap_or_default();
+        self.send("GET", path, &[("cookie", &cookie)], "").await
+    }
+
+    /// A change as the page's own script sends it.
+    pub async fn post(&self, browser: &Browser, path: &str, body: &str) -> Told {
+        let cookie = browser.cookie.clone().unwrap_or_default();
+        let headers = [
+            ("cookie", cookie.as_str()),
+            ("sec-fetch-site", "same-origin"),
+            ("content-type", "application/json"),
+            ("x-csrf-token", &browser.csrf),
+        ];
+        self.send("POST", path, &headers, body).await
+    }
+
+    pub async fn log_in(&self, name: &str, password: &str) -> Result<Browser, Told> {
+        let body = format!("{{\"name\":\"{name}\",\"password\":\"{password}\"}}");
+        let told = self.post(&Browser::default(), "/login", &body).await;
+        let Some(cookie) = told.cookie().filter(|_| told.status == StatusCode::OK) else { return Err(told) };
+        let browser = Browser { cookie: Some(cookie), csrf: String::new() };
+        let page = self.get(&browser, "/").await.body;
+        let (_, rest) = page.split_once("name=\"csrf\" content=\"").expect("a token");
+        Ok(Browser { csrf: rest.split('"').next().expect("its end").to_owned(), ..browser })
+    }
+
+    pub fn asked(&self) -> Vec<String> {
+        self.asked.lock().expect("whole").clone()
+    }
+}

@@ -1,0 +1,157 @@
+//! What OWASP lists for such a page, each as a test.
+
+use super::{Browser, PASSWORD, Site};
+use crate::daemon::web::routes::{MOST_BODY_BYTES, ROUTES};
+use axum::http::StatusCode;
+
+const JSON: (&str, &str) = ("content-type", "application/json");
+
+/// Another site, a form of one, and a browser that says nothing.
+#[tokio::test]
+async fn no_other_site_causes_a_change() {
+    let site = Site::new();
+    let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
+    let cookie = ("cookie", operator.cookie.as_deref().expect("a session"));
+    let csrf = ("x-csrf-token", operator.csrf.as_str());
+    let refused: [(&str, &[(&str, &str)]); 7] = [
+        ("another site", &[cookie, csrf, JSON, ("sec-fetch-site", "cross-site")]),
+        ("a site beside", &[cookie, csrf, JSON, ("sec-fetch-site", "same-site")]),
+        ("another origin", &[cookie, csrf, JSON, ("origin", "http://evil.example")]),
+        ("no origin", &[cookie, csrf, JSON]),
+        ("a file", &[cookie, csrf, JSON, ("origin", "null")]),
+        ("no token", &[cookie, JSON, ("sec-fetch-site", "same-origin")]),
+        ("a token of another session", &[cookie, ("x-csrf-token", "0"), JSON, ("sec-fetch-site", "same-origin")]),
+    ];
+    for (what, headers) in refused {
+        let told = site.send("POST", "/request/hold", headers, "{}").await;
+        assert_eq!(told.status, StatusCode::FORBIDDEN, "{what}");
+    }
+    for (what, headers) in refused.iter().take(5) {
+        let told = site.send("POST", "/request/stop", headers, "{}").await;
+        assert_eq!(told.status, StatusCode::FORBIDDEN, "{what}");
+    }
+    let form = [cookie, csrf, ("sec-fetch-site", "same-origin"), ("content-type", "text/plain")];
+    let told = site.send("POST", "/request/hold", &form, "{}").await;
+    assert_eq!(told.status, StatusCode::UNSUPPORTED_MEDIA_TYPE);
+    let own = [cookie, csrf, JSON, ("origin", "http://127.0.0.1:8090")];
+    assert_eq!(site.send("POST", "/request/hold", &own, "{}").await.status, StatusCode::OK);
+    assert_eq!(site.asked().len(), 1);
+    // A name of somebody else that leads to this computer.
+    let told = site.send("GET", "/", &[("host", "evil.example:8090")], "").await;
+    assert_eq!(told.status, StatusCode::MISDIRECTED_REQUEST);
+}
+
+#[tokio::test]
+async fn names_are_text_and_never_a_script() {
+    let site = Site::new();
+    for role in ["administrator", "operator", "inspector"] {
+        let person = site.log_in(role, PASSWORD).await.expect("logged in");
+        for route in ROUTES.iter().filter(|route| !route.path.contains('{')) {
+            let told = site.get(&person, route.path).await;
+            assert!(!told.body.contains("<script>alert"), "{}", route.path);
+        }
+        let page = site.get(&person, "/").await.body;
+        assert!(page.contains("&lt;script&gt;alert('"), "the name is shown as it stands");
+    }
+    let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
+    let recipe = site.get(&engineer, "/setup/recipe/panel.toml").await.body;
+    assert!(recipe.contains("&lt;b&gt;p&lt;/b&gt;") && !recipe.contains("<b>p"));
+    let login = site.get(&engineer, "/login?next=%22%3E%3Cscript%3Ealert(1)%3C/script%3E").await.body;
+    assert!(!login.contains("<script>alert"));
+}
+
+#[tokio::test]
+async fn a_path_leads_nowhere_else() {
+    let site = Site::new();
+    let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
+    for path in [
+        "/assets/../Cargo.toml",
+        "/assets/..%2f..%2fCargo.toml",
+        "/assets/page.css",
+        "/setup/recipe/..%2Fcell.toml",
+        "/setup/recipe/%2Fetc%2Fpasswd",
+        "/cycle/0",
+        "/cycle/-1",
+        "/cycle/1%2F..%2F2",
+        "/cycle/99999999999999999999",
+        "/cycle/1/picture/0/..%2f0",
+        "/cycle/1/picture/18446744073709551616/0",
+        "/nowhere",
+        "//evil.example",
+    ] {
+        assert_eq!(site.get(&engineer, path).await.status, StatusCode::NOT_FOUND, "{path}");
+    }
+    let told = site.post(&engineer, "/setup/recipe/..%2Fcell.toml", r#"{"text":"a","why":"b"}"#).await;
+    assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY);
+    assert!(told.body.contains("there is no recipe"));
+}
+
+#[tokio::test]
+async fn nothing_goes_into_a_header() {
+    let site = Site::new();
+    let told = site.get(&Browser::default(), "/language/de%0d%0aSet-Cookie:%20a=b").await;
+    assert_eq!(told.status, StatusCode::NOT_FOUND);
+    let told = site.get(&Browser::default(), "/language/de?next=/%0d%0aX:%20y").await;
+    assert_eq!(told.headers.get("location").and_then(|value| value.to_str().ok()), Some("/"));
+    let told = site.get(&Browser::default(), "/language/de?next=//evil.example/").await;
+    assert_eq!(told.headers.get("location").and_then(|value| value.to_str().ok()), Some("/"));
+    let told = site.get(&Browser::default(), "/setup/recipe/a%22b").await;
+    assert_eq!(
+        told.headers.get("location").and_then(|value| value.to_str().ok()),
+        Some("/login?next=/setup/recipe/a%2522b")
+    );
+}
+
+#[tokio::test]
+async fn bodies_have_an_end_and_a_form() {
+    let site = Site::new();
+    let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
+    let long = format!("{{\"text\":\"{}\"}}", "x".repeat(MOST_BODY_BYTES));
+    assert_eq!(site.post(&engineer, "/setup/check", &long).await.status, StatusCode::PAYLOAD_TOO_LARGE);
+    for body in ["", "{", "[]", r#"{"dried":"yes"}"#, r#"{"dried":true,"force":true}"#, "{\"dried\":true}{}"] {
+        let status = site.post(&engineer, "/request/unhold", body).await.status;
+        assert!([400, 422].contains(&status.as_u16()), "{body}: {status}");
+    }
+    let deep = "[".repeat(100_000);
+    assert!(site.post(&engineer, "/setup/check", &deep).await.status.is_client_error());
+    assert_eq!(site.asked(), Vec::<String>::new());
+}
+
+#[tokio::test]
+async fn every_response_says_what_a_browser_may_do_with_it() {
+    let site = Site::new();
+    let viewer = site.log_in("viewer", PASSWORD).await.expect("logged in");
+    for path in ["/", "/login", "/setup", "/nowhere", "/people", "/now.json", "/history", "/alarms"] {
+        let told = site.get(&viewer, path).await;
+        let header = |name: &str| told.headers.get(name).and_then(|value| value.to_str().ok()).unwrap_or("");
+        let policy = header("content-security-policy");
+        assert!(policy.starts_with("default-src 'none'; script-src 'self';"), "{path}: {policy}");
+        assert!(!policy.contains("unsafe") && policy.contains("frame-ancestors 'none'"), "{path}: {policy}");
+        assert_eq!(header("x-content-type-options"), "nosniff", "{path}");
+        assert_eq!(header("cache-control"), "no-store", "{path}");
+        assert_eq!(header("x-frame-options"), "DENY", "{path}");
+    }
+}
+
+/// What a browser loads first: the page of the cell with all its files.
+#[tokio::test]
+async fn the_first_load_is_small() {
+    let site = Site::new();
+    let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
+    let page = site.get(&operator, "/").await.body;
+    let mut bytes = page.len();
+    let assets: Vec<&str> = page.split('"').filter(|part| part.starts_with("/assets/")).collect();
+    assert_eq!(assets.len(), 5, "{assets:?}");
+    for asset in assets {
+        let told = site.get(&operator, asset).await;
+        assert_eq!(told.status, StatusCode::OK, "{asset}");
+        assert!(
+            !told.body.contains("http://") || asset.ends_with("icon.svg"),
+            "{asset}: nothing comes from elsewhere"
+        );
+        assert!(!told.body.contains("https://") && !told.body.contains("PAGE_JS"), "{asset}");
+        bytes += told.body.len();
+    }
+    assert!(bytes <= 250_000, "{bytes}");
+    println!("first load: {bytes} bytes");
+}

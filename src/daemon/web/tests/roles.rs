@@ -1,0 +1,83 @@
+//! Every route × every role, as the table says; and nothing beside the table.
+
+use super::{Browser, Site};
+use crate::accounts::{Permission, Role};
+use crate::daemon::web::access::{Access, Method};
+use crate::daemon::web::routes::ROUTES;
+use axum::http::StatusCode;
+use strum::VariantArray;
+
+fn path(template: &str) -> String {
+    let values = [("{number}", "1"), ("{finding}", "0"), ("{picture}", "0"), ("{name}", "panel.toml")];
+    values.iter().fold(template.to_owned(), |path, (name, value)| path.replace(name, value))
+}
+
+#[tokio::test]
+async fn each_role_gets_what_the_table_gives_it_and_nothing_else() {
+    let site = Site::new();
+    let mut visitors: Vec<(Option<Role>, Browser)> = vec![(None, Browser::default())];
+    for role in Role::VARIANTS {
+        visitors.push((Some(*role), site.log_in(role.word(), super::PASSWORD).await.expect("logged in")));
+    }
+    for route in ROUTES {
+        for (role, browser) in &visitors {
+            // Whoever logs out cannot go on.
+            if ["/logout", "/login"].contains(&route.path) {
+                continue;
+            }
+            let told = match route.method {
+                Method::Get => site.get(browser, &path(route.path)).await,
+                Method::Post => site.post(browser, &path(route.path), "{}").await,
+            };
+            let may = match route.access {
+                Access::Open => true,
+                Access::Needs(permission) => role.is_some_and(|role| role.may(permission)),
+            };
+            let is_refused = match (role, route.method) {
+                (None, Method::Get) => {
+                    told.status == StatusCode::SEE_OTHER || told.status == StatusCode::UNAUTHORIZED
+                }
+                (None, Method::Post) => told.status == StatusCode::UNAUTHORIZED,
+                (Some(_), _) => told.status == StatusCode::FORBIDDEN,
+            };
+            // Choosing a language leads back to the page.
+            let leads_back = route.path.starts_with("/language/");
+            assert!(leads_back || is_refused != may, "{role:?} at {}: {} {}", route.path, told.status, told.body);
+            assert!(told.status != StatusCode::INTERNAL_SERVER_ERROR, "{}: {}", route.path, told.body);
+        }
+    }
+}
+
+/// The router is made of the table alone.
+#[test]
+fn no_route_is_beside_the_table() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/daemon/web");
+    let mut files = 0;
+    for entry in std::fs::read_dir(folder).expect("there") {
+        let path = entry.expect("readable").path();
+        if path.extension().is_some_and(|end| end == "rs") && path.file_stem().is_some_and(|stem| stem != "routes")
+        {
+            let text = std::fs::read_to_string(&path).expect("text");
+            files += 1;
+            for word in [".route(", ".nest(", ".merge(", ".fallback(", "Router::new("] {
+                assert!(!text.contains(word), "{}: {word}", path.display());
+            }
+        }
+    }
+    assert!(files > 20, "{files}");
+}
+
+/// Each permission is needed somewhere; what moves the cell needs one, but what stops it needs none.
+#[test]
+fn what_stops_is_open_and_what_moves_is_not() {
+    let access = |path: &str| ROUTES.iter().find(|route| route.path == path).map(|route| route.access);
+    for path in ["/request/stop", "/request/abort"] {
+        assert_eq!(access(path), Some(Access::Open));
+    }
+    for path in ["start", "hold", "unhold", "clear", "reset", "new-disc"] {
+        assert_eq!(access(&format!("/request/{path}")), Some(Access::Needs(Permission::Operate)), "{path}");
+    }
+    for permission in Permission::VARIANTS {
+        assert!(ROUTES.iter().any(|route| route.access == Access::Needs(*permission)), "{permission:?}");
+    }
+}

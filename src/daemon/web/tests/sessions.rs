@@ -1,0 +1,117 @@
+//! Logging in, wrong passwords, sessions, and requests in a person's name.
+
+use super::{Browser, PASSWORD, Site};
+use crate::store::Store;
+use axum::http::StatusCode;
+
+#[tokio::test]
+async fn whoever_logs_in_gets_a_new_session_that_ends_with_logging_out() {
+    let site = Site::new();
+    let set = Browser { cookie: Some("panelprep=chosen-by-somebody-else".to_owned()), csrf: String::new() };
+    let body = format!("{{\"name\":\"operator\",\"password\":\"{PASSWORD}\"}}");
+    let told = site.post(&set, "/login", &body).await;
+    let cookie = told.cookie().expect("a session");
+    assert!(!cookie.contains("chosen") && cookie.len() == "panelprep=".len() + 64, "{cookie}");
+    let whole = told.headers.get("set-cookie").and_then(|value| value.to_str().ok()).expect("set");
+    assert!(whole.ends_with("; Path=/; HttpOnly; SameSite=Strict"), "{whole}");
+    assert_eq!(site.get(&set, "/setup").await.status, StatusCode::SEE_OTHER, "the chosen one is no session");
+    let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
+    assert_eq!(site.get(&operator, "/setup").await.status, StatusCode::OK);
+    assert_eq!(site.post(&operator, "/logout", "{}").await.status, StatusCode::OK);
+    assert_eq!(site.get(&operator, "/setup").await.status, StatusCode::SEE_OTHER);
+}
+
+#[tokio::test]
+async fn five_wrong_passwords_pause_the_account_and_the_audit_trail_has_them() {
+    let site = Site::new();
+    for name in ["operator", "nobody", "O'Brien"] {
+        let told = site.log_in(name, "wrong horse").await.expect_err("refused");
+        assert_eq!(told.status, StatusCode::UNAUTHORIZED);
+        assert!(
+            told.body.contains("Name or password is wrong"),
+            "which of them are accounts is not told: {}",
+            told.body
+        );
+    }
+    for _ in 0..4 {
+        site.log_in("operator", "wrong horse").await.expect_err("refused");
+    }
+    let told = site.log_in("operator", PASSWORD).await.expect_err("pauses");
+    assert!(told.body.contains("Too many wrong passwords. Try again in 60 s"), "{}", told.body);
+    site.log_in("engineer", PASSWORD).await.expect("another account goes on");
+    let store = Store::open(&site.folder.path().join("store")).expect("open");
+    let audit = store.audit(None, 100).expect("read");
+    let refused = audit.iter().filter(|line| line.entry.what == "log in" && line.entry.refused.is_some());
+    assert_eq!(refused.count(), 6, "O'Brien is no name of an account, and is not kept");
+    assert!(audit.iter().all(|line| line.entry.from == "127.0.0.1" || line.entry.from == "terminal"));
+}
+
+#[tokio::test]
+async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
+    let site = Site::new();
+    assert_eq!(site.post(&Browser::default(), "/request/stop", "{}").await.status, StatusCode::OK);
+    let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
+    assert_eq!(site.post(&operator, "/request/unhold", "{\"dried\":true}").await.status, StatusCode::OK);
+    let told = site.post(&operator, "/request/hold", "{\"why\":\"water\\nleaks\"}").await;
+    assert_eq!(told.status, StatusCode::OK);
+    // A page that is older than the session stops all the same.
+    let stale = Browser { csrf: "old".to_owned(), ..operator.clone() };
+    assert_eq!(site.post(&stale, "/request/abort", "{}").await.status, StatusCode::OK);
+    assert_eq!(site.post(&stale, "/request/reset", "{}").await.status, StatusCode::FORBIDDEN);
+    let start = site.post(&operator, "/request/start", r#"{"recipe":"panel.toml","serial":"7"}"#).await;
+    assert_eq!(start.status, StatusCode::CONFLICT, "the loader of this test refuses");
+    let by = "operator, on the operator's page";
+    let asked = site.asked();
+    let asked: Vec<&str> = asked.iter().map(String::as_str).collect();
+    let start = format!("start by panel.toml by {by}");
+    assert_eq!(
+        asked,
+        [
+            "stop by somebody who was not logged in, on the operator's page",
+            &format!("unhold --dried by {by}"),
+            &format!("hold by {by}"),
+            &format!("abort by {by}"),
+            &start,
+        ]
+    );
+    let store = Store::open(&site.folder.path().join("store")).expect("open");
+    let hold = store.audit(None, 1).expect("read").remove(0).entry;
+    assert_eq!((hold.what.as_str(), hold.subject.as_deref()), ("hold", Some("waterleaks")));
+}
+
+#[tokio::test]
+async fn a_changed_account_logs_in_anew_and_the_last_administrator_stays() {
+    let site = Site::new();
+    let administrator = site.log_in("administrator", PASSWORD).await.expect("logged in");
+    let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
+    let change = |name: &str, role: &str, is_enabled: bool| {
+        format!(
+            r#"{{"name":"{name}","printed_name":"Anna B","role":"{role}","password":"","is_enabled":{is_enabled}}}"#
+        )
+    };
+    let told = site.post(&administrator, "/people", &change("operator", "viewer", true)).await;
+    assert_eq!(told.status, StatusCode::OK, "{}", told.body);
+    assert_eq!(site.get(&operator, "/setup").await.status, StatusCode::SEE_OTHER, "its session ended");
+    let viewer = site.log_in("operator", PASSWORD).await.expect("the password stayed");
+    assert_eq!(site.post(&viewer, "/request/hold", "{}").await.status, StatusCode::FORBIDDEN);
+    for change in [change("administrator", "viewer", true), change("administrator", "administrator", false)] {
+        let told = site.post(&administrator, "/people", &change).await;
+        assert!(told.body.contains("the last that may change accounts"), "{}", told.body);
+    }
+    let told = site.post(&administrator, "/people", &change("New One", "viewer", true)).await;
+    assert!(told.body.contains("a to z"), "{}", told.body);
+    let told = site.post(&administrator, "/people", &change("ben", "viewer", true)).await;
+    assert!(told.body.contains("0 characters"), "a new account has a password: {}", told.body);
+}
+
+#[tokio::test]
+async fn one_changes_ones_own_password_by_the_old_one() {
+    let site = Site::new();
+    let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
+    let told = site.post(&operator, "/password", r#"{"password":"wrong horse","new":"another horse"}"#).await;
+    assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY);
+    let body = format!(r#"{{"password":"{PASSWORD}","new":"another horse"}}"#);
+    assert_eq!(site.post(&operator, "/password", &body).await.status, StatusCode::OK);
+    site.log_in("operator", PASSWORD).await.expect_err("the old one");
+    site.log_in("operator", "another horse").await.expect("the new one");
+}

@@ -1,0 +1,285 @@
+//! Trends: how a number of a panel developed over its cycles, and where its film breaks.
+
+use super::downloads::{self, Form};
+use super::guard::By;
+use super::layout::{Frame, failed};
+use super::state::{Web, blocking};
+use super::visitor::Visitor;
+use super::words::Language;
+use crate::history::{HeatMap, Known, Quantity, Trend, heat_map, heat_sheet, trend, trend_sheet};
+use crate::report::{ChartWords, heat_chart, shown, trend_chart};
+use crate::store::{Store, StoreError};
+use crate::words::utc;
+use axum::Extension;
+use axum::extract::{Query, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use maud::{Markup, html};
+use serde::Deserialize;
+use std::sync::Arc;
+
+/// The newest cycles of a panel, or verifications, that are shown.
+const CYCLES: usize = 200;
+
+/// What is to be shown; what is empty is chosen.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Asked {
+    panel: String,
+    name: String,
+    check: String,
+}
+
+/// What is shown.
+struct Shown {
+    panels: Vec<String>,
+    panel: String,
+    name: String,
+    trend: Trend,
+    heat: HeatMap,
+}
+
+impl Asked {
+    /// The panel that is meant: the one that was named, else the one of the newest cycle.
+    fn panel(&self, store: &Store, panels: &[String]) -> Result<String, StoreError> {
+        if !self.panel.is_empty() {
+            return Ok(self.panel.clone());
+        }
+        let newest = store.search(&crate::history::Query { limit: 1, ..Default::default() })?;
+        let newest = newest.hits.into_iter().next().map(|hit| hit.panel);
+        Ok(newest.or_else(|| panels.first().cloned()).unwrap_or_default())
+    }
+
+    /// A check's name goes before the list of numbers.
+    fn name(&self) -> String {
+        let names = [self.check.trim(), self.name.as_str(), Known::LocalizationResidual.word()];
+        names.into_iter().find(|name| !name.is_empty()).unwrap_or_default().to_owned()
+    }
+
+    fn read(&self, store: &Store) -> Result<Shown, StoreError> {
+        let panels = store.cycle_panels()?;
+        let (panel, name) = (self.panel(store, &panels)?, self.name());
+        let cycles = store.past_cycles(&panel, CYCLES)?;
+        let quantity = Quantity::named(&name);
+        let trend = match &quantity {
+            Quantity::Known(known) if known.verified_subject().is_some() => {
+                let (title, unit) = known.title_and_unit();
+                let subject = known.verified_subject().unwrap_or_default();
+                Trend::of_points(
+                    (title.to_owned(), unit.to_owned()),
+                    store.verification_points(subject, CYCLES)?,
+                    0,
+                )
+            }
+            _ => trend(&quantity, &cycles),
+        };
+        Ok(Shown { panels, panel, name, trend, heat: heat_map(&cycles) })
+    }
+}
+
+async fn read(web: Arc<Web>, visitor: &Visitor, asked: Asked) -> Result<Shown, Response> {
+    match blocking(move || web.read(|store| asked.read(store))).await {
+        Some(Ok(shown)) => Ok(shown),
+        Some(Err(error)) => Err(failed(visitor, &error)),
+        None => Err(StatusCode::INTERNAL_SERVER_ERROR.into_response()),
+    }
+}
+
+pub(super) async fn page(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Query(asked): Query<Asked>,
+) -> Response {
+    match read(web, &visitor, asked).await {
+        Ok(shown) => {
+            let words = visitor.language();
+            let frame =
+                Frame { visitor: &visitor, title: words.word("trends.title"), here: "/trends", scripts: &[] };
+            frame.page(&body(words, &shown))
+        }
+        Err(response) => response,
+    }
+}
+
+async fn trend_as(web: Arc<Web>, visitor: Visitor, asked: Asked, as_what: Form) -> Response {
+    match read(web, &visitor, asked).await {
+        Ok(shown) if as_what == Form::Csv => downloads::csv(&visitor, "trend", &trend_sheet(&shown.trend)),
+        Ok(shown) => downloads::json(&shown.trend),
+        Err(response) => response,
+    }
+}
+
+async fn heat_as(web: Arc<Web>, visitor: Visitor, asked: Asked, as_what: Form) -> Response {
+    match read(web, &visitor, asked).await {
+        Ok(shown) if as_what == Form::Csv => downloads::csv(&visitor, "grids", &heat_sheet(&shown.heat)),
+        Ok(shown) => downloads::json(&shown.heat),
+        Err(response) => response,
+    }
+}
+
+pub(super) async fn csv(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Query(asked): Query<Asked>,
+) -> Response {
+    trend_as(web, visitor, asked, Form::Csv).await
+}
+
+pub(super) async fn json(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Query(asked): Query<Asked>,
+) -> Response {
+    trend_as(web, visitor, asked, Form::Json).await
+}
+
+pub(super) async fn heat_csv(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Query(asked): Query<Asked>,
+) -> Response {
+    heat_as(web, visitor, asked, Form::Csv).await
+}
+
+pub(super) async fn heat_json(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Query(asked): Query<Asked>,
+) -> Response {
+    heat_as(web, visitor, asked, Form::Json).await
+}
+
+fn body(words: Language<'_>, shown: &Shown) -> Markup {
+    let word = |key| words.word(key);
+    let Shown { panel, trend, heat, .. } = shown;
+    let escaped = super::guard::escaped;
+    let address = format!("panel={}&name={}", escaped(panel), escaped(&shown.name));
+    html! {
+        section.card {
+            h2 { (word("trends.title")) }
+            (fields(words, shown))
+        }
+        section.card {
+            h2 { (trend.title) @if !trend.unit.is_empty() { " [" (trend.unit) "]" } }
+            p.links { a href={ "/trends.csv?" (address) } { "CSV" } " · " a href={ "/trends.json?" (address) } { "JSON" } }
+            @if trend.points.is_empty() { p { (word("trends.no_values")) } } @else {
+                (trend_chart(trend, chart_words(words)))
+                (hints(words, trend))
+            }
+            @if trend.without > 0 { p.note { (word("trends.without")) " " (trend.without) } }
+        }
+        section.card {
+            h2 { (panel) }
+            p.note { (word("trends.films")) " " (heat.films) }
+            p.links { a href={ "/heat.csv?" (address) } { "CSV" } " · " a href={ "/heat.json?" (address) } { "JSON" } }
+            div.scroll tabindex="0" { (heat_chart(heat, word("trends.heat"))) }
+        }
+    }
+}
+
+fn chart_words(words: Language<'_>) -> ChartWords<'_> {
+    ChartWords {
+        cycle: words.word("run.cycle"),
+        usual: words.word("trends.usual"),
+        unusual: words.word("trends.unusual"),
+        beyond: words.word("trends.beyond"),
+        limit: words.word("trends.limit"),
+        mean: words.word("trends.mean"),
+    }
+}
+
+fn fields(words: Language<'_>, shown: &Shown) -> Markup {
+    let word = |key| words.word(key);
+    let is_known = Known::words().contains(&shown.name.as_str());
+    html! {
+        form.search method="get" action="/trends" {
+            label {
+                (word("history.panel"))
+                select name="panel" {
+                    @for panel in &shown.panels { option value=(panel) selected[*panel == shown.panel] { (panel) } }
+                }
+            }
+            label {
+                (word("trends.number"))
+                select name="name" {
+                    @for name in Known::words() { option value=(name) selected[name == shown.name] { (name.replace('-', " ")) } }
+                }
+            }
+            label { (word("trends.named")) input name="check" value=(if is_known { "" } else { &shown.name }) maxlength="200" autocomplete="off"; }
+            button.primary type="submit" { (word("trends.show")) }
+        }
+    }
+}
+
+/// The unusual values in words: what the triangles say.
+fn hints(words: Language<'_>, trend: &Trend) -> Markup {
+    let of = |at: usize| trend.points.get(at);
+    html! {
+        @if trend.usual.is_none() { p.note { (words.word("trends.too_few")) } }
+        @else if !trend.hints.is_empty() {
+            details {
+                summary { (words.word("trends.hints")) " (" (trend.hints.len()) ")" }
+                ul { @for hint in &trend.hints { @if let Some(point) = of(hint.at) {
+                    li {
+                        @if let Some(cycle) = point.cycle { a href={ "/cycle/" (cycle) } { (words.word("run.cycle")) " " (cycle) } ", " }
+                        (utc(point.at_unix_s)) ": " (shown(point.value)) " " (trend.unit) " – " (hint.rule.words())
+                    }
+                } } }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::daemon::web::words::Words;
+    use crate::history::{HeatCell, TrendPoint};
+    use crate::record::CycleId;
+    use crate::verdict::Limit;
+
+    fn shown_of(points: usize) -> Shown {
+        let point = |at: usize| TrendPoint {
+            cycle: Some(CycleId(at as i64 + 1)),
+            at_unix_s: 0,
+            serial: None,
+            value: if at == 11 { 9.0 } else { 1.0 + (at % 2) as f64 },
+            limit: Limit::AtMost(8.0),
+        };
+        let grids =
+            vec![HeatCell { grid: "r1c1".to_owned(), row: 1, column: 1, films: 3, breaks: 1, median_s: Some(5.0) }];
+        Shown {
+            panels: vec!["a&b".to_owned(), "wing".to_owned()],
+            panel: "a&b".to_owned(),
+            name: "passes".to_owned(),
+            trend: Trend::of_points(("passes".to_owned(), String::new()), (0..points).map(point).collect(), 2),
+            heat: HeatMap { films: 3, grids },
+        }
+    }
+
+    #[test]
+    fn a_trend_is_drawn_with_its_hints_in_words_in_every_language() {
+        let words = Words::read(None).expect("the program's own");
+        for language in ["en", "de"] {
+            let html = body(words.language(Some(language), None), &shown_of(12)).into_string();
+            assert!(html.contains("href=\"/trends.csv?panel=a%26b&amp;name=passes\""), "{html}");
+            assert!(html.contains("<option value=\"a&amp;b\" selected>"), "{html}");
+            assert!(html.contains("class=\"beyond\"") && html.contains("one value is beyond 3 times"));
+            assert!(html.contains("<strong>1/3</strong><br>5.0 s") && !html.contains("style="));
+            assert!(
+                !html.contains("trends.") || html.matches("trends.").count() == html.matches("/trends.").count()
+            );
+        }
+        let html = body(words.language(None, None), &shown_of(0)).into_string();
+        assert!(html.contains("No cycle of this panel has such a number.") && !html.contains("<svg.chart"));
+    }
+
+    #[test]
+    fn a_check_by_its_name_goes_before_the_list() {
+        let asked =
+            |name: &str, check: &str| Asked { name: name.to_owned(), check: check.to_owned(), ..Asked::default() };
+        assert_eq!(asked("passes", "").name(), "passes");
+        assert_eq!(asked("passes", " overlap ").name(), "overlap");
+        assert_eq!(asked("", "").name(), "localization-residual");
+    }
+}

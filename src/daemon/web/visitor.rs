@@ -1,0 +1,57 @@
+//! Who sent a request to the page: a person with a role, or somebody who is not logged in.
+
+use super::words::{Language, Words};
+use crate::accounts::{Permission, Role};
+use crate::record::{Front, Who};
+use std::sync::Arc;
+
+/// Who sent a request.
+#[derive(Debug, Clone)]
+pub(super) struct Visitor {
+    /// From which address.
+    pub from: String,
+    /// The person, where somebody is logged in.
+    pub person: Option<Person>,
+    /// The language that was chosen, and those that the browser prefers.
+    pub chosen: Option<String>,
+    pub accepted: Option<String>,
+    pub words: Arc<Words>,
+}
+
+/// A person who is logged in.
+#[derive(Debug, Clone)]
+pub(super) struct Person {
+    pub name: String,
+    pub printed_name: String,
+    pub role: Role,
+    pub csrf: String,
+    pub token: String,
+}
+
+impl Visitor {
+    /// The words of the visitor's language.
+    pub fn language(&self) -> Language<'_> {
+        self.words.language(self.chosen.as_deref(), self.accepted.as_deref())
+    }
+
+    /// As the service keeps who requested something.
+    pub fn who(&self) -> Who {
+        Who { front: Front::Page, uid: None, user: self.person.as_ref().map(|person| person.name.clone()) }
+    }
+
+    /// Whether the visitor's role may do it; somebody who is not logged in may nothing that needs a role.
+    pub fn may(&self, permission: Permission) -> bool {
+        self.person.as_ref().is_some_and(|person| person.role.may(permission))
+    }
+}
+
+/// The key of a role's word.
+pub(super) fn role_key(role: Role) -> &'static str {
+    match role {
+        Role::Viewer => "role.viewer",
+        Role::Operator => "role.operator",
+        Role::Inspector => "role.inspector",
+        Role::Engineer => "role.engineer",
+        Role::Administrator => "role.administrator",
+    }
+}

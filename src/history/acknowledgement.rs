@@ -1,0 +1,19 @@
+//! An acknowledgement: somebody has seen an alarm. It changes neither the alarm nor the cell.
+
+use crate::record::CycleId;
+use serde::{Deserialize, Serialize};
+
+/// That somebody has seen an alarm.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Acknowledgement {
+    /// When, ms since 1970.
+    pub unix_ms: i64,
+    /// The cycle whose alarm it is; `None` for an alarm outside of a cycle.
+    pub cycle: Option<CycleId>,
+    /// The alarm's code, such as `low_overlap`.
+    pub code: String,
+    /// When the alarm was raised, ms since 1970: the same code raised again is another alarm.
+    pub raised_unix_ms: i64,
+    /// Who, as that person was named.
+    pub who: String,
+}

@@ -1,0 +1,134 @@
+//! The alarms of a cycle: which were raised, when, and when their cause was gone.
+//!
+//! A phase that gives a reason raises an alarm, which lasts until the same phase no longer gives it. What the verdict still gives
+//! as a reason lasts on until a person resets or clears the cell, or the next cycle begins; all else is gone with the cycle. A
+//! request that was refused is an alarm of that moment. Acknowledging changes neither alarm nor cell.
+
+use super::acknowledgement::Acknowledgement;
+use super::codes::{Priority, code};
+use crate::record::{Answer, CycleId, CycleRecord, Kind};
+use crate::verdict::Reason;
+use serde::Serialize;
+
+/// One alarm.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Alarm {
+    /// Its cycle.
+    pub cycle: CycleId,
+    /// The code, such as `low_overlap`.
+    pub code: String,
+    /// How urgent it is.
+    pub priority: Priority,
+    /// What was found, in the words of then.
+    pub message: String,
+    /// What the code means; empty where this program does not give it.
+    pub cause: String,
+    /// What to do; empty where this program does not give it.
+    pub remedy: String,
+    /// The phase that gave it; `None` for a request and for what the verdict alone says.
+    pub phase: Option<Kind>,
+    /// When it was raised, ms since 1970. What an earlier program found counts as raised with the begin of its cycle.
+    pub raised_unix_ms: i64,
+    /// When it was gone, ms since 1970; `None` while it lasts.
+    pub gone_unix_ms: Option<i64>,
+    /// Who acknowledged it first, and when.
+    pub acknowledged: Option<Acknowledgement>,
+}
+
+/// Times that a cycle's record itself does not have.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct AlarmTimes {
+    /// When each finding was kept, ms since 1970, in their order; `None` for those of an earlier program.
+    pub findings_unix_ms: Vec<Option<i64>>,
+    /// When a person first reset or cleared the cell after the end, or the next cycle began, ms since 1970; `None` while
+    /// neither was.
+    pub settled_unix_ms: Option<i64>,
+}
+
+impl Alarm {
+    /// Whether it lasts.
+    pub fn is_active(&self) -> bool {
+        self.gone_unix_ms.is_none()
+    }
+
+    fn new(cycle: CycleId, reason: &Reason, phase: Option<Kind>, raised_unix_ms: i64) -> Self {
+        let known = code(&reason.code);
+        Alarm {
+            cycle,
+            code: reason.code.clone().into_owned(),
+            // What is not known is nothing to be overlooked.
+            priority: known.map_or(Priority::Medium, |known| known.priority),
+            message: reason.message.clone(),
+            cause: known.map_or(String::new(), |known| known.cause.clone().into_owned()),
+            remedy: known.map_or(String::new(), |known| known.remedy.clone().into_owned()),
+            phase,
+            raised_unix_ms,
+            gone_unix_ms: None,
+            acknowledged: None,
+        }
+    }
+}
+
+/// The alarms of a cycle in the order in which they were raised.
+pub fn alarms(record: &CycleRecord, times: &AlarmTimes, acknowledgements: &[Acknowledgement]) -> Vec<Alarm> {
+    let mut all = of_findings(record, times);
+    end(record, times, &mut all);
+    all.extend(refused(record));
+    all.sort_by_key(|alarm| alarm.raised_unix_ms);
+    for alarm in &mut all {
+        let is_meant = |one: &&Acknowledgement| {
+            one.cycle == Some(alarm.cycle) && one.code == alarm.code && one.raised_unix_ms == alarm.raised_unix_ms
+        };
+        alarm.acknowledged = acknowledgements.iter().find(is_meant).cloned();
+    }
+    all
+}
+
+fn of_findings(record: &CycleRecord, times: &AlarmTimes) -> Vec<Alarm> {
+    let mut all: Vec<Alarm> = Vec::new();
+    for (index, finding) in record.findings.iter().enumerate() {
+        let at = times.findings_unix_ms.get(index).copied().flatten().unwrap_or(record.started_unix_s * 1_000);
+        let given = |alarm: &Alarm| finding.judgement.reasons.iter().any(|reason| reason.code == alarm.code);
+        let lasting = |alarm: &&mut Alarm| alarm.phase == Some(finding.kind) && alarm.is_active();
+        for alarm in all.iter_mut().filter(lasting).filter(|alarm| !given(alarm)) {
+            alarm.gone_unix_ms = Some(at);
+        }
+        for reason in &finding.judgement.reasons {
+            let is_raised = all
+                .iter()
+                .any(|alarm| alarm.is_active() && alarm.phase == Some(finding.kind) && alarm.code == reason.code);
+            if !is_raised {
+                all.push(Alarm::new(record.id, reason, Some(finding.kind), at));
+            }
+        }
+    }
+    all
+}
+
+/// What the end of the cycle does: its reasons last on, everything else is gone.
+fn end(record: &CycleRecord, times: &AlarmTimes, all: &mut Vec<Alarm>) {
+    let (Some(judgement), Some(ended_unix_s)) = (&record.judgement, record.ended_unix_s) else { return };
+    let ended_unix_ms = ended_unix_s * 1_000;
+    for reason in &judgement.reasons {
+        if !all.iter().any(|alarm| alarm.is_active() && alarm.code == reason.code) {
+            all.push(Alarm::new(record.id, reason, None, ended_unix_ms));
+        }
+    }
+    for alarm in all.iter_mut().filter(|alarm| alarm.is_active()) {
+        let lasts = judgement.reasons.iter().any(|reason| reason.code == alarm.code);
+        // The end is kept in whole seconds, and what raised an alarm may be later in that second.
+        let gone = if lasts { times.settled_unix_ms } else { Some(ended_unix_ms) };
+        alarm.gone_unix_ms = gone.map(|gone| gone.max(alarm.raised_unix_ms));
+    }
+}
+
+fn refused(record: &CycleRecord) -> impl Iterator<Item = Alarm> {
+    let refused =
+        record.asked.iter().filter(|asked| matches!(asked.answer, Some(Answer::Refused | Answer::Failed)));
+    refused.flat_map(|asked| {
+        asked.reasons.iter().map(|reason| Alarm {
+            gone_unix_ms: Some(asked.unix_ms),
+            ..Alarm::new(record.id, reason, None, asked.unix_ms)
+        })
+    })
+}

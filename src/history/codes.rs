@@ -1,0 +1,177 @@
+//! Every code that the program gives, as a table of alarms (ISA-18.2): how urgent, what it means, what to do.
+//!
+//! Meaning and remedy are those of the manual's page of messages, which a test holds to the sources. How urgent a code is
+//! stands here. None of it is a safety function: what must stop a robot at once is the cell's own safety circuit.
+
+use serde::Serialize;
+use std::borrow::Cow;
+use std::sync::LazyLock;
+
+const PAGE: &str = include_str!("../../config/manual/messages.md");
+
+/// How urgently a person is needed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, strum::IntoStaticStr)]
+#[serde(rename_all = "lowercase")]
+#[strum(serialize_all = "lowercase")]
+pub enum Priority {
+    /// Nobody: it says what happened.
+    Note,
+    /// When there is time: a request or a command was not done, and nothing else changed.
+    Low,
+    /// Soon: a cycle waits for a person, or ended without a result.
+    Medium,
+    /// Now: the cell was aborted or is not sure of its state. A person looks at it before anything moves.
+    High,
+}
+
+impl Priority {
+    /// Its word, `high`.
+    pub fn word(self) -> &'static str {
+        self.into()
+    }
+}
+
+/// A code.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Code {
+    /// The stable word, `low_overlap`.
+    pub code: Cow<'static, str>,
+    /// How urgent it is.
+    pub priority: Priority,
+    /// What it means and by what it comes.
+    pub cause: Cow<'static, str>,
+    /// What to do.
+    pub remedy: Cow<'static, str>,
+}
+
+/// Codes of a cell that was aborted, or whose state is not known.
+const HIGH: [&str; 29] = [
+    "link_lost",
+    "no_route",
+    "not_sent",
+    "robot_restarted",
+    "emergency_stop",
+    "guard_open",
+    "drives_off",
+    "refused",
+    "echo",
+    "protocol",
+    "sequence",
+    "watchdog",
+    "late",
+    "short",
+    "deviation",
+    "unexpected",
+    "feedback",
+    "gate",
+    "stop_timed_out",
+    "stop_not_confirmed",
+    "interrupted",
+    "outputs_on",
+    "water_may_run",
+    "tool_may_run",
+    "store",
+    "store_changed",
+    "disk_full",
+    "silent",
+    "ended",
+];
+
+/// Codes of what went as a person wanted it, or as the recipe says: the film that breaks is what the test looks for.
+const NOTES: [&str; 7] = ["asked", "stopped", "robot_ready", "broken", "off_path", "running", "waypoints"];
+
+/// Sections of the page whose codes are those of commands and requests; what is below one of its headings is part of it.
+const COMMANDS: [&str; 4] = ["Requests that are refused", "Calibration", "Teaching", "Commands and files"];
+
+/// Codes in those sections by which no cycle starts.
+const NO_START: [&str; 6] = [
+    "verification_limit",
+    "verification_old",
+    "verification_ahead",
+    "verification_other",
+    "verification_struck",
+    "calibration",
+];
+
+static CODES: LazyLock<Vec<Code>> = LazyLock::new(|| rows(PAGE));
+
+/// All codes, in the order of the manual.
+pub fn codes() -> &'static [Code] {
+    &CODES
+}
+
+/// The code with this word.
+pub fn code(word: &str) -> Option<&'static Code> {
+    CODES.iter().find(|code| code.code == word)
+}
+
+fn rows(page: &'static str) -> Vec<Code> {
+    let mut section = "";
+    let mut codes = Vec::new();
+    for line in page.lines() {
+        if let Some(title) = line.strip_prefix("## ") {
+            section = title;
+        }
+        let Some(row) = line.strip_prefix("| `").and_then(|row| row.strip_suffix('|')) else { continue };
+        let cells: Vec<&'static str> = row.split('|').map(str::trim).collect();
+        if let [code, cause, remedy] = cells[..] {
+            let code = code.trim_end_matches('`');
+            let priority = priority(code, cause, section);
+            codes.push(Code { code: code.into(), priority, cause: cause.into(), remedy: remedy.into() });
+        }
+    }
+    codes
+}
+
+fn priority(code: &str, cause: &str, section: &str) -> Priority {
+    let is_command = COMMANDS.contains(&section) || cause.contains("A single function of `panelprep robot`");
+    match code {
+        _ if HIGH.contains(&code) => Priority::High,
+        _ if NOTES.contains(&code) || cause.starts_with("A note on the page") => Priority::Note,
+        _ if is_command && !NO_START.contains(&code) => Priority::Low,
+        _ => Priority::Medium,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_code_has_its_priority_cause_and_remedy() {
+        for (word, priority) in [
+            ("no_panel", Priority::Medium),
+            ("low_overlap", Priority::Medium),
+            ("link_lost", Priority::High),
+            ("broken", Priority::Note),
+            ("part", Priority::Note),
+            ("not_now", Priority::Low),
+            ("guard", Priority::Low),
+            ("few_pictures", Priority::Low),
+            ("verification_old", Priority::Medium),
+        ] {
+            let code = code(word).unwrap_or_else(|| panic!("{word}"));
+            assert_eq!(code.priority, priority, "{word}");
+            assert!(code.cause.ends_with('.') && code.remedy.len() > 10, "{code:?}");
+        }
+        assert!(code("no_such_code").is_none() && codes().len() > 150);
+    }
+
+    /// A code that is no longer given must not stay in a list here.
+    #[test]
+    fn every_listed_code_is_one_of_the_manual() {
+        let unknown: Vec<&&str> =
+            HIGH.iter().chain(&NOTES).chain(&NO_START).filter(|word| code(word).is_none()).collect();
+        assert_eq!(unknown, [] as [&&str; 0]);
+        let headings: Vec<&str> = PAGE.lines().filter_map(|line| line.strip_prefix("## ")).collect();
+        assert!(COMMANDS.iter().all(|section| headings.contains(section)), "{headings:?}");
+    }
+
+    /// What the manual calls an abort is looked at before anything moves.
+    #[test]
+    fn what_aborts_a_cycle_is_urgent() {
+        let aborts = |code: &&Code| code.cause.starts_with("Aborted") || code.cause.contains("cycle is aborted");
+        let found: Vec<_> = codes().iter().filter(aborts).filter(|code| code.priority < Priority::High).collect();
+        assert_eq!(found.iter().map(|code| &*code.code).collect::<Vec<_>>(), [] as [&str; 0]);
+    }
+}

@@ -1,0 +1,77 @@
+//! Dates as people type them for a search: a day, or a day with a time, in UTC as all pages have them.
+
+use jiff::civil::{Date, DateTime};
+use jiff::tz::Offset;
+use thiserror::Error;
+
+/// Which end of a day is meant where no time is named.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Edge {
+    /// Its first second.
+    Start,
+    /// The first second of the next day.
+    Behind,
+}
+
+/// What was typed is no date.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error(
+    "{found} is no date: write a day as 2026-05-31, or a day with a time as 2026-05-31T09:00, both in UTC, between the years \
+     1 and 9998"
+)]
+pub struct DateError {
+    found: String,
+}
+
+/// A date as seconds since 1970. `edge` says which end of a day is meant where it has no time.
+///
+/// # Errors
+/// Where it is none.
+pub fn unix_s(text: &str, edge: Edge) -> Result<i64, DateError> {
+    let refused = || DateError { found: text.escape_debug().to_string() };
+    // Other forms that the calendar reads, such as week dates and zones, would be taken as something that nobody meant.
+    let is_plain = text.bytes().all(|byte| byte.is_ascii_digit() || b"-:T".contains(&byte));
+    let time = match (is_plain, text.len()) {
+        (true, 10) => {
+            let day: Date = text.parse().map_err(|_| refused())?;
+            match edge {
+                Edge::Start => day,
+                Edge::Behind => day.tomorrow().map_err(|_| refused())?,
+            }
+            .to_datetime(jiff::civil::Time::midnight())
+        }
+        (true, 16 | 19) => text.parse::<DateTime>().map_err(|_| refused())?,
+        _ => return Err(refused()),
+    };
+    Offset::UTC.to_timestamp(time).map(|at| at.as_second()).map_err(|_| refused())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// From `date -u -d 2024-02-29 +%s` and the like: a leap day has a next day in March.
+    #[test]
+    fn a_day_begins_and_ends_where_the_calendar_says() {
+        for (text, edge, expected) in [
+            ("1970-01-01", Edge::Start, 0),
+            ("1970-01-01", Edge::Behind, 86_400),
+            ("2024-02-29", Edge::Start, 1_709_164_800),
+            ("2024-02-29", Edge::Behind, 1_709_251_200),
+            ("2026-11-21T21:43", Edge::Start, 1_795_297_380),
+            ("2026-11-21T21:43:52", Edge::Behind, 1_795_297_432),
+        ] {
+            assert_eq!(unix_s(text, edge), Ok(expected), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_date_is_refused_with_the_form_that_is_one() {
+        for text in
+            ["", "2026-02-30", "31.05.2026", "2026-5-31", "2026-W22-7", "2026-05-31T25:00", "2026-05-31Z", "<b>"]
+        {
+            let error = unix_s(text, Edge::Start).expect_err(text).to_string();
+            assert!(error.contains("2026-05-31T09:00"), "{error}");
+        }
+    }
+}

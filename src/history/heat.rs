@@ -1,0 +1,54 @@
+//! Where the film breaks first: every grid of a panel over many parts of its kind, by the first valid film of each cycle.
+
+use super::grid::grid_place;
+use super::past::PastCycle;
+use crate::geometry::median_between;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Every grid of a panel over its cycles.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct HeatMap {
+    /// Cycles with a valid film.
+    pub films: usize,
+    /// The grids, row by row.
+    pub grids: Vec<HeatCell>,
+}
+
+/// A grid over all cycles.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct HeatCell {
+    /// The grid.
+    pub grid: String,
+    /// Its row, from 1.
+    pub row: u32,
+    /// Its column, from 1.
+    pub column: u32,
+    /// First films that tell of it.
+    pub films: usize,
+    /// How often the film broke on it.
+    pub breaks: usize,
+    /// The median of the times after which it did, s; `None` where it never did.
+    pub median_s: Option<f64>,
+}
+
+/// Counts the breaks of each grid. Cycles that ran in the air have no film.
+pub fn heat_map(cycles: &[PastCycle]) -> HeatMap {
+    let mut films = 0;
+    let mut all: BTreeMap<(u32, u32), (String, usize, usize, Vec<f64>)> = BTreeMap::new();
+    for past in cycles.iter().filter(|past| past.films().next().is_some()) {
+        films += 1;
+        for (grid, told) in past.grids() {
+            let (Some(at), Some(failed)) = (grid_place(&grid), told.failed_first) else { continue };
+            let (_, seen, breaks, times_s) = all.entry(at).or_insert((grid, 0, 0, Vec::new()));
+            *seen += 1;
+            *breaks += usize::from(failed);
+            times_s.extend(told.time_to_break_s.filter(|_| failed));
+        }
+    }
+    let cell =
+        |((row, column), (grid, films, breaks, mut times_s)): ((u32, u32), (String, usize, usize, Vec<f64>))| {
+            HeatCell { grid, row, column, films, breaks, median_s: median_between(&mut times_s) }
+        };
+    HeatMap { films, grids: all.into_iter().map(cell).collect() }
+}

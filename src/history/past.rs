@@ -1,0 +1,67 @@
+//! A cycle that was, as the rest of the room reads it: its record, its part, and what it did to the disc.
+
+use super::grid::{GridPast, grids};
+use crate::record::{CycleRecord, Finding, Kind, PartNames, abraded};
+use crate::verdict::{Check, Verdict};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// A cycle with what is kept of it beside its record.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PastCycle {
+    /// The record.
+    pub record: CycleRecord,
+    /// The part; `None` where none was named.
+    pub part: Option<PartNames>,
+    /// The disc; `None` where the cycle touched nothing.
+    pub disc: Option<DiscWear>,
+}
+
+/// What a cycle did to the disc.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct DiscWear {
+    /// What the disc swept of the panel in this cycle, mm².
+    pub swept_mm2: f64,
+    /// What it had swept by the end of the cycle since it was mounted, mm².
+    pub worn_mm2: f64,
+}
+
+impl PastCycle {
+    /// The findings of this phase, in order.
+    pub fn findings(&self, kind: Kind) -> impl DoubleEndedIterator<Item = &Finding> {
+        self.record.findings.iter().filter(move |finding| finding.kind == kind)
+    }
+
+    /// The films that say something: those that were judged and are not invalid, in order.
+    pub fn films(&self) -> impl DoubleEndedIterator<Item = &Finding> {
+        self.findings(Kind::Inspect).filter(|film| is_valid(film))
+    }
+
+    /// The check with this name in the last finding of this phase that has it.
+    pub fn last_check(&self, kind: Kind, name: &str) -> Option<&Check> {
+        self.findings(kind).rev().find_map(|finding| finding.checks.iter().find(|check| check.name == name))
+    }
+
+    /// Passes over the panel that are known to have touched it.
+    pub fn passes(&self) -> u8 {
+        let all = abraded(&self.record.findings, &self.record.motions);
+        all.iter().filter(|one| one.how.is_sure()).map(|one| one.pass).max().unwrap_or(0)
+    }
+
+    /// Every grid that a film or a pass tells of.
+    pub fn grids(&self) -> BTreeMap<String, GridPast> {
+        grids(&self.films().collect::<Vec<_>>(), &abraded(&self.record.findings, &self.record.motions))
+    }
+
+    /// From its begin to its end by the wall clock, s; `None` while it runs, and where the program ended before the cycle did,
+    /// so that its end is not known.
+    pub fn cycle_time_s(&self) -> Option<i64> {
+        let mut reasons = self.record.judgement.iter().flat_map(|judgement| &judgement.reasons);
+        let is_interrupted = reasons.any(|reason| reason.code == "interrupted");
+        Some(self.record.ended_unix_s? - self.record.started_unix_s).filter(|_| !is_interrupted)
+    }
+}
+
+fn is_valid(film: &Finding) -> bool {
+    film.details.contains_key("failed") && ![Verdict::Invalid, Verdict::Aborted].contains(&film.judgement.verdict)
+}

@@ -1,0 +1,173 @@
+//! Numbers of a cycle whose development is worth to be watched: their words on the command line, and where a record has them.
+
+use super::past::PastCycle;
+use crate::record::{Kind, name};
+use crate::verdict::{Check, Limit};
+use std::str::FromStr;
+use strum::IntoEnumIterator;
+
+/// A number that each cycle has one of, or none.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Quantity {
+    /// One of those that have a word.
+    Known(Known),
+    /// The check with this name, in the last finding that has it.
+    Check(String),
+}
+
+/// A quantity that has a word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::EnumIter, strum::EnumString, strum::IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
+pub enum Known {
+    /// Localization: residual, point to plane, rms, mm.
+    LocalizationResidual,
+    /// Localization: residual of the outline, rms, px.
+    OutlineResidual,
+    /// Localization: stated error at the panel's worst place, 95 %, mm.
+    LocalizationError,
+    /// Verifications of the scanner, mm at the panel.
+    ScannerVerification,
+    /// Verifications of the camera on the flange, mm at the panel.
+    FlangeCameraVerification,
+    /// Verifications of the tool, mm.
+    ToolVerification,
+    /// How much less light than in the dry picture, of the film with the least, %.
+    LightLeast,
+    /// How much more light than in the dry picture, of the film with the most, %.
+    LightMost,
+    /// By how much the film changed the panel, of the film with the least, grey levels.
+    FilmChange,
+    /// From the begin of the first film to its first break, s.
+    TimeToBreak,
+    /// Passes over the panel.
+    Passes,
+    /// What the disc swept in the cycle, mm².
+    DiscSwept,
+    /// What the disc had swept since it was mounted, mm².
+    DiscWorn,
+    /// From begin to end by the wall clock, s.
+    CycleTime,
+    /// How long the valid films were watched together, s.
+    FilmTime,
+    /// The error at the tool, all parts together, 95 %, mm.
+    ErrorAtTool,
+}
+
+/// Which of several checks of a cycle counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Pick {
+    Last,
+    Least,
+    Most,
+}
+
+impl Known {
+    /// Its word on the command line and in addresses, `localization-residual`.
+    pub fn word(self) -> &'static str {
+        self.into()
+    }
+
+    /// What it is, and its unit.
+    pub fn title_and_unit(self) -> (&'static str, &'static str) {
+        match self {
+            Known::LocalizationResidual => ("localization: residual, point to plane, rms", "mm"),
+            Known::OutlineResidual => ("localization: residual of the outline, rms", "px"),
+            Known::LocalizationError => ("localization: stated error at the worst place, 95 %", "mm"),
+            Known::ScannerVerification => ("verification of the scanner", "mm"),
+            Known::FlangeCameraVerification => ("verification of the camera on the flange", "mm"),
+            Known::ToolVerification => ("verification of the tool", "mm"),
+            Known::LightLeast => ("change of the light, least", "%"),
+            Known::LightMost => ("change of the light, most", "%"),
+            Known::FilmChange => ("change of the panel by the film", "grey levels"),
+            Known::TimeToBreak => ("time to the first break", "s"),
+            Known::Passes => ("passes over the panel", ""),
+            Known::DiscSwept => ("swept by the disc in the cycle", "mm²"),
+            Known::DiscWorn => ("swept by the disc since it was mounted", "mm²"),
+            Known::CycleTime => ("cycle time", "s"),
+            Known::FilmTime => ("time of the films", "s"),
+            Known::ErrorAtTool => ("error at the tool, 95 %", "mm"),
+        }
+    }
+
+    /// Whose verifications it shows; `None` where it is a number of cycles.
+    pub fn verified_subject(self) -> Option<&'static str> {
+        match self {
+            Known::ScannerVerification => Some("scanner"),
+            Known::FlangeCameraVerification => Some("flange_camera"),
+            Known::ToolVerification => Some("tool"),
+            _ => None,
+        }
+    }
+
+    /// All words.
+    pub fn words() -> Vec<&'static str> {
+        Known::iter().map(Known::word).collect()
+    }
+
+    /// The value in a cycle, and what was allowed. A number of verifications has none in a cycle.
+    fn of(self, past: &PastCycle) -> Option<(f64, Limit)> {
+        let unlimited = |value: f64| (value, Limit::Unlimited);
+        match self {
+            Known::LocalizationResidual => picked(past, Kind::Locate, name::RESIDUAL, Pick::Last),
+            Known::OutlineResidual => picked(past, Kind::Locate, name::OUTLINE_RESIDUAL, Pick::Last),
+            Known::LocalizationError => picked(past, Kind::Locate, name::LOCATION_ERROR, Pick::Last),
+            Known::LightLeast => picked(past, Kind::Inspect, name::LIGHT_LEAST, Pick::Least),
+            Known::LightMost => picked(past, Kind::Inspect, name::LIGHT_MOST, Pick::Most),
+            Known::FilmChange => picked(past, Kind::Inspect, name::FILM_CHANGE, Pick::Least),
+            Known::TimeToBreak => {
+                let times = past.grids().into_values().filter_map(|grid| grid.time_to_break_s);
+                times.min_by(f64::total_cmp).map(unlimited)
+            }
+            Known::Passes => past.films().next().map(|_| unlimited(f64::from(past.passes()))),
+            Known::DiscSwept => past.disc.map(|disc| unlimited(disc.swept_mm2)),
+            Known::DiscWorn => past.disc.map(|disc| unlimited(disc.worn_mm2)),
+            Known::CycleTime => past.cycle_time_s().map(|s| unlimited(s as f64)),
+            Known::FilmTime => super::summary::films(past).watched_s.map(unlimited),
+            Known::ErrorAtTool => past.record.budget?.total_mm().map(unlimited),
+            Known::ScannerVerification | Known::FlangeCameraVerification | Known::ToolVerification => None,
+        }
+    }
+}
+
+fn picked(past: &PastCycle, kind: Kind, name: &str, pick: Pick) -> Option<(f64, Limit)> {
+    let checks = past.findings(kind).flat_map(|finding| &finding.checks).filter(|check| check.name == name);
+    let mut values = checks.filter_map(|check| Some((check.value?, check.limit)));
+    match pick {
+        Pick::Last => values.next_back(),
+        Pick::Least => values.min_by(|one, other| one.0.total_cmp(&other.0)),
+        Pick::Most => values.max_by(|one, other| one.0.total_cmp(&other.0)),
+    }
+}
+
+impl Quantity {
+    /// The quantity with this word, else the check with this name.
+    pub fn named(text: &str) -> Self {
+        Known::from_str(text).map_or_else(|_| Quantity::Check(text.to_owned()), Quantity::Known)
+    }
+
+    /// The value in a cycle and what was allowed; `None` where the cycle has none.
+    pub fn of(&self, past: &PastCycle) -> Option<(f64, Limit)> {
+        match self {
+            Quantity::Known(known) => known.of(past),
+            Quantity::Check(name) => self.check(past, name).and_then(|check| Some((check.value?, check.limit))),
+        }
+    }
+
+    /// What it is, and its unit, as these cycles have it.
+    pub fn title_and_unit(&self, cycles: &[PastCycle]) -> (String, String) {
+        match self {
+            Quantity::Known(known) => {
+                let (title, unit) = known.title_and_unit();
+                (title.to_owned(), unit.to_owned())
+            }
+            Quantity::Check(name) => {
+                let unit = cycles.iter().rev().find_map(|past| self.check(past, name));
+                (name.clone(), unit.map_or(String::new(), |check| check.unit.clone()))
+            }
+        }
+    }
+
+    fn check<'p>(&self, past: &'p PastCycle, name: &str) -> Option<&'p Check> {
+        past.record.findings.iter().rev().find_map(|finding| finding.checks.iter().find(|check| check.name == name))
+    }
+}

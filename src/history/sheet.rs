@@ -1,0 +1,132 @@
+//! A table of cells that other programs read: as CSV with every digit, one line of names first.
+//!
+//! Spreadsheets execute a text that begins with a sign of a formula. Such texts come from people, as serial numbers do, and get
+//! an apostrophe before them, as spreadsheets themselves write a text that is none.
+
+/// A cell.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Cell {
+    /// What was not measured or not named.
+    Empty,
+    /// A text.
+    Text(String),
+    /// A number, written as short as it reads back.
+    Number(f64),
+    /// A count or a time.
+    Whole(i64),
+    /// Yes or no.
+    Flag(bool),
+}
+
+/// Rows below the names of their columns; units stand in the names.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sheet {
+    /// The names.
+    pub columns: Vec<String>,
+    /// The rows, each as long as the names.
+    pub rows: Vec<Vec<Cell>>,
+}
+
+impl Sheet {
+    /// A sheet with these columns and no rows so far.
+    pub fn new(columns: &[&str]) -> Self {
+        Sheet { columns: columns.iter().map(|&name| name.to_owned()).collect(), rows: Vec::new() }
+    }
+
+    /// The same sheet with these rows.
+    #[must_use]
+    pub fn with(self, rows: impl IntoIterator<Item = Vec<Cell>>) -> Self {
+        Sheet { rows: rows.into_iter().collect(), ..self }
+    }
+
+    /// As CSV (RFC 4180), in UTF-8.
+    ///
+    /// # Errors
+    /// Where a row is not as long as the names.
+    pub fn csv(&self) -> Result<String, csv::Error> {
+        let mut writer = csv::WriterBuilder::new().terminator(csv::Terminator::CRLF).from_writer(Vec::new());
+        writer.write_record(&self.columns)?;
+        for row in &self.rows {
+            writer.write_record(row.iter().map(Cell::text))?;
+        }
+        let bytes = writer.into_inner().map_err(|error| csv::Error::from(error.into_error()))?;
+        // What is written from texts is text.
+        Ok(String::from_utf8_lossy(&bytes).into_owned())
+    }
+}
+
+impl Cell {
+    fn text(&self) -> String {
+        match self {
+            Cell::Empty => String::new(),
+            Cell::Text(text) if text.starts_with(['=', '+', '-', '@', '\t', '\r']) => format!("'{text}"),
+            Cell::Text(text) => text.clone(),
+            Cell::Number(number) => crate::words::plain(*number),
+            Cell::Whole(number) => number.to_string(),
+            Cell::Flag(flag) => flag.to_string(),
+        }
+    }
+}
+
+impl From<&str> for Cell {
+    fn from(text: &str) -> Self {
+        Cell::Text(text.to_owned())
+    }
+}
+
+impl From<String> for Cell {
+    fn from(text: String) -> Self {
+        Cell::Text(text)
+    }
+}
+
+impl From<f64> for Cell {
+    fn from(number: f64) -> Self {
+        Cell::Number(number)
+    }
+}
+
+impl From<i64> for Cell {
+    fn from(number: i64) -> Self {
+        Cell::Whole(number)
+    }
+}
+
+impl From<usize> for Cell {
+    fn from(number: usize) -> Self {
+        Cell::Whole(i64::try_from(number).unwrap_or(i64::MAX))
+    }
+}
+
+impl From<bool> for Cell {
+    fn from(flag: bool) -> Self {
+        Cell::Flag(flag)
+    }
+}
+
+impl<T: Into<Cell>> From<Option<T>> for Cell {
+    fn from(value: Option<T>) -> Self {
+        value.map_or(Cell::Empty, Into::into)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sheet_is_csv_that_reads_back_and_executes_nothing() {
+        let row =
+            vec![Cell::from("=HYPERLINK(\"x\")"), Cell::from(0.1 + 0.2), Cell::Empty, Cell::from("a, \"b\"\nc")];
+        let sheet = Sheet::new(&["serial", "residual_mm", "error_mm", "reason"]).with([row]);
+        let text = sheet.csv().expect("written");
+        assert_eq!(
+            text,
+            "serial,residual_mm,error_mm,reason\r\n\"'=HYPERLINK(\"\"x\"\")\",0.30000000000000004,,\"a, \"\"b\"\"\nc\"\r\n"
+        );
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let read = reader.records().next().expect("a row").expect("CSV");
+        assert_eq!(read.get(1).and_then(|cell| cell.parse().ok()), Some(0.1 + 0.2));
+        assert!(Sheet::new(&["a", "b"]).with([vec![Cell::Empty]]).csv().is_err(), "a row that is too short");
+    }
+}

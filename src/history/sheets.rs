@@ -1,0 +1,243 @@
+//! What the history shows, as sheets: the columns of each.
+
+use super::alarms::Alarm;
+use super::compare::Comparison;
+use super::heat::HeatMap;
+use super::query::Hit;
+use super::sheet::{Cell, Sheet};
+use super::summary::Summary;
+use super::trend::Trend;
+use crate::verdict::{Check, Limit, Reason};
+use crate::words::utc;
+
+/// The cycles that a search found.
+pub fn hits_sheet(hits: &[Hit]) -> Sheet {
+    let columns = [
+        "cycle",
+        "started_utc",
+        "started_unix_s",
+        "ended_unix_s",
+        "panel",
+        "serial",
+        "order",
+        "operator",
+        "verdict",
+        "is_air_run",
+        "codes",
+        "reasons",
+    ];
+    Sheet::new(&columns).with(hits.iter().map(|hit| {
+        vec![
+            hit.cycle.0.into(),
+            utc(hit.started_unix_s).into(),
+            hit.started_unix_s.into(),
+            hit.ended_unix_s.into(),
+            hit.panel.as_str().into(),
+            hit.part.serial.clone().into(),
+            hit.part.order.clone().into(),
+            hit.part.operator.clone().into(),
+            hit.verdict.map(|verdict| verdict.word()).into(),
+            hit.is_air_run.into(),
+            codes(&hit.reasons).into(),
+            sentences(&hit.reasons).into(),
+        ]
+    }))
+}
+
+fn codes(reasons: &[Reason]) -> String {
+    reasons.iter().map(|reason| &*reason.code).collect::<Vec<_>>().join(" ")
+}
+
+fn sentences(reasons: &[Reason]) -> String {
+    reasons.iter().map(|reason| reason.message.as_str()).collect::<Vec<_>>().join("; ")
+}
+
+/// Cycles at a glance, one in each row.
+pub fn summary_sheet(summaries: &[Summary]) -> Sheet {
+    let columns = [
+        "cycle",
+        "started_utc",
+        "started_unix_s",
+        "ended_unix_s",
+        "panel",
+        "serial",
+        "order",
+        "operator",
+        "verdict",
+        "is_air_run",
+        "codes",
+        "passes",
+        "films_valid",
+        "films_invalid",
+        "films_watched_s",
+        "grids",
+        "grids_failed_first",
+        "grids_failed_at_end",
+        "localization_residual_mm",
+        "localization_residual_limit_mm",
+        "outline_residual_px",
+        "localization_error_mm",
+        "localization_error_limit_mm",
+        "error_at_tool_mm",
+        "cycle_time_s",
+        "simulated_s",
+        "disc_swept_mm2",
+        "disc_worn_mm2",
+    ];
+    Sheet::new(&columns).with(summaries.iter().map(summary_row))
+}
+
+fn summary_row(summary: &Summary) -> Vec<Cell> {
+    let value = |check: &Option<Check>| Cell::from(check.as_ref().and_then(|check| check.value));
+    let limit = |check: &Option<Check>| Cell::from(check.as_ref().and_then(|check| check.limit.bound()));
+    let grids = |grids: &Option<Vec<String>>| Cell::from(grids.as_ref().map(|grids| grids.join(" ")));
+    vec![
+        summary.cycle.0.into(),
+        utc(summary.started_unix_s).into(),
+        summary.started_unix_s.into(),
+        summary.ended_unix_s.into(),
+        summary.panel.as_str().into(),
+        summary.part.serial.clone().into(),
+        summary.part.order.clone().into(),
+        summary.part.operator.clone().into(),
+        summary.verdict.map(|verdict| verdict.word()).into(),
+        summary.is_air_run.into(),
+        codes(&summary.reasons).into(),
+        i64::from(summary.passes).into(),
+        summary.films.valid.into(),
+        summary.films.invalid.into(),
+        summary.films.watched_s.into(),
+        summary.films.grids.into(),
+        grids(&summary.films.failed_first),
+        grids(&summary.films.failed_at_end),
+        value(&summary.localization_residual),
+        limit(&summary.localization_residual),
+        value(&summary.outline_residual),
+        value(&summary.localization_error),
+        limit(&summary.localization_error),
+        summary.budget_total_mm.into(),
+        summary.cycle_time_s.into(),
+        summary.simulated_s.into(),
+        summary.disc.map(|disc| disc.swept_mm2).into(),
+        summary.disc.map(|disc| disc.worn_mm2).into(),
+    ]
+}
+
+/// Two cycles side by side: inputs, checks and grids below each other, the kind of row first.
+pub fn comparison_sheet(comparison: &Comparison) -> Sheet {
+    let columns =
+        ["what", "phase", "pass", "name", "unit", "first", "second", "difference", "limit_first", "limit_second"];
+    let plain = |what: &str, name: &str, values: [Cell; 2], difference: Cell| {
+        let [first, second] = values;
+        let empty = || Cell::Empty;
+        vec![what.into(), empty(), empty(), name.into(), empty(), first, second, difference, empty(), empty()]
+    };
+    let inputs = comparison.inputs.iter().map(|input| {
+        let difference = if input.is_same { "same" } else { "differs" };
+        plain("input", &input.name, input.values.clone().map(Cell::from), difference.into())
+    });
+    let checks = comparison.checks.iter().map(|pair| {
+        let [first, second] = pair.values.map(Cell::from);
+        let [limit_first, limit_second] = pair.limits.map(|limit| limit.map_or(Cell::Empty, limit_cell));
+        let (phase, pass) = (pair.kind.word().into(), i64::from(pair.pass).into());
+        let (name, unit) = (pair.name.as_str().into(), pair.unit.as_str().into());
+        vec![
+            "check".into(),
+            phase,
+            pass,
+            name,
+            unit,
+            first,
+            second,
+            pair.difference.into(),
+            limit_first,
+            limit_second,
+        ]
+    });
+    let grids = comparison.grids.iter().map(|pair| {
+        let words =
+            pair.cycles.each_ref().map(|past| past.as_ref().map_or(Cell::Empty, |past| past.words().into()));
+        let is_same = pair.cycles[0] == pair.cycles[1];
+        plain("grid", &pair.grid, words, if is_same { "same" } else { "differs" }.into())
+    });
+    Sheet::new(&columns).with(inputs.chain(checks).chain(grids))
+}
+
+fn limit_cell(limit: Limit) -> Cell {
+    match limit {
+        Limit::Unlimited => Cell::Empty,
+        Limit::AtMost(bound) => format!("at most {}", crate::words::plain(bound)).into(),
+        Limit::AtLeast(bound) => format!("at least {}", crate::words::plain(bound)).into(),
+        Limit::Below(bound) => format!("below {}", crate::words::plain(bound)).into(),
+    }
+}
+
+/// A number over time; a hint stands in the row of its value.
+pub fn trend_sheet(trend: &Trend) -> Sheet {
+    let value = match trend.unit.as_str() {
+        "" => "value".to_owned(),
+        unit => format!("value [{unit}]"),
+    };
+    let columns = ["cycle", "at_utc", "at_unix_s", "serial", &value, "limit", "hints"];
+    Sheet::new(&columns).with(trend.points.iter().enumerate().map(|(at, point)| {
+        let hints = trend.hints.iter().filter(|hint| hint.at == at).map(|hint| hint.rule.words());
+        vec![
+            point.cycle.map(|cycle| cycle.0).into(),
+            utc(point.at_unix_s).into(),
+            point.at_unix_s.into(),
+            point.serial.clone().into(),
+            point.value.into(),
+            limit_cell(point.limit),
+            hints.collect::<Vec<_>>().join("; ").into(),
+        ]
+    }))
+}
+
+/// Every grid over many cycles.
+pub fn heat_sheet(map: &HeatMap) -> Sheet {
+    let columns = ["grid", "row", "column", "films", "breaks", "median_time_to_break_s"];
+    Sheet::new(&columns).with(map.grids.iter().map(|cell| {
+        vec![
+            cell.grid.as_str().into(),
+            i64::from(cell.row).into(),
+            i64::from(cell.column).into(),
+            cell.films.into(),
+            cell.breaks.into(),
+            cell.median_s.into(),
+        ]
+    }))
+}
+
+/// Alarms, each with its times, cause and remedy.
+pub fn alarm_sheet(alarms: &[Alarm]) -> Sheet {
+    let columns = [
+        "raised_utc",
+        "raised_unix_ms",
+        "gone_unix_ms",
+        "priority",
+        "code",
+        "cycle",
+        "phase",
+        "message",
+        "cause",
+        "remedy",
+        "acknowledged_by",
+        "acknowledged_unix_ms",
+    ];
+    Sheet::new(&columns).with(alarms.iter().map(|alarm| {
+        vec![
+            utc(alarm.raised_unix_ms.div_euclid(1_000)).into(),
+            alarm.raised_unix_ms.into(),
+            alarm.gone_unix_ms.into(),
+            alarm.priority.word().into(),
+            alarm.code.as_str().into(),
+            alarm.cycle.0.into(),
+            alarm.phase.map(|kind| kind.word()).into(),
+            alarm.message.as_str().into(),
+            alarm.cause.as_str().into(),
+            alarm.remedy.as_str().into(),
+            alarm.acknowledged.as_ref().map(|seen| seen.who.as_str()).into(),
+            alarm.acknowledged.as_ref().map(|seen| seen.unix_ms).into(),
+        ]
+    }))
+}

@@ -1,0 +1,113 @@
+//! One cycle at a glance.
+
+use super::past::{DiscWear, PastCycle};
+use crate::record::{Budget, Clock, CycleId, Kind, PartNames, name};
+use crate::verdict::{Check, Reason, Verdict};
+use serde::Serialize;
+
+/// What one cycle came to. What was not measured is `None`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// Its number.
+    pub cycle: CycleId,
+    /// When it began, s since 1970.
+    pub started_unix_s: i64,
+    /// When it ended, s since 1970; `None` while it runs.
+    pub ended_unix_s: Option<i64>,
+    /// The panel.
+    pub panel: String,
+    /// The part, as far as it was named.
+    pub part: PartNames,
+    /// Whether the path was run in the air: the verdict is of the motions, not of the panel.
+    pub is_air_run: bool,
+    /// How it ended; `None` while it runs.
+    pub verdict: Option<Verdict>,
+    /// Why it ended so.
+    pub reasons: Vec<Reason>,
+    /// Passes over the panel that are known to have touched it.
+    pub passes: u8,
+    /// The films.
+    pub films: Films,
+    /// The residual of the localization, point to plane, mm, with its limit.
+    pub localization_residual: Option<Check>,
+    /// The residual of the outline, px, with its limit.
+    pub outline_residual: Option<Check>,
+    /// The stated error of the localization at the panel's worst place, 95 %, mm, with its limit.
+    pub localization_error: Option<Check>,
+    /// The error at the tool by its parts, mm, 95 %.
+    pub budget: Option<Budget>,
+    /// Their root of the sum of squares, mm; `None` while a part is not measured.
+    pub budget_total_mm: Option<f64>,
+    /// From begin to end by the wall clock, s.
+    pub cycle_time_s: Option<i64>,
+    /// The same by the simulated cell's clock, s.
+    pub simulated_s: Option<f64>,
+    /// The disc; `None` where the cycle touched nothing.
+    pub disc: Option<DiscWear>,
+}
+
+/// The films of a cycle.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Films {
+    /// Films that say something.
+    pub valid: usize,
+    /// Films that say nothing and were repeated, or ended the cycle.
+    pub invalid: usize,
+    /// How long the valid ones were watched together, s.
+    pub watched_s: Option<f64>,
+    /// Grids that the first valid one tells of.
+    pub grids: usize,
+    /// Grids on which the film broke the first time; `None` without a valid film.
+    pub failed_first: Option<Vec<String>>,
+    /// Grids on which the film broke the last time; `None` without a valid film.
+    pub failed_at_end: Option<Vec<String>>,
+}
+
+/// What a cycle came to.
+pub fn summary(past: &PastCycle) -> Summary {
+    let record = &past.record;
+    let located = |name: &str| past.last_check(Kind::Locate, name).cloned();
+    let (verdict, reasons) = match record.judgement.clone() {
+        Some(judgement) => (Some(judgement.verdict), judgement.reasons),
+        None => (None, Vec::new()),
+    };
+    Summary {
+        cycle: record.id,
+        started_unix_s: record.started_unix_s,
+        ended_unix_s: record.ended_unix_s,
+        panel: record.panel.clone(),
+        part: past.part.clone().unwrap_or_default(),
+        is_air_run: record.is_air_run(),
+        verdict,
+        reasons,
+        passes: past.passes(),
+        films: films(past),
+        localization_residual: located(name::RESIDUAL),
+        outline_residual: located(name::OUTLINE_RESIDUAL),
+        localization_error: located(name::LOCATION_ERROR),
+        budget: record.budget,
+        budget_total_mm: record.budget.and_then(|budget| budget.total_mm()),
+        cycle_time_s: past.cycle_time_s(),
+        simulated_s: match record.clocks {
+            [Some(Clock::Simulated { at_ms: from }), Some(Clock::Simulated { at_ms: to })] => {
+                to.checked_sub(from).map(|ms| ms as f64 / 1_000.0)
+            }
+            _ => None,
+        },
+        disc: past.disc,
+    }
+}
+
+pub(super) fn films(past: &PastCycle) -> Films {
+    let valid = past.films().count();
+    let watched: Vec<f64> = past.films().filter_map(|film| film.number(name::WATCHED)).collect();
+    let failed = |film: Option<&crate::record::Finding>| film.map(|film| film.names("failed"));
+    Films {
+        valid,
+        invalid: past.findings(Kind::Inspect).count() - valid,
+        watched_s: (!watched.is_empty()).then(|| watched.iter().sum()),
+        grids: past.films().next().map_or(0, |film| super::grid::seen(film).len()),
+        failed_first: failed(past.films().next()),
+        failed_at_end: failed(past.films().next_back()),
+    }
+}

@@ -1,0 +1,68 @@
+//! How a number of a panel developed over its cycles, with the limit that each was held against.
+
+use super::past::PastCycle;
+use super::quantity::Quantity;
+use super::western_electric::{Hint, Usual, hints, usual};
+use crate::record::CycleId;
+use crate::verdict::Limit;
+use serde::Serialize;
+
+/// One value.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TrendPoint {
+    /// The cycle; `None` for a verification, which belongs to none.
+    pub cycle: Option<CycleId>,
+    /// When the cycle began, or the verification was made, s since 1970.
+    pub at_unix_s: i64,
+    /// The part's serial number.
+    pub serial: Option<String>,
+    /// The value.
+    pub value: f64,
+    /// What was allowed of it then.
+    pub limit: Limit,
+}
+
+/// A number over time, the oldest first.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Trend {
+    /// What it is.
+    pub title: String,
+    /// Its unit; empty for shares and counts.
+    pub unit: String,
+    /// The values.
+    pub points: Vec<TrendPoint>,
+    /// Cycles that were looked at and have no such number.
+    pub without: usize,
+    /// What the values usually are; `None` where there are too few.
+    pub usual: Option<Usual>,
+    /// Where they break a rule of Western Electric: hints, by the place of the point.
+    pub hints: Vec<Hint>,
+}
+
+impl Trend {
+    /// From values, the oldest first.
+    pub fn of_points((title, unit): (String, String), points: Vec<TrendPoint>, without: usize) -> Self {
+        let values: Vec<f64> = points.iter().map(|point| point.value).collect();
+        let usual = usual(&values);
+        let hints = usual.map_or(Vec::new(), |usual| hints(&values, usual));
+        Trend { title, unit, points, without, usual, hints }
+    }
+}
+
+/// How a quantity developed over these cycles, the oldest first. Cycles that ran in the air are left out.
+pub fn trend(quantity: &Quantity, cycles: &[PastCycle]) -> Trend {
+    let over_panels: Vec<&PastCycle> = cycles.iter().filter(|past| !past.record.is_air_run()).collect();
+    let point = |past: &&PastCycle| {
+        let (value, limit) = quantity.of(past)?;
+        Some(TrendPoint {
+            cycle: Some(past.record.id),
+            at_unix_s: past.record.started_unix_s,
+            serial: past.part.as_ref().and_then(|part| part.serial.clone()),
+            value,
+            limit,
+        })
+    };
+    let points: Vec<TrendPoint> = over_panels.iter().filter_map(point).collect();
+    let without = over_panels.len() - points.len();
+    Trend::of_points(quantity.title_and_unit(cycles), points, without)
+}

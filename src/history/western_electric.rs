@@ -1,0 +1,164 @@
+//! The four rules of Western Electric, by which a row of numbers that should scatter about one value shows that it no longer
+//! does. A hint says that somebody should look: a process may be out of control and within every limit.
+//!
+//! Western Electric Company, Statistical Quality Control Handbook, 1956, pages 25 to 28; NIST/SEMATECH e-Handbook of
+//! Statistical Methods, 6.3.2. The scatter is estimated from the differences of neighbours, as for a chart of individual
+//! values (e-Handbook, 6.3.2.2): a slow drift does not hide itself in it.
+
+use serde::Serialize;
+
+/// Values that are needed before the rules are applied: fewer estimate no scatter.
+pub const LEAST_VALUES: usize = 10;
+/// The mean difference of two neighbours is so many times the scatter, where that is normal: 2 / √π.
+const D2: f64 = std::f64::consts::FRAC_2_SQRT_PI;
+
+/// Which rule a row of values breaks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, strum::EnumIter)]
+#[serde(rename_all = "snake_case")]
+pub enum Rule {
+    /// One value is beyond three times the scatter.
+    OneBeyondThree,
+    /// Two of three values in succession are beyond twice the scatter, on the same side.
+    TwoOfThreeBeyondTwo,
+    /// Four of five values in succession are beyond the scatter, on the same side.
+    FourOfFiveBeyondOne,
+    /// Eight values in succession are on the same side.
+    EightOnOneSide,
+}
+
+impl Rule {
+    /// The values of which so many are needed, and beyond how many times the scatter.
+    fn demands(self) -> (usize, usize, f64) {
+        match self {
+            Rule::OneBeyondThree => (1, 1, 3.0),
+            Rule::TwoOfThreeBeyondTwo => (3, 2, 2.0),
+            Rule::FourOfFiveBeyondOne => (5, 4, 1.0),
+            Rule::EightOnOneSide => (8, 8, 0.0),
+        }
+    }
+
+    /// What it says, for a person.
+    pub fn words(self) -> &'static str {
+        match self {
+            Rule::OneBeyondThree => "one value is beyond 3 times the usual scatter",
+            Rule::TwoOfThreeBeyondTwo => {
+                "2 of 3 values in succession are beyond twice the usual scatter, on the same side"
+            }
+            Rule::FourOfFiveBeyondOne => {
+                "4 of 5 values in succession are beyond the usual scatter, on the same side"
+            }
+            Rule::EightOnOneSide => "8 values in succession are on the same side of the mean",
+        }
+    }
+}
+
+/// On which side of the mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+#[expect(missing_docs, reason = "the sides are what they are called")]
+pub enum Side {
+    Above,
+    Below,
+}
+
+/// A rule that is broken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Hint {
+    /// Which.
+    pub rule: Rule,
+    /// The place of the value at which it is broken, from 0.
+    pub at: usize,
+    /// On which side.
+    pub side: Side,
+}
+
+/// What values usually are: their mean and their scatter, one standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Usual {
+    /// The mean.
+    pub mean: f64,
+    /// The scatter.
+    pub sigma: f64,
+}
+
+/// The mean of the values, and the scatter by the differences of neighbours; `None` for fewer than [`LEAST_VALUES`].
+pub fn usual(values: &[f64]) -> Option<Usual> {
+    if values.len() < LEAST_VALUES {
+        return None;
+    }
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let moved: f64 = values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
+    Some(Usual { mean, sigma: moved / (values.len() - 1) as f64 / D2 })
+}
+
+/// Where the values break a rule, in their order. Values without any scatter break none.
+pub fn hints(values: &[f64], usual: Usual) -> Vec<Hint> {
+    if usual.sigma <= 0.0 {
+        return Vec::new();
+    }
+    let scores: Vec<f64> = values.iter().map(|value| (value - usual.mean) / usual.sigma).collect();
+    let rules = [Rule::OneBeyondThree, Rule::TwoOfThreeBeyondTwo, Rule::FourOfFiveBeyondOne, Rule::EightOnOneSide];
+    let mut hints = Vec::new();
+    for at in 0..scores.len() {
+        for rule in rules {
+            let (of, needed, beyond) = rule.demands();
+            let window = &scores[(at + 1).saturating_sub(of)..=at];
+            for (side, sign) in [(Side::Above, 1.0), (Side::Below, -1.0)] {
+                let is_beyond = |score: &&f64| **score * sign > beyond;
+                // The value that breaks a rule is itself beyond.
+                if is_beyond(&&scores[at]) && window.iter().filter(is_beyond).count() >= needed {
+                    hints.push(Hint { rule, at, side });
+                }
+            }
+        }
+    }
+    hints
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const UNIT: Usual = Usual { mean: 10.0, sigma: 2.0 };
+
+    fn broken(scores: &[f64]) -> Vec<(Rule, usize, Side)> {
+        let values: Vec<f64> = scores.iter().map(|score| 10.0 + 2.0 * score).collect();
+        hints(&values, UNIT).into_iter().map(|hint| (hint.rule, hint.at, hint.side)).collect()
+    }
+
+    /// By hand, in units of the scatter: the values of each row, and where it breaks its rule first.
+    #[test]
+    fn each_rule_is_broken_where_the_handbook_says() {
+        assert_eq!(broken(&[0.5, -0.5, 3.1]), [(Rule::OneBeyondThree, 2, Side::Above)]);
+        assert_eq!(broken(&[0.5, -0.5, 3.0]), [], "three times itself is not beyond");
+        assert_eq!(broken(&[-2.1, 0.5, -2.1]), [(Rule::TwoOfThreeBeyondTwo, 2, Side::Below)]);
+        assert_eq!(broken(&[-2.1, 0.5, 2.1]), [], "not on the same side");
+        assert_eq!(broken(&[2.1, 0.5, -0.5, 2.1]), [], "two of four");
+        assert_eq!(broken(&[1.1, 1.1, -0.5, 1.1, 1.1]), [(Rule::FourOfFiveBeyondOne, 4, Side::Above)]);
+        assert_eq!(broken(&[1.1, 1.1, -0.5, 0.9, 1.1]), []);
+        assert_eq!(broken(&[-0.1; 8]), [(Rule::EightOnOneSide, 7, Side::Below)]);
+        assert_eq!(broken(&[-0.1; 7]), []);
+        assert_eq!(broken(&[-0.1, -0.1, -0.1, 0.1, -0.1, -0.1, -0.1, -0.1, -0.1]), []);
+    }
+
+    /// By hand: 1, 3, 1, 3, … ten times has mean 2 and differences of 2, so the scatter is 2 / 1.1284 = 1.7725.
+    #[test]
+    fn the_scatter_comes_from_the_differences_of_neighbours() {
+        let values: Vec<f64> = (0..10).map(|index| if index % 2 == 0 { 1.0 } else { 3.0 }).collect();
+        let usual = usual(&values).expect("ten values");
+        assert!((usual.mean - 2.0).abs() < 1e-12 && (usual.sigma - 1.7725).abs() < 1e-4, "{usual:?}");
+        assert_eq!(super::usual(&values[..9]), None);
+        assert_eq!(hints(&[4.0; 12], super::usual(&[4.0; 12]).expect("twelve")), []);
+    }
+
+    /// A drift by a fifth of the scatter a value: by its spread alone it would count as usual.
+    #[test]
+    fn a_slow_drift_is_noticed() {
+        let values: Vec<f64> =
+            (0..30).map(|index| 0.2 * f64::from(index) + if index % 2 == 0 { 0.5 } else { -0.5 }).collect();
+        let found = hints(&values, usual(&values).expect("thirty"));
+        assert!(
+            found.iter().any(|hint| hint.side == Side::Below) && found.iter().any(|hint| hint.side == Side::Above)
+        );
+    }
+}

@@ -1,0 +1,74 @@
+//! The axis of a chart: which values are written beside it, and where a value stands.
+
+use crate::words::plain;
+
+/// An axis from its lowest to its highest value, over a length in the chart.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Axis {
+    low: f64,
+    high: f64,
+    /// Where the lowest and the highest value stand, in units of the chart.
+    from: f64,
+    to: f64,
+}
+
+impl Axis {
+    /// An axis over all of these values, with some room on both sides; values that are no numbers count for nothing.
+    pub fn over(values: impl Iterator<Item = f64>, [from, to]: [f64; 2]) -> Self {
+        let (low, high) = values
+            .filter(|value| value.is_finite())
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+        let (low, high) = if low > high { (0.0, 1.0) } else { (low, high) };
+        // A row of equal values gets an axis too.
+        let room = if high > low { 0.08 * (high - low) } else { 0.5 * high.abs().max(1.0) };
+        Axis { low: low - room, high: high + room, from, to }
+    }
+
+    /// Where a value stands.
+    pub fn place(&self, value: f64) -> f64 {
+        self.from + (value - self.low) / (self.high - self.low) * (self.to - self.from)
+    }
+
+    /// Round values on the axis, about so many, each with its text: 1, 2 or 5 times a power of ten apart.
+    pub fn ticks(&self, about: usize) -> Vec<(f64, String)> {
+        let rough = (self.high - self.low) / about.max(1) as f64;
+        let power = 10.0_f64.powf(rough.log10().floor());
+        let step = [1.0, 2.0, 5.0, 10.0].map(|times| times * power).into_iter().find(|step| *step >= 0.75 * rough);
+        let step = step.unwrap_or(10.0 * power);
+        let decimals = (-step.log10().floor()).clamp(0.0, 12.0) as usize;
+        let (first, last) = ((self.low / step).ceil() as i64, (self.high / step).floor() as i64);
+        let text = |value: f64| format!("{value:.decimals$}").parse().map_or_else(|_| plain(value), plain);
+        (first..=last).map(|index| index as f64 * step).map(|value| (value, text(value))).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: from 0.05 to 0.25 with 8 % of 0.2 on both sides is 0.034 to 0.266, and steps of 0.05 make five values.
+    #[test]
+    fn the_values_beside_an_axis_are_round() {
+        let axis = Axis::over([0.05, 0.25, f64::NAN].into_iter(), [300.0, 0.0]);
+        let texts: Vec<String> = axis.ticks(5).into_iter().map(|(_, text)| text).collect();
+        assert_eq!(texts, ["0.05", "0.1", "0.15", "0.2", "0.25"]);
+        // The middle of the values stands in the middle of the chart, which counts downwards.
+        assert!((axis.place(0.15) - 150.0).abs() < 1e-9 && axis.place(0.25) < axis.place(0.05));
+        let texts = |low: f64, high: f64| {
+            Axis::over([low, high].into_iter(), [0.0, 1.0])
+                .ticks(4)
+                .into_iter()
+                .map(|(_, text)| text)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(texts(-7.0, 13.0), ["-5", "0", "5", "10"]);
+        assert_eq!(texts(10_000.0, 52_000.0), ["10000", "20000", "30000", "40000", "50000"]);
+        assert_eq!(texts(3.0, 3.0), ["2", "3", "4"], "equal values have an axis");
+    }
+
+    #[test]
+    fn nothing_has_an_axis_too() {
+        let axis = Axis::over(std::iter::empty(), [0.0, 100.0]);
+        assert!(axis.ticks(4).len() >= 3 && axis.place(0.5).is_finite());
+    }
+}

@@ -1,0 +1,69 @@
+//! Where the film breaks, over many parts: the panel's grids as they lie, each with its number of breaks and the time after which it
+//! broke. The shade repeats what the number says.
+
+use crate::history::{HeatCell, HeatMap};
+use crate::words::fixed;
+use maud::{Markup, html};
+
+/// Shades beside the one of a grid that never broke.
+const SHADES: f64 = 4.0;
+
+/// The table; `words` says what a cell tells, for readers who do not see it.
+pub fn heat_chart(map: &HeatMap, words: &str) -> Markup {
+    let of = |part: fn(&HeatCell) -> u32| map.grids.iter().map(part).max().unwrap_or(0);
+    let (rows, columns) = (of(|cell| cell.row), of(|cell| cell.column));
+    let cell = |row, column| map.grids.iter().find(move |cell| (cell.row, cell.column) == (row, column));
+    html! {
+        table.heat {
+            caption { (words) }
+            thead { tr { td {} @for column in 1..=columns { th scope="col" { "c" (column) } } } }
+            tbody { @for row in 1..=rows {
+                tr {
+                    th scope="row" { "r" (row) }
+                    @for column in 1..=columns {
+                        @match cell(row, column) {
+                            Some(cell) => td class={ "shade-" (shade(cell)) } {
+                                strong { (cell.breaks) "/" (cell.films) }
+                                @if let Some(median_s) = cell.median_s { br; (fixed(median_s, 1)) " s" }
+                            },
+                            None => td { "–" },
+                        }
+                    }
+                }
+            } }
+        }
+    }
+}
+
+/// 0 for a grid that never broke, else 1 to 4 by the share of films that broke on it.
+fn shade(cell: &HeatCell) -> u8 {
+    if cell.breaks == 0 || cell.films == 0 {
+        return 0;
+    }
+    (cell.breaks as f64 / cell.films as f64 * SHADES).ceil().clamp(1.0, SHADES) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cell(grid: &str, at: (u32, u32), breaks: usize, median_s: Option<f64>) -> HeatCell {
+        HeatCell { grid: grid.to_owned(), row: at.0, column: at.1, films: 12, breaks, median_s }
+    }
+
+    /// By hand: 1 and 3 of 12 are up to a quarter, 4 more than one, 12 all.
+    #[test]
+    fn the_shade_says_what_the_number_says() {
+        let shades = [0, 1, 3, 4, 12].map(|breaks| shade(&cell("r1c1", (1, 1), breaks, None)));
+        assert_eq!(shades, [0, 1, 1, 2, 4]);
+    }
+
+    #[test]
+    fn the_grids_lie_as_on_the_panel() {
+        let grids = vec![cell("r1c1", (1, 1), 0, None), cell("r2c2", (2, 2), 3, Some(6.04))];
+        let html = heat_chart(&HeatMap { films: 12, grids }, "breaks").into_string();
+        assert!(html.contains("<td class=\"shade-1\"><strong>3/12</strong><br>6.0 s</td>"), "{html}");
+        assert_eq!(html.matches("<td>–</td>").count(), 2, "grids that no film tells of");
+        assert!(html.find("shade-0") < html.find("shade-1") && !html.contains("style="));
+    }
+}

@@ -1,0 +1,233 @@
+//! A number over many cycles as a drawing (SVG): its values, the limits that they were held against, what they usually are, and
+//! what is unusual or not allowed. Nothing is told by colour alone: a usual value is a dot, an unusual one a triangle, one beyond
+//! its limit a cross.
+//!
+//! The drawing has classes and no colours; the page's style gives them, for light and dark.
+
+use super::axis::Axis;
+use super::checks::shown;
+use crate::history::{Trend, TrendPoint};
+use crate::verdict::Limit;
+use crate::words::{fixed, utc, utc_day};
+use maud::{Markup, html};
+
+const WIDTH: f64 = 900.0;
+const HEIGHT: f64 = 320.0;
+const LEFT: f64 = 78.0;
+const RIGHT: f64 = 14.0;
+const TOP: f64 = 14.0;
+const BOTTOM: f64 = 54.0;
+/// Texts below the chart at most.
+const MOST_DATES: usize = 6;
+
+/// The words of a chart, in the reader's language.
+#[derive(Debug, Clone, Copy)]
+pub struct ChartWords<'w> {
+    /// Below the horizontal axis.
+    pub cycle: &'w str,
+    /// A value that is as usual.
+    pub usual: &'w str,
+    /// A value that breaks a rule of Western Electric.
+    pub unusual: &'w str,
+    /// A value beyond its limit.
+    pub beyond: &'w str,
+    /// The line of the limits.
+    pub limit: &'w str,
+    /// The line of the mean.
+    pub mean: &'w str,
+}
+
+/// What a value is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Mark {
+    Usual,
+    Unusual,
+    Beyond,
+}
+
+/// The drawing; a value leads to the page of its cycle. Without a value there is an empty frame.
+pub fn trend_chart(trend: &Trend, words: ChartWords<'_>) -> Markup {
+    let limits = trend.points.iter().filter_map(|point| point.limit.bound());
+    let values = trend.points.iter().map(|point| point.value).chain(limits);
+    let vertical = Axis::over(values, [HEIGHT - BOTTOM, TOP]);
+    let unit = if trend.unit.is_empty() { String::new() } else { format!(" [{}]", trend.unit) };
+    let title = format!("{}{unit}", trend.title);
+    html! {
+        svg.chart viewBox={ "0 0 " (WIDTH) " " (HEIGHT) } role="img" aria-label=(title) {
+            rect.frame x=(LEFT) y=(TOP) width=(WIDTH - LEFT - RIGHT) height=(HEIGHT - TOP - BOTTOM) {}
+            @for (value, text) in vertical.ticks(5) {
+                line.tick x1=(LEFT) x2=(WIDTH - RIGHT) y1=(at(vertical.place(value))) y2=(at(vertical.place(value))) {}
+                text.number x=(LEFT - 8.0) y=(at(vertical.place(value) + 5.0)) text-anchor="end" { (text) }
+            }
+            text.axis x=(at(-(TOP + HEIGHT - BOTTOM) / 2.0)) y="18" transform="rotate(-90)" text-anchor="middle" { (trend.unit) }
+            text.axis x=(at((LEFT + WIDTH - RIGHT) / 2.0)) y=(HEIGHT - 6.0) text-anchor="middle" { (words.cycle) }
+            @for (index, point) in dated(&trend.points) {
+                text.number x=(at(across(index, trend.points.len()))) y=(HEIGHT - BOTTOM + 18.0) text-anchor="middle" {
+                    @if let Some(cycle) = point.cycle { (cycle) " · " }
+                    (utc_day(point.at_unix_s))
+                }
+            }
+            @if let Some(usual) = trend.usual {
+                line.mean x1=(LEFT) x2=(WIDTH - RIGHT) y1=(at(vertical.place(usual.mean))) y2=(at(vertical.place(usual.mean))) {}
+            }
+            @for path in limit_paths(&trend.points, &vertical) { path.limit d=(path) {} }
+            path.line d=(line(&trend.points, &vertical)) {}
+            @for (index, point) in trend.points.iter().enumerate() {
+                (mark(trend, index, point, [across(index, trend.points.len()), vertical.place(point.value)]))
+            }
+        }
+        ul.key {
+            li { (sample(Mark::Usual)) (words.usual) }
+            li { (sample(Mark::Unusual)) (words.unusual) }
+            li { (sample(Mark::Beyond)) (words.beyond) }
+            li { svg.sample viewBox="0 0 24 16" aria-hidden="true" { path.limit d="M0 8H24" {} } (words.limit) }
+            @if let Some(usual) = trend.usual {
+                li { svg.sample viewBox="0 0 24 16" aria-hidden="true" { path.mean d="M0 8H24" {} } (words.mean) " " (shown(usual.mean)) " ± " (shown(usual.sigma)) (unit) }
+            }
+        }
+    }
+}
+
+/// A place in the drawing, to a tenth.
+fn at(place: f64) -> String {
+    fixed(place, 1).to_string()
+}
+
+/// Where the value with this number stands from the left.
+fn across(index: usize, count: usize) -> f64 {
+    LEFT + (index as f64 + 0.5) / count.max(1) as f64 * (WIDTH - LEFT - RIGHT)
+}
+
+/// The points whose dates are written below the axis.
+fn dated(points: &[TrendPoint]) -> impl Iterator<Item = (usize, &TrendPoint)> {
+    let every = points.len().div_ceil(MOST_DATES).max(1);
+    points.iter().enumerate().filter(move |(index, _)| index % every == 0)
+}
+
+fn line(points: &[TrendPoint], vertical: &Axis) -> String {
+    let place = |(index, point): (usize, &TrendPoint)| {
+        let letter = if index == 0 { 'M' } else { 'L' };
+        format!("{letter}{} {}", at(across(index, points.len())), at(vertical.place(point.value)))
+    };
+    points.iter().enumerate().map(place).collect()
+}
+
+/// The limits as steps, as long as they stay the same; one path for each stretch.
+fn limit_paths(points: &[TrendPoint], vertical: &Axis) -> Vec<String> {
+    let half = (across(1, points.len()) - across(0, points.len())) / 2.0;
+    let mut paths = Vec::new();
+    let mut begin = 0;
+    for end in 1..=points.len() {
+        if points.get(end).is_some_and(|point| point.limit == points[begin].limit) {
+            continue;
+        }
+        if let Some(bound) = points[begin].limit.bound() {
+            let [from, to] = [across(begin, points.len()) - half, across(end - 1, points.len()) + half].map(at);
+            paths.push(format!("M{from} {}H{to}", at(vertical.place(bound))));
+        }
+        begin = end;
+    }
+    paths
+}
+
+fn kind(trend: &Trend, index: usize, point: &TrendPoint) -> Mark {
+    if !point.limit.allows(point.value) {
+        return Mark::Beyond;
+    }
+    if trend.hints.iter().any(|hint| hint.at == index) { Mark::Unusual } else { Mark::Usual }
+}
+
+/// A value with what is told of it, and a link where it belongs to a cycle.
+fn mark(trend: &Trend, index: usize, point: &TrendPoint, [x, y]: [f64; 2]) -> Markup {
+    let limit = match point.limit {
+        Limit::Unlimited => String::new(),
+        Limit::AtMost(bound) => format!(", ≤ {}", shown(bound)),
+        Limit::AtLeast(bound) => format!(", ≥ {}", shown(bound)),
+        Limit::Below(bound) => format!(", < {}", shown(bound)),
+    };
+    let hints = trend.hints.iter().filter(|hint| hint.at == index).map(|hint| hint.rule.words());
+    let hints = hints.map(|words| format!("; {words}")).collect::<String>();
+    let value = format!("{} {}", shown(point.value), trend.unit);
+    let serial = point.serial.as_ref().map_or(String::new(), |serial| format!(", {serial}"));
+    let told = format!("{}{serial}: {}{limit}{hints}", utc(point.at_unix_s), value.trim_end());
+    let drawn = html! { g transform={ "translate(" (at(x)) " " (at(y)) ")" } { title { (told) } (shape(kind(trend, index, point))) } };
+    match point.cycle {
+        Some(cycle) => html! { a href={ "/cycle/" (cycle) } { (drawn) } },
+        None => drawn,
+    }
+}
+
+fn shape(mark: Mark) -> Markup {
+    match mark {
+        Mark::Usual => html! { circle.usual r="4" {} },
+        Mark::Unusual => html! { path.unusual d="M0 -7L7 5H-7Z" {} },
+        Mark::Beyond => html! { path.beyond d="M-6 -6L6 6M-6 6L6 -6" {} },
+    }
+}
+
+fn sample(mark: Mark) -> Markup {
+    html! { svg.sample viewBox="-12 -8 24 16" aria-hidden="true" { (shape(mark)) } }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::CycleId;
+
+    const WORDS: ChartWords<'_> = ChartWords {
+        cycle: "cycle",
+        usual: "usual",
+        unusual: "unusual",
+        beyond: "beyond its limit",
+        limit: "limit",
+        mean: "mean",
+    };
+
+    fn point(cycle: i64, value: f64, limit: Limit) -> TrendPoint {
+        TrendPoint {
+            cycle: Some(CycleId(cycle)),
+            at_unix_s: cycle * 86_400,
+            serial: Some("<b>".to_owned()),
+            value,
+            limit,
+        }
+    }
+
+    /// Twelve values about 0.05, one far off and one beyond its limit; the limit changes once.
+    fn drawn() -> String {
+        let mut points: Vec<TrendPoint> = (1..=12)
+            .map(|cycle| point(cycle, if cycle % 2 == 0 { 0.05 } else { 0.06 }, Limit::AtMost(0.25)))
+            .collect();
+        points.push(point(13, 0.20, Limit::AtMost(0.25)));
+        points.push(point(14, 0.20, Limit::AtMost(0.15)));
+        let title = ("residual".to_owned(), "mm".to_owned());
+        trend_chart(&Trend::of_points(title, points, 0), WORDS).into_string()
+    }
+
+    #[test]
+    fn each_kind_of_value_has_its_own_sign_and_each_limit_its_line() {
+        let svg = drawn();
+        let count = |text: &str| svg.matches(text).count();
+        // One of each in the key.
+        assert_eq!(count("class=\"beyond\""), 2);
+        assert!(count("class=\"unusual\"") >= 2, "0.20 is within 0.25 and unusual");
+        assert_eq!(count("class=\"limit\""), 3, "two stretches and the key");
+        assert_eq!(count("<a href=\"/cycle/"), 14);
+        assert!(svg.contains("<a href=\"/cycle/14\"") && svg.contains("residual [mm]") && svg.contains(", ≤ 0.15"));
+        assert!(svg.contains("1970-01-15 00:00:00 UTC, &lt;b&gt;: 0.2 mm"), "a name of a part is no script: {svg}");
+        assert!(!svg.contains("style="), "the page allows no style in a text");
+    }
+
+    /// By hand: two values stand at a quarter and three quarters of 900 - 78 - 14 = 808, from 78 on.
+    #[test]
+    fn values_stand_where_they_belong() {
+        let points = vec![point(1, 1.0, Limit::Unlimited), point(2, 3.0, Limit::Unlimited)];
+        assert_eq!((across(0, 2), across(1, 2)), (280.0, 684.0));
+        let vertical = Axis::over([1.0, 3.0].into_iter(), [100.0, 0.0]);
+        // 8 % of 2 on both sides: from 0.84 to 3.16, so that 1 stands 0.16 / 2.32 = 6.9 % above the foot.
+        assert_eq!(line(&points, &vertical), "M280.0 93.1L684.0 6.9");
+        assert_eq!(limit_paths(&points, &vertical), [] as [String; 0]);
+        let empty = trend_chart(&Trend::of_points(("x".to_owned(), String::new()), vec![], 3), WORDS).into_string();
+        assert!(empty.contains("<svg") && !empty.contains("<a href"));
+    }
+}

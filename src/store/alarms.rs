@@ -1,0 +1,46 @@
+//! The alarms of a cycle, with the times that the store has of them.
+
+use super::database::Store;
+use super::error::StoreError;
+use crate::history::{Alarm, AlarmTimes, alarms};
+use crate::record::{CycleId, CycleRecord};
+use rusqlite::params_from_iter;
+
+impl Store {
+    /// The alarms of a cycle in the order in which they were raised, with their acknowledgements.
+    ///
+    /// # Errors
+    /// Where there is no such cycle, or it does not read back.
+    pub fn alarms(&self, cycle: CycleId) -> Result<Vec<Alarm>, StoreError> {
+        let record = self.cycle(cycle)?;
+        let times = AlarmTimes {
+            findings_unix_ms: self.finding_times_unix_ms(cycle)?,
+            settled_unix_ms: self.settled_unix_ms(&record)?,
+        };
+        Ok(alarms(&record, &times, &self.acknowledgements(Some(cycle))?))
+    }
+
+    /// When a person first reset or cleared the cell after the end of a cycle, or the next one began, ms since 1970.
+    fn settled_unix_ms(&self, record: &CycleRecord) -> Result<Option<i64>, StoreError> {
+        let Some(ended_unix_s) = record.ended_unix_s else { return Ok(None) };
+        // The end is kept in whole seconds: what was asked in that second may have been before it.
+        let after_unix_ms = (ended_unix_s + 1) * 1_000;
+        // A store of an earlier program has no requests.
+        let (asked, count) = match self.has_requests()? {
+            true => (
+                "UNION ALL SELECT unix_ms FROM requests WHERE unix_ms >= ?2 AND request ->> 'answer' = 'done'
+                 AND request ->> '$.wanted.for' IN ('reset', 'clear')",
+                2,
+            ),
+            false => ("", 1),
+        };
+        let sql = format!(
+            "SELECT min(unix_ms) FROM (SELECT started_unix_s * 1000 AS unix_ms FROM cycles WHERE id > ?1 {asked})"
+        );
+        let values = [record.id.0, after_unix_ms];
+        let read = || {
+            self.connection.prepare_cached(&sql)?.query_row(params_from_iter(&values[..count]), |row| row.get(0))
+        };
+        read().map_err(|error| self.failed("read when alarms were settled in", &error))
+    }
+}

@@ -1,0 +1,55 @@
+//! What earlier cycles did to one part.
+
+use super::database::Store;
+use super::error::StoreError;
+use crate::record::{CycleId, CycleRecord, PartNames, passes};
+use rusqlite::params;
+
+/// How often a part was abraded in a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PassesOfCycle {
+    /// The cycle.
+    pub cycle: CycleId,
+    /// When it began, s since 1970.
+    pub started_unix_s: i64,
+    /// Passes in which the tool was on the part, or may have been.
+    pub passes: usize,
+}
+
+impl Store {
+    /// The part that a cycle was about, by the text that it keeps; `None` where none was named, or what was kept of it is
+    /// missing or damaged.
+    pub fn kept_part(&self, record: &CycleRecord) -> Option<PartNames> {
+        let kept = record.files.iter().find(|file| file.name == PartNames::FILE)?;
+        PartNames::read(&String::from_utf8(self.blob(&kept.hash).ok()?).ok()?)
+    }
+
+    /// The cycles in which the part with this serial number was abraded, or may have been, in order; those before `before`
+    /// where it is given.
+    ///
+    /// # Errors
+    /// Where a cycle cannot be read.
+    pub fn passes_of_serial(
+        &self,
+        serial: &str,
+        before: Option<CycleId>,
+    ) -> Result<Vec<PassesOfCycle>, StoreError> {
+        self.with_parts()?;
+        let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
+            let sql =
+                "SELECT cycle_id FROM cycle_parts WHERE serial = ?1 AND (?2 IS NULL OR cycle_id < ?2) ORDER BY 1";
+            let mut statement = self.connection.prepare(sql)?;
+            statement.query_map(params![serial, before.map(|id| id.0)], |row| row.get(0).map(CycleId))?.collect()
+        };
+        let cycles = read().map_err(|error| self.failed("read the cycles of", &error))?;
+        let mut all = Vec::new();
+        for cycle in cycles {
+            let record = self.cycle(cycle)?;
+            let passes = passes(&record.findings, &record.motions);
+            if passes > 0 {
+                all.push(PassesOfCycle { cycle, started_unix_s: record.started_unix_s, passes });
+            }
+        }
+        Ok(all)
+    }
+}

@@ -1,0 +1,83 @@
+//! Cycles as `history` reads them: the record, the part and the disc of one, and those of a panel in their order.
+
+use super::database::Store;
+use super::error::StoreError;
+use crate::history::{DiscWear, PastCycle, TrendPoint};
+use crate::record::CycleId;
+use crate::verdict::Limit;
+
+impl Store {
+    /// A cycle with its part and what it did to the disc.
+    ///
+    /// # Errors
+    /// Where there is no such cycle, or it does not read back.
+    pub fn past_cycle(&self, id: CycleId) -> Result<PastCycle, StoreError> {
+        Ok(PastCycle { record: self.cycle(id)?, part: self.part_of(id)?, disc: self.disc_in(id)? })
+    }
+
+    /// The last cycles of a panel that are over, at most so many, the oldest first.
+    ///
+    /// # Errors
+    /// Where they cannot be read.
+    pub fn past_cycles(&self, panel: &str, most: usize) -> Result<Vec<PastCycle>, StoreError> {
+        let most = i64::try_from(most).unwrap_or(i64::MAX);
+        let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
+            let sql = "SELECT id FROM cycles WHERE panel = ?1 AND verdict IS NOT NULL ORDER BY id DESC LIMIT ?2";
+            let mut rows = self.connection.prepare_cached(sql)?;
+            rows.query_map(rusqlite::params![panel, most], |row| row.get(0).map(CycleId))?.collect()
+        };
+        let ids = read().map_err(|error| self.failed("read the cycles of", &error))?;
+        ids.into_iter().rev().map(|id| self.past_cycle(id)).collect()
+    }
+
+    /// The names of all panels that cycles were about.
+    ///
+    /// # Errors
+    /// Where they cannot be read.
+    pub fn cycle_panels(&self) -> Result<Vec<String>, StoreError> {
+        let read = || -> Result<Vec<String>, rusqlite::Error> {
+            let sql = "SELECT DISTINCT panel FROM cycles ORDER BY panel";
+            self.connection.prepare_cached(sql)?.query_map([], |row| row.get(0))?.collect()
+        };
+        read().map_err(|error| self.failed("read the panels of", &error))
+    }
+
+    /// The last verifications of a subject that are not struck out, at most so many, the oldest first.
+    ///
+    /// # Errors
+    /// Where they cannot be read.
+    pub fn verification_points(&self, subject: &str, most: usize) -> Result<Vec<TrendPoint>, StoreError> {
+        let all = self.verifications(subject)?;
+        let points = all.into_iter().filter(|it| it.struck.is_none()).map(|it| TrendPoint {
+            cycle: None,
+            at_unix_s: it.at_unix_s,
+            serial: None,
+            value: it.error_mm,
+            limit: Limit::AtMost(it.limit_mm),
+        });
+        let mut points: Vec<TrendPoint> = points.collect();
+        points.drain(..points.len().saturating_sub(most));
+        Ok(points)
+    }
+
+    /// What a cycle did to the disc; `None` where it did nothing.
+    fn disc_in(&self, id: CycleId) -> Result<Option<DiscWear>, StoreError> {
+        let read = || -> Result<Option<DiscWear>, rusqlite::Error> {
+            if !self.connection.table_exists(None, "discs")? {
+                return Ok(None);
+            }
+            // A path that was cut short is corrected afterwards, by a row of the same cycle.
+            let sql = "SELECT sum(swept_mm2), max(id) FROM discs WHERE cycle_id = ?1";
+            let swept = self
+                .connection
+                .prepare_cached(sql)?
+                .query_row([id.0], |row| Ok((row.get::<_, Option<f64>>(0)?, row.get::<_, Option<i64>>(1)?)))?;
+            let (Some(swept_mm2), Some(last)) = swept else { return Ok(None) };
+            let sql = "SELECT sum(swept_mm2) FROM discs
+                       WHERE id <= ?1 AND id > (SELECT coalesce(max(id), 0) FROM discs WHERE is_new AND id <= ?1)";
+            let worn_mm2 = self.connection.prepare_cached(sql)?.query_row([last], |row| row.get(0))?;
+            Ok(Some(DiscWear { swept_mm2, worn_mm2 }))
+        };
+        read().map_err(|error| self.failed("read the disc's wear from", &error))
+    }
+}

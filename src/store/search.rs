@@ -1,0 +1,122 @@
+//! The search for cycles: a query of `history` in SQL. The next page begins at a cycle's number and not at a count of rows, so
+//! that cycles that begin meanwhile move nothing.
+
+use super::database::Store;
+use super::error::StoreError;
+use crate::history::{End, Hit, Hits, Query};
+use crate::record::{CycleId, PartNames};
+use rusqlite::types::Value;
+use rusqlite::{Row, params_from_iter};
+
+/// Conditions with the values of their question marks, in order.
+#[derive(Default)]
+struct Conditions {
+    sql: Vec<String>,
+    values: Vec<Value>,
+}
+
+impl Conditions {
+    fn add(&mut self, sql: &str, value: Option<impl Into<Value>>) {
+        if let Some(value) = value {
+            self.sql.push(sql.to_owned());
+            self.values.push(value.into());
+        }
+    }
+
+    /// A name in which `*` stands for any characters.
+    fn name(&mut self, column: &str, name: Option<&String>) {
+        let Some(name) = name else { return };
+        if name.contains('*') {
+            let pattern = escaped(name).replace('*', "%");
+            self.add(&format!("{column} LIKE ? ESCAPE '\\'"), Some(pattern));
+        } else {
+            self.add(&format!("{column} = ? COLLATE NOCASE"), Some(name.clone()));
+        }
+    }
+
+    fn of(query: &Query) -> Self {
+        let mut all = Conditions::default();
+        all.name("serial", query.serial.as_ref());
+        all.name("work_order", query.order.as_ref());
+        all.name("operator", query.operator.as_ref());
+        all.name("panel", query.panel.as_ref());
+        all.add("started_unix_s >= ?", query.from_unix_s);
+        all.add("started_unix_s < ?", query.until_unix_s);
+        all.add("cycles.id < ?", query.before.map(|id| id.0));
+        match query.end {
+            Some(End::With(verdict)) => all.add("verdict = ?", Some(verdict.word().to_owned())),
+            Some(End::Running) => all.sql.push("verdict IS NULL".to_owned()),
+            None => {}
+        }
+        for word in &query.words {
+            // The text of the column has the names of its keys too.
+            let sql = "EXISTS (SELECT 1 FROM json_each(reasons)
+                       WHERE (value ->> 'code') || ' ' || (value ->> 'message') LIKE ? ESCAPE '\\')";
+            all.add(sql, Some(format!("%{}%", escaped(word))));
+        }
+        all
+    }
+}
+
+/// As it stands inside of LIKE.
+fn escaped(text: &str) -> String {
+    text.replace('\\', "\\\\").replace('%', "\\%").replace('_', "\\_")
+}
+
+/// Whether the path was run in the air: it was moved so …
+const MOVED_IN_AIR: &str =
+    "EXISTS (SELECT 1 FROM motions WHERE cycle_id = cycles.id AND motion ->> 'path' = 'air')";
+/// … or asked for so, which stores of earlier programs do not tell.
+const ASKED_FOR_AIR: &str = "EXISTS (SELECT 1 FROM requests WHERE cycle_id = cycles.id
+    AND json_type(request, '$.wanted.for.air_run') IS NOT NULL AND request ->> 'answer' = 'done')";
+
+impl Store {
+    /// Searches the cycles, the newest first.
+    ///
+    /// # Errors
+    /// Where they cannot be read.
+    pub fn search(&self, query: &Query) -> Result<Hits, StoreError> {
+        self.with_parts()?;
+        let read = |error: rusqlite::Error| self.failed("search the cycles of", &error);
+        let Conditions { sql, mut values } = Conditions::of(query);
+        let condition = if sql.is_empty() { "TRUE".to_owned() } else { sql.join(" AND ") };
+        let asked = if self.has_requests()? { ASKED_FOR_AIR } else { "FALSE" };
+        let sql = format!(
+            "SELECT cycles.id, started_unix_s, ended_unix_s, panel, verdict, reasons, serial, work_order, operator,
+                    {MOVED_IN_AIR} OR {asked}
+             FROM cycles LEFT JOIN cycle_parts ON cycle_id = cycles.id
+             WHERE {condition} ORDER BY cycles.id DESC LIMIT ?"
+        );
+        // One more says whether there is another page.
+        values.push(Value::Integer(query.page_size() as i64 + 1));
+        let mut statement = self.connection.prepare_cached(&sql).map_err(read)?;
+        let rows = statement.query_map(params_from_iter(values), columns).map_err(read)?;
+        let mut rows = rows.collect::<Result<Vec<_>, _>>().map_err(read)?;
+        let is_more = rows.len() > query.page_size();
+        rows.truncate(query.page_size());
+        let hits = rows.into_iter().map(|(hit, texts)| self.hit(hit, texts)).collect::<Result<Vec<_>, _>>()?;
+        let next = hits.last().filter(|_| is_more).map(|hit| hit.cycle);
+        Ok(Hits { hits, next })
+    }
+
+    /// With its verdict and reasons, which are read from their texts.
+    fn hit(&self, hit: Hit, [verdict, reasons]: [Option<String>; 2]) -> Result<Hit, StoreError> {
+        let verdict = verdict.map(|word| self.parsed(&format!("\"{word}\""))).transpose()?;
+        let reasons = reasons.map(|text| self.parsed(&text)).transpose()?.unwrap_or_default();
+        Ok(Hit { verdict, reasons, ..hit })
+    }
+}
+
+fn columns(row: &Row<'_>) -> Result<(Hit, [Option<String>; 2]), rusqlite::Error> {
+    let hit = Hit {
+        cycle: CycleId(row.get(0)?),
+        started_unix_s: row.get(1)?,
+        ended_unix_s: row.get(2)?,
+        panel: row.get(3)?,
+        part: PartNames { serial: row.get(6)?, order: row.get(7)?, operator: row.get(8)? },
+        verdict: None,
+        is_air_run: row.get(9)?,
+        reasons: Vec::new(),
+    };
+    Ok((hit, [row.get(4)?, row.get(5)?]))
+}

@@ -1,0 +1,121 @@
+//! The operator's page in a browser, with the program's own service behind it.
+//!
+//! The browser is the machine's Chromium, led by playwright-core: it waits for what a page shows rather than for a time, and
+//! axe-core, which judges each page, is of the same world. `make setup` installs both below `target/`; the product needs neither.
+
+use super::commands::json;
+use super::service::{Service, taught};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// A post before the lower left grids: whether the panel is tested all the same is for a person to decide.
+const POST: &str = "\n[[keep_out]]\nname = \"post\"\nmin_mm = [480, 60, 0]\nmax_mm = [700, 260, 270]\n";
+
+/// Adds an account, as a person at a terminal does.
+pub fn add_account(folder: &Path, role: &str) {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args(["user", "add", role, "--role", role, "--cell", "cell/cell.toml"])
+        .current_dir(folder)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .expect("the program starts");
+    child.stdin.take().expect("its input").write_all(b"correct horse\n").expect("it reads");
+    assert!(child.wait().expect("it ends").success());
+}
+
+/// Adds to the cell's file that its page is served; where.
+pub fn with_page(folder: &Path, more: &str) -> String {
+    let address = TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address");
+    let file = folder.join("cell/cell.toml");
+    let cell = std::fs::read_to_string(&file).expect("a cell");
+    std::fs::write(file, format!("{cell}{more}\n[page]\nlisten = \"{address}\"\n")).expect("written");
+    format!("http://{address}")
+}
+
+/// The folder of the browser's modules, where they and a browser are there.
+fn modules() -> Option<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/browser");
+    let is_there =
+        ["playwright-core", "axe-core"].iter().all(|name| folder.join("node_modules").join(name).is_dir());
+    let runs =
+        |program: &str| Command::new(program).arg("--version").output().is_ok_and(|told| told.status.success());
+    (is_there && runs("node") && runs("chromium")).then_some(folder)
+}
+
+#[test]
+fn people_run_judge_and_sign_a_part_in_a_browser() {
+    let Some(modules) = modules() else {
+        eprintln!(
+            "not run: node, chromium or target/browser is missing, so nobody looked at the page; make setup installs what it can"
+        );
+        return;
+    };
+    let folder = taught("clean");
+    let folder = folder.path();
+    let base = with_page(folder, POST);
+    for role in ["viewer", "operator", "inspector", "engineer", "administrator"] {
+        add_account(folder, role);
+    }
+    let mut service = Some(Service::start(folder));
+    let pictures = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/page");
+    let mut browser = Command::new("node")
+        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/page/browser.mjs"))
+        .args([base.as_ref(), pictures.as_os_str(), modules.as_os_str()])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("node starts");
+    let mut told = Vec::new();
+    for line in BufReader::new(browser.stdout.take().expect("its words")).lines() {
+        let line = line.expect("text");
+        if line == "restart" {
+            let before = service.take().expect("it runs");
+            before.signal(rustix::process::Signal::TERM);
+            before.ended();
+            std::thread::sleep(std::time::Duration::from_secs(4));
+            service = Some(Service::start(folder));
+            browser.stdin.as_mut().expect("its input").write_all(b"go on\n").expect("it reads");
+        }
+        told.push(line);
+    }
+    let mut problems = String::new();
+    browser.stderr.take().expect("its words").read_to_string(&mut problems).expect("text");
+    let log = service.as_ref().map(Service::log).unwrap_or_default();
+    assert!(browser.wait().expect("it ends").success(), "{told:#?}\n{problems}\n{log}");
+    assert_eq!(told.last().map(String::as_str), Some("whole"), "{told:#?}\n{problems}");
+    drop(service);
+
+    // What people did is in the store: signed, verified, and in nobody else's name.
+    let (exit, verified) = json(folder, "store verify --cell cell/cell.toml");
+    assert_eq!((exit, &verified["ok"]), (0, &serde_json::json!(true)), "{verified}");
+    let store = panelprep::store::Store::open(&folder.join("cell/store")).expect("a store");
+    let audit = store.audit(None, 1_000).expect("read");
+    let has = |what: &str, who: &str, refused: bool| {
+        audit.iter().any(|line| {
+            let entry = &line.entry;
+            entry.what == what && entry.who.as_deref() == Some(who) && entry.refused.is_some() == refused
+        })
+    };
+    for (what, who, refused) in [
+        ("hold", "operator", false),
+        ("sign record", "inspector", true),
+        ("sign record", "inspector", false),
+        ("change recipe", "engineer", true),
+        ("change recipe", "engineer", false),
+    ] {
+        // A recipe that is wrong was only checked, and nothing was attempted.
+        assert_eq!(
+            has(what, who, refused),
+            (what, refused) != ("change recipe", true),
+            "{what} by {who}: {audit:#?}"
+        );
+    }
+    let asked = store.cycle(panelprep::record::CycleId(2)).expect("read").asked;
+    let abort = asked.iter().find(|asked| format!("{:?}", asked.wanted).contains("Abort")).expect("it is kept");
+    let who = abort.who.as_ref().expect("by whom").to_string();
+    assert_eq!(who, "somebody who was not logged in, on the operator's page");
+}
