@@ -53,7 +53,7 @@ pub fn trend_chart(trend: &Trend, words: ChartWords<'_>) -> Markup {
     let unit = if trend.unit.is_empty() { String::new() } else { format!(" [{}]", trend.unit) };
     let title = format!("{}{unit}", trend.title);
     html! {
-        svg.chart viewBox={ "0 0 " (WIDTH) " " (HEIGHT) } role="img" aria-label=(title) {
+        svg.chart viewBox={ "0 0 " (WIDTH) " " (HEIGHT) } role="group" aria-label=(title) {
             rect.frame x=(LEFT) y=(TOP) width=(WIDTH - LEFT - RIGHT) height=(HEIGHT - TOP - BOTTOM) {}
             @for (value, text) in vertical.ticks(5) {
                 line.tick x1=(LEFT) x2=(WIDTH - RIGHT) y1=(at(vertical.place(value))) y2=(at(vertical.place(value))) {}

@@ -43,7 +43,9 @@ impl Frame<'_> {
         let words = self.visitor.language();
         let word = |key| words.word(key);
         let csrf = self.visitor.person.as_ref().map_or("", |person| &person.csrf);
-        let script_words = serde_json::to_string(&words.all("js.")).unwrap_or_default();
+        let mut script_words = words.all("js.");
+        script_words.extend(words.all("action."));
+        let script_words = serde_json::to_string(&script_words).unwrap_or_default();
         let page = html! {
             (DOCTYPE)
             html lang=(words.name()) {

@@ -34,7 +34,7 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
         section.card {
             h2 { (word("people.title")) }
             table {
-                thead { tr { th { (word("login.name")) } th { (word("people.printed")) } th { (word("people.role")) } th { (word("people.enabled")) } th {} } }
+                thead { tr { th { (word("login.name")) } th { (word("people.printed")) } th { (word("people.role")) } th { (word("people.enabled")) } td {} } }
                 tbody {
                     @for account in accounts.values() {
                         tr {

@@ -208,7 +208,7 @@ fn question(visitor: &Visitor, id: CycleId, (number, finding): (usize, &Finding)
                 }
             }
             table {
-                thead { tr { th {} th { (word("review.found")) } th { (word("review.allowed")) } } }
+                thead { tr { td {} th { (word("review.found")) } th { (word("review.allowed")) } } }
                 tbody { @for row in judged.map(|check| check_row(check, "")) { tr { td { (row.name) } td { (row.value) } td { (row.allowed) } } } }
             }
         }

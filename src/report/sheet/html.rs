@@ -60,14 +60,15 @@ fn drawn(map: &GridMap) -> Markup {
     }
 }
 
+// Inside of an SVG an element ends by its own end: one without would hold all that follow.
 fn cell([x, y]: [usize; 2], side: usize, state: GridState) -> Markup {
     let [red, green, blue] = state.colour();
     let [down, up] = state.hatch();
     let fill = format!("rgb({red},{green},{blue})");
     markup! {
-        rect x=(x) y=(y) width=(side) height=(side) fill=(fill) stroke="#333";
-        @if down { line x1=(x) y1=(y) x2=(x + side) y2=(y + side) stroke="#333" stroke-width="0.7"; }
-        @if up { line x1=(x) y1=(y + side) x2=(x + side) y2=(y) stroke="#333" stroke-width="0.7"; }
+        rect x=(x) y=(y) width=(side) height=(side) fill=(fill) stroke="#333" {}
+        @if down { line x1=(x) y1=(y) x2=(x + side) y2=(y + side) stroke="#333" stroke-width="0.7" {} }
+        @if up { line x1=(x) y1=(y + side) x2=(x + side) y2=(y) stroke="#333" stroke-width="0.7" {} }
         @if side >= 12 {
             text x=(x + side / 2) y=(y + side / 2 + 4) text-anchor="middle" font-size=(side.min(14)) font-weight="bold" {
                 (state.letter())
@@ -88,5 +89,18 @@ fn legend(map: &GridMap) -> Markup {
                 }
             }
         } }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_grid_of_the_map_is_an_element_of_its_own() {
+        let rows = vec![vec![GridState::Passed, GridState::Failed], vec![GridState::PassedAfterAbrasion; 2]];
+        let svg = drawn(&GridMap { rows, columns: 2 }).into_string();
+        assert_eq!((svg.matches("<rect").count(), svg.matches("></rect>").count()), (4, 4), "{svg}");
+        assert_eq!(svg.matches("<line").count(), svg.matches("></line>").count(), "{svg}");
     }
 }

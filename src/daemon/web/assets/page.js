@@ -6,6 +6,9 @@ const words = JSON.parse(meta("words") || "{}");
 /** The page's word for a key. */
 export const word = (key) => words[`js.${key}`] ?? key;
 
+/** The word on a button. */
+export const action = (key) => words[`action.${key}`] ?? key;
+
 /** Sends a change; what came of it as { ok, status, message }. It never throws. */
 export async function send(path, body = {}) {
   try {

@@ -1,6 +1,6 @@
 // The page of the cell as it runs, kept up to date by the service's events.
 
-import { localTime, send, tell, word } from "./PAGE_JS";
+import { action, localTime, send, tell, word } from "./PAGE_JS";
 
 const id = (name) => document.getElementById(name);
 const STALE_MS = 3000; // the service says something at least once a second
@@ -22,6 +22,17 @@ function looks(now) {
   return "";
 }
 
+/** The commands that a message names, and the buttons that do the same. */
+const COMMANDS = [["unhold --dried", "unhold_dried"], ["unhold", "unhold"], ["accept", "accept"], ["clear", "clear"], ["reset", "reset"]];
+
+/** What a reason says on this page: in the page's language where it has words for it, with buttons in place of commands. */
+function said(reason) {
+  const key = `why.${now.state}.${reason.code}`;
+  if (word(key) !== key) return word(key);
+  const message = COMMANDS.reduce((text, [command, name]) => text.replaceAll(`\`panelprep ctl ${command}\``, `“${action(name)}”`), reason.message);
+  return `${message} (${reason.code})`;
+}
+
 function showState() {
   const ended = ["complete", "stopped", "aborted"].includes(now.state) && now.verdict;
   const verdict = now.verdict && now.state !== "aborted" ? `: ${word(`verdict.${now.verdict}`)}` : "";
@@ -31,7 +42,8 @@ function showState() {
   set(id("state-word"), now.state ? word(`state.${now.state}`) + (ended ? verdict : "") : "…");
   const part = record.part ?? {};
   set(id("panel"), [now.panel, part.serial, part.order, part.operator].filter(Boolean).join(" · "));
-  const list = now.reasons.map((reason) => `${reason.message} (${reason.code})`);
+  // What a review is about stands beside its pictures and buttons.
+  const list = (now.is_review ? now.reasons.slice(0, 1) : now.reasons).map(said);
   set(id("why"), list[0] ?? "");
   const more = id("reasons");
   if (more.dataset.list !== JSON.stringify(list)) {
