@@ -119,3 +119,67 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
     let who = abort.who.as_ref().expect("by whom").to_string();
     assert_eq!(who, "somebody who was not logged in, on the operator's page");
 }
+
+/// What the robot was told and did, and what was found, without the numbers of how long the computer took.
+fn trace(folder: &Path) -> Vec<String> {
+    let store = panelprep::store::Store::open(&folder.join("cell/store")).expect("a store");
+    let record = store.cycle(panelprep::record::CycleId(1)).expect("read");
+    let events = store.journal().expect("a journal").into_iter().map(|event| format!("{event:?}"));
+    let from_start = events.skip_while(|event| !event.contains("Start {"));
+    let motions = record.motions.iter().map(|motion| format!("{:?} {:?}", motion.motion, motion.outcome));
+    let findings = record.findings.iter().map(|finding| {
+        let checks = finding.checks.iter().filter(|check| check.unit != "ms" && check.unit != "s");
+        format!("{:?} {:?} {:?}", finding.kind, finding.judgement, checks.collect::<Vec<_>>())
+    });
+    from_start.chain(motions).chain(findings).collect()
+}
+
+fn one_cycle(service: &Service) {
+    service.reset();
+    service.done("start --recipe cell/recipe.toml");
+    service.reach("complete");
+}
+
+/// Two hundred who look on and then go, one who reads nothing, and one who begins a request without end: in virtual time the robot
+/// does the same as without a page.
+#[test]
+fn whoever_looks_on_changes_nothing_of_what_the_robot_does() {
+    let folder = taught("good");
+    one_cycle(&Service::start(folder.path()));
+    let without = trace(folder.path());
+    assert!(without.iter().any(|line| line.contains("Contact")), "it abrades: {without:#?}");
+
+    let folder = taught("good");
+    let base = with_page(folder.path(), "");
+    let address = base.trim_start_matches("http://");
+    let service = Service::start(folder.path());
+    let ask = |text: String| {
+        let mut stream = std::net::TcpStream::connect(address).expect("it listens");
+        stream.write_all(text.as_bytes()).expect("sent");
+        stream
+    };
+    let events = format!("GET /events HTTP/1.1\r\nhost: {address}\r\n\r\n");
+    let _reads_nothing = ask(events.clone());
+    let _never_ends = ask(format!("GET / HTTP/1.1\r\nhost: {address}\r\nx: "));
+    std::thread::scope(|scope| {
+        for _ in 0..200 {
+            let mut stream = ask(events.clone());
+            scope.spawn(move || {
+                stream.set_read_timeout(Some(std::time::Duration::from_secs(5))).expect("set");
+                let (mut bytes, mut heard) = ([0; 4_096], 0);
+                // Each is killed in the middle of the cycle.
+                while heard < 20 && stream.read(&mut bytes).is_ok_and(|count| count > 0) {
+                    heard += 1;
+                }
+                assert!(heard > 0, "it saw something");
+            });
+        }
+        one_cycle(&service);
+    });
+    drop(service);
+    let with = trace(folder.path());
+    for (one, other) in without.iter().zip(&with) {
+        assert_eq!(one, other);
+    }
+    assert_eq!(without.len(), with.len());
+}

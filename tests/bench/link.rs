@@ -1,7 +1,7 @@
 //! The robot link: how many commands a second, how soon a lost acknowledgement becomes STOP on the wire, and long paths
 //! without a stop; an abort through hostile clients of the service; 200,000 walks over the
 //! controller's programs. A table, and exit code 1 where a target is missed.
-//! `cargo bench --bench link -- [TRIALS]`, the aborts alone with `-- socket`,
+//! `cargo bench --bench link -- [TRIALS]`, the aborts alone with `-- socket` and `-- page`,
 //! the walks alone with `-- programs [WALKS]`.
 
 #[path = "../link/cell.rs"]
@@ -47,6 +47,8 @@ const BUSY: Duration = Duration::from_millis(50);
 /// From the service's socket to the wire.
 const SOCKET: Duration = Duration::from_millis(100);
 const SOCKET_TRIALS: usize = 500;
+/// People who look on at the page.
+const VIEWERS: usize = 20;
 /// Links that are tried at the same time; each has its own thread.
 const LINKS: usize = 8;
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -61,12 +63,16 @@ fn main() -> ExitCode {
     if arguments.iter().any(|argument| argument == "socket") {
         return if abort_by_socket() { ExitCode::SUCCESS } else { ExitCode::FAILURE };
     }
+    if arguments.iter().any(|argument| argument == "page") {
+        return if abort_on_the_page() { ExitCode::SUCCESS } else { ExitCode::FAILURE };
+    }
     if arguments.iter().any(|argument| argument == "programs") {
         let walks = arguments.iter().find_map(|argument| argument.parse().ok()).unwrap_or(PROGRAM_WALKS);
         return if walks_of_the_programs(walks) { ExitCode::SUCCESS } else { ExitCode::FAILURE };
     }
     let reached = [
         abort_by_socket(),
+        abort_on_the_page(),
         virtual_rate(),
         loopback_rate(),
         stop_latency("idle", trials, 0, IDLE),
@@ -113,19 +119,29 @@ fn verdict(reached: bool) -> &'static str {
 
 /// From the service's socket to the wire, with two hundred hostile clients.
 fn abort_by_socket() -> bool {
-    let (mut found, done) = link::socket::aborts(SOCKET_TRIALS);
+    let (found, done) = link::socket::aborts(SOCKET_TRIALS);
+    let among = format!("{} hostile clients ({done} requests of theirs)", link::socket::CLIENTS);
+    told("abort by the service's socket to the frame", &among, found)
+}
+
+/// From the operator's page to the wire, while others look on and one reads nothing.
+fn abort_on_the_page() -> bool {
+    let found = link::socket::aborts_on_the_page(SOCKET_TRIALS, VIEWERS);
+    told("abort on the operator's page to the frame", &format!("{VIEWERS} who look on"), found)
+}
+
+fn told(what: &str, among: &str, mut found: Vec<Duration>) -> bool {
     found.sort();
     let at = |share: f64| found[((found.len() as f64 * share).ceil() as usize).clamp(1, found.len()) - 1];
+    let ms = |share: f64| at(share).as_secs_f64() * 1e3;
     let reached = at(0.99) <= SOCKET;
     println!(
-        "abort by the service's socket to the frame, {} hostile clients ({done} requests of theirs), {} trials: median {:.1} ms, \
-         p99 {:.1} ms (target {} ms), most {:.1} ms {}",
-        link::socket::CLIENTS,
+        "{what}, {among}, {} trials: median {:.1} ms, p99 {:.1} ms (target {} ms), most {:.1} ms {}",
         found.len(),
-        at(0.5).as_secs_f64() * 1e3,
-        at(0.99).as_secs_f64() * 1e3,
+        ms(0.5),
+        ms(0.99),
         SOCKET.as_millis(),
-        at(1.0).as_secs_f64() * 1e3,
+        ms(1.0),
         verdict(reached)
     );
     reached

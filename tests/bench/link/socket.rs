@@ -1,24 +1,31 @@
-//! From a client's abort at the service's socket to the frame at the controller, while two hundred clients do harm.
+//! From an abort at one of the service's fronts to the frame at the controller: at its socket while two hundred clients do harm, and
+//! on the operator's page while others look on.
 
 use super::peer::Peer;
 use crate::clients::harass;
-use panelprep::cell::Cell;
+use panelprep::cell::{self, Cell};
 use panelprep::daemon::{
-    self, CellSetup, Computing, Gateway, LinkedRobot, LiveView, LoopStart, NoCameras, Ports, RecordingSwitch,
-    Request, RequestHandler, ServiceParts, Socket, StoreRecord, WrittenPage,
+    self, CellSetup, Computing, DaemonError, Equipment, Gateway, LinkedRobot, LiveView, LoopStart, NoCameras,
+    OperatorPage, PageParts, Ports, RecipeText, RecordSource, RecordingSwitch, Request, RequestHandler,
+    RequestSender, ServiceParts, SetupSource, Socket, StoreRecord, WrittenPage,
 };
 use panelprep::devices::robot::{Address, BlockingLink, link_limits};
 use panelprep::eki::Pace;
-use panelprep::store::Store;
+use panelprep::record::CycleId;
+use panelprep::store::{PersonSigns, Store};
 use panelprep::supervision::Supervisor;
 use panelprep::tape::Begin;
+use panelprep::verdict::Verdict;
 use std::io::{Read, Write};
+use std::net::TcpStream;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc;
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use tempfile::TempDir;
 
 pub const CLIENTS: usize = 200;
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -46,38 +53,47 @@ fn until(what: &str, mut done: impl FnMut() -> bool) {
     }
 }
 
-/// How long each abort took, and how much the clients did meanwhile.
-pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
-    let folder = tempfile::tempdir().expect("a folder");
-    let (store, socket) = (folder.path().join("store"), folder.path().join("socket"));
-    let cell = Cell::check("cell.toml", CELL).expect("a good cell");
-    let (peer, supervisor) = (Peer::start(), Supervisor::default());
-    let (command_port, state_port) = peer.ports();
-    let address = Address { host: "127.0.0.1".to_owned(), command_port, state_port };
-    let link = BlockingLink::start(address, link_limits(&cell), Pace::Wall).expect("a link");
-    let (sender, queue) = daemon::request_queue();
-    let loader: Arc<daemon::Loader> = Arc::new(|_| Err(vec![]));
-    let gateway = Gateway::new(sender.clone(), loader, None);
-    let _socket = Socket::listen(&socket, gateway, &supervisor).expect("a socket");
-    let service = {
-        let supervisor = supervisor.clone();
-        std::thread::spawn(move || {
+/// A service on a controller that is a peer of this program.
+struct Served {
+    peer: Peer,
+    sender: RequestSender,
+    gateway: Gateway,
+    folder: TempDir,
+    supervisor: Supervisor,
+    service: JoinHandle<Result<(), DaemonError>>,
+}
+
+impl Served {
+    fn start() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let store_folder = folder.path().join("store");
+        let cell = Cell::check("cell.toml", CELL).expect("a good cell");
+        let (peer, supervisor) = (Peer::start(), Supervisor::default());
+        let (command_port, state_port) = peer.ports();
+        let address = Address { host: "127.0.0.1".to_owned(), command_port, state_port };
+        let link = BlockingLink::start(address, link_limits(&cell), Pace::Wall).expect("a link");
+        let (sender, queue) = daemon::request_queue();
+        let loader: Arc<daemon::Loader> = Arc::new(|_| Err(vec![]));
+        let gateway = Gateway::new(sender.clone(), loader, None);
+        // Whoever serves a page reads the store, which is there before the service runs.
+        drop(Store::create(&store_folder).expect("a store"));
+        let watched = supervisor.clone();
+        let service = std::thread::spawn(move || {
             let mut robot = LinkedRobot::new(link, Pace::Wall);
-            let store_folder = store;
             let mut store = Store::create(&store_folder).expect("a store");
             let keep = daemon::keeper(&store).expect("writable");
             let mut record = StoreRecord::new(&mut store, None);
             let (pages, _) = mpsc::channel();
             let parts = ServiceParts {
                 recording: RecordingSwitch::new(&store_folder, false),
-                supervisor: supervisor.clone(),
+                supervisor: watched.clone(),
                 pages,
                 written: WrittenPage::default(),
                 cameras: None,
             };
             let parts_of_computing = (Box::new(NoCameras) as _, Box::new(Vec::new) as _, keep);
-            let computing = Computing::on_thread(parts_of_computing, false, &supervisor, LiveView::default())
-                .expect("a thread");
+            let computing =
+                Computing::on_thread(parts_of_computing, false, &watched, LiveView::default()).expect("a thread");
             let ports = Ports {
                 robot: &mut robot,
                 record: &mut record,
@@ -88,29 +104,144 @@ pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
             let cell = Arc::new(CellSetup::new(&cell).expect("whole"));
             let state = panelprep::cycle::State::NEW;
             daemon::run(LoopStart { cell, cycle: None, state, before: Begin::Boot }, ports).map(drop)
-        })
-    };
-    let (ends, done) = (AtomicBool::new(false), AtomicUsize::new(0));
-    let mut found = Vec::with_capacity(trials);
-    std::thread::scope(|scope| {
-        for kind in 0..CLIENTS {
-            let (socket, ends, done) = (&socket, &ends, &done);
-            scope.spawn(move || harass(socket, kind, ends, done));
-        }
+        });
+        Served { peer, sender, gateway, folder, supervisor, service }
+    }
+
+    /// How long each abort took to the frame; `ask` sends a word to a front and returns its answer.
+    fn timed(&self, trials: usize, ask: impl Fn(&str) -> String, is_done: impl Fn(&str) -> bool) -> Vec<Duration> {
+        let mut found = Vec::with_capacity(trials);
         for _ in 0..trials {
-            until("a clear", || {
-                ask(&socket, "clear").contains("\"stopped\"") || ask(&socket, "state").contains("\"stopped\"")
-            });
-            peer.forget();
+            until("a clear", || ask("clear").contains("\"stopped\"") || ask("state").contains("\"stopped\""));
+            self.peer.forget();
             let asked = Instant::now();
-            let answer = ask(&socket, "abort");
-            until("the frame", || peer.stopped().is_some());
-            found.push(peer.stopped().map_or(PATIENCE, |stopped| stopped - asked));
-            assert!(answer.contains("\"done\""), "{answer}");
+            let answer = ask("abort");
+            until("the frame", || self.peer.stopped().is_some());
+            found.push(self.peer.stopped().map_or(PATIENCE, |stopped| stopped - asked));
+            assert!(is_done(&answer), "{answer}");
         }
+        found
+    }
+
+    fn end(self) {
+        self.sender.send(Request::signal()).expect("it serves");
+        self.service.join().expect("no panic").expect("no fault");
+    }
+}
+
+/// How long each abort at the socket took, and how much the clients did meanwhile.
+pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
+    let served = Served::start();
+    let path = served.folder.path().join("socket");
+    let socket = Socket::listen(&path, served.gateway.clone(), &served.supervisor).expect("a socket");
+    let (ends, done) = (AtomicBool::new(false), AtomicUsize::new(0));
+    let found = std::thread::scope(|scope| {
+        for kind in 0..CLIENTS {
+            let (path, ends, done) = (&path, &ends, &done);
+            scope.spawn(move || harass(path, kind, ends, done));
+        }
+        let found = served.timed(trials, |word| ask(&path, word), |answer| answer.contains("\"done\""));
         ends.store(true, Ordering::Relaxed);
+        found
     });
-    sender.send(Request::signal()).expect("it serves");
-    service.join().expect("no panic").expect("no fault");
+    drop(socket);
+    served.end();
     (found, done.load(Ordering::Relaxed))
+}
+
+/// What a page without recipes and records is made of.
+struct Nothing;
+
+impl SetupSource for Nothing {
+    fn recipes(&self) -> Result<Vec<String>, String> {
+        Ok(vec![])
+    }
+    fn recipe(&self, _: &str) -> Result<RecipeText, String> {
+        Err("there is none".to_owned())
+    }
+    fn problems(&self, _: &str, _: &str) -> Vec<String> {
+        vec![]
+    }
+    fn save(&self, _: &str, _: &str) -> Result<Option<String>, String> {
+        Err("there is none".to_owned())
+    }
+    fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
+        Ok((Verdict::Accept, vec![], vec![]))
+    }
+}
+
+impl RecordSource for Nothing {
+    fn page(&self, _: CycleId) -> Result<String, String> {
+        Err("there is none".to_owned())
+    }
+    fn pdf(&self, _: CycleId) -> Result<Option<Vec<u8>>, String> {
+        Ok(None)
+    }
+    fn sign(&self, _: &PersonSigns) -> Result<u64, String> {
+        Err("there is none".to_owned())
+    }
+}
+
+/// Sends a request to the page; what came until it hung up.
+fn http(address: &str, method: &str, path: &str) -> String {
+    let mut answer = String::new();
+    if let Ok(mut stream) = TcpStream::connect(address) {
+        stream.set_read_timeout(Some(PATIENCE)).expect("set");
+        let request = format!(
+            "{method} {path} HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\nsec-fetch-site: same-origin\r\n\
+             content-type: application/json\r\ncontent-length: 2\r\n\r\n{{}}"
+        );
+        let _ = stream.write_all(request.as_bytes()).and_then(|()| stream.read_to_string(&mut answer));
+    }
+    answer
+}
+
+/// How long each abort on the page took while so many look on; one more opens a connection and reads nothing.
+pub fn aborts_on_the_page(trials: usize, viewers: usize) -> Vec<Duration> {
+    let served = Served::start();
+    let page = cell::Page {
+        listen: Some(([127, 0, 0, 1], 0).into()),
+        certificate: None,
+        recipes: served.folder.path().to_owned(),
+        words: None,
+        idle_min: 30,
+        sessions: 3,
+    };
+    let (folder, gateway) = (served.folder.path().join("store"), served.gateway.clone());
+    let (setup, records) = (Arc::new(Nothing), Arc::new(Nothing));
+    let parts = PageParts { page, folder, gateway, view: LiveView::default(), setup, records };
+    let page = OperatorPage::serve(parts).expect("served").expect("an address");
+    let address = page.url.trim_start_matches("http://").trim_end_matches('/').to_owned();
+    // A clear needs a person; the socket has one.
+    let path = served.folder.path().join("socket");
+    let socket = Socket::listen(&path, served.gateway.clone(), &served.supervisor).expect("a socket");
+    let events = format!("GET /events HTTP/1.1\r\nhost: {address}\r\n\r\n");
+    let reads_nothing =
+        TcpStream::connect(&address).and_then(|mut stream| stream.write_all(events.as_bytes()).map(|()| stream));
+    let (ends, seen) = (AtomicBool::new(false), AtomicUsize::new(0));
+    let found = std::thread::scope(|scope| {
+        for _ in 0..viewers {
+            let (events, address, ends, seen) = (&events, &address, &ends, &seen);
+            scope.spawn(move || {
+                let mut stream = TcpStream::connect(address).expect("it listens");
+                stream.write_all(events.as_bytes()).expect("sent");
+                stream.set_read_timeout(Some(Duration::from_secs(5))).expect("set");
+                let mut bytes = [0; 4_096];
+                while !ends.load(Ordering::Relaxed) && stream.read(&mut bytes).is_ok_and(|count| count > 0) {
+                    seen.fetch_add(1, Ordering::Relaxed);
+                }
+            });
+        }
+        let ask_page = |word: &str| match word {
+            "abort" => http(&address, "POST", "/request/abort"),
+            word => ask(&path, word),
+        };
+        let found = served.timed(trials, ask_page, |answer| answer.starts_with("HTTP/1.1 200"));
+        ends.store(true, Ordering::Relaxed);
+        found
+    });
+    assert!(seen.load(Ordering::Relaxed) > viewers, "they saw what happened");
+    drop((reads_nothing, page, socket));
+    served.end();
+    found
 }
