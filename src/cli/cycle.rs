@@ -100,6 +100,8 @@ fn once(
         let asked = Asked { unix_ms: 0, wanted, who, answer: Some(Answer::Done), reasons: vec![] };
         store.keep_request(&asked, None, None).map_err(Fault::stage)?;
     }
+    // Before the pages, which show the signatures.
+    sign(&files, progress);
     report::make_missing(&files, &|cycle, page| match page {
         Ok(page) => progress(&format!("page of cycle {cycle}, which had none: {}", page.display())),
         Err(fault) => progress(&format!("no page of cycle {cycle}: {fault}")),

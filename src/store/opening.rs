@@ -50,6 +50,25 @@ impl Store {
         opened.map_err(|error| if is_full(&error, folder) { reserve::full(folder) } else { error })
     }
 
+    /// Opens a store beside its writer, if it has one. Whoever signs is not the one who finds out about a change behind the
+    /// program's back: a head that contradicts the rows must stay as it is until the next start has looked at it.
+    pub(super) fn for_signing(folder: &Path) -> Result<Self, StoreError> {
+        let store = Store::beside_the_writer(folder)?;
+        let version = schema::version(&store.connection, store.path())?;
+        if version < schema::SCHEMA {
+            return Err(StoreError::Older { path: folder.to_owned(), found: version, known: schema::SCHEMA });
+        }
+        let (told, last) = match head::read_beside(folder, || chain::last(&store.connection)) {
+            Ok((told, last)) => (Ok(told), last),
+            Err(error) => (Err(error), chain::last(&store.connection)),
+        };
+        let last = last.map_err(|error| store.failed("read the chain of", &error))?;
+        match store.contradictions(told, last)?.first() {
+            None => Ok(store),
+            Some(words) => Err(StoreError::Damaged { path: store.path().to_owned(), problem: words.clone() }),
+        }
+    }
+
     fn begin(folder: &Path) -> Result<Self, StoreError> {
         let blobs = Blobs::create(folder)?;
         let lease = Lease::take(folder)?;

@@ -8,7 +8,6 @@ use super::chain::{self, hex};
 use super::commit::Writing;
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
-use super::{head, schema};
 use crate::record::CycleId;
 use crate::signing::{
     BEGIN, CellKey, FORM, HEAD_FORM, Meaning, PersonSignature, Said, SignedCycle, SignedHead, SigningError,
@@ -143,25 +142,6 @@ impl Store {
         let PersonSigns { cycle, name, user, meaning, remark } = signs.clone();
         let says = PersonSignature { cycle, record_hash: of_cycle.record_hash, name, user, meaning, remark };
         store.sign(key, &Said::Person(says))
-    }
-
-    /// Opens a store beside its writer, if it has one. Whoever signs is not the one who finds out about a change behind the
-    /// program's back: a head that contradicts the rows must stay as it is until the next start has looked at it.
-    fn for_signing(folder: &Path) -> Result<Self, StoreError> {
-        let store = Store::beside_the_writer(folder)?;
-        let version = schema::version(&store.connection, store.path())?;
-        if version < schema::SCHEMA {
-            return Err(StoreError::Older { path: folder.to_owned(), found: version, known: schema::SCHEMA });
-        }
-        let (told, last) = match head::read_beside(folder, || chain::last(&store.connection)) {
-            Ok((told, last)) => (Ok(told), last),
-            Err(error) => (Err(error), chain::last(&store.connection)),
-        };
-        let last = last.map_err(|error| store.failed("read the chain of", &error))?;
-        match store.contradictions(told, last)?.first() {
-            None => Ok(store),
-            Some(words) => Err(StoreError::Damaged { path: store.path().to_owned(), problem: words.clone() }),
-        }
     }
 
     /// Signs a cycle that is over, as the cell.
