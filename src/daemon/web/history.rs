@@ -8,7 +8,7 @@ use super::visitor::Visitor;
 use super::words::Language;
 use crate::history::{DateError, Edge, End, Hit, Hits, Query, hits_sheet, unix_s};
 use crate::record::CycleId;
-use crate::verdict::Verdict;
+use crate::verdict::{Reason, Verdict};
 use axum::Extension;
 use axum::extract::{Query as Asked, State};
 use axum::http::StatusCode;
@@ -223,7 +223,7 @@ fn table(words: Language<'_>, hits: &[Hit]) -> Markup {
                                 (verdict_word(words, hit.verdict.map_or(RUNNING, Verdict::word)))
                                 @if hit.is_air_run { " (" (word("history.air_run")) ")" }
                             }
-                            td { @for reason in &hit.reasons { span title=(reason.message) { (reason.code) } " " } }
+                            td { @for (code, count) in codes(&hit.reasons) { (code) @if count > 1 { " ×" (count) } " " } }
                         }
                     } }
                 }
@@ -233,12 +233,23 @@ fn table(words: Language<'_>, hits: &[Hit]) -> Markup {
     }
 }
 
+/// Each code once, in the order in which it came first, with how often it came.
+fn codes(reasons: &[Reason]) -> Vec<(&str, usize)> {
+    let mut counted: Vec<(&str, usize)> = Vec::new();
+    for reason in reasons {
+        match counted.iter_mut().find(|(code, _)| *code == reason.code) {
+            Some((_, count)) => *count += 1,
+            None => counted.push((&reason.code, 1)),
+        }
+    }
+    counted
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::daemon::web::words::Words;
     use crate::record::PartNames;
-    use crate::verdict::Reason;
 
     fn hit() -> Hit {
         Hit {
