@@ -6,7 +6,8 @@ const MOST_CHARACTERS: usize = 40;
 /// Why a name cannot be one.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "found {found:?}; an account's name has 1 to 40 of the characters a to z, 0 to 9, dot, hyphen and underscore, and begins with a letter"
+    "found \"{}\"; an account's name has 1 to 40 of the characters a to z, 0 to 9, dot, hyphen and underscore, and begins with a letter",
+    found.escape_debug()
 )]
 pub struct NameError {
     /// As it was given.

@@ -1,7 +1,7 @@
 //! `[page]`: the operator's page. It is off until `listen` is set.
 
 use crate::config::Section;
-use std::net::SocketAddr;
+use core::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 /// Where the page is served, and how long people stay logged in.

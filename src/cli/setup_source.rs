@@ -8,7 +8,7 @@ use crate::disk;
 use crate::recipe::Recipe;
 use crate::store::Store;
 use crate::verdict::Verdict;
-use crate::words::utc_day;
+use crate::words::{fixed, utc_day};
 use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -28,7 +28,7 @@ impl FolderSource {
     fn file(&self, name: &str) -> Result<PathBuf, String> {
         match self.recipes()?.iter().any(|known| known == name) {
             true => Ok(self.recipes.join(name)),
-            false => Err(format!("there is no recipe {name:?} in {}", self.recipes.display())),
+            false => Err(format!("there is no recipe \"{}\" in {}", name.escape_debug(), self.recipes.display())),
         }
     }
 }
@@ -118,7 +118,8 @@ fn verification(store: &Store, calibration: &str) -> String {
     };
     match store.last_verification(subject) {
         Ok(Some(last)) => {
-            format!("{:.3} mm, allowed {:.3} mm, {}", last.error_mm, last.limit_mm, age(last.at_unix_s))
+            let [error, limit] = [last.error_mm, last.limit_mm].map(|mm| fixed(mm, 3));
+            format!("{error} mm, allowed {limit} mm, {}", age(last.at_unix_s))
         }
         Ok(None) => "never".to_owned(),
         Err(error) => error.to_string(),

@@ -46,7 +46,7 @@ pub(super) async fn pass(
     let headers = request.headers();
     let (is_change, access) = (route.method == Method::Post, route.access);
     let visitor = visitor(&web, headers, from, is_change || !is_by_itself(request.uri().path()));
-    if is_change && let Err(refused) = is_own(headers, &visitor, access) {
+    if is_change && let Some(refused) = foreign(headers, &visitor, access) {
         return refused;
     }
     if let Access::Needs(permission) = access
@@ -81,9 +81,9 @@ fn visitor(web: &Web, headers: &HeaderMap, from: SocketAddr, is_action: bool) ->
     }
 }
 
-/// Whether a change comes from our own page: a browser says so itself, or names the page's own host as the origin; and of a
+/// What a change is told that does not come from our own page: a browser says where it comes from, or names the page's own host as the origin; and of a
 /// person who is logged in the page knows the session's token.
-fn is_own(headers: &HeaderMap, visitor: &Visitor, access: Access) -> Result<(), Response> {
+fn foreign(headers: &HeaderMap, visitor: &Visitor, access: Access) -> Option<Response> {
     let text = |name: &str| headers.get(name).and_then(|value| value.to_str().ok());
     let host = text("host").unwrap_or("");
     let is_same = match (text("sec-fetch-site"), text("origin")) {
@@ -92,17 +92,17 @@ fn is_own(headers: &HeaderMap, visitor: &Visitor, access: Access) -> Result<(), 
         (None, None) => false,
     };
     if !is_same {
-        return Err(refusal(StatusCode::FORBIDDEN, "origin", "the request does not come from this page"));
+        return Some(refusal(StatusCode::FORBIDDEN, "origin", "the request does not come from this page"));
     }
     if text("content-type").is_none_or(|kind| !kind.starts_with("application/json")) {
-        return Err(refusal(StatusCode::UNSUPPORTED_MEDIA_TYPE, "content_type", "a change is sent as JSON"));
+        return Some(refusal(StatusCode::UNSUPPORTED_MEDIA_TYPE, "content_type", "a change is sent as JSON"));
     }
     // Whoever needs no session needs no token of one: a stop from a page whose session has ended goes on.
     match &visitor.person {
         Some(person) if access != Access::Open && text(CSRF) != Some(&person.csrf) => {
-            Err(refusal(StatusCode::FORBIDDEN, "token", "the page is older than the session; load it again"))
+            Some(refusal(StatusCode::FORBIDDEN, "token", "the page is older than the session; load it again"))
         }
-        _ => Ok(()),
+        _ => None,
     }
 }
 

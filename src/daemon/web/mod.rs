@@ -20,6 +20,7 @@ mod audit;
 mod compare;
 mod cycle;
 mod downloads;
+mod error;
 mod frame;
 mod guard;
 mod history;
@@ -45,41 +46,7 @@ mod words;
 #[cfg(test)]
 mod tests;
 
+pub use error::PageError;
 pub use record_source::RecordSource;
 pub use server::{OperatorPage, PageParts};
 pub use setup_source::{Equipment, RecipeText, SetupSource};
-
-use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
-
-/// Why there is no page.
-#[derive(Debug, thiserror::Error)]
-pub enum PageError {
-    /// The address.
-    #[error(
-        "{address}: the operator's page cannot be served here: {source}; name another address or port at [page] listen"
-    )]
-    Listen {
-        /// As the cell's file has it.
-        address: SocketAddr,
-        /// What the system says.
-        source: std::io::Error,
-    },
-    /// A file.
-    #[error("{}: {problem}", path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        problem: String,
-    },
-    /// The system gives no thread.
-    #[error("the operator's page has no thread: {0}")]
-    Thread(std::io::Error),
-}
-
-impl PageError {
-    fn file(path: &Path, problem: impl ToString) -> Self {
-        PageError::File { path: path.to_owned(), problem: problem.to_string() }
-    }
-}

@@ -1,5 +1,6 @@
 //! The page's thread: it listens, speaks TLS, and holds every connection to limits of time and number.
 
+use super::error::PageError;
 use super::frame::Frames;
 use super::live;
 use super::live_state::Live;
@@ -7,8 +8,8 @@ use super::record_source::RecordSource;
 use super::routes;
 use super::setup_source::SetupSource;
 use super::state::{Web, WebParts};
+use super::tls;
 use super::words::Words;
-use super::{PageError, tls};
 use crate::cell;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::live_view::LiveView;
@@ -123,7 +124,6 @@ impl OperatorPage {
 impl Drop for OperatorPage {
     fn drop(&mut self) {
         drop(self.end.take());
-        #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
         let _ = self.thread.take().map(JoinHandle::join);
     }
 }

@@ -120,7 +120,8 @@ impl Web {
     /// Keeps a line of the audit trail; where the disk refuses, the service's log has it.
     pub fn audit(&self, entry: &AuditEntry) {
         if let Err(error) = self.write(|store| store.keep_audit(entry)) {
-            tracing::warn!(?entry, "the audit trail could not be written: {error}");
+            let (what, who) = (&entry.what, entry.who.as_deref().unwrap_or("nobody who is logged in"));
+            tracing::warn!("the audit trail could not be written: {error}; {what} by {who}");
         }
     }
 }

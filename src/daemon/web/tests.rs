@@ -46,7 +46,7 @@ impl SetupSource for Source {
     fn recipe(&self, name: &str) -> Result<RecipeText, String> {
         match name {
             "panel.toml" => Ok(RecipeText { name: name.to_owned(), text: "panel = \"<b>p</b>\"".to_owned() }),
-            _ => Err(format!("there is no recipe {name:?}")),
+            _ => Err(format!("there is no recipe {name}")),
         }
     }
 
@@ -143,7 +143,9 @@ impl Site {
                 let Some(CellRequest { what, who, reply }) = queue.next(Duration::from_secs(60)) else { return };
                 heard.lock().expect("whole").push(format!("{} by {who}", what.words()));
                 let done = Reply { state: Some("idle".to_owned()), ..Reply::refused(Exit::Done, vec![]) };
-                reply.map(|reply| reply.send(done));
+                if let Some(reply) = reply {
+                    drop(reply.send(done));
+                }
             }
         });
         let loader = Arc::new(|_| Err(vec![Reason::new("bad_input", "no cell here")]));

@@ -1,6 +1,6 @@
 //! The page's certificate: a given one, or one that the program makes for itself and keeps beside its store.
 
-use super::PageError;
+use super::error::PageError;
 use crate::disk;
 use rcgen::{CertificateParams, KeyPair};
 use rustls::ServerConfig;

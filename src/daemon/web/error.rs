@@ -1,0 +1,36 @@
+//! Why there is no page.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+/// Why there is no page.
+#[derive(Debug, thiserror::Error)]
+pub enum PageError {
+    /// The address.
+    #[error(
+        "{address}: the operator's page cannot be served here: {source}; name another address or port at [page] listen"
+    )]
+    Listen {
+        /// As the cell's file has it.
+        address: SocketAddr,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// A file.
+    #[error("{}: {problem}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// The system gives no thread.
+    #[error("the operator's page has no thread: {0}")]
+    Thread(std::io::Error),
+}
+
+impl PageError {
+    pub(super) fn file(path: &Path, problem: impl ToString) -> Self {
+        PageError::File { path: path.to_owned(), problem: problem.to_string() }
+    }
+}
