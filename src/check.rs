@@ -389,7 +389,7 @@ mod tests {
         assert_eq!(
             says("a.toml", "x = 3"),
             ["not clear what this file is; its top would tell: \
-              cell (store, socket, scanner, flange_camera, robot, poses, io, calibration, limits, rough, arm, keep_out); \
+              cell (store, socket, scanner, flange_camera, robot, poses, io, calibration, limits, rough, arm, keep_out, page); \
               recipe (panel, process, locate, corner, region, inspect, surface, path); \
               intrinsics (camera); base_from_camera (base_from_camera); \
               flange_from_camera (flange_from_camera); flange_from_tool (flange_from_tool); \

@@ -223,7 +223,7 @@ fn table(words: Language<'_>, hits: &[Hit]) -> Markup {
                                 (verdict_word(words, hit.verdict.map_or(RUNNING, Verdict::word)))
                                 @if hit.is_air_run { " (" (word("history.air_run")) ")" }
                             }
-                            td { @for (code, count) in codes(&hit.reasons) { (code) @if count > 1 { " ×" (count) } " " } }
+                            td { @for (reason, count) in codes(&hit.reasons) { span title=(reason.message) { (reason.code) } @if count > 1 { " ×" (count) } " " } }
                         }
                     } }
                 }
@@ -233,13 +233,13 @@ fn table(words: Language<'_>, hits: &[Hit]) -> Markup {
     }
 }
 
-/// Each code once, in the order in which it came first, with how often it came.
-fn codes(reasons: &[Reason]) -> Vec<(&str, usize)> {
-    let mut counted: Vec<(&str, usize)> = Vec::new();
+/// The first reason of each code, in their order, with how often the code came.
+fn codes(reasons: &[Reason]) -> Vec<(&Reason, usize)> {
+    let mut counted: Vec<(&Reason, usize)> = Vec::new();
     for reason in reasons {
-        match counted.iter_mut().find(|(code, _)| *code == reason.code) {
+        match counted.iter_mut().find(|(first, _)| first.code == reason.code) {
             Some((_, count)) => *count += 1,
-            None => counted.push((&reason.code, 1)),
+            None => counted.push((reason, 1)),
         }
     }
     counted

@@ -40,6 +40,7 @@ mod setup_source;
 mod state;
 mod tls;
 mod trends;
+mod versions;
 mod visitor;
 mod words;
 

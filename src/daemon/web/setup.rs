@@ -3,6 +3,7 @@
 use super::guard::{By, refusal};
 use super::layout::{Frame, Script};
 use super::state::{Web, blocking, entry};
+use super::versions;
 use crate::accounts::{AuditEntry, Permission};
 use crate::verdict::Verdict;
 use axum::extract::{Path, State};
@@ -13,6 +14,9 @@ use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::json;
 use std::sync::Arc;
+
+/// Lines of the audit trail in which versions are looked for.
+const TRAIL: usize = 20_000;
 
 /// Recipes and equipment.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
@@ -58,9 +62,10 @@ pub(super) async fn recipe(
     let read = blocking(move || {
         let recipe = source.recipe(&asked)?;
         let problems = source.problems(&asked, &recipe.text);
-        Ok::<_, String>((recipe, problems))
+        let trail = web.read(|store| store.audit(None, TRAIL)).map_err(|error| error.to_string())?;
+        Ok::<_, String>((recipe, problems, trail))
     });
-    let (recipe, problems) = match read.await {
+    let (recipe, problems, trail) = match read.await {
         Some(Ok(read)) => read,
         Some(Err(problem)) => return refusal(StatusCode::NOT_FOUND, "recipe", &problem),
         None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
@@ -82,6 +87,7 @@ pub(super) async fn recipe(
                     }
                 }
             } @else { pre.scroll tabindex="0" { (recipe.text) } }
+            (versions::shown(words, &name, &versions::of(&name, &trail)))
         }
     };
     Frame { visitor: &visitor, title: &name, here: "/setup", scripts: &[Script::Forms] }.page(&body)
@@ -128,7 +134,8 @@ pub(super) async fn save(
     if why.trim().is_empty() {
         return refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", visitor.language().word("setup.why_missing"));
     }
-    let line = AuditEntry { subject: Some(format!("{name}: {}", why.trim())), ..entry(&visitor, "change recipe") };
+    let line =
+        AuditEntry { subject: Some(versions::subject(&name, why.trim())), ..entry(&visitor, versions::CHANGE) };
     let kept = blocking(move || {
         let former = web.setup.save(&name, &text);
         let (before, refused) = match &former {

@@ -1,0 +1,102 @@
+//! The versions of a recipe: who approved each, when and why, and what it changed, line by line. They come from the audit trail.
+
+use super::layout::local;
+use super::words::Language;
+use crate::store::NumberedEntry;
+use maud::{Markup, html};
+use similar::{ChangeTag, TextDiff};
+
+/// What a change of a recipe is called in the audit trail.
+pub(super) const CHANGE: &str = "change recipe";
+
+/// How the audit trail names a change of this recipe, with its reason.
+pub(super) fn subject(name: &str, why: &str) -> String {
+    format!("{name}: {why}")
+}
+
+/// The approved changes of this recipe, the newest first.
+pub(super) fn of<'t>(name: &str, trail: &'t [NumberedEntry]) -> Vec<&'t NumberedEntry> {
+    let beginning = subject(name, "");
+    let is_of = |line: &&NumberedEntry| {
+        let entry = &line.entry;
+        let subject = entry.subject.as_deref().unwrap_or("");
+        entry.what == CHANGE && entry.refused.is_none() && subject.starts_with(&beginning)
+    };
+    trail.iter().filter(is_of).collect()
+}
+
+/// The versions, each with its difference to the one before.
+pub(super) fn shown(words: Language<'_>, name: &str, versions: &[&NumberedEntry]) -> Markup {
+    let beginning = subject(name, "");
+    let word = |key| words.word(key);
+    html! {
+        h3 { (word("setup.versions")) }
+        @if versions.is_empty() { p { (word("setup.no_versions")) } }
+        @for NumberedEntry { entry, .. } in versions {
+            details {
+                summary {
+                    (local(entry.unix_ms)) " · " (entry.who.as_deref().unwrap_or("–")) " · "
+                    (entry.subject.as_deref().and_then(|subject| subject.strip_prefix(&beginning)).unwrap_or(""))
+                }
+                (difference(entry.before.as_deref().unwrap_or(""), entry.after.as_deref().unwrap_or("")))
+            }
+        }
+    }
+}
+
+/// The lines that went and that came, with one line around them.
+fn difference(before: &str, after: &str) -> Markup {
+    let difference = TextDiff::from_lines(before, after);
+    html! {
+        pre.scroll tabindex="0" {
+            @for group in difference.grouped_ops(1) {
+                @for change in group.iter().flat_map(|operation| difference.iter_changes(operation)) {
+                    @match change.tag() {
+                        ChangeTag::Equal => { "  " (change.value()) }
+                        ChangeTag::Delete => del { "− " (change.value()) },
+                        ChangeTag::Insert => ins { "+ " (change.value()) },
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accounts::AuditEntry;
+    use crate::daemon::web::words::Words;
+
+    fn line(number: i64, what: &str, subject: &str, refused: Option<&str>) -> NumberedEntry {
+        let entry = AuditEntry {
+            unix_ms: 1_000 * number,
+            who: Some("eva".to_owned()),
+            role: None,
+            from: "10.0.0.1".to_owned(),
+            what: what.to_owned(),
+            subject: Some(subject.to_owned()),
+            before: Some("panel = \"a\"\nrows = 3\ncolumns = 6\n".to_owned()),
+            after: Some("panel = \"a\"\nrows = 4 # <b>\ncolumns = 6\n".to_owned()),
+            refused: refused.map(str::to_owned),
+        };
+        NumberedEntry { number, entry }
+    }
+
+    #[test]
+    fn versions_are_the_approved_changes_of_one_recipe() {
+        let trail = [
+            line(5, CHANGE, "door.toml: more rows", None),
+            line(4, CHANGE, "door.toml: wrong", Some("line 1")),
+            line(3, CHANGE, "door.toml.bak: x", None),
+            line(2, "log in", "door.toml: x", None),
+            line(1, CHANGE, "door.toml: first", None),
+        ];
+        let found = of("door.toml", &trail);
+        assert_eq!(found.iter().map(|line| line.number).collect::<Vec<_>>(), [5, 1]);
+        let words = Words::read(None).expect("the program's own");
+        let page = shown(words.language(None, None), "door.toml", &found).into_string();
+        assert!(page.contains("eva · more rows") && page.contains("eva · first"), "{page}");
+        assert!(page.contains("<del>− rows = 3\n</del><ins>+ rows = 4 # &lt;b&gt;\n</ins>"), "{page}");
+    }
+}
