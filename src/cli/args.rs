@@ -212,7 +212,9 @@ pub enum Command {
         panelprep store verify --cell target/cell/cell.toml")]
     Store(StoreCommand),
     /// Accounts of the operator's page: who may log in, as what. The first administrator is made here.
-    #[command(after_help = "Example, with the password as the first line of standard input:\n  \
+    #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
+        panelprep user list --cell target/cell/cell.toml\n\
+        And with the password as the first line of standard input:\n  \
         echo 'a long password' | panelprep user add anna --role administrator --cell target/cell/cell.toml")]
     User(User),
     /// Copy the store, the configuration and the calibrations into one archive that is read back and verified; also while the

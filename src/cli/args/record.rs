@@ -27,8 +27,8 @@ pub enum RecordTask {
     /// Verify signed records with nothing but the public key: name what was changed, is missing, was exchanged or rolled back.
     #[command(after_help = "Example, after the one of `panelprep record export --help`:\n  \
         panelprep record verify target/record --public-key target/record/public-key.pem\n\
-        All records of a cell, up to a head that was kept elsewhere:\n  \
-        panelprep record verify target/records --public-key kept/public-key.pem --head kept/head.json\n\
+        All records of a cell, up to a head that was kept elsewhere: panelprep record verify target/records --public-key KEY \
+        --head HEAD\n\
         Exit codes: 0 nothing was found, 1 something was found, 2 a file cannot be read.")]
     Verify(VerifyRecord),
     /// Tell the head of the chain of signed records; written to a file each day and kept elsewhere, it tells later whether
