@@ -2,7 +2,7 @@
 
 use super::guard::{By, not_found, refusal};
 use super::layout::{Frame, Script, failed, local};
-use super::state::{Web, blocking, entry};
+use super::state::{Web, blocking, entry, hashing};
 use super::visitor::Visitor;
 use crate::accounts::{self, AuditEntry, Permission};
 use crate::record::{CycleId, CycleRecord};
@@ -209,7 +209,7 @@ pub(super) async fn sign(
         ..entry(&visitor, "sign record")
     };
     let shared = web.clone();
-    let signed = blocking(move || {
+    let signed = hashing(move || {
         let signed = signed(&shared, &signs, &password);
         let refused = signed.as_ref().err().map(|(_, problem)| problem.clone());
         shared.audit(&AuditEntry { refused, ..line });

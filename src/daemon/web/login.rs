@@ -2,7 +2,7 @@
 
 use super::guard::{By, cookie_name, refusal};
 use super::layout::{Frame, Script};
-use super::state::{Web, blocking, entry};
+use super::state::{Web, blocking, entry, hashing};
 use super::visitor::Visitor;
 use crate::accounts::{self, Account, AuditEntry};
 use axum::extract::{Path, Query, State};
@@ -70,7 +70,7 @@ pub(super) async fn log_in(
     let checked = match web.hashing.acquire().await {
         Ok(_turn) => {
             let (web, name) = (web.clone(), name.clone());
-            blocking(move || judged(&web, &name, &password)).await.flatten()
+            hashing(move || judged(&web, &name, &password)).await.flatten()
         }
         Err(_) => None,
     };
@@ -148,7 +148,7 @@ pub(super) async fn change_password(
     let Ok(_turn) = web.hashing.acquire().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
     let (shared, line) = (web.clone(), entry(&visitor, "change own password"));
     let name = person.name.clone();
-    let changed = blocking(move || -> Result<(), String> {
+    let changed = hashing(move || -> Result<(), String> {
         let account = judged(&shared, &person.name, &password).ok_or("the old password is wrong")?;
         let salt = salt().ok_or("this computer has no random numbers yet")?;
         let password_hash = accounts::hashed(&new, &person.name, salt).map_err(|error| error.to_string())?;

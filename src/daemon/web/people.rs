@@ -3,7 +3,7 @@
 use super::guard::{By, refusal};
 use super::layout::{Frame, Script, failed};
 use super::login::salt;
-use super::state::{Web, blocking, entry};
+use super::state::{Web, blocking, entry, hashing};
 use super::visitor::{Visitor, role_key};
 use crate::accounts::{self, Account, AuditEntry, Permission, Role};
 use axum::extract::State;
@@ -103,7 +103,7 @@ pub(super) async fn save(
 ) -> Response {
     let Ok(_turn) = web.hashing.acquire().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
     let (shared, line, name) = (web.clone(), entry(&visitor, "change account"), changed.name.clone());
-    match blocking(move || kept(&shared, line, changed)).await {
+    match hashing(move || kept(&shared, line, changed)).await {
         Some(Ok(())) => {
             // What a person may do has changed: the old role must not go on.
             web.sessions().end_all_of(&name);

@@ -12,8 +12,9 @@ use crate::daemon::gateway::Gateway;
 use crate::store::{Store, StoreError};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
 use std::time::Instant;
-use tokio::sync::{Semaphore, watch};
+use tokio::sync::{Semaphore, oneshot, watch};
 
 /// What the page's handlers share.
 pub(super) struct Web {
@@ -150,4 +151,12 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// Runs work that may wait for a disk or take long beside the page's runtime.
 pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     tokio::task::spawn_blocking(work).await.ok()
+}
+
+/// Hashes a password, on a thread that ends with it: a hash takes 19 MiB, and each thread that lives on would keep as much.
+pub(super) async fn hashing<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+    let (tell, told) = oneshot::channel();
+    let hash = move || drop(tell.send(work()));
+    thread::Builder::new().name("password".to_owned()).spawn(hash).ok()?;
+    told.await.ok()
 }
