@@ -26,6 +26,8 @@ pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::S
         let reply = gateway.request(What::State, Who::by(Front::Page)).await;
         let was = tell.borrow().clone();
         let now = match reply.state {
+            // Nobody looks on where the page itself is the only one that listens: then no picture is asked for, and none is made.
+            Some(_) if tell.receiver_count() <= 1 => Live::of(reply, (was.frame, was.frame_name.clone())),
             Some(_) => Live::of(reply, frames.newest()),
             // What was last known stays, with the time when it was.
             None => Live { answers: false, reasons: reply.reasons, possible: vec![], ..(*was).clone() },
