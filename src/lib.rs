@@ -12,6 +12,7 @@
 pub mod config;
 pub mod disk;
 pub mod phase;
+pub mod random;
 pub mod supervision;
 pub mod verdict;
 pub mod words;

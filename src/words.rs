@@ -11,6 +11,21 @@ use std::fmt::{self, Display, Formatter};
 /// Digits after the point that are tried at most: a double has no more that matter here.
 const MOST_DECIMALS: usize = 15;
 
+/// Takes a name or a remark that is to stand on a page as it is.
+///
+/// # Errors
+/// What is wrong with it, in words: it is empty, longer than so many characters, or cannot be printed as it stands.
+pub fn printable(text: &str, most_characters: usize) -> Result<(), String> {
+    match text.chars().count() {
+        _ if text.trim() != text || text.is_empty() => {
+            Err("it is empty, or begins or ends with a space".to_owned())
+        }
+        count if count > most_characters => Err(format!("it is longer than {most_characters} characters")),
+        _ if text.chars().any(char::is_control) => Err("it has control characters, such as a line feed".to_owned()),
+        _ => Ok(()),
+    }
+}
+
 /// A number with so many digits after the point, without a sign where it rounds to zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fixed {

@@ -10,10 +10,11 @@ mod password;
 mod role;
 
 pub use lockout::{Lockout, PAUSE_S, TRIES};
-pub use name::{NameError, checked_name};
+pub use name::{MOST_PRINTED, NameError, checked_name};
 pub use password::{LEAST_CHARACTERS, PasswordError, hashed, is_right};
 pub use role::{Permission, Role};
 
+use crate::words::printable;
 use serde::{Deserialize, Serialize};
 
 /// A person who may log in. The newest statement of an account holds.
@@ -30,6 +31,38 @@ pub struct Account {
     pub password_hash: String,
     /// Whether the person may log in at all.
     pub is_enabled: bool,
+}
+
+impl Account {
+    /// An account that is complete: its names are ones, and its password may be one. Without a new password it keeps the former
+    /// account's; `salt` is for a new one.
+    ///
+    /// # Errors
+    /// What is wrong, in words.
+    pub fn checked(
+        (name, printed_name): (&str, &str),
+        (role, is_enabled): (Role, bool),
+        (password, salt): (Option<&str>, [u8; 16]),
+        former: Option<&Account>,
+    ) -> Result<Self, String> {
+        checked_name(name).map_err(|error| error.to_string())?;
+        printable(printed_name, MOST_PRINTED).map_err(|problem| format!("the printed name: {problem}"))?;
+        let password_hash = match (password, former) {
+            (None, Some(former)) => former.password_hash.clone(),
+            (password, _) => hashed(password.unwrap_or_default(), name, salt).map_err(|error| error.to_string())?,
+        };
+        let (name, printed_name) = (name.to_owned(), printed_name.to_owned());
+        Ok(Account { name, printed_name, role, password_hash, is_enabled })
+    }
+
+    /// The account in a line of the audit trail. Its password is not told; that it is a new one shows by the beginning of its
+    /// salt.
+    pub fn summary(&self) -> String {
+        let Account { printed_name, role, password_hash, is_enabled, .. } = self;
+        let enabled = if *is_enabled { "enabled" } else { "disabled" };
+        let salt = password_hash.split('$').nth(4).and_then(|salt| salt.get(..6)).unwrap_or_default();
+        format!("{printed_name}, {}, {enabled}, password {salt}…", role.word())
+    }
 }
 
 /// A line of the audit trail: who did what, when and from where. Refused attempts stand there too.

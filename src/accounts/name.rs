@@ -3,6 +3,9 @@
 /// The longest name, in characters.
 const MOST_CHARACTERS: usize = 40;
 
+/// The longest printed name, in characters.
+pub const MOST_PRINTED: usize = 80;
+
 /// Why a name cannot be one.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(

@@ -410,7 +410,7 @@ pub enum Fault {
         /// What was given.
         found: String,
         /// What is wrong.
-        problem: &'static str,
+        problem: String,
     },
     /// The demonstration's page for others.
     #[error(

@@ -4,7 +4,7 @@ use super::fault::Fault;
 use crate::record::{CycleRecord, PartNames};
 use crate::report::page::{Row, Section};
 use crate::store::{PassesOfCycle, Store};
-use crate::words::utc_day;
+use crate::words::{printable, utc_day};
 
 /// The longest of its names, in characters.
 const MOST_CHARACTERS: usize = 120;
@@ -17,17 +17,10 @@ pub fn checked(part: PartNames) -> Result<Option<PartNames>, Fault> {
     let named = [("--part", &part.serial), ("--order", &part.order), ("--operator", &part.operator)];
     for (option, name) in named {
         let Some(name) = name else { continue };
-        let refused = |problem| Err(Fault::PartName { option, found: name.escape_debug().to_string(), problem });
-        match name.chars().count() {
-            _ if name.trim() != name || name.is_empty() => {
-                return refused("it is empty, or begins or ends with a space");
-            }
-            count if count > MOST_CHARACTERS => return refused("it is longer than 120 characters"),
-            _ if name.chars().any(char::is_control) => {
-                return refused("it has control characters, such as a line feed");
-            }
-            _ => {}
-        }
+        printable(name, MOST_CHARACTERS).map_err(|problem| {
+            let found = name.escape_debug().to_string();
+            Fault::PartName { option, found, problem }
+        })?;
     }
     Ok((part != PartNames::default()).then_some(part))
 }

@@ -4,8 +4,9 @@ use super::args::{Common, User, UserTask};
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use crate::accounts::{self, Account, AuditEntry, Role};
+use crate::accounts::{Account, AuditEntry, Role};
 use crate::daemon::whoever_runs_this;
+use crate::random;
 use crate::store::Store;
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
@@ -25,8 +26,9 @@ pub fn run(args: &User, common: &Common) -> Result<Outcome, Fault> {
         }
         UserTask::Password { name } => {
             let former = people.account(name)?;
-            let password_hash = hashed(name, &password(name)?)?;
-            people.keep(Account { password_hash, ..former.clone() }, Some(&former), "its password is a new one")
+            let account = checked((name, &former.printed_name), former.role, &password(name)?)?;
+            let account = Account { is_enabled: former.is_enabled, ..account };
+            people.keep(account, Some(&former), "its password is a new one")
         }
         UserTask::Role { name, role } => {
             let former = people.account(name)?;
@@ -74,24 +76,15 @@ impl People {
     }
 
     fn add(&mut self, name: &str, role: Role, printed_name: &str, password: &str) -> Result<Outcome, Fault> {
-        let problem = |problem: String| Fault::Account { name: name.to_owned(), problem };
-        accounts::checked_name(name).map_err(|error| problem(error.to_string()))?;
+        let account = checked((name, printed_name), role, password)?;
         if self.store.accounts().map_err(Fault::stage)?.contains_key(name) {
-            return Err(problem(
-                "there is such an account already; `panelprep user password` sets a new password".to_owned(),
-            ));
+            let problem = "there is such an account already; `panelprep user password` sets a new password";
+            return Err(Fault::Account { name: name.to_owned(), problem: problem.to_owned() });
         }
-        let (name, printed_name) = (name.to_owned(), printed_name.to_owned());
-        let password_hash = hashed(&name, password)?;
-        let account = Account { name, printed_name, role, password_hash, is_enabled: true };
         self.keep(account, None, "it is added")
     }
 
     fn keep(&mut self, account: Account, former: Option<&Account>, done: &str) -> Result<Outcome, Fault> {
-        let said = |account: &Account| {
-            let enabled = if account.is_enabled { "enabled" } else { "disabled" };
-            format!("{}, {}, {enabled}", account.printed_name, account.role.word())
-        };
         let who = whoever_runs_this();
         let entry = AuditEntry {
             unix_ms: 0,
@@ -100,13 +93,13 @@ impl People {
             from: "terminal".to_owned(),
             what: "change account".to_owned(),
             subject: Some(format!("{}: {done}", account.name)),
-            before: former.map(said),
-            after: Some(said(&account)),
+            before: former.map(Account::summary),
+            after: Some(account.summary()),
             refused: None,
         };
         self.store.keep_account(&account, &entry).map_err(Fault::stage)?;
         let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
-        outcome.say(format!("account {}: {done} ({})", account.name, said(&account)));
+        outcome.say(format!("account {}: {done} ({})", account.name, account.summary()));
         Ok(outcome)
     }
 
@@ -123,12 +116,10 @@ impl People {
     }
 }
 
-fn hashed(name: &str, password: &str) -> Result<String, Fault> {
+fn checked((name, printed_name): (&str, &str), role: Role, password: &str) -> Result<Account, Fault> {
     let problem = |problem: String| Fault::Account { name: name.to_owned(), problem };
-    let mut salt = [0; 16];
-    rustix::rand::getrandom(&mut salt, rustix::rand::GetRandomFlags::empty())
-        .map_err(|error| problem(format!("there are no random numbers: {error}")))?;
-    accounts::hashed(password, name, salt).map_err(|error| problem(error.to_string()))
+    let salt = random::bytes().map_err(|error| problem(format!("there are no random numbers: {error}")))?;
+    Account::checked((name, printed_name), (role, true), (Some(password), salt), None).map_err(problem)
 }
 
 /// Asks for the password twice at a terminal; else reads a line.

@@ -1,5 +1,6 @@
 //! A server for the browser on this computer.
 
+use crate::random;
 use axum::Router;
 use axum::body::Body;
 use axum::extract::{Request, State};
@@ -59,10 +60,7 @@ impl Local {
         let runtime = Builder::new_current_thread().enable_io().enable_time().build().map_err(failed)?;
         let listener = runtime.block_on(TcpListener::bind(address)).map_err(failed)?;
         let address = listener.local_addr().map_err(failed)?;
-        let mut random = [0; 16];
-        rustix::rand::getrandom(&mut random, rustix::rand::GetRandomFlags::empty())
-            .map_err(|error| failed(error.into()))?;
-        let key = random.iter().map(|byte| format!("{byte:02x}")).collect();
+        let key = random::token().map_err(failed)?;
         Ok(Local { runtime, listener, address, key })
     }
 

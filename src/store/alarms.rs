@@ -26,7 +26,7 @@ impl Store {
         // The end is kept in whole seconds: what was asked in that second may have been before it.
         let after_unix_ms = (ended_unix_s + 1) * 1_000;
         // A store of an earlier program has no requests.
-        let (asked, count) = match self.has_requests()? {
+        let (asked, count) = match self.has_table("requests")? {
             true => (
                 "UNION ALL SELECT unix_ms FROM requests WHERE unix_ms >= ?2 AND request ->> 'answer' = 'done'
                  AND request ->> '$.wanted.for' IN ('reset', 'clear')",

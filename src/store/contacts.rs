@@ -86,7 +86,7 @@ impl Store {
 
     /// What is kept of the contact path of the motion in this row.
     pub(super) fn contact_of(&self, cycle: CycleId, motion_row: i64) -> Result<Option<Contact>, StoreError> {
-        if !self.has_requests()? {
+        if !self.has_table("requests")? {
             return Ok(None);
         }
         let read = || -> Result<Option<(String, u32)>, rusqlite::Error> {
@@ -179,7 +179,7 @@ impl Store {
     }
 
     fn facts(&self, id: CycleId, name: &str) -> Result<Vec<String>, StoreError> {
-        if !self.has_requests()? {
+        if !self.has_table("requests")? {
             return Ok(Vec::new());
         }
         let read = || -> Result<Vec<String>, rusqlite::Error> {

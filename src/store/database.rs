@@ -112,6 +112,12 @@ impl Store {
         Path::new(self.connection.path().unwrap_or(DATABASE))
     }
 
+    /// Whether there is this table: a store of an earlier program that is open for reading lacks some.
+    pub(super) fn has_table(&self, name: &str) -> Result<bool, StoreError> {
+        let there = self.connection.table_exists(None, name);
+        there.map_err(|error| self.failed("read the tables of", &error))
+    }
+
     pub(super) fn failed(&self, doing: &'static str, error: &rusqlite::Error) -> StoreError {
         StoreError::database(doing, self.path(), error)
     }

@@ -202,7 +202,7 @@ pub enum StoreError {
         /// What was given.
         found: String,
         /// What is wrong with it, and what is allowed.
-        problem: &'static str,
+        problem: String,
     },
     /// A person signs a record once for each meaning.
     #[error("{name} has signed the record of cycle {cycle} as {meaning} already, {at}")]

@@ -1,13 +1,13 @@
 //! The file of the key by which a cell signs its records: made at its first use, and read by its owner alone.
 
 use super::error::StoreError;
+use crate::random;
 use crate::signing::{CellKey, PublicKey, SigningError};
-use rustix::fs::{CWD, RenameFlags, renameat_with};
-use rustix::rand::{GetRandomFlags, getrandom};
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File, Permissions};
 use std::io::{self, ErrorKind, Write};
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use tempfile::NamedTempFile;
 
 /// The private key in the store's folder, where no other file is named.
 const PRIVATE: &str = "record-key.pem";
@@ -74,38 +74,27 @@ fn is_private(file: &Path) -> Result<(), StoreError> {
 
 /// Written beside its place and renamed, so that a key is whole or not there; what another process made first is used.
 fn made(file: &Path) -> Result<CellKey, StoreError> {
-    let mut bytes = [0; 32];
-    let count = getrandom(&mut bytes, GetRandomFlags::empty()).map_err(|error| at("make", file)(error.into()))?;
-    if count != bytes.len() {
-        return Err(at("make", file)(io::Error::new(
-            ErrorKind::UnexpectedEof,
-            "the system gave too few random bytes",
-        )));
-    }
+    let bytes = random::bytes().map_err(at("make", file))?;
     let key = CellKey::of_random(&bytes);
     let pem = key.pem().map_err(|source| signing(file, source))?;
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(folder).map_err(at("create", folder))?;
-    let part = folder.join(format!("record-key.{}.part", std::process::id()));
-    let write = || {
-        let mut made = OpenOptions::new().write(true).create(true).truncate(true).mode(0o600).open(&part)?;
-        made.write_all(pem.as_bytes())?;
-        made.sync_all()?;
-        renameat_with(CWD, &part, CWD, file, RenameFlags::NOREPLACE)?;
-        File::open(folder)?.sync_all()
-    };
-    match write() {
-        Ok(()) => Ok(key),
-        Err(error) => {
-            #[expect(clippy::let_underscore_must_use, reason = "the first error is the one to report")]
-            let _ = fs::remove_file(&part);
-            if error.kind() != ErrorKind::AlreadyExists {
-                return Err(at("make", file)(error));
-            }
+    match written(folder, &pem).map_err(at("make", file))?.persist_noclobber(file) {
+        Ok(_) => File::open(folder).and_then(|folder| folder.sync_all()).map(|()| key).map_err(at("make", file)),
+        Err(error) if error.error.kind() == ErrorKind::AlreadyExists => {
             let pem = fs::read_to_string(file).map_err(at("read", file))?;
             CellKey::read(&pem).map_err(|source| signing(file, source))
         }
+        Err(error) => Err(at("make", file)(error.error)),
     }
+}
+
+/// A file of this folder, which only its owner reads, whole and on the disk; it has no place yet.
+fn written(folder: &Path, text: &str) -> io::Result<NamedTempFile> {
+    let mut file = NamedTempFile::new_in(folder)?;
+    file.write_all(text.as_bytes())?;
+    file.as_file().sync_all()?;
+    Ok(file)
 }
 
 /// Writes the public key where it is not written yet.
@@ -120,13 +109,12 @@ fn publish(store: &Path, key: &CellKey) -> Result<(), StoreError> {
         return Ok(());
     }
     let pem = key.public().pem().map_err(|source| signing(&file, source))?;
-    let part = store.join(format!("record-key.{}.pub.part", std::process::id()));
     let write = || {
         fs::create_dir_all(store)?;
-        let mut made = File::create(&part)?;
-        made.write_all(format!("{pem}{before}").as_bytes())?;
-        made.sync_all()?;
-        fs::rename(&part, &file)
+        let written = written(store, &format!("{pem}{before}"))?;
+        // It verifies what the cell signed: everybody may read it.
+        written.as_file().set_permissions(Permissions::from_mode(0o644))?;
+        written.persist(&file).map_err(|error| error.error).map(drop)
     };
     write().map_err(at("write", &file))
 }

@@ -104,14 +104,4 @@ impl Store {
         };
         read().map_err(|error| self.failed("read the people of", &error))
     }
-
-    /// A store of an earlier program that is open for reading lacks some tables.
-    pub(super) fn has_table(&self, name: &str) -> Result<bool, StoreError> {
-        let sql = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = ?1";
-        let count: i64 = self
-            .connection
-            .query_row(sql, [name], |row| row.get(0))
-            .map_err(|error| self.failed("read the tables of", &error))?;
-        Ok(count > 0)
-    }
 }

@@ -46,11 +46,11 @@ impl Store {
 
     /// What was asked in a cycle, in order; of lines of the journal that have no row, what they say.
     pub(super) fn asked_in(&self, id: CycleId) -> Result<Vec<Asked>, StoreError> {
-        let mut asked = match self.has_requests()? {
+        let mut asked = match self.has_table("requests")? {
             true => self.asked_by("cycle_id = ?1", "cycle_id = ?1", id)?,
             false => Vec::new(),
         };
-        let without = match self.has_requests()? {
+        let without = match self.has_table("requests")? {
             true => "AND sequence NOT IN (SELECT journal_sequence FROM requests WHERE journal_sequence NOT NULL)",
             false => "",
         };
@@ -70,7 +70,7 @@ impl Store {
 
     /// What was asked between the cycle before and this one, in order.
     pub(super) fn asked_before(&self, id: CycleId, started_unix_s: i64) -> Result<Vec<Asked>, StoreError> {
-        if !self.has_requests()? {
+        if !self.has_table("requests")? {
             return Ok(Vec::new());
         }
         let after = "id > (SELECT coalesce(max(id), 0) FROM requests WHERE cycle_id < ?1)";
@@ -91,15 +91,5 @@ impl Store {
             rows.query_map([id.0], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         };
         read().map_err(|error| self.failed("read the requests of", &error))
-    }
-
-    /// A store of an earlier program that is open for reading has no such table.
-    pub(super) fn has_requests(&self) -> Result<bool, StoreError> {
-        let sql = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = 'requests'";
-        let count: i64 = self
-            .connection
-            .query_row(sql, [], |row| row.get(0))
-            .map_err(|error| self.failed("read the requests of", &error))?;
-        Ok(count > 0)
     }
 }

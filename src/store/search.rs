@@ -80,7 +80,7 @@ impl Store {
         let read = |error: rusqlite::Error| self.failed("search the cycles of", &error);
         let Conditions { sql, mut values } = Conditions::of(query);
         let condition = if sql.is_empty() { "TRUE".to_owned() } else { sql.join(" AND ") };
-        let asked = if self.has_requests()? { ASKED_FOR_AIR } else { "FALSE" };
+        let asked = if self.has_table("requests")? { ASKED_FOR_AIR } else { "FALSE" };
         let sql = format!(
             "SELECT cycles.id, started_unix_s, ended_unix_s, panel, verdict, reasons, serial, work_order, operator,
                     {MOVED_IN_AIR} OR {asked}

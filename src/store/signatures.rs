@@ -13,7 +13,7 @@ use crate::signing::{
     BEGIN, CellKey, FORM, HEAD_FORM, Meaning, PersonSignature, Said, SignedCycle, SignedHead, SigningError,
     Statement, StorePlace,
 };
-use crate::words::utc;
+use crate::words::{printable, utc};
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use std::path::Path;
 
@@ -131,7 +131,12 @@ impl Store {
     pub fn sign_as(folder: &Path, key: &CellKey, signs: &PersonSigns) -> Result<SignatureRow, StoreError> {
         let texts = [("name", Some(&signs.name)), ("user", Some(&signs.user)), ("remark", signs.remark.as_ref())];
         for (what, text) in texts {
-            text.map_or(Ok(()), |text| printable(what, text))?;
+            // What stands under a signature is printed.
+            let Some(text) = text else { continue };
+            printable(text, MOST_CHARACTERS).map_err(|problem| {
+                let found = text.escape_debug().to_string();
+                StoreError::Unsignable { what, found, problem }
+            })?;
         }
         let mut store = Store::for_signing(folder)?;
         let of_cycle = match store.signature_of_cycle(signs.cycle)? {
@@ -264,7 +269,7 @@ impl Store {
 
     fn signatures_where(&self, condition: &str, id: Option<CycleId>) -> Result<Vec<SignatureRow>, StoreError> {
         let failed = |error: rusqlite::Error| self.failed("read the signatures of", &error);
-        if !self.connection.table_exists(None, "signatures").map_err(failed)? {
+        if !self.has_table("signatures")? {
             return Ok(Vec::new());
         }
         let sql = format!("SELECT {COLUMNS} FROM signatures WHERE {condition} ORDER BY id");
@@ -320,15 +325,4 @@ fn insert(writing: &Writing<'_>, id: i64, row: &SignatureRow) -> Result<usize, r
             row.public_key
         ],
     )
-}
-
-/// What stands under a signature is printed: no control characters, no empty text, no more than fits.
-fn printable(what: &'static str, text: &str) -> Result<(), StoreError> {
-    let refused = |problem| Err(StoreError::Unsignable { what, found: text.escape_debug().to_string(), problem });
-    match text.chars().count() {
-        _ if text.trim() != text || text.is_empty() => refused("it is empty, or begins or ends with a space"),
-        count if count > MOST_CHARACTERS => refused("it is longer than 200 characters"),
-        _ if text.chars().any(char::is_control) => refused("it has control characters, such as a line feed"),
-        _ => Ok(()),
-    }
 }

@@ -5,6 +5,7 @@ use super::layout::{Frame, Script};
 use super::state::{Web, blocking, entry, hashing};
 use super::visitor::Visitor;
 use crate::accounts::{self, Account, AuditEntry};
+use crate::random;
 use axum::extract::{Path, Query, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Redirect, Response};
@@ -87,7 +88,7 @@ pub(super) async fn log_in(
 
 /// A session under a new token, whatever the browser had before.
 fn begin(web: &Web, visitor: &Visitor, account: Account) -> Response {
-    let (Some(token), Some(csrf)) = (random(), random()) else {
+    let (Ok(token), Ok(csrf)) = (random::token(), random::token()) else {
         return refusal(StatusCode::SERVICE_UNAVAILABLE, "random", "this computer has no random numbers yet");
     };
     if let Some(person) = &visitor.person {
@@ -150,7 +151,7 @@ pub(super) async fn change_password(
     let name = person.name.clone();
     let changed = hashing(move || -> Result<(), String> {
         let account = judged(&shared, &person.name, &password).ok_or("the old password is wrong")?;
-        let salt = salt().ok_or("this computer has no random numbers yet")?;
+        let salt = random::bytes().map_err(|error| error.to_string())?;
         let password_hash = accounts::hashed(&new, &person.name, salt).map_err(|error| error.to_string())?;
         let account = Account { password_hash, ..account };
         shared.write(|store| store.keep_account(&account, &line)).map_err(|error| error.to_string())
@@ -183,24 +184,6 @@ pub(super) async fn language(
 async fn keep(web: &Arc<Web>, line: AuditEntry) {
     let web = web.clone();
     blocking(move || web.audit(&line)).await;
-}
-
-fn random() -> Option<String> {
-    let mut bytes = [0; 32];
-    fill(&mut bytes)?;
-    Some(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
-}
-
-/// A new salt for a password.
-pub(super) fn salt() -> Option<[u8; 16]> {
-    let mut bytes = [0; 16];
-    fill(&mut bytes)?;
-    Some(bytes)
-}
-
-fn fill(bytes: &mut [u8]) -> Option<()> {
-    let filled = rustix::rand::getrandom(&mut *bytes, rustix::rand::GetRandomFlags::empty()).ok()?;
-    (filled == bytes.len()).then_some(())
 }
 
 #[cfg(test)]

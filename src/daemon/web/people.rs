@@ -2,10 +2,10 @@
 
 use super::guard::{By, refusal};
 use super::layout::{Frame, Script, failed};
-use super::login::salt;
 use super::state::{Web, blocking, entry, hashing};
 use super::visitor::{Visitor, role_key};
-use crate::accounts::{self, Account, AuditEntry, Permission, Role};
+use crate::accounts::{Account, AuditEntry, MOST_PRINTED, Permission, Role};
+use crate::random;
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
@@ -16,9 +16,6 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use strum::VariantArray;
-
-/// The longest printed name, in characters.
-const MOST_CHARACTERS: usize = 80;
 
 /// All accounts, with a form for each.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
@@ -63,7 +60,7 @@ fn form(visitor: &Visitor, account: Option<&Account>) -> Markup {
                 Some(_) => input type="hidden" name="name" value=(name);,
                 None => label { (word("login.name")) input name="name" required maxlength="40" autocomplete="off"; },
             }
-            label { (word("people.printed")) input name="printed_name" value=(printed) required maxlength=(MOST_CHARACTERS) autocomplete="off"; }
+            label { (word("people.printed")) input name="printed_name" value=(printed) required maxlength=(MOST_PRINTED) autocomplete="off"; }
             label { (word("people.role"))
                 select name="role" {
                     @for role in Role::VARIANTS {
@@ -117,7 +114,7 @@ pub(super) async fn save(
 fn kept(web: &Web, line: AuditEntry, changed: Changed) -> Result<(), String> {
     let accounts = web.read(|store| store.accounts()).map_err(|error| error.to_string())?;
     let former = accounts.get(&changed.name);
-    let account = account(changed, former)?;
+    let account = account(&changed, former)?;
     if leaves_nobody(&accounts, &account) {
         return Err(
             "this account is the last that may change accounts; make another administrator first".to_owned()
@@ -125,45 +122,22 @@ fn kept(web: &Web, line: AuditEntry, changed: Changed) -> Result<(), String> {
     }
     let line = AuditEntry {
         subject: Some(account.name.clone()),
-        before: former.map(said),
-        after: Some(said(&account)),
+        before: former.map(Account::summary),
+        after: Some(account.summary()),
         ..line
     };
     web.write(|store| store.keep_account(&account, &line)).map_err(|error| error.to_string())
 }
 
-fn account(changed: Changed, former: Option<&Account>) -> Result<Account, String> {
+fn account(changed: &Changed, former: Option<&Account>) -> Result<Account, String> {
     let Changed { name, printed_name, role, password, is_enabled } = changed;
-    accounts::checked_name(&name).map_err(|error| error.to_string())?;
-    let count = printed_name.chars().count();
-    if printed_name.trim() != printed_name
-        || count == 0
-        || count > MOST_CHARACTERS
-        || printed_name.contains(char::is_control)
-    {
-        return Err(format!("the printed name has 1 to {MOST_CHARACTERS} characters and no space at its ends"));
-    }
-    let password_hash = match (password.as_str(), former) {
-        ("", Some(former)) => former.password_hash.clone(),
-        (password, _) => {
-            let salt = salt().ok_or("this computer has no random numbers yet")?;
-            accounts::hashed(password, &name, salt).map_err(|error| error.to_string())?
-        }
-    };
-    Ok(Account { name, printed_name, role, password_hash, is_enabled })
+    let salt = random::bytes().map_err(|error| format!("this computer has no random numbers: {error}"))?;
+    let password = Some(password.as_str()).filter(|password| !password.is_empty());
+    Account::checked((name, printed_name), (*role, *is_enabled), (password, salt), former)
 }
 
 /// Whether nobody could change accounts any more.
 fn leaves_nobody(accounts: &BTreeMap<String, Account>, changed: &Account) -> bool {
     let may = |account: &Account| account.is_enabled && account.role.may(Permission::ManagePeople);
     !may(changed) && !accounts.values().any(|other| other.name != changed.name && may(other))
-}
-
-/// An account in a line of the audit trail; its password is not told.
-fn said(account: &Account) -> String {
-    let enabled = if account.is_enabled { "enabled" } else { "disabled" };
-    let Account { printed_name, role, password_hash, .. } = account;
-    // A changed password shows, by the beginning of its salt.
-    let salt = password_hash.split('$').nth(4).map_or("", |salt| salt.get(..6).unwrap_or(""));
-    format!("{printed_name}, {}, {enabled}, password {salt}…", role.word())
 }

@@ -7,10 +7,11 @@ use rustls::ServerConfig;
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use sha2::{Digest, Sha256};
+use std::io::Write;
 use std::net::SocketAddr;
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use tempfile::NamedTempFile;
 
 /// The names of the files that the program makes.
 const OWN: [&str; 2] = ["page-certificate.pem", "page-key.pem"];
@@ -73,14 +74,16 @@ fn make([text, key]: &[PathBuf; 2], listen: SocketAddr) -> Result<(), PageError>
     let mut params = CertificateParams::new(names).map_err(failed)?;
     params.distinguished_name.push(rcgen::DnType::CommonName, "Panelprep operator's page");
     let certificate = params.self_signed(&pair).map_err(failed)?;
-    write(key, &pair.serialize_pem(), 0o600)?;
-    write(text, &certificate.pem(), 0o644)
+    write(key, &pair.serialize_pem())?;
+    write(text, &certificate.pem())
 }
 
-fn write(file: &Path, text: &str, mode: u32) -> Result<(), PageError> {
-    use std::io::Write;
-    let opened = std::fs::OpenOptions::new().write(true).create(true).truncate(true).mode(mode).open(file);
-    opened.and_then(|mut opened| opened.write_all(text.as_bytes())).map_err(|error| PageError::file(file, error))
+/// Writes a file whole, which only its owner reads.
+fn write(file: &Path, text: &str) -> Result<(), PageError> {
+    let folder = file.parent().unwrap_or(Path::new("."));
+    let written = NamedTempFile::new_in(folder).and_then(|mut new| new.write_all(text.as_bytes()).map(|()| new));
+    let placed = written.and_then(|new| new.persist(file).map_err(|error| error.error));
+    placed.map(drop).map_err(|error| PageError::file(file, error))
 }
 
 #[cfg(test)]

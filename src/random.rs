@@ -1,0 +1,37 @@
+//! Random bytes of the operating system, for keys, salts and tokens.
+
+use rustix::rand::{GetRandomFlags, getrandom};
+use std::io::{Error, ErrorKind};
+
+/// So many of them.
+///
+/// # Errors
+/// Where the system has none yet, or fewer.
+pub fn bytes<const N: usize>() -> std::io::Result<[u8; N]> {
+    let mut bytes = [0; N];
+    match getrandom(&mut bytes, GetRandomFlags::empty())? {
+        count if count == N => Ok(bytes),
+        _ => Err(Error::new(ErrorKind::UnexpectedEof, "the system gave too few random bytes")),
+    }
+}
+
+/// A token that nobody guesses: 64 hexadecimal digits.
+///
+/// # Errors
+/// As [`bytes`].
+pub fn token() -> std::io::Result<String> {
+    Ok(bytes::<32>()?.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_two_are_the_same() {
+        let [one, other] = [token().expect("bytes"), token().expect("bytes")];
+        assert_eq!((one.len(), other.len()), (64, 64));
+        assert_ne!(one, other);
+        assert_ne!(bytes::<16>().expect("bytes"), [0; 16]);
+    }
+}
