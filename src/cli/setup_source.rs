@@ -1,19 +1,20 @@
 //! What the operator's page shows and changes of the set-up: recipes in a folder, and the calibrations with their age.
 
 use super::calibrate::now_unix_s;
-use super::health;
 use super::load::CellFiles;
+use super::{disk, health};
+use crate::check::{self, FileReport};
+use crate::config::Problems;
 use crate::daemon::{Equipment, RecipeText, SetupSource};
-use crate::disk;
-use crate::recipe::Recipe;
 use crate::store::Store;
 use crate::verdict::Verdict;
 use crate::words::{fixed, utc_day};
-use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 const DAY_S: i64 = 86_400;
+/// The kind of a recipe's file, as `panelprep check` names it.
+const RECIPE: &str = "recipe";
 
 /// The recipes' folder, and the cell's files.
 pub struct FolderSource {
@@ -50,16 +51,18 @@ impl SetupSource for FolderSource {
 
     fn recipe(&self, name: &str) -> Result<RecipeText, String> {
         let file = self.file(name)?;
-        let bytes = disk::read(&file).map_err(|error| format!("{}: {error}", file.display()))?;
-        let text = String::from_utf8(bytes).map_err(|_| format!("{}: it is no UTF-8 text", file.display()))?;
+        let text = disk::read_text(&file).map_err(|fault| fault.to_string())?;
         Ok(RecipeText { name: file.display().to_string(), text })
     }
 
     fn problems(&self, name: &str, text: &str) -> Vec<String> {
-        match Recipe::check(name, text) {
-            Ok(_) => vec![],
-            Err(problems) => problems.to_string().lines().map(str::to_owned).collect(),
+        let FileReport { kind, problems: list, .. } = check::check_file(name, text);
+        let problems = Problems { file: name.to_owned(), list }.to_string();
+        let mut problems: Vec<String> = problems.lines().map(str::to_owned).collect();
+        if let Some(other) = kind.filter(|kind| *kind != RECIPE) {
+            problems.push(format!("this is no recipe, but what a file of the kind {other} says"));
         }
+        problems
     }
 
     fn save(&self, name: &str, text: &str) -> Result<Option<String>, String> {
@@ -68,11 +71,8 @@ impl SetupSource for FolderSource {
         if !problems.is_empty() {
             return Err(problems.join("\n"));
         }
-        let failed = |error: std::io::Error| format!("{}: {error}", file.display());
-        let former = disk::read(&file).ok().and_then(|bytes| String::from_utf8(bytes).ok());
-        let mut new = tempfile::NamedTempFile::new_in(&self.recipes).map_err(failed)?;
-        new.write_all(text.as_bytes()).and_then(|()| new.as_file().sync_all()).map_err(failed)?;
-        new.persist(&file).map_err(|error| failed(error.error))?;
+        let former = disk::read_text(&file).ok();
+        disk::write_through(&file, text).map_err(|fault| fault.to_string())?;
         Ok(former)
     }
 
@@ -96,10 +96,8 @@ impl SetupSource for FolderSource {
 }
 
 /// Whether a file says that it is a recipe: other files of the same folder are the cell's and its calibrations.
-fn is_recipe(file: &std::path::Path) -> bool {
-    let text = disk::read(file).ok().and_then(|bytes| String::from_utf8(bytes).ok());
-    let table = text.and_then(|text| text.parse::<toml::Table>().ok());
-    table.is_some_and(|table| table.get("panel").is_some_and(toml::Value::is_str))
+fn is_recipe(file: &Path) -> bool {
+    disk::read_text(file).is_ok_and(|text| check::check_file("", &text).kind == Some(RECIPE))
 }
 
 fn age(at_unix_s: i64) -> String {

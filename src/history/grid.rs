@@ -52,13 +52,13 @@ pub fn grid_place(grid: &str) -> Option<(u32, u32)> {
 /// Every grid that the films or the passes tell of. The films are in order, and none is invalid.
 pub(super) fn grids(films: &[&Finding], passes: &[Abraded]) -> BTreeMap<String, GridPast> {
     let mut all: BTreeMap<String, GridPast> = BTreeMap::new();
-    let mut first = films.first().map(|film| seen(film)).unwrap_or_default();
+    let mut first = films.first().map(|film| seen_grids(film)).unwrap_or_default();
     for (grid, (failed, broken_mm2)) in std::mem::take(&mut first) {
         let time_to_break_s = films.first().and_then(|film| film.number(&name::failed_after(&grid)));
         let past = all.entry(grid).or_default();
         *past = GridPast { failed_first: Some(failed), time_to_break_s, broken_mm2, ..GridPast::default() };
     }
-    for (grid, (failed, _)) in films.last().map(|film| seen(film)).unwrap_or_default() {
+    for (grid, (failed, _)) in films.last().map(|film| seen_grids(film)).unwrap_or_default() {
         all.entry(grid).or_default().failed_at_end = Some(failed);
     }
     for one in passes.iter().filter(|one| one.how.is_sure()) {
@@ -70,7 +70,7 @@ pub(super) fn grids(films: &[&Finding], passes: &[Abraded]) -> BTreeMap<String, 
 }
 
 /// The grids that a film tells of: whether it broke, and on which area, mm².
-pub(super) fn seen(film: &Finding) -> BTreeMap<String, (bool, Option<f64>)> {
+pub fn seen_grids(film: &Finding) -> BTreeMap<String, (bool, Option<f64>)> {
     let failed = film.names("failed");
     let checks = film.checks.iter().filter_map(|check| {
         let grid = name::grid_of_broken_film(&check.name)?.to_owned();

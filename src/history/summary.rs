@@ -106,7 +106,7 @@ pub(super) fn films(past: &PastCycle) -> Films {
         valid,
         invalid: past.findings(Kind::Inspect).count() - valid,
         watched_s: (!watched.is_empty()).then(|| watched.iter().sum()),
-        grids: past.films().next().map_or(0, |film| super::grid::seen(film).len()),
+        grids: past.films().next().map_or(0, |film| super::grid::seen_grids(film).len()),
         failed_first: failed(past.films().next()),
         failed_at_end: failed(past.films().next_back()),
     }

@@ -77,6 +77,16 @@ impl Store {
         Ok(id)
     }
 
+    /// Whether there is a cycle with this number.
+    ///
+    /// # Errors
+    /// Where it cannot be read.
+    pub fn has_cycle(&self, id: CycleId) -> Result<bool, StoreError> {
+        let sql = "SELECT EXISTS (SELECT 1 FROM cycles WHERE id = ?1)";
+        let there = self.connection.query_row(sql, [id.0], |row| row.get(0));
+        there.map_err(|error| self.failed("read a cycle of", &error))
+    }
+
     /// Keeps how a running cycle ended.
     ///
     /// # Errors

@@ -93,7 +93,24 @@ impl Store {
         }
         let sql = "SELECT id, entry FROM audit WHERE id < ?1 ORDER BY id DESC LIMIT ?2";
         let (before, most) = (before.unwrap_or(i64::MAX), i64::try_from(most).unwrap_or(i64::MAX));
-        let rows = self.texts(sql, &[&before, &most])?;
+        self.entries(sql, &[&before, &most])
+    }
+
+    /// What was done, and not refused, under this name to subjects that begin so; the newest first.
+    ///
+    /// # Errors
+    /// Where it cannot be read.
+    pub fn audit_about(&self, what: &str, subject_begins: &str) -> Result<Vec<NumberedEntry>, StoreError> {
+        if !self.has_table("audit")? {
+            return Ok(Vec::new());
+        }
+        let sql = "SELECT id, entry FROM audit WHERE entry ->> 'what' = ?1 AND entry ->> 'refused' IS NULL
+            AND substr(entry ->> 'subject', 1, length(?2)) = ?2 ORDER BY id DESC";
+        self.entries(sql, &[&what, &subject_begins])
+    }
+
+    fn entries(&self, sql: &str, values: &[&dyn rusqlite::ToSql]) -> Result<Vec<NumberedEntry>, StoreError> {
+        let rows = self.texts(sql, values)?;
         rows.iter().map(|(number, text)| Ok(NumberedEntry { number: *number, entry: self.parsed(text)? })).collect()
     }
 
@@ -103,5 +120,55 @@ impl Store {
             rows.query_map(values, |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         };
         read().map_err(|error| self.failed("read the people of", &error))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_newest_row_of_an_account_holds_and_the_trail_is_searched_by_subject() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut store = Store::create(&folder.path().join("store")).expect("a store");
+        let line = |what: &str, subject: &str, refused: Option<&str>| AuditEntry {
+            unix_ms: 0,
+            who: None,
+            role: None,
+            from: "terminal".to_owned(),
+            what: what.to_owned(),
+            subject: Some(subject.to_owned()),
+            before: None,
+            after: None,
+            refused: refused.map(str::to_owned),
+        };
+        let account = Account {
+            name: "eva".to_owned(),
+            printed_name: "Eva".to_owned(),
+            role: crate::accounts::Role::Viewer,
+            password_hash: String::new(),
+            is_enabled: true,
+        };
+        store.keep_account(&account, &line("change account", "eva", None)).expect("kept");
+        let changed = Account { is_enabled: false, ..account };
+        store.keep_account(&changed, &line("change account", "eva", None)).expect("kept");
+        assert_eq!(store.accounts().expect("read"), BTreeMap::from([("eva".to_owned(), changed)]));
+        for (what, subject, refused) in [
+            ("change recipe", "door.toml: first", None),
+            ("log in", "door.toml: x", None),
+            ("change recipe", "door.toml.bak: x", None),
+            ("change recipe", "door.toml: wrong", Some("line 1")),
+            ("change recipe", "door.toml: more rows", None),
+        ] {
+            store.keep_audit(&line(what, subject, refused)).expect("kept");
+        }
+        let found = store.audit_about("change recipe", "door.toml: ").expect("read");
+        assert_eq!(found.iter().map(|line| line.number).collect::<Vec<_>>(), [7, 3]);
+        let [newest] = &store.audit(Some(7), 1).expect("read")[..] else { panic!("one") };
+        assert_eq!((newest.number, newest.entry.refused.as_deref()), (6, Some("line 1")));
+        assert!(newest.entry.unix_ms > 0, "the time is set by the store");
+        drop(store);
+        let verified = Store::verify(&folder.path().join("store"), true).expect("verified");
+        assert_eq!(verified.found, [] as [String; 0]);
     }
 }

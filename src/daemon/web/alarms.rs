@@ -2,7 +2,8 @@
 
 use super::downloads::{self, Form};
 use super::guard::{By, refusal};
-use super::layout::{Frame, Script, failed, local};
+use super::layout::{Frame, Script, local};
+use super::reading::{Answer, ended, reading};
 use super::state::{Web, blocking, entry};
 use super::words::Language;
 use crate::accounts::{AuditEntry, Permission};
@@ -35,25 +36,21 @@ fn read(store: &Store) -> Result<Vec<Alarm>, StoreError> {
     Ok(all)
 }
 
-pub(super) async fn page(state: State<Arc<Web>>, by: By) -> Response {
+pub(super) async fn page(state: State<Arc<Web>>, by: By) -> Answer {
     listed(state, by, Form::Page).await
 }
 
-pub(super) async fn csv(state: State<Arc<Web>>, by: By) -> Response {
+pub(super) async fn csv(state: State<Arc<Web>>, by: By) -> Answer {
     listed(state, by, Form::Csv).await
 }
 
-pub(super) async fn json(state: State<Arc<Web>>, by: By) -> Response {
+pub(super) async fn json(state: State<Arc<Web>>, by: By) -> Answer {
     listed(state, by, Form::Json).await
 }
 
-async fn listed(State(web): State<Arc<Web>>, Extension(visitor): By, as_what: Form) -> Response {
-    let alarms = match blocking(move || web.read(read)).await {
-        Some(Ok(alarms)) => alarms,
-        Some(Err(error)) => return failed(&visitor, &error),
-        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
-    };
-    match as_what {
+async fn listed(State(web): State<Arc<Web>>, Extension(visitor): By, as_what: Form) -> Answer {
+    let alarms = reading(&web, &visitor, read).await?;
+    Ok(match as_what {
         Form::Page => {
             let words = visitor.language();
             let frame = Frame {
@@ -66,7 +63,7 @@ async fn listed(State(web): State<Arc<Web>>, Extension(visitor): By, as_what: Fo
         }
         Form::Csv => downloads::csv(&visitor, "alarms", &alarm_sheet(&alarms)),
         Form::Json => downloads::json(&json!({ "alarms": alarms })),
-    }
+    })
 }
 
 fn body(words: Language<'_>, alarms: &[Alarm], may_acknowledge: bool) -> Markup {
@@ -149,7 +146,7 @@ pub(super) async fn acknowledge(
         Some(Ok(true)) => Json(json!({ "message": visitor.language().word("saved") })).into_response(),
         Some(Ok(false)) => refusal(StatusCode::CONFLICT, "alarm", visitor.language().word("alarms.no_such")),
         Some(Err(error)) => refusal(StatusCode::SERVICE_UNAVAILABLE, "store", &error.to_string()),
-        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+        None => ended(),
     }
 }
 

@@ -1,13 +1,15 @@
 //! The audit trail: who did what, when and from where.
 
+use super::downloads;
 use super::guard::By;
-use super::layout::{Frame, failed, local};
-use super::state::{Web, blocking};
+use super::layout::{Frame, local};
+use super::reading::{Answer, reading};
+use super::state::Web;
+use crate::accounts::Role;
+use crate::history::Sheet;
 use crate::store::NumberedEntry;
 use axum::Extension;
 use axum::extract::{Query, State};
-use axum::http::{StatusCode, header};
-use axum::response::{IntoResponse, Response};
 use maud::html;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -26,12 +28,8 @@ pub(super) async fn page(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Query(Before { before }): Query<Before>,
-) -> Response {
-    let lines = match blocking(move || web.read(|store| store.audit(before, PAGE))).await {
-        Some(Ok(lines)) => lines,
-        Some(Err(error)) => return failed(&visitor, &error),
-        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
-    };
+) -> Answer {
+    let lines = reading(&web, &visitor, move |store| store.audit(before, PAGE)).await?;
     let words = visitor.language();
     let word = |key| words.word(key);
     let older = lines.last().filter(|_| lines.len() == PAGE).map(|line| line.number);
@@ -61,59 +59,38 @@ pub(super) async fn page(
             @if let Some(number) = older { p { a.button href={ "/audit?before=" (number) } { (word("older")) } } }
         }
     };
-    Frame { visitor: &visitor, title: word("audit.title"), here: "/audit", scripts: &[] }.page(&body)
+    let frame = Frame { visitor: &visitor, title: word("audit.title"), here: "/audit", scripts: &[] };
+    Ok(frame.page(&body))
 }
 
 /// All of it as a file.
-pub(super) async fn csv(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
-    let lines = match blocking(move || web.read(|store| store.audit(None, FILE))).await {
-        Some(Ok(lines)) => lines,
-        Some(Err(error)) => return failed(&visitor, &error),
-        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
-    };
-    match written(&lines) {
-        Ok(bytes) => {
-            let name = "attachment; filename=\"audit.csv\"";
-            ([(header::CONTENT_TYPE, "text/csv; charset=utf-8"), (header::CONTENT_DISPOSITION, name)], bytes)
-                .into_response()
-        }
-        Err(error) => failed(&visitor, &error),
-    }
+pub(super) async fn csv(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
+    let lines = reading(&web, &visitor, |store| store.audit(None, FILE)).await?;
+    Ok(downloads::csv(&visitor, "audit", &sheet(&lines)))
 }
 
-fn written(lines: &[NumberedEntry]) -> Result<Vec<u8>, csv::Error> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    writer.write_record([
-        "number", "unix_ms", "who", "role", "from", "what", "subject", "before", "after", "refused",
-    ])?;
-    for NumberedEntry { number, entry } in lines {
-        let text = |text: &Option<String>| cell(text.as_deref().unwrap_or(""));
-        writer.write_record([
-            number.to_string(),
-            entry.unix_ms.to_string(),
-            text(&entry.who),
-            entry.role.map_or("", |role| role.word()).to_owned(),
-            cell(&entry.from),
-            cell(&entry.what),
-            text(&entry.subject),
-            text(&entry.before),
-            text(&entry.after),
-            text(&entry.refused),
-        ])?;
-    }
-    writer.into_inner().map_err(|error| error.into_error().into())
-}
-
-/// A text that no spreadsheet takes for a formula.
-fn cell(text: &str) -> String {
-    let is_formula = text.starts_with(['=', '+', '-', '@', '\t', '\r']);
-    if is_formula { format!("'{text}") } else { text.to_owned() }
+fn sheet(lines: &[NumberedEntry]) -> Sheet {
+    let columns = ["number", "unix_ms", "who", "role", "from", "what", "subject", "before", "after", "refused"];
+    Sheet::new(&columns).with(lines.iter().map(|NumberedEntry { number, entry }| {
+        vec![
+            (*number).into(),
+            entry.unix_ms.into(),
+            entry.who.clone().into(),
+            entry.role.map(Role::word).into(),
+            entry.from.as_str().into(),
+            entry.what.as_str().into(),
+            entry.subject.clone().into(),
+            entry.before.clone().into(),
+            entry.after.clone().into(),
+            entry.refused.clone().into(),
+        ]
+    }))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::accounts::{AuditEntry, Role};
+    use crate::accounts::AuditEntry;
 
     #[test]
     fn a_line_is_a_row_and_no_formula() {
@@ -128,8 +105,8 @@ mod tests {
             after: Some("a,\"b\"".to_owned()),
             refused: None,
         };
-        let csv = written(&[NumberedEntry { number: 3, entry }]).expect("written");
-        let row = String::from_utf8(csv).expect("text").lines().nth(1).map(str::to_owned);
+        let csv = sheet(&[NumberedEntry { number: 3, entry }]).csv().expect("written");
+        let row = csv.lines().nth(1).map(str::to_owned);
         assert_eq!(row.as_deref(), Some("3,7,anna,operator,10.0.0.1,log in,'=cmd(),,\"a,\"\"b\"\"\","));
     }
 }

@@ -1,22 +1,22 @@
 //! Two cycles side by side.
 
 use super::downloads::{self, Form};
-use super::guard::{By, not_found};
+use super::guard::By;
 use super::history::verdict_word;
-use super::layout::{Frame, failed, local};
-use super::state::{Web, blocking};
+use super::layout::{Frame, local};
+use super::reading::{Answer, reading};
+use super::state::Web;
 use super::visitor::Visitor;
 use super::words::Language;
 use crate::history::{CheckPair, Comparison, compare, comparison_sheet};
 use crate::record::CycleId;
 use crate::report::shown;
-use crate::store::StoreError;
+use crate::store::Store;
 use crate::verdict::{Limit, Verdict};
 use crate::words::plain;
 use axum::Extension;
 use axum::extract::{Query, State};
-use axum::http::StatusCode;
-use axum::response::{IntoResponse, Response};
+use axum::response::Response;
 use maud::{Markup, html};
 use serde::Deserialize;
 use std::sync::Arc;
@@ -27,15 +27,15 @@ pub(super) struct Pair {
     second: i64,
 }
 
-pub(super) async fn page(state: State<Arc<Web>>, by: By, pair: Query<Pair>) -> Response {
+pub(super) async fn page(state: State<Arc<Web>>, by: By, pair: Query<Pair>) -> Answer {
     compared(state, by, pair, Form::Page).await
 }
 
-pub(super) async fn csv(state: State<Arc<Web>>, by: By, pair: Query<Pair>) -> Response {
+pub(super) async fn csv(state: State<Arc<Web>>, by: By, pair: Query<Pair>) -> Answer {
     compared(state, by, pair, Form::Csv).await
 }
 
-pub(super) async fn json(state: State<Arc<Web>>, by: By, pair: Query<Pair>) -> Response {
+pub(super) async fn json(state: State<Arc<Web>>, by: By, pair: Query<Pair>) -> Answer {
     compared(state, by, pair, Form::Json).await
 }
 
@@ -44,21 +44,15 @@ async fn compared(
     Extension(visitor): By,
     Query(Pair { first, second }): Query<Pair>,
     as_what: Form,
-) -> Response {
-    let read = move || {
-        web.read(|store| Ok(compare(&store.past_cycle(CycleId(first))?, &store.past_cycle(CycleId(second))?)))
-    };
-    let comparison = match blocking(read).await {
-        Some(Ok(comparison)) => comparison,
-        Some(Err(StoreError::UnknownCycle { .. })) => return not_found().await,
-        Some(Err(error)) => return failed(&visitor, &error),
-        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
-    };
-    match as_what {
+) -> Answer {
+    let read =
+        move |store: &Store| Ok(compare(&store.past_cycle(CycleId(first))?, &store.past_cycle(CycleId(second))?));
+    let comparison = reading(&web, &visitor, read).await?;
+    Ok(match as_what {
         Form::Page => framed(&visitor, &body(visitor.language(), &comparison)),
         Form::Csv => downloads::csv(&visitor, &format!("cycles-{first}-{second}"), &comparison_sheet(&comparison)),
         Form::Json => downloads::json(&comparison),
-    }
+    })
 }
 
 fn framed(visitor: &Visitor, body: &Markup) -> Response {

@@ -1,13 +1,14 @@
 //! The record of one cycle: to read, to take along, and to sign.
 
 use super::guard::{By, not_found, refusal};
-use super::layout::{Frame, Script, failed, local};
-use super::state::{Web, blocking, entry, hashing};
+use super::layout::{Frame, Script, local};
+use super::reading::{Answer, doing, ended, reading};
+use super::state::{Web, entry, hashing};
 use super::visitor::Visitor;
 use crate::accounts::{self, AuditEntry, Permission};
 use crate::record::{CycleId, CycleRecord};
 use crate::signing::{Meaning, PersonSignature};
-use crate::store::{PersonSigns, StoreError};
+use crate::store::{PersonSigns, Store};
 use axum::extract::{Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -21,8 +22,12 @@ use std::sync::Arc;
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; form-action 'none'; base-uri 'none'; \
                       frame-ancestors 'self'";
 
-fn id(number: &str) -> Option<CycleId> {
-    number.parse().ok().filter(|number| *number > 0).map(CycleId)
+/// The number of a cycle; what is none is nowhere.
+async fn id(number: &str) -> Result<CycleId, Response> {
+    match number.parse() {
+        Ok(number @ 1..) => Ok(CycleId(number)),
+        _ => Err(not_found().await),
+    }
 }
 
 /// A cycle with its record inside, its signatures and the form to sign it.
@@ -30,15 +35,10 @@ pub(super) async fn page(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Path(number): Path<String>,
-) -> Response {
-    let Some(id) = id(&number) else { return not_found().await };
-    let read = move || web.read(|store| Ok((store.cycle(id)?, store.signed_by_persons(id)?)));
-    let (record, signatures) = match blocking(read).await {
-        Some(Ok(read)) => read,
-        Some(Err(StoreError::UnknownCycle { .. })) => return not_found().await,
-        Some(Err(error)) => return failed(&visitor, &error),
-        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
-    };
+) -> Answer {
+    let id = id(&number).await?;
+    let read = move |store: &Store| Ok((store.cycle(id)?, store.signed_by_persons(id)?));
+    let (record, signatures) = reading(&web, &visitor, read).await?;
     let words = visitor.language();
     let word = |key| words.word(key);
     let title = format!("{} {id}", word("run.cycle"));
@@ -58,7 +58,7 @@ pub(super) async fn page(
         }
         iframe.record title=(word("cycle.record")) src={ "/cycle/" (id) "/record" } {}
     };
-    Frame { visitor: &visitor, title: &title, here: "/cycle", scripts: &[Script::Forms] }.page(&body)
+    Ok(Frame { visitor: &visitor, title: &title, here: "/cycle", scripts: &[Script::Forms] }.page(&body))
 }
 
 fn said(signature: &PersonSignature) -> String {
@@ -97,46 +97,36 @@ pub(super) async fn record(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Path(number): Path<String>,
-) -> Response {
-    let Some(id) = known(&web, &number).await else { return not_found().await };
-    match blocking(move || web.records.page(id)).await {
-        Some(Ok(html)) => {
-            let headers = [
-                (header::CONTENT_TYPE, "text/html; charset=utf-8"),
-                (header::CONTENT_SECURITY_POLICY, POLICY),
-                (header::X_FRAME_OPTIONS, "SAMEORIGIN"),
-            ];
-            (headers, html).into_response()
-        }
-        Some(Err(problem)) => failed(&visitor, &problem),
-        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
-    }
+) -> Answer {
+    let id = known(&web, &visitor, &number).await?;
+    let html = doing(&visitor, move || web.records.page(id)).await?;
+    let headers = [
+        (header::CONTENT_TYPE, "text/html; charset=utf-8"),
+        (header::CONTENT_SECURITY_POLICY, POLICY),
+        (header::X_FRAME_OPTIONS, "SAMEORIGIN"),
+    ];
+    Ok((headers, html).into_response())
 }
 
 /// The record as PDF/A-3 with the signed JSON inside.
-pub(super) async fn pdf(
-    State(web): State<Arc<Web>>,
-    Extension(visitor): By,
-    Path(number): Path<String>,
-) -> Response {
-    let Some(id) = known(&web, &number).await else { return not_found().await };
-    match blocking(move || web.records.pdf(id)).await {
-        Some(Ok(Some(pdf))) => {
-            let name = format!("attachment; filename=\"cycle-{id}.pdf\"");
-            ([(header::CONTENT_TYPE, "application/pdf".to_owned()), (header::CONTENT_DISPOSITION, name)], pdf)
-                .into_response()
-        }
-        Some(Ok(None)) => refusal(StatusCode::NOT_FOUND, "not_signed", visitor.language().word("cycle.unsigned")),
-        Some(Err(problem)) => failed(&visitor, &problem),
-        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
-    }
+pub(super) async fn pdf(State(web): State<Arc<Web>>, Extension(visitor): By, Path(number): Path<String>) -> Answer {
+    let id = known(&web, &visitor, &number).await?;
+    let unsigned = visitor.language().word("cycle.unsigned");
+    let Some(pdf) = doing(&visitor, move || web.records.pdf(id)).await? else {
+        return Err(refusal(StatusCode::NOT_FOUND, "not_signed", unsigned));
+    };
+    let name = format!("attachment; filename=\"cycle-{id}.pdf\"");
+    let headers = [(header::CONTENT_TYPE, "application/pdf".to_owned()), (header::CONTENT_DISPOSITION, name)];
+    Ok((headers, pdf).into_response())
 }
 
 /// The number of a cycle that there is.
-async fn known(web: &Arc<Web>, number: &str) -> Option<CycleId> {
-    let (id, web) = (id(number)?, web.clone());
-    let known = blocking(move || web.read(|store| store.cycle(id)).is_ok()).await;
-    known.filter(|known| *known).map(|_| id)
+async fn known(web: &Arc<Web>, visitor: &Visitor, number: &str) -> Result<CycleId, Response> {
+    let id = id(number).await?;
+    match reading(web, visitor, move |store| store.has_cycle(id)).await? {
+        true => Ok(id),
+        false => Err(not_found().await),
+    }
 }
 
 /// A cycle's record as JSON.
@@ -144,14 +134,10 @@ pub(super) async fn json(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Path(number): Path<String>,
-) -> Response {
-    let Some(id) = id(&number) else { return not_found().await };
-    match blocking(move || web.read(|store| store.cycle(id))).await {
-        Some(Ok(record)) => Json(record).into_response(),
-        Some(Err(StoreError::UnknownCycle { .. })) => not_found().await,
-        Some(Err(error)) => failed(&visitor, &error),
-        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
-    }
+) -> Answer {
+    let id = id(&number).await?;
+    let record = reading(&web, &visitor, move |store| store.cycle(id)).await?;
+    Ok(Json(record).into_response())
 }
 
 /// A picture that a finding of the cycle names.
@@ -159,23 +145,19 @@ pub(super) async fn picture(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Path((number, finding, picture)): Path<(String, String, String)>,
-) -> Response {
-    let (Some(id), Ok(finding), Ok(picture)) = (id(&number), finding.parse::<usize>(), picture.parse::<usize>())
-    else {
-        return not_found().await;
+) -> Answer {
+    let id = id(&number).await?;
+    let (Ok(finding), Ok(picture)) = (finding.parse::<usize>(), picture.parse::<usize>()) else {
+        return Err(not_found().await);
     };
-    let read = move || {
-        web.read(|store| {
-            let record: CycleRecord = store.cycle(id)?;
-            let named = record.findings.get(finding).and_then(|finding| finding.pictures.get(picture));
-            named.map(|picture| store.blob(&picture.hash)).transpose()
-        })
+    let read = move |store: &Store| {
+        let record: CycleRecord = store.cycle(id)?;
+        let named = record.findings.get(finding).and_then(|finding| finding.pictures.get(picture));
+        named.map(|picture| store.blob(&picture.hash)).transpose()
     };
-    match blocking(read).await {
-        Some(Ok(Some(jpeg))) => ([(header::CONTENT_TYPE, "image/jpeg")], jpeg).into_response(),
-        Some(Ok(None) | Err(StoreError::UnknownCycle { .. })) => not_found().await,
-        Some(Err(error)) => failed(&visitor, &error),
-        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    match reading(&web, &visitor, read).await? {
+        Some(jpeg) => Ok(([(header::CONTENT_TYPE, "image/jpeg")], jpeg).into_response()),
+        None => Err(not_found().await),
     }
 }
 
@@ -194,13 +176,13 @@ pub(super) async fn sign(
     Extension(visitor): By,
     Path(number): Path<String>,
     Json(Signs { meaning, remark, password }): Json<Signs>,
-) -> Response {
-    let (Some(id), Some(person)) = (id(&number), visitor.person.clone()) else { return not_found().await };
-    if let Some(left_s) = web.lockout().pauses_s(&person.name, web.now_s()) {
-        let message = format!("{} {:.0} s", visitor.language().word("login.pauses"), left_s.ceil());
-        return refusal(StatusCode::UNPROCESSABLE_ENTITY, "password", &message);
+) -> Answer {
+    let id = id(&number).await?;
+    let Some(person) = visitor.person.clone() else { return Err(not_found().await) };
+    if let Some(pauses) = web.pauses(&person.name, visitor.language()) {
+        return Err(refusal(StatusCode::UNPROCESSABLE_ENTITY, "password", &pauses));
     }
-    let Ok(_turn) = web.hashing.acquire().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
+    let user = person.name.clone();
     let remark = Some(remark.trim().to_owned()).filter(|remark| !remark.is_empty());
     let signs = PersonSigns { cycle: id, name: person.printed_name, user: person.name, meaning, remark };
     let line = AuditEntry {
@@ -209,24 +191,24 @@ pub(super) async fn sign(
         ..entry(&visitor, "sign record")
     };
     let shared = web.clone();
-    let signed = hashing(move || {
+    let signed = hashing(&web, move || {
         let signed = signed(&shared, &signs, &password);
         let refused = signed.as_ref().err().map(|(_, problem)| problem.clone());
         shared.audit(&AuditEntry { refused, ..line });
-        (signed, signs.user)
+        signed
     });
     match signed.await {
-        Some((Ok(number), user)) => {
+        Some(Ok(number)) => {
             web.lockout().right(&user);
-            Json(json!({ "message": visitor.language().word("saved"), "number": number })).into_response()
+            Ok(Json(json!({ "message": visitor.language().word("saved"), "number": number })).into_response())
         }
-        Some((Err((is_password, problem)), user)) => {
+        Some(Err((is_password, problem))) => {
             if is_password {
                 web.lockout().wrong(&user, web.now_s());
             }
-            refusal(StatusCode::UNPROCESSABLE_ENTITY, "sign", &problem)
+            Err(refusal(StatusCode::UNPROCESSABLE_ENTITY, "sign", &problem))
         }
-        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+        None => Err(ended()),
     }
 }
 

@@ -2,8 +2,9 @@
 
 use super::downloads::{self, Form};
 use super::guard::By;
-use super::layout::{Frame, failed, local};
-use super::state::{Web, blocking};
+use super::layout::{Frame, local};
+use super::reading::{Answer, reading};
+use super::state::Web;
 use super::visitor::Visitor;
 use super::words::Language;
 use crate::history::{DateError, Edge, End, Hit, Hits, Query, hits_sheet, unix_s};
@@ -14,7 +15,7 @@ use axum::extract::{Query as Asked, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use maud::{Markup, html};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use std::sync::Arc;
 
 /// Cycles on one page.
@@ -34,7 +35,7 @@ const VERDICTS: [Verdict; 7] = [
 const RUNNING: &str = "running";
 
 /// The fields of the form, as they were filled in; an empty one does not matter.
-#[derive(Debug, Clone, Default, Deserialize, Serialize)]
+#[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct SearchForm {
     part: String,
@@ -45,7 +46,6 @@ pub(super) struct SearchForm {
     to: String,
     verdict: String,
     text: String,
-    #[serde(skip_serializing)]
     before: Option<i64>,
 }
 
@@ -81,20 +81,19 @@ impl SearchForm {
             ("text", &self.text),
         ];
         let filled = fields.into_iter().filter(|(_, value)| !value.is_empty());
-        let pair = |(name, value): (&str, &String)| format!("{name}={}", super::guard::escaped(value));
-        filled.map(pair).collect::<Vec<_>>().join("&")
+        form_urlencoded::Serializer::new(String::new()).extend_pairs(filled).finish()
     }
 }
 
-pub(super) async fn page(state: State<Arc<Web>>, by: By, form: Asked<SearchForm>) -> Response {
+pub(super) async fn page(state: State<Arc<Web>>, by: By, form: Asked<SearchForm>) -> Answer {
     searched(state, by, form, Form::Page).await
 }
 
-pub(super) async fn csv(state: State<Arc<Web>>, by: By, form: Asked<SearchForm>) -> Response {
+pub(super) async fn csv(state: State<Arc<Web>>, by: By, form: Asked<SearchForm>) -> Answer {
     searched(state, by, form, Form::Csv).await
 }
 
-pub(super) async fn json(state: State<Arc<Web>>, by: By, form: Asked<SearchForm>) -> Response {
+pub(super) async fn json(state: State<Arc<Web>>, by: By, form: Asked<SearchForm>) -> Answer {
     searched(state, by, form, Form::Json).await
 }
 
@@ -103,25 +102,20 @@ async fn searched(
     Extension(visitor): By,
     Asked(form): Asked<SearchForm>,
     as_what: Form,
-) -> Response {
-    let query = match form.query(if as_what == Form::Page { PAGE } else { FILE }) {
-        Ok(query) => query,
-        Err(error) if as_what == Form::Page => {
-            let body = body(visitor.language(), &form, &Hits::default(), Some(&error));
-            return (StatusCode::BAD_REQUEST, framed(&visitor, &body)).into_response();
-        }
-        Err(error) => return (StatusCode::BAD_REQUEST, error.to_string()).into_response(),
-    };
-    let hits = match blocking(move || web.read(|store| store.search(&query))).await {
-        Some(Ok(hits)) => hits,
-        Some(Err(error)) => return failed(&visitor, &error),
-        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
-    };
-    match as_what {
+) -> Answer {
+    let query = form.query(if as_what == Form::Page { PAGE } else { FILE }).map_err(|error| {
+        let told = match as_what {
+            Form::Page => framed(&visitor, &body(visitor.language(), &form, &Hits::default(), Some(&error))),
+            Form::Csv | Form::Json => error.to_string().into_response(),
+        };
+        (StatusCode::BAD_REQUEST, told).into_response()
+    })?;
+    let hits = reading(&web, &visitor, move |store| store.search(&query)).await?;
+    Ok(match as_what {
         Form::Page => framed(&visitor, &body(visitor.language(), &form, &hits, None)),
         Form::Csv => downloads::csv(&visitor, "cycles", &hits_sheet(&hits.hits)),
         Form::Json => downloads::json(&hits),
-    }
+    })
 }
 
 fn framed(visitor: &Visitor, body: &Markup) -> Response {

@@ -26,7 +26,6 @@ pub(super) struct Live {
     /// What the table would take now.
     pub possible: Vec<&'static str>,
     pub is_review: bool,
-    pub has_page: bool,
     pub grids: Vec<String>,
     /// The newest picture, by its number and name.
     pub frame: u64,
@@ -51,7 +50,6 @@ impl Live {
             reasons: reply.reasons,
             possible: reply.extras.possible,
             is_review: reply.extras.is_review,
-            has_page: reply.page.is_some(),
             grids: reply.extras.grids.iter().map(ToString::to_string).collect(),
             frame,
             frame_name,

@@ -2,6 +2,7 @@
 
 use super::guard::{By, cookie_name, refusal};
 use super::layout::{Frame, Script};
+use super::reading::ended;
 use super::state::{Web, blocking, entry, hashing};
 use super::visitor::Visitor;
 use crate::accounts::{self, Account, AuditEntry};
@@ -64,17 +65,12 @@ pub(super) async fn log_in(
     if accounts::checked_name(&name).is_err() {
         return wrong(words.word("login.wrong"));
     }
-    if let Some(left_s) = web.lockout().pauses_s(&name, web.now_s()) {
-        return wrong(&format!("{} {:.0} s", words.word("login.pauses"), left_s.ceil()));
+    if let Some(pauses) = web.pauses(&name, words) {
+        return wrong(&pauses);
     }
     let line = AuditEntry { who: Some(name.clone()), role: None, ..entry(&visitor, "log in") };
-    let checked = match web.hashing.acquire().await {
-        Ok(_turn) => {
-            let (web, name) = (web.clone(), name.clone());
-            hashing(move || judged(&web, &name, &password)).await.flatten()
-        }
-        Err(_) => None,
-    };
+    let (shared, tried) = (web.clone(), name.clone());
+    let checked = hashing(&web, move || judged(&shared, &tried, &password)).await.flatten();
     let Some(account) = checked else {
         let is_paused = web.lockout().wrong(&name, web.now_s());
         let why = if is_paused { "wrong password; the account pauses" } else { "wrong name or password" };
@@ -142,14 +138,12 @@ pub(super) async fn change_password(
     Json(NewPassword { password, new }): Json<NewPassword>,
 ) -> Response {
     let Some(person) = visitor.person.clone() else { return StatusCode::UNAUTHORIZED.into_response() };
-    if let Some(left_s) = web.lockout().pauses_s(&person.name, web.now_s()) {
-        let message = format!("{} {:.0} s", visitor.language().word("login.pauses"), left_s.ceil());
-        return refusal(StatusCode::UNAUTHORIZED, "log_in", &message);
+    if let Some(pauses) = web.pauses(&person.name, visitor.language()) {
+        return refusal(StatusCode::UNAUTHORIZED, "log_in", &pauses);
     }
-    let Ok(_turn) = web.hashing.acquire().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
     let (shared, line) = (web.clone(), entry(&visitor, "change own password"));
     let name = person.name.clone();
-    let changed = hashing(move || -> Result<(), String> {
+    let changed = hashing(&web, move || -> Result<(), String> {
         let account = judged(&shared, &person.name, &password).ok_or("the old password is wrong")?;
         let salt = random::bytes().map_err(|error| error.to_string())?;
         let password_hash = accounts::hashed(&new, &person.name, salt).map_err(|error| error.to_string())?;
@@ -165,7 +159,7 @@ pub(super) async fn change_password(
             web.lockout().wrong(&name, web.now_s());
             refusal(StatusCode::UNPROCESSABLE_ENTITY, "password", &problem)
         }
-        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+        None => ended(),
     }
 }
 

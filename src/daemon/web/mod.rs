@@ -29,6 +29,7 @@ mod live;
 mod live_state;
 mod login;
 mod people;
+mod reading;
 mod record_source;
 mod requests;
 mod routes;

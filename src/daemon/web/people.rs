@@ -1,11 +1,13 @@
 //! Accounts: who may log in, as what.
 
 use super::guard::{By, refusal};
-use super::layout::{Frame, Script, failed};
-use super::state::{Web, blocking, entry, hashing};
+use super::layout::{Frame, Script};
+use super::reading::{Answer, ended, reading};
+use super::state::{Web, entry, hashing};
 use super::visitor::{Visitor, role_key};
 use crate::accounts::{Account, AuditEntry, MOST_PRINTED, Permission, Role};
 use crate::random;
+use crate::store::Store;
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
@@ -18,13 +20,8 @@ use std::sync::Arc;
 use strum::VariantArray;
 
 /// All accounts, with a form for each.
-pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
-    let shared = web.clone();
-    let accounts = match blocking(move || shared.read(|store| store.accounts())).await {
-        Some(Ok(accounts)) => accounts,
-        Some(Err(error)) => return failed(&visitor, &error),
-        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
-    };
+pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
+    let accounts = reading(&web, &visitor, Store::accounts).await?;
     let words = visitor.language();
     let word = |key| words.word(key);
     let body = html! {
@@ -47,7 +44,9 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
         }
         section.card.narrow { h2 { (word("people.add")) } (form(&visitor, None)) }
     };
-    Frame { visitor: &visitor, title: word("people.title"), here: "/people", scripts: &[Script::Forms] }.page(&body)
+    let frame =
+        Frame { visitor: &visitor, title: word("people.title"), here: "/people", scripts: &[Script::Forms] };
+    Ok(frame.page(&body))
 }
 
 fn form(visitor: &Visitor, account: Option<&Account>) -> Markup {
@@ -98,16 +97,15 @@ pub(super) async fn save(
     Extension(visitor): By,
     Json(changed): Json<Changed>,
 ) -> Response {
-    let Ok(_turn) = web.hashing.acquire().await else { return StatusCode::SERVICE_UNAVAILABLE.into_response() };
     let (shared, line, name) = (web.clone(), entry(&visitor, "change account"), changed.name.clone());
-    match hashing(move || kept(&shared, line, changed)).await {
+    match hashing(&web, move || kept(&shared, line, changed)).await {
         Some(Ok(())) => {
             // What a person may do has changed: the old role must not go on.
             web.sessions().end_all_of(&name);
             Json(json!({ "message": visitor.language().word("saved") })).into_response()
         }
         Some(Err(problem)) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "account", &problem),
-        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+        None => ended(),
     }
 }
 

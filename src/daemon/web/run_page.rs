@@ -1,14 +1,15 @@
 //! The page of the cell as it runs: readable from two metres. A script keeps it up to date by the events.
 
-use super::guard::By;
-use super::layout::{Frame, Script, failed};
+use super::guard::{By, not_found};
+use super::layout::{Frame, Script};
+use super::reading::{Answer, reading};
 use super::state::{Web, blocking};
 use super::visitor::Visitor;
 use crate::accounts::Permission;
-use crate::daemon::request::PartNames;
-use crate::record::{CycleId, CycleRecord, Finding, Kind};
+use crate::history::seen_grids;
+use crate::record::{CycleId, Finding, Kind};
 use crate::report::check_row;
-use crate::store::{Store, StoreError};
+use crate::store::Store;
 use crate::verdict::Verdict;
 use axum::extract::State;
 use axum::http::{StatusCode, header};
@@ -136,38 +137,24 @@ pub(super) async fn frame(State(web): State<Arc<Web>>) -> Response {
 }
 
 /// The cycle that runs or ran last, as far as its record goes: its part, and how each grid stands.
-pub(super) async fn now(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
+pub(super) async fn now(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
     let cycle = web.live.borrow().cycle;
-    let Some(id) = cycle.map(CycleId) else { return Json(json!({ "part": null, "grids": {} })).into_response() };
-    let read = move || {
-        web.read(|store| {
-            let record = store.cycle(id)?;
-            Ok((part(store, &record)?, grids(&record)))
-        })
+    let Some(id) = cycle.map(CycleId) else {
+        return Ok(Json(json!({ "part": null, "grids": {} })).into_response());
     };
-    match blocking(read).await {
-        Some(Ok((part, grids))) => Json(json!({ "part": part, "grids": grids })).into_response(),
-        Some(Err(error)) => failed(&visitor, &error),
-        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
-    }
+    let read = move |store: &Store| Ok((store.part_of(id)?, grids(&store.cycle(id)?.findings)));
+    let (part, grids) = reading(&web, &visitor, read).await?;
+    Ok(Json(json!({ "part": part, "grids": grids })).into_response())
 }
 
-/// The part of a cycle, where it was named.
-pub(super) fn part(store: &Store, record: &CycleRecord) -> Result<Option<PartNames>, StoreError> {
-    let Some(kept) = record.files.iter().find(|file| file.name == PartNames::FILE) else { return Ok(None) };
-    let text = store.blob(&kept.hash)?;
-    Ok(std::str::from_utf8(&text).ok().and_then(|text| toml::from_str(text).ok()))
-}
-
-/// How each grid that is known of stands: the last film's word, and abrasion after it.
-fn grids(record: &CycleRecord) -> BTreeMap<String, &'static str> {
+/// How each grid stands that was seen: the last film's word, and abrasion after it.
+fn grids(findings: &[Finding]) -> BTreeMap<String, &'static str> {
     let mut grids = BTreeMap::new();
-    for finding in &record.findings {
+    for finding in findings {
         match finding.kind {
-            Kind::Inspect if matches!(finding.judgement.verdict, Verdict::Pass | Verdict::Fail) => {
-                grids.values_mut().for_each(|state| *state = "whole");
-                grids.insert("*".to_owned(), "whole");
-                grids.extend(finding.names("failed").into_iter().map(|grid| (grid, "broke")));
+            Kind::Inspect if finding.judgement.verdict != Verdict::Invalid => {
+                let seen = seen_grids(finding).into_iter();
+                grids.extend(seen.map(|(grid, (failed, _))| (grid, if failed { "broke" } else { "whole" })));
             }
             Kind::Abrade => grids.extend(finding.names("grids").into_iter().map(|grid| (grid, "abraded"))),
             _ => {}
@@ -177,19 +164,15 @@ fn grids(record: &CycleRecord) -> BTreeMap<String, &'static str> {
 }
 
 /// What a person is asked about: the numbers in question and the pictures, beside the buttons.
-pub(super) async fn review(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
+pub(super) async fn review(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
     let cycle = web.live.borrow().cycle;
-    let Some(id) = cycle.map(CycleId) else { return StatusCode::NOT_FOUND.into_response() };
-    let record = match blocking(move || web.read(|store| store.cycle(id))).await {
-        Some(Ok(record)) => record,
-        Some(Err(error)) => return failed(&visitor, &error),
-        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
-    };
+    let Some(id) = cycle.map(CycleId) else { return Err(not_found().await) };
+    let record = reading(&web, &visitor, move |store| store.cycle(id)).await?;
     let asked = record.findings.iter().enumerate().rev();
     let mut asked = asked.filter(|(_, finding)| finding.judgement.verdict == Verdict::Review);
     match asked.next() {
-        Some(found) => Html(question(&visitor, id, found).into_string()).into_response(),
-        None => StatusCode::NOT_FOUND.into_response(),
+        Some(found) => Ok(Html(question(&visitor, id, found).into_string()).into_response()),
+        None => Err(not_found().await),
     }
 }
 
@@ -212,5 +195,37 @@ fn question(visitor: &Visitor, id: CycleId, (number, finding): (usize, &Finding)
                 tbody { @for row in judged.map(|check| check_row(check, "")) { tr { td { (row.name) } td { (row.value) } td { (row.allowed) } } } }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::{Check, name};
+    use crate::verdict::Judgement;
+
+    fn finding(kind: Kind, verdict: Verdict) -> Finding {
+        Finding::new(kind, 0, Judgement { verdict, reasons: vec![] })
+    }
+
+    /// A grid that no film saw is not whole, an invalid film says nothing, and an abrasion stands until the next film.
+    #[test]
+    fn a_grid_stands_as_the_last_film_and_the_abrasion_after_it_say() {
+        let film = |verdict, seen: &[&str], failed: &[&str]| {
+            let checks = ["r1c1", "r1c2", "r1c3"].map(|grid| {
+                let value = seen.contains(&grid).then_some(1.0);
+                Check::new(&name::broken_film(grid), "mm²", value)
+            });
+            finding(Kind::Inspect, verdict).detail("failed", failed.to_vec()).with(checks)
+        };
+        let mut findings = vec![film(Verdict::Fail, &["r1c1", "r1c2"], &["r1c2"])];
+        let of = |findings: &[Finding]| grids(findings).into_iter().collect::<Vec<_>>();
+        let pair = |grid: &str, state| (grid.to_owned(), state);
+        assert_eq!(of(&findings), [pair("r1c1", "whole"), pair("r1c2", "broke")]);
+        findings.push(finding(Kind::Abrade, Verdict::Pass).detail("grids", vec!["r1c2"]));
+        findings.push(film(Verdict::Invalid, &["r1c1"], &["r1c1"]));
+        assert_eq!(of(&findings), [pair("r1c1", "whole"), pair("r1c2", "abraded")]);
+        findings.push(film(Verdict::Pass, &["r1c1", "r1c2", "r1c3"], &[]));
+        assert!(of(&findings).iter().all(|(_, state)| *state == "whole"));
     }
 }

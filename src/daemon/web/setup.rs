@@ -2,9 +2,11 @@
 
 use super::guard::{By, refusal};
 use super::layout::{Frame, Script};
+use super::reading::{Answer, ended, reading};
 use super::state::{Web, blocking, entry};
 use super::versions;
 use crate::accounts::{AuditEntry, Permission};
+use crate::store::Store;
 use crate::verdict::Verdict;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
@@ -15,14 +17,11 @@ use serde::Deserialize;
 use serde_json::json;
 use std::sync::Arc;
 
-/// Lines of the audit trail in which versions are looked for.
-const TRAIL: usize = 20_000;
-
 /// Recipes and equipment.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
     let source = web.setup.clone();
     let Some((recipes, equipment)) = blocking(move || (source.recipes(), source.equipment())).await else {
-        return StatusCode::INTERNAL_SERVER_ERROR.into_response();
+        return ended();
     };
     let words = visitor.language();
     let word = |key| words.word(key);
@@ -57,19 +56,21 @@ pub(super) async fn recipe(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Path(name): Path<String>,
-) -> Response {
+) -> Answer {
     let (source, asked) = (web.setup.clone(), name.clone());
     let read = blocking(move || {
         let recipe = source.recipe(&asked)?;
         let problems = source.problems(&asked, &recipe.text);
-        let trail = web.read(|store| store.audit(None, TRAIL)).map_err(|error| error.to_string())?;
-        Ok::<_, String>((recipe, problems, trail))
+        Ok::<_, String>((recipe, problems))
     });
-    let (recipe, problems, trail) = match read.await {
+    let (recipe, problems) = match read.await {
         Some(Ok(read)) => read,
-        Some(Err(problem)) => return refusal(StatusCode::NOT_FOUND, "recipe", &problem),
-        None => return StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+        Some(Err(problem)) => return Err(refusal(StatusCode::NOT_FOUND, "recipe", &problem)),
+        None => return Err(ended()),
     };
+    let beginning = versions::subject(&name, "");
+    let versions = move |store: &Store| store.audit_about(versions::CHANGE, &beginning);
+    let versions = reading(&web, &visitor, versions).await?;
     let words = visitor.language();
     let word = |key| words.word(key);
     let body = html! {
@@ -87,10 +88,10 @@ pub(super) async fn recipe(
                     }
                 }
             } @else { pre.scroll tabindex="0" { (recipe.text) } }
-            (versions::shown(words, &name, &versions::of(&name, &trail)))
+            (versions::shown(words, &name, &versions))
         }
     };
-    Frame { visitor: &visitor, title: &name, here: "/setup", scripts: &[Script::Forms] }.page(&body)
+    Ok(Frame { visitor: &visitor, title: &name, here: "/setup", scripts: &[Script::Forms] }.page(&body))
 }
 
 fn verdict(problems: &[String], right: &str) -> Markup {
@@ -120,7 +121,7 @@ pub(super) async fn check(
             Json(json!({ "message": visitor.language().word("setup.right") })).into_response()
         }
         Some(problems) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problems.join("\n")),
-        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+        None => ended(),
     }
 }
 
@@ -148,6 +149,6 @@ pub(super) async fn save(
     match kept.await {
         Some(Ok(_)) => Json(json!({ "message": visitor.language().word("saved") })).into_response(),
         Some(Err(problem)) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problem),
-        None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+        None => ended(),
     }
 }

@@ -6,7 +6,7 @@ use super::record_source::RecordSource;
 use super::sessions::Sessions;
 use super::setup_source::SetupSource;
 use super::visitor::Visitor;
-use super::words::Words;
+use super::words::{Language, Words};
 use crate::accounts::{AuditEntry, Lockout};
 use crate::daemon::gateway::Gateway;
 use crate::store::{Store, StoreError};
@@ -28,8 +28,7 @@ pub(super) struct Web {
     pub is_tls: bool,
     /// The hosts by which a page without TLS may be asked for.
     pub hosts: Option<[String; 2]>,
-    /// Passwords are hashed by one thread at a time: a hash takes 19 MiB and most of a processor.
-    pub hashing: Semaphore,
+    hashing: Semaphore,
     pub folder: PathBuf,
     sessions: Mutex<Sessions>,
     lockout: Mutex<Lockout>,
@@ -86,6 +85,12 @@ impl Web {
 
     pub fn lockout(&self) -> MutexGuard<'_, Lockout> {
         lock(&self.lockout)
+    }
+
+    /// In which words this account's password may not be tried now, after wrong ones.
+    pub fn pauses(&self, name: &str, words: Language<'_>) -> Option<String> {
+        let left_s = self.lockout().pauses_s(name, self.now_s())?;
+        Some(format!("{} {:.0} s", words.word("login.pauses"), left_s.ceil()))
     }
 
     /// Reads the store, on the calling thread, which may wait for the disk.
@@ -153,8 +158,10 @@ pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send 
     tokio::task::spawn_blocking(work).await.ok()
 }
 
-/// Hashes a password, on a thread that ends with it: a hash takes 19 MiB, and each thread that lives on would keep as much.
-pub(super) async fn hashing<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+/// Works with passwords, one at a time, on a thread that ends with it: a hash takes 19 MiB and most of a processor, and each
+/// thread that lives on would keep as much.
+pub(super) async fn hashing<T: Send + 'static>(web: &Web, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+    let _turn = web.hashing.acquire().await.ok()?;
     let (tell, told) = oneshot::channel();
     let hash = move || drop(tell.send(work()));
     thread::Builder::new().name("password".to_owned()).spawn(hash).ok()?;

@@ -1,9 +1,10 @@
 //! Trends: how a number of a panel developed over its cycles, and where its film breaks.
 
-use super::downloads::{self, Form};
+use super::downloads;
 use super::guard::By;
-use super::layout::{Frame, failed};
-use super::state::{Web, blocking};
+use super::layout::Frame;
+use super::reading::{Answer, reading};
+use super::state::Web;
 use super::visitor::Visitor;
 use super::words::Language;
 use crate::history::{HeatMap, Known, Quantity, Trend, heat_map, heat_sheet, trend, trend_sheet};
@@ -12,8 +13,7 @@ use crate::store::{Store, StoreError};
 use crate::words::utc;
 use axum::Extension;
 use axum::extract::{Query, State};
-use axum::http::StatusCode;
-use axum::response::{IntoResponse, Response};
+use axum::response::Response;
 use maud::{Markup, html};
 use serde::Deserialize;
 use std::sync::Arc;
@@ -77,83 +77,56 @@ impl Asked {
     }
 }
 
-async fn read(web: Arc<Web>, visitor: &Visitor, asked: Asked) -> Result<Shown, Response> {
-    match blocking(move || web.read(|store| asked.read(store))).await {
-        Some(Ok(shown)) => Ok(shown),
-        Some(Err(error)) => Err(failed(visitor, &error)),
-        None => Err(StatusCode::INTERNAL_SERVER_ERROR.into_response()),
-    }
+async fn read(web: &Arc<Web>, visitor: &Visitor, asked: Asked) -> Result<Shown, Response> {
+    reading(web, visitor, move |store| asked.read(store)).await
 }
 
 pub(super) async fn page(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Query(asked): Query<Asked>,
-) -> Response {
-    match read(web, &visitor, asked).await {
-        Ok(shown) => {
-            let words = visitor.language();
-            let frame =
-                Frame { visitor: &visitor, title: words.word("trends.title"), here: "/trends", scripts: &[] };
-            frame.page(&body(words, &shown))
-        }
-        Err(response) => response,
-    }
+) -> Answer {
+    let shown = read(&web, &visitor, asked).await?;
+    let words = visitor.language();
+    let frame = Frame { visitor: &visitor, title: words.word("trends.title"), here: "/trends", scripts: &[] };
+    Ok(frame.page(&body(words, &shown)))
 }
 
-async fn trend_as(web: Arc<Web>, visitor: Visitor, asked: Asked, as_what: Form) -> Response {
-    match read(web, &visitor, asked).await {
-        Ok(shown) if as_what == Form::Csv => downloads::csv(&visitor, "trend", &trend_sheet(&shown.trend)),
-        Ok(shown) => downloads::json(&shown.trend),
-        Err(response) => response,
-    }
-}
-
-async fn heat_as(web: Arc<Web>, visitor: Visitor, asked: Asked, as_what: Form) -> Response {
-    match read(web, &visitor, asked).await {
-        Ok(shown) if as_what == Form::Csv => downloads::csv(&visitor, "grids", &heat_sheet(&shown.heat)),
-        Ok(shown) => downloads::json(&shown.heat),
-        Err(response) => response,
-    }
-}
-
-pub(super) async fn csv(
-    State(web): State<Arc<Web>>,
-    Extension(visitor): By,
-    Query(asked): Query<Asked>,
-) -> Response {
-    trend_as(web, visitor, asked, Form::Csv).await
+pub(super) async fn csv(State(web): State<Arc<Web>>, Extension(visitor): By, Query(asked): Query<Asked>) -> Answer {
+    let shown = read(&web, &visitor, asked).await?;
+    Ok(downloads::csv(&visitor, "trend", &trend_sheet(&shown.trend)))
 }
 
 pub(super) async fn json(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Query(asked): Query<Asked>,
-) -> Response {
-    trend_as(web, visitor, asked, Form::Json).await
+) -> Answer {
+    Ok(downloads::json(&read(&web, &visitor, asked).await?.trend))
 }
 
 pub(super) async fn heat_csv(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Query(asked): Query<Asked>,
-) -> Response {
-    heat_as(web, visitor, asked, Form::Csv).await
+) -> Answer {
+    let shown = read(&web, &visitor, asked).await?;
+    Ok(downloads::csv(&visitor, "grids", &heat_sheet(&shown.heat)))
 }
 
 pub(super) async fn heat_json(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Query(asked): Query<Asked>,
-) -> Response {
-    heat_as(web, visitor, asked, Form::Json).await
+) -> Answer {
+    Ok(downloads::json(&read(&web, &visitor, asked).await?.heat))
 }
 
 fn body(words: Language<'_>, shown: &Shown) -> Markup {
     let word = |key| words.word(key);
     let Shown { panel, trend, heat, .. } = shown;
-    let escaped = super::guard::escaped;
-    let address = format!("panel={}&name={}", escaped(panel), escaped(&shown.name));
+    let asked = [("panel", panel), ("name", &shown.name)];
+    let address = form_urlencoded::Serializer::new(String::new()).extend_pairs(asked).finish();
     html! {
         section.card {
             h2 { (word("trends.title")) }

@@ -14,19 +14,8 @@ pub(super) fn subject(name: &str, why: &str) -> String {
     format!("{name}: {why}")
 }
 
-/// The approved changes of this recipe, the newest first.
-pub(super) fn of<'t>(name: &str, trail: &'t [NumberedEntry]) -> Vec<&'t NumberedEntry> {
-    let beginning = subject(name, "");
-    let is_of = |line: &&NumberedEntry| {
-        let entry = &line.entry;
-        let subject = entry.subject.as_deref().unwrap_or("");
-        entry.what == CHANGE && entry.refused.is_none() && subject.starts_with(&beginning)
-    };
-    trail.iter().filter(is_of).collect()
-}
-
 /// The versions, each with its difference to the one before.
-pub(super) fn shown(words: Language<'_>, name: &str, versions: &[&NumberedEntry]) -> Markup {
+pub(super) fn shown(words: Language<'_>, name: &str, versions: &[NumberedEntry]) -> Markup {
     let beginning = subject(name, "");
     let word = |key| words.word(key);
     html! {
@@ -68,35 +57,23 @@ mod tests {
     use crate::accounts::AuditEntry;
     use crate::daemon::web::words::Words;
 
-    fn line(number: i64, what: &str, subject: &str, refused: Option<&str>) -> NumberedEntry {
+    #[test]
+    fn a_version_shows_who_and_why_and_its_lines() {
         let entry = AuditEntry {
-            unix_ms: 1_000 * number,
+            unix_ms: 1_000,
             who: Some("eva".to_owned()),
             role: None,
             from: "10.0.0.1".to_owned(),
-            what: what.to_owned(),
-            subject: Some(subject.to_owned()),
+            what: CHANGE.to_owned(),
+            subject: Some(subject("door.toml", "more rows")),
             before: Some("panel = \"a\"\nrows = 3\ncolumns = 6\n".to_owned()),
             after: Some("panel = \"a\"\nrows = 4 # <b>\ncolumns = 6\n".to_owned()),
-            refused: refused.map(str::to_owned),
+            refused: None,
         };
-        NumberedEntry { number, entry }
-    }
-
-    #[test]
-    fn versions_are_the_approved_changes_of_one_recipe() {
-        let trail = [
-            line(5, CHANGE, "door.toml: more rows", None),
-            line(4, CHANGE, "door.toml: wrong", Some("line 1")),
-            line(3, CHANGE, "door.toml.bak: x", None),
-            line(2, "log in", "door.toml: x", None),
-            line(1, CHANGE, "door.toml: first", None),
-        ];
-        let found = of("door.toml", &trail);
-        assert_eq!(found.iter().map(|line| line.number).collect::<Vec<_>>(), [5, 1]);
         let words = Words::read(None).expect("the program's own");
-        let page = shown(words.language(None, None), "door.toml", &found).into_string();
-        assert!(page.contains("eva · more rows") && page.contains("eva · first"), "{page}");
+        let versions = [NumberedEntry { number: 5, entry }];
+        let page = shown(words.language(None, None), "door.toml", &versions).into_string();
+        assert!(page.contains("eva · more rows"), "{page}");
         assert!(page.contains("<del>− rows = 3\n</del><ins>+ rows = 4 # &lt;b&gt;\n</ins>"), "{page}");
     }
 }

@@ -94,7 +94,7 @@ function showGrids() {
   const place = id("grids");
   if (!place) return;
   const cells = now.grids.map((name) => /^r(\d+)c(\d+)$/.exec(name)).filter(Boolean).map(([name, row, column]) => ({ name, row: +row, column: +column }));
-  const state = (name) => record.grids[name] ?? record.grids["*"] ?? "untested";
+  const state = (name) => record.grids[name] ?? "untested";
   const shown = JSON.stringify(cells.map(({ name }) => [name, state(name)]));
   if (place.dataset.shown === shown) return;
   place.dataset.shown = shown;

@@ -98,7 +98,7 @@ async fn nothing_goes_into_a_header() {
     let told = site.get(&Browser::default(), "/setup/recipe/a%22b").await;
     assert_eq!(
         told.headers.get("location").and_then(|value| value.to_str().ok()),
-        Some("/login?next=/setup/recipe/a%2522b")
+        Some("/login?next=%2Fsetup%2Frecipe%2Fa%2522b")
     );
 }
 

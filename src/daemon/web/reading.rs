@@ -1,0 +1,45 @@
+//! Reading the store for a page, beside the page's runtime.
+
+use super::guard::not_found;
+use super::layout::failed;
+use super::state::{Web, blocking};
+use super::visitor::Visitor;
+use crate::store::{Store, StoreError};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use std::sync::Arc;
+
+/// What a handler answers: a page, or in its place what went wrong.
+pub(super) type Answer = Result<Response, Response>;
+
+/// Reads the store. What is not there, or cannot be read, becomes the response.
+pub(super) async fn reading<T: Send + 'static>(
+    web: &Arc<Web>,
+    visitor: &Visitor,
+    read: impl FnOnce(&Store) -> Result<T, StoreError> + Send + 'static,
+) -> Result<T, Response> {
+    let shared = web.clone();
+    match blocking(move || shared.read(read)).await {
+        Some(Ok(read)) => Ok(read),
+        Some(Err(StoreError::UnknownCycle { .. })) => Err(not_found().await),
+        Some(Err(error)) => Err(failed(visitor, &error)),
+        None => Err(ended()),
+    }
+}
+
+/// Does work that may wait for a disk; what it could not do, in words, becomes the response.
+pub(super) async fn doing<T: Send + 'static>(
+    visitor: &Visitor,
+    work: impl FnOnce() -> Result<T, String> + Send + 'static,
+) -> Result<T, Response> {
+    match blocking(work).await {
+        Some(Ok(done)) => Ok(done),
+        Some(Err(problem)) => Err(failed(visitor, &problem)),
+        None => Err(ended()),
+    }
+}
+
+/// The thread that worked is gone: its panic is in the log.
+pub(super) fn ended() -> Response {
+    StatusCode::INTERNAL_SERVER_ERROR.into_response()
+}
