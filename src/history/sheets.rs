@@ -7,40 +7,53 @@ use super::query::Hit;
 use super::sheet::{Cell, Sheet};
 use super::summary::Summary;
 use super::trend::Trend;
-use crate::verdict::{Check, Limit, Reason};
+use crate::record::{CycleId, PartNames};
+use crate::verdict::{Check, Limit, Reason, Verdict};
 use crate::words::utc;
+
+/// What every row about a cycle begins with, up to its codes.
+const CYCLE: [&str; 11] = [
+    "cycle",
+    "started_utc",
+    "started_unix_s",
+    "ended_unix_s",
+    "panel",
+    "serial",
+    "order",
+    "operator",
+    "verdict",
+    "is_air_run",
+    "codes",
+];
+
+/// The first cells of such a row, up to the codes.
+fn cycle_cells(
+    (cycle, panel): (CycleId, &str),
+    (started_unix_s, ended_unix_s): (i64, Option<i64>),
+    part: &PartNames,
+    (verdict, is_air_run): (Option<Verdict>, bool),
+) -> Vec<Cell> {
+    vec![
+        cycle.0.into(),
+        utc(started_unix_s).into(),
+        started_unix_s.into(),
+        ended_unix_s.into(),
+        panel.into(),
+        part.serial.clone().into(),
+        part.order.clone().into(),
+        part.operator.clone().into(),
+        verdict.map(Verdict::word).into(),
+        is_air_run.into(),
+    ]
+}
 
 /// The cycles that a search found.
 pub fn hits_sheet(hits: &[Hit]) -> Sheet {
-    let columns = [
-        "cycle",
-        "started_utc",
-        "started_unix_s",
-        "ended_unix_s",
-        "panel",
-        "serial",
-        "order",
-        "operator",
-        "verdict",
-        "is_air_run",
-        "codes",
-        "reasons",
-    ];
-    Sheet::new(&columns).with(hits.iter().map(|hit| {
-        vec![
-            hit.cycle.0.into(),
-            utc(hit.started_unix_s).into(),
-            hit.started_unix_s.into(),
-            hit.ended_unix_s.into(),
-            hit.panel.as_str().into(),
-            hit.part.serial.clone().into(),
-            hit.part.order.clone().into(),
-            hit.part.operator.clone().into(),
-            hit.verdict.map(|verdict| verdict.word()).into(),
-            hit.is_air_run.into(),
-            codes(&hit.reasons).into(),
-            sentences(&hit.reasons).into(),
-        ]
+    Sheet::new(&[&CYCLE[..], &["reasons"]].concat()).with(hits.iter().map(|hit| {
+        let times_unix_s = (hit.started_unix_s, hit.ended_unix_s);
+        let mut row = cycle_cells((hit.cycle, &hit.panel), times_unix_s, &hit.part, (hit.verdict, hit.is_air_run));
+        row.extend([codes(&hit.reasons).into(), sentences(&hit.reasons).into()]);
+        row
     }))
 }
 
@@ -55,17 +68,6 @@ fn sentences(reasons: &[Reason]) -> String {
 /// Cycles at a glance, one in each row.
 pub fn summary_sheet(summaries: &[Summary]) -> Sheet {
     let columns = [
-        "cycle",
-        "started_utc",
-        "started_unix_s",
-        "ended_unix_s",
-        "panel",
-        "serial",
-        "order",
-        "operator",
-        "verdict",
-        "is_air_run",
-        "codes",
         "passes",
         "films_valid",
         "films_invalid",
@@ -84,24 +86,17 @@ pub fn summary_sheet(summaries: &[Summary]) -> Sheet {
         "disc_swept_mm2",
         "disc_worn_mm2",
     ];
-    Sheet::new(&columns).with(summaries.iter().map(summary_row))
+    Sheet::new(&[&CYCLE[..], &columns].concat()).with(summaries.iter().map(summary_row))
 }
 
 fn summary_row(summary: &Summary) -> Vec<Cell> {
     let value = |check: &Option<Check>| Cell::from(check.as_ref().and_then(|check| check.value));
     let limit = |check: &Option<Check>| Cell::from(check.as_ref().and_then(|check| check.limit.bound()));
     let grids = |grids: &Option<Vec<String>>| Cell::from(grids.as_ref().map(|grids| grids.join(" ")));
-    vec![
-        summary.cycle.0.into(),
-        utc(summary.started_unix_s).into(),
-        summary.started_unix_s.into(),
-        summary.ended_unix_s.into(),
-        summary.panel.as_str().into(),
-        summary.part.serial.clone().into(),
-        summary.part.order.clone().into(),
-        summary.part.operator.clone().into(),
-        summary.verdict.map(|verdict| verdict.word()).into(),
-        summary.is_air_run.into(),
+    let times_unix_s = (summary.started_unix_s, summary.ended_unix_s);
+    let (about, end) = ((summary.cycle, summary.panel.as_str()), (summary.verdict, summary.is_air_run));
+    let mut row = cycle_cells(about, times_unix_s, &summary.part, end);
+    row.extend([
         codes(&summary.reasons).into(),
         i64::from(summary.passes).into(),
         summary.films.valid.into(),
@@ -120,7 +115,8 @@ fn summary_row(summary: &Summary) -> Vec<Cell> {
         summary.simulated_s.into(),
         summary.disc.map(|disc| disc.swept_mm2).into(),
         summary.disc.map(|disc| disc.worn_mm2).into(),
-    ]
+    ]);
+    row
 }
 
 /// Two cycles side by side: inputs, checks and grids below each other, the kind of row first.

@@ -3,7 +3,7 @@
 use super::journal::progress;
 use super::*;
 use std::io::{BufRead, BufReader};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 const FOLDER: &str = "PANELPREP_TEST_APPENDS_TO";
 
@@ -21,6 +21,17 @@ fn appends_until_killed() {
     }
 }
 
+/// This test program once more as a process of its own, which does what one of its tests does in this folder.
+pub(super) fn until_killed(test: &str, (variable, folder): (&str, &Path)) -> Child {
+    Command::new(std::env::current_exe().expect("this program"))
+        .args(["--exact", test, "--ignored", "--nocapture"])
+        .env(variable, folder)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("a child")
+}
+
 #[test]
 fn a_killed_process_leaves_a_prefix_without_duplicates() {
     let (folder, store) = new_store();
@@ -28,13 +39,7 @@ fn a_killed_process_leaves_a_prefix_without_duplicates() {
     let path = folder.path().join("store");
     let mut before = 0;
     for kill in 0..10_u64 {
-        let mut child = Command::new(std::env::current_exe().expect("this program"))
-            .args(["--exact", "store::tests::killed::appends_until_killed", "--ignored", "--nocapture"])
-            .env(FOLDER, &path)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("a child");
+        let mut child = until_killed("store::tests::killed::appends_until_killed", (FOLDER, &path));
         let told = BufReader::new(child.stdout.take().expect("its output"));
         let mut acknowledged = None;
         for line in told.lines().map_while(Result::ok) {

@@ -1,6 +1,7 @@
 //! Signatures are whole or not there, and contradict what was changed afterwards.
 
 use super::super::{chain, head};
+use super::killed::until_killed;
 use super::*;
 use crate::record::{CycleId, Finding, Kind, PartNames};
 use crate::signing::{CellKey, Meaning};
@@ -8,7 +9,6 @@ use crate::verdict::{Judgement, Verdict};
 use std::io::{BufRead, BufReader};
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
-use std::process::{Command, Stdio};
 
 fn key() -> CellKey {
     CellKey::of_random(&[7; 32])
@@ -262,13 +262,7 @@ fn no_kill_leaves_half_a_record(kills: u64) {
             (folder, before, stores) = (tempfile::tempdir().expect("a folder"), 0, stores + 1);
         }
         let path = folder.path().join("store");
-        let mut child = Command::new(std::env::current_exe().expect("this program"))
-            .args(["--exact", "store::tests::signatures::signs_until_killed", "--ignored", "--nocapture"])
-            .env(FOLDER, &path)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("a child");
+        let mut child = until_killed("store::tests::signatures::signs_until_killed", (FOLDER, &path));
         let told = BufReader::new(child.stdout.take().expect("its output"));
         let mut signed = before;
         for line in told.lines().map_while(Result::ok) {
