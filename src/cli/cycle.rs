@@ -109,9 +109,6 @@ fn once(
     let how = Run { start: Live::start, simulation: args.simulation, request, record: args.record.as_deref() };
     let ran = one(&files, (&taught_recipe, &calibrated), how, progress)?;
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
-    sign(&files, progress);
-    // Once more, with its signature.
-    let ran = Ran { kept: Kept::read(&files.store()?, ran.kept.record.id)?, ..ran };
     ran.kept.write(files.cell.keep(), &page, ran.recorded.as_ref())?;
     let mut outcome = ran.outcome(ran.judgement());
     outcome.say(format!("page: {}", page.display()));
@@ -194,9 +191,12 @@ pub fn one(
     let recorded = recording.finish();
     let ended = ended.map_err(Fault::of_loop)?;
     let refused = once.refused;
+    drop(store);
+    // Before it is read back, so that its page shows the signature.
+    sign(files, progress);
     Ok(Ran {
         ended,
-        kept: Kept::read(&store, cycle)?,
+        kept: Kept::read(&files.store()?, cycle)?,
         refused,
         simulated: live.simulated,
         flange_link: live.flange_link,

@@ -173,7 +173,9 @@ impl Observation {
 
 /// Names of the checks that tell what no number of a film says alone.
 pub mod name {
-    pub use crate::record::name::{FILM_CHANGE, LIGHT_LEAST, LIGHT_MOST, WATCHED, broken_film, failed_after};
+    pub use crate::record::name::{
+        FILM_CHANGE, LIGHT_LEAST, LIGHT_MOST, SMALLEST_BREAK, WATCHED, broken_film, failed_after,
+    };
 
     /// Whether the dry panel was seen.
     pub const DRY_PICTURE: &str = "a picture of the dry panel";
@@ -273,7 +275,7 @@ impl Film<'_> {
             Check::new("outline from where the panel was found, in the dry picture", "px", off_px)
                 .at_most(MAX_OFF_PX, SetBy::Program)
                 .gives(off, Severity::Reject),
-            Check::new("smallest break that is surely found", "mm²", detection_limit_mm2)
+            Check::new(name::SMALLEST_BREAK, "mm²", detection_limit_mm2)
                 .at_most(self.demands.min_break_mm2, self.demands.min_break_set_by())
                 .gives(coarse, Severity::Reject),
         ]

@@ -3,7 +3,7 @@
 
 use super::advice::Advice;
 use super::film_advice::GridContrast;
-use super::gate::{Demands, MIN_CHANGE_LEVELS};
+use super::gate::{Demands, MIN_CHANGE_LEVELS, name};
 use super::place::too_coarse;
 use crate::verdict::{Check, Reason, SetBy, Severity};
 use crate::words::{apart, fixed};
@@ -46,7 +46,7 @@ impl Tuning {
         let worst = self.grids.iter().min_by(|a, b| a.best_to_noise().total_cmp(&b.best_to_noise()));
         let of_grid = worst.map(|grid| contrast(&format!("grid {}", grid.id), grid.best_to_noise()));
         let coarse = too_coarse(self.detection_limit_mm2, demands.min_break_mm2);
-        let detection = Check::new("smallest break that is surely found", "mm²", self.detection_limit_mm2)
+        let detection = Check::new(name::SMALLEST_BREAK, "mm²", self.detection_limit_mm2)
             .at_most(demands.min_break_mm2, demands.min_break_set_by())
             .gives(coarse, Severity::Review);
         let needed_s = self.needed_persist_s(demands);

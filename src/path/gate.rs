@@ -10,6 +10,7 @@ use super::planned::{Plan, ToolPath, Waypoint};
 use super::waypoint_gate::{Route, WaypointLimits, broken_by_route};
 use crate::geometry::{Base, Degrees, Panel, Rigid, Tool, Vector};
 use crate::recipe;
+use crate::record::name;
 use crate::verdict::{Check, Judgement, SetBy, Severity};
 use crate::words::{apart, fixed, percent_apart};
 use nalgebra::{Isometry3, Vector3};
@@ -161,7 +162,7 @@ fn coverage(plan: &Plan) -> Vec<Check> {
     });
     let all = [
         Check::new("coverage of these grids", "", plan.coverage),
-        Check::new("coverage of the worst of them", "", least).at_least(MIN_COVERAGE, SetBy::Program),
+        Check::new(name::COVERAGE, "", least).at_least(MIN_COVERAGE, SetBy::Program),
     ];
     all.into_iter().chain(short).collect()
 }
@@ -185,7 +186,7 @@ fn evenness(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
             }),
         Check::new("time under the disc, 5 % of the treated area", "s", plan.dwell.map(|dwell| dwell.low_s)),
         Check::new("time under the disc, 95 % of the treated area", "s", plan.dwell.map(|dwell| dwell.high_s)),
-        Check::new("their ratio, all together or the worst grid's", "", ratio.map(|(ratio, _)| ratio))
+        Check::new(name::DWELL_RATIO, "", ratio.map(|(ratio, _)| ratio))
             .at_most(settings.max_dwell_ratio(), SetBy::recipe("path.max_dwell_ratio"))
             .reviews("uneven", || {
                 let (ratio, grid) = ratio.unwrap_or((f64::NAN, None));

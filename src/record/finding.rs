@@ -80,6 +80,15 @@ pub mod name {
     /// The most light of a film against the dry picture's, %.
     pub const LIGHT_MOST: &str = "change of the light, most";
 
+    /// The smallest area of broken film that is surely found where the panel stands, mm².
+    pub const SMALLEST_BREAK: &str = "smallest break that is surely found";
+    /// Of a plan: the covered share of its worst grid.
+    pub const COVERAGE: &str = "coverage of the worst of them";
+    /// Of a plan: its longest dwell beside its shortest, over all grids or in the worst one.
+    pub const DWELL_RATIO: &str = "their ratio, all together or the worst grid's";
+    /// Of an abrasion: how far a reported position was off the planned path, at most, mm.
+    pub const OFF_PATH: &str = "farthest of them from the planned path";
+
     const BROKEN_FILM: &str = "broken film in ";
 
     /// The area of a grid on which the film broke, mm².

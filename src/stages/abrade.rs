@@ -94,7 +94,7 @@ impl Abraded {
                     )
                 },
             ),
-            Check::new("farthest of them from the planned path", "mm", off_mm)
+            Check::new(name::OFF_PATH, "mm", off_mm)
                 .at_most(allowed_mm, SetBy::Program)
                 .reviews("off_path", || {
                     let [off, allowed] = apart(off_mm, allowed_mm, 2);

@@ -270,7 +270,7 @@ mod tests {
         let query = form.query(PAGE).expect("a date");
         assert_eq!((query.serial.as_deref(), query.end), (Some("SN&1"), Some(End::Running)));
         assert_eq!((query.words.len(), query.panel), (2, None));
-        assert!(form.address().contains("part=%20SN%261%20&from=2026-05-31"), "{}", form.address());
+        assert!(form.address().contains("part=+SN%261+&from=2026-05-31"), "{}", form.address());
         assert!(SearchForm { to: "yesterday".to_owned(), ..form }.query(PAGE).is_err());
     }
 

@@ -274,8 +274,10 @@ fn time(record: &CycleRecord) -> String {
 fn criterion(record: &CycleRecord) -> String {
     let films = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
     let checks: Vec<&Check> = films.flat_map(|film| &film.checks).collect();
-    let area =
-        checks.iter().find(|check| check.name.starts_with("broken film in ")).and_then(|check| check.limit.bound());
+    let area = checks
+        .iter()
+        .find(|check| name::grid_of_broken_film(&check.name).is_some())
+        .and_then(|check| check.limit.bound());
     let watched = checks.iter().find(|check| check.name == name::WATCHED).and_then(|check| check.limit.bound());
     match (area, watched) {
         (Some(mm2), Some(s)) => {
@@ -335,21 +337,24 @@ fn attempts(record: &CycleRecord) -> Block {
 
 /// The numbers by which a reader judges the treatment; of a kind the last one.
 fn numbers(record: &CycleRecord) -> Block {
+    // In the record a check's name may lean on the one before it; here each stands by itself.
     let wanted = [
-        (Kind::Inspect, "smallest break that is surely found"),
-        (Kind::Locate, "residual, point to plane, rms"),
-        (Kind::Plan, "coverage of the worst of them"),
-        (Kind::Plan, "their ratio, all together or the worst grid's"),
-        (Kind::Plan, name::WORN_BY_A_GRID),
-        (Kind::Abrade, "farthest of them from the planned path"),
+        (Kind::Inspect, name::SMALLEST_BREAK, name::SMALLEST_BREAK),
+        (Kind::Locate, name::RESIDUAL, name::RESIDUAL),
+        (Kind::Plan, name::COVERAGE, "coverage, worst grid"),
+        (Kind::Plan, name::DWELL_RATIO, "longest to shortest dwell"),
+        (Kind::Plan, name::WORN_BY_A_GRID, name::WORN_BY_A_GRID),
+        (Kind::Abrade, name::OFF_PATH, "reported position off the planned path, largest"),
     ];
-    let last = |(kind, name): (Kind, &str)| {
+    let last = |(kind, name, label): (Kind, &str, &str)| {
         let findings = record.findings.iter().rev().filter(|finding| finding.kind == kind);
         let mut checks =
             findings.filter_map(|finding| Some((finding, finding.checks.iter().find(|it| it.name == name)?)));
         let (finding, check) = checks.next()?;
         let of = if finding.pass == 0 { String::new() } else { format!(", pass {}", finding.pass) };
-        Some(row(check, &format!(" ({}{of})", kind_word(kind))))
+        let mut row = row(check, "");
+        row[0] = format!("{label} ({}{of})", kind_word(kind));
+        Some(row)
     };
     Block {
         heading: "Numbers with their limits".to_owned(),
