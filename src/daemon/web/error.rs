@@ -17,7 +17,7 @@ pub enum PageError {
         source: std::io::Error,
     },
     /// A file.
-    #[error("{}: {problem}", path.display())]
+    #[error("the operator's page: {}: {problem}; [page] in the cell's file names what it uses", path.display())]
     File {
         /// The file.
         path: PathBuf,

@@ -35,6 +35,8 @@ use tokio_rustls::TlsAcceptor;
 const MOST_CONNECTIONS: usize = 512;
 /// The TLS handshake, and the head of each request, must come within this time.
 const PATIENCE: Duration = Duration::from_secs(10);
+/// An address that could not be had is tried again after this time.
+const AGAIN: Duration = Duration::from_secs(1);
 /// A peer that takes nothing for so long is gone.
 const GONE: Duration = Duration::from_secs(30);
 /// Threads that wait for the store's disk, hash passwords and encode pictures.
@@ -70,10 +72,11 @@ pub struct OperatorPage {
 }
 
 impl OperatorPage {
-    /// Serves the page; `None` where the cell's file names no address.
+    /// Serves the page; `None` where the cell's file names no address. An address that cannot be had now, since another program has
+    /// it or the network is not there, is tried again: the cell does not wait for its page.
     ///
     /// # Errors
-    /// Where the address, the certificate or the file of words cannot be used.
+    /// Where the certificate or the file of words cannot be used, or the system refuses.
     pub fn serve(parts: PageParts) -> Result<Option<Self>, PageError> {
         let PageParts { page, folder, gateway, view, setup, records } = parts;
         let Some(address) = page.listen else { return Ok(None) };
@@ -86,8 +89,16 @@ impl OperatorPage {
         let failed = |source| PageError::Listen { address, source };
         let mut builder = Builder::new_current_thread();
         let runtime = builder.enable_io().enable_time().max_blocking_threads(BLOCKING).build().map_err(failed)?;
-        let listener = runtime.block_on(TcpListener::bind(address)).map_err(failed)?;
-        let address = listener.local_addr().map_err(failed)?;
+        let (listener, address) = match runtime.block_on(TcpListener::bind(address)) {
+            Ok(listener) => {
+                let address = listener.local_addr().map_err(failed)?;
+                (Some(listener), address)
+            }
+            Err(source) => {
+                tracing::warn!("{}; it is tried again every second", failed(source));
+                (None, address)
+            }
+        };
         let (tell, live) = watch::channel(Arc::new(Live::default()));
         let frames = Arc::new(Frames::new(view));
         let is_tls = certificate.is_some();
@@ -113,7 +124,7 @@ impl OperatorPage {
         let serve = move || {
             step_back();
             runtime.spawn(live::follow(gateway, frames, tell));
-            run(&runtime, listener, (acceptor, router), ended);
+            run(&runtime, (listener, address), (acceptor, router), ended);
         };
         let thread = thread::Builder::new().name("page".to_owned()).spawn(serve).map_err(PageError::Thread)?;
         let url = format!("{}://{address}/", if is_tls { "https" } else { "http" });
@@ -150,16 +161,33 @@ fn step_back() {
 
 fn run(
     runtime: &Runtime,
-    listener: TcpListener,
+    (listener, address): (Option<TcpListener>, SocketAddr),
     (acceptor, router): (Option<TlsAcceptor>, Router),
     ended: oneshot::Receiver<()>,
 ) {
     runtime.block_on(async {
         tokio::select! {
-            () = accept(listener, acceptor, router) => {}
+            () = async {
+                let listener = match listener {
+                    Some(listener) => listener,
+                    None => bound(address).await,
+                };
+                accept(listener, acceptor, router).await;
+            } => {}
             _ = ended => {}
         }
     });
+}
+
+/// Tries until the address is free and the network is there, as after a power cut: the cell goes on without a page meanwhile.
+async fn bound(address: SocketAddr) -> TcpListener {
+    loop {
+        sleep(AGAIN).await;
+        if let Ok(listener) = TcpListener::bind(address).await {
+            tracing::info!("the operator's page is served at {address} now");
+            return listener;
+        }
+    }
 }
 
 async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Router) {

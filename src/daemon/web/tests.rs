@@ -2,12 +2,14 @@
 
 mod attacks;
 mod roles;
+mod served;
 mod sessions;
 
 use super::frame::Frames;
 use super::live_state::Live;
 use super::record_source::RecordSource;
 use super::routes;
+use super::server::PageParts;
 use super::setup_source::{Equipment, RecipeText, SetupSource};
 use super::state::{Web, WebParts};
 use super::words::Words;
@@ -81,6 +83,7 @@ impl RecordSource for Source {
 /// A page on a new store, with an account for each role.
 pub(super) struct Site {
     router: Router,
+    gateway: Gateway,
     pub asked: Arc<Mutex<Vec<String>>>,
     pub folder: TempDir,
 }
@@ -141,7 +144,9 @@ impl Site {
         thread::spawn(move || {
             loop {
                 let Some(CellRequest { what, who, reply }) = queue.next(Duration::from_secs(60)) else { return };
-                heard.lock().expect("whole").push(format!("{} by {who}", what.words()));
+                if !matches!(what, crate::daemon::request::What::State) {
+                    heard.lock().expect("whole").push(format!("{} by {who}", what.words()));
+                }
                 let done = Reply { state: Some("idle".to_owned()), ..Reply::refused(Exit::Done, vec![]) };
                 if let Some(reply) = reply {
                     drop(reply.send(done));
@@ -150,8 +155,9 @@ impl Site {
         });
         let loader = Arc::new(|_| Err(vec![Reason::new("bad_input", "no cell here")]));
         let (_, live) = tokio::sync::watch::channel(Arc::new(Live::default()));
+        let gateway = Gateway::new(sender, loader, None);
         let web = Web::new(WebParts {
-            gateway: Gateway::new(sender, loader, None),
+            gateway: gateway.clone(),
             live,
             frames: Arc::new(Frames::new(LiveView::default())),
             words: Words::read(None).expect("the program's own"),
@@ -165,7 +171,14 @@ impl Site {
         });
         let router = routes::router(&Arc::new(web));
         let from = ConnectInfo(SocketAddr::from(([127, 0, 0, 1], 5_000)));
-        Site { router: router.layer(axum::Extension(from)), asked, folder }
+        Site { router: router.layer(axum::Extension(from)), gateway, asked, folder }
+    }
+
+    /// The same page for its own server.
+    pub fn parts(&self, page: crate::cell::Page) -> PageParts {
+        let (folder, gateway) = (self.folder.path().join("store"), self.gateway.clone());
+        let (setup, records) = (Arc::new(Source), Arc::new(Source));
+        PageParts { page, folder, gateway, view: LiveView::default(), setup, records }
     }
 
     /// Sends a request with these headers.

@@ -1,0 +1,70 @@
+//! The page's own server: its address, and connections that keep it waiting.
+
+use super::Site;
+use crate::cell;
+use crate::daemon::web::server::{OperatorPage, PageParts};
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::time::{Duration, Instant};
+
+fn parts(site: &Site, listen: SocketAddr) -> PageParts {
+    let page = cell::Page {
+        listen: Some(listen),
+        certificate: None,
+        recipes: site.folder.path().to_owned(),
+        words: None,
+        idle_min: 30,
+        sessions: 3,
+    };
+    site.parts(page)
+}
+
+/// What is answered to the page of the cell; `None` where nobody answers.
+fn asked(address: SocketAddr) -> Option<String> {
+    let mut stream = TcpStream::connect(address).ok()?;
+    stream.set_read_timeout(Some(Duration::from_secs(20))).ok()?;
+    let request = format!("GET /login HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\n\r\n");
+    stream.write_all(request.as_bytes()).ok()?;
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).ok()?;
+    Some(answer)
+}
+
+#[test]
+fn an_address_that_is_taken_keeps_nobody_and_is_served_once_it_is_free() {
+    let site = Site::new();
+    let other = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = other.local_addr().expect("its address");
+    let page = OperatorPage::serve(parts(&site, address)).expect("it goes on").expect("an address");
+    drop(other);
+    let since = Instant::now();
+    while !asked(address).is_some_and(|answer| answer.starts_with("HTTP/1.1 200")) {
+        assert!(since.elapsed() < Duration::from_secs(30), "never served");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    drop(page);
+    assert_eq!(asked(address), None, "it ends with the service");
+}
+
+/// Two hundred requests without an end hold nobody up, and lose their places.
+#[test]
+fn slow_clients_hold_nobody_up() {
+    let site = Site::new();
+    let page = OperatorPage::serve(parts(&site, ([127, 0, 0, 1], 0).into())).expect("served").expect("an address");
+    let address: SocketAddr = page.url.trim_start_matches("http://").trim_end_matches('/').parse().expect("one");
+    let mut slow: Vec<TcpStream> = (0..200)
+        .map(|_| {
+            let mut stream = TcpStream::connect(address).expect("it listens");
+            stream.write_all(b"POST /request/stop HTTP/1.1\r\nhost: ").expect("sent");
+            stream
+        })
+        .collect();
+    let answer = asked(address).expect("answered beside them");
+    assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+    let stream = slow.last_mut().expect("one of them");
+    stream.set_read_timeout(Some(Duration::from_secs(30))).expect("set");
+    let mut rest = String::new();
+    stream.read_to_string(&mut rest).expect("it is ended");
+    assert!(!rest.contains("200 OK"), "{rest}");
+    assert_eq!(site.asked().iter().filter(|asked| asked.starts_with("stop")).count(), 0);
+}
