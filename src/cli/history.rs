@@ -8,7 +8,7 @@ use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::config::nearest;
-use crate::history::{self, Edge, End, Known, PastCycle, Quantity, Query, Sheet, Trend};
+use crate::history::{self, Edge, End, Known, PastCycle, Quantity, Query, Table, Trend};
 use crate::record::CycleId;
 use crate::store::Store;
 use crate::verdict::Verdict;
@@ -33,37 +33,37 @@ pub fn run(args: &History, common: &Common) -> Result<Outcome, Fault> {
         None => search(&store, args),
         Some(HistoryTask::Show { cycle }) => {
             let summary = history::summary(&past(&store, *cycle)?);
-            found(args, &summary, &history::summary_sheet(std::slice::from_ref(&summary)), told::summary(&summary))
+            found(args, &summary, &history::summary_table(std::slice::from_ref(&summary)), told::summary(&summary))
         }
         Some(HistoryTask::Compare { first, second }) => {
             let comparison = history::compare(&past(&store, *first)?, &past(&store, *second)?);
-            found(args, &comparison, &history::comparison_sheet(&comparison), told::comparison(&comparison))
+            found(args, &comparison, &history::comparison_table(&comparison), told::comparison(&comparison))
         }
         Some(HistoryTask::Trend { panel, name }) => {
             let trend = trend(&store, (panel, name), limit)?;
-            found(args, &trend, &history::trend_sheet(&trend), told::trend(&trend))
+            found(args, &trend, &history::trend_table(&trend), told::trend(&trend))
         }
         Some(HistoryTask::Heat { panel }) => {
             let map = history::heat_map(&cycles(&store, panel, limit)?);
-            found(args, &map, &history::heat_sheet(&map), told::heat(&map))
+            found(args, &map, &history::heat_table(&map), told::heat(&map))
         }
         Some(HistoryTask::Alarms { cycle }) => alarms(&store, args, cycle.map(CycleId)),
     }
 }
 
 /// What was found, in the form that was asked for; all of it as one object of JSON.
-fn found(args: &History, data: &impl Serialize, sheet: &Sheet, words: Vec<String>) -> Result<Outcome, Fault> {
+fn found(args: &History, data: &impl Serialize, table: &Table, words: Vec<String>) -> Result<Outcome, Fault> {
     let json = match serde_json::to_value(data).map_err(Fault::stage)? {
         Value::Object(object) => object,
         other => Map::from_iter([("rows".to_owned(), other)]),
     };
-    let words = if args.csv { vec![sheet.csv().map_err(Fault::stage)?.trim_end().to_owned()] } else { words };
+    let words = if args.csv { vec![table.csv().map_err(Fault::stage)?.trim_end().to_owned()] } else { words };
     Ok(Outcome { exit: 0, json, words })
 }
 
 fn search(store: &Store, args: &History) -> Result<Outcome, Fault> {
     let hits = store.search(&query(&args.search, usize::from(args.limit))?).map_err(Fault::stage)?;
-    found(args, &hits, &history::hits_sheet(&hits.hits), told::hits(&hits))
+    found(args, &hits, &history::hits_table(&hits.hits), told::hits(&hits))
 }
 
 fn query(search: &SearchArguments, limit: usize) -> Result<Query, Fault> {
@@ -156,5 +156,5 @@ fn alarms(store: &Store, args: &History, cycle: Option<CycleId>) -> Result<Outco
     }
     all.sort_by_key(|alarm| std::cmp::Reverse((alarm.raised_unix_ms, alarm.cycle)));
     let words = told::alarms(&all);
-    found(args, &serde_json::json!({ "alarms": all }), &history::alarm_sheet(&all), words)
+    found(args, &serde_json::json!({ "alarms": all }), &history::alarm_table(&all), words)
 }

@@ -7,7 +7,7 @@ use super::reading::{Answer, ended, reading};
 use super::state::{Web, blocking, entry};
 use super::words::Language;
 use crate::accounts::{AuditEntry, Permission};
-use crate::history::{Acknowledgement, Alarm, Priority, Query, alarm_sheet};
+use crate::history::{Acknowledgement, Alarm, Priority, Query, alarm_table};
 use crate::record::CycleId;
 use crate::store::{Store, StoreError};
 use axum::extract::State;
@@ -61,7 +61,7 @@ async fn listed(State(web): State<Arc<Web>>, Extension(visitor): By, as_what: Fo
             };
             frame.page(&body(words, &alarms, visitor.may(Permission::Acknowledge)))
         }
-        Form::Csv => downloads::csv(&visitor, "alarms", &alarm_sheet(&alarms)),
+        Form::Csv => downloads::csv(&visitor, "alarms", &alarm_table(&alarms)),
         Form::Json => downloads::json(&json!({ "alarms": alarms })),
     })
 }

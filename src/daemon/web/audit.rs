@@ -6,7 +6,7 @@ use super::layout::{Frame, local};
 use super::reading::{Answer, reading};
 use super::state::Web;
 use crate::accounts::Role;
-use crate::history::Sheet;
+use crate::history::Table;
 use crate::store::NumberedEntry;
 use axum::Extension;
 use axum::extract::{Query, State};
@@ -66,12 +66,12 @@ pub(super) async fn page(
 /// All of it as a file.
 pub(super) async fn csv(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
     let lines = reading(&web, &visitor, |store| store.audit(None, FILE)).await?;
-    Ok(downloads::csv(&visitor, "audit", &sheet(&lines)))
+    Ok(downloads::csv(&visitor, "audit", &table(&lines)))
 }
 
-fn sheet(lines: &[NumberedEntry]) -> Sheet {
+fn table(lines: &[NumberedEntry]) -> Table {
     let columns = ["number", "unix_ms", "who", "role", "from", "what", "subject", "before", "after", "refused"];
-    Sheet::new(&columns).with(lines.iter().map(|NumberedEntry { number, entry }| {
+    Table::new(&columns).with(lines.iter().map(|NumberedEntry { number, entry }| {
         vec![
             (*number).into(),
             entry.unix_ms.into(),
@@ -105,7 +105,7 @@ mod tests {
             after: Some("a,\"b\"".to_owned()),
             refused: None,
         };
-        let csv = sheet(&[NumberedEntry { number: 3, entry }]).csv().expect("written");
+        let csv = table(&[NumberedEntry { number: 3, entry }]).csv().expect("written");
         let row = csv.lines().nth(1).map(str::to_owned);
         assert_eq!(row.as_deref(), Some("3,7,anna,operator,10.0.0.1,log in,'=cmd(),,\"a,\"\"b\"\"\","));
     }

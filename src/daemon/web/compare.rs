@@ -8,7 +8,7 @@ use super::reading::{Answer, reading};
 use super::state::Web;
 use super::visitor::Visitor;
 use super::words::Language;
-use crate::history::{CheckPair, Comparison, compare, comparison_sheet};
+use crate::history::{CheckPair, Comparison, compare, comparison_table};
 use crate::record::CycleId;
 use crate::report::shown;
 use crate::store::Store;
@@ -50,7 +50,7 @@ async fn compared(
     let comparison = reading(&web, &visitor, read).await?;
     Ok(match as_what {
         Form::Page => framed(&visitor, &body(visitor.language(), &comparison)),
-        Form::Csv => downloads::csv(&visitor, &format!("cycles-{first}-{second}"), &comparison_sheet(&comparison)),
+        Form::Csv => downloads::csv(&visitor, &format!("cycles-{first}-{second}"), &comparison_table(&comparison)),
         Form::Json => downloads::json(&comparison),
     })
 }

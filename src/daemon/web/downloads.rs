@@ -2,7 +2,7 @@
 
 use super::layout::failed;
 use super::visitor::Visitor;
-use crate::history::Sheet;
+use crate::history::Table;
 use axum::Json;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
@@ -16,9 +16,9 @@ pub(super) enum Form {
     Json,
 }
 
-/// A sheet as a file of this name, without its ending.
-pub(super) fn csv(visitor: &Visitor, name: &str, sheet: &Sheet) -> Response {
-    match sheet.csv() {
+/// A table as a file of this name, without its ending.
+pub(super) fn csv(visitor: &Visitor, name: &str, table: &Table) -> Response {
+    match table.csv() {
         Ok(text) => {
             let name = format!("attachment; filename=\"{name}.csv\"");
             (

@@ -7,7 +7,7 @@ use super::reading::{Answer, reading};
 use super::state::Web;
 use super::visitor::Visitor;
 use super::words::Language;
-use crate::history::{DateError, Edge, End, Hit, Hits, Query, hits_sheet, unix_s};
+use crate::history::{DateError, Edge, End, Hit, Hits, Query, hits_table, unix_s};
 use crate::record::CycleId;
 use crate::verdict::{Reason, Verdict};
 use axum::Extension;
@@ -113,7 +113,7 @@ async fn searched(
     let hits = reading(&web, &visitor, move |store| store.search(&query)).await?;
     Ok(match as_what {
         Form::Page => framed(&visitor, &body(visitor.language(), &form, &hits, None)),
-        Form::Csv => downloads::csv(&visitor, "cycles", &hits_sheet(&hits.hits)),
+        Form::Csv => downloads::csv(&visitor, "cycles", &hits_table(&hits.hits)),
         Form::Json => downloads::json(&hits),
     })
 }

@@ -7,7 +7,7 @@ use super::reading::{Answer, reading};
 use super::state::Web;
 use super::visitor::Visitor;
 use super::words::Language;
-use crate::history::{HeatMap, Known, Quantity, Trend, heat_map, heat_sheet, trend, trend_sheet};
+use crate::history::{HeatMap, Known, Quantity, Trend, heat_map, heat_table, trend, trend_table};
 use crate::report::{ChartWords, heat_chart, shown, trend_chart};
 use crate::store::{Store, StoreError};
 use crate::words::utc;
@@ -94,7 +94,7 @@ pub(super) async fn page(
 
 pub(super) async fn csv(State(web): State<Arc<Web>>, Extension(visitor): By, Query(asked): Query<Asked>) -> Answer {
     let shown = read(&web, &visitor, asked).await?;
-    Ok(downloads::csv(&visitor, "trend", &trend_sheet(&shown.trend)))
+    Ok(downloads::csv(&visitor, "trend", &trend_table(&shown.trend)))
 }
 
 pub(super) async fn json(
@@ -111,7 +111,7 @@ pub(super) async fn heat_csv(
     Query(asked): Query<Asked>,
 ) -> Answer {
     let shown = read(&web, &visitor, asked).await?;
-    Ok(downloads::csv(&visitor, "grids", &heat_sheet(&shown.heat)))
+    Ok(downloads::csv(&visitor, "grids", &heat_table(&shown.heat)))
 }
 
 pub(super) async fn heat_json(

@@ -122,11 +122,11 @@ fn an_acknowledgement_is_of_one_raising() {
     assert_eq!((all[0].priority, all[0].is_active()), (Priority::Medium, false));
     let (unknown, times) = past(vec![gave(Kind::Locate, &["of_an_earlier_program"])], &[]);
     assert_eq!(alarms(&unknown, &times, &[])[0].priority, Priority::Medium, "what is not known is not overlooked");
-    let sheet = alarm_sheet(&all).csv().expect("written");
+    let table = alarm_table(&all).csv().expect("written");
     assert!(
-        sheet.lines().nth(1).is_some_and(
+        table.lines().nth(1).is_some_and(
             |line| line.starts_with("1970-01-01 00:16:50 UTC,1010000,1020000,medium,low_overlap,1,locate,")
         ),
-        "{sheet}"
+        "{table}"
     );
 }

@@ -175,12 +175,12 @@ fn every_quantity_has_a_word_that_names_it() {
     assert_eq!(Known::words().len(), 16);
 }
 
-/// Each sheet is as wide as its names say, which the writer of CSV holds it to.
+/// Each table is as wide as its names say, which the writer of CSV holds it to.
 #[test]
-fn everything_is_a_sheet() {
+fn everything_is_a_table() {
     let cycles = [cycle(1, 0.06, &[("r1c2", 5.1)], &[]), cycle(2, 0.06, &[], &[])];
     let told = cycles.each_ref().map(summary);
-    let text = summary_sheet(&told).csv().expect("written");
+    let text = summary_table(&told).csv().expect("written");
     let rows: Vec<&str> = text.lines().collect();
     assert!(rows[0].starts_with("cycle,started_utc,") && rows[0].contains(",localization_residual_mm,"));
     assert!(
@@ -190,14 +190,14 @@ fn everything_is_a_sheet() {
         "{}",
         rows[1]
     );
-    let compared = comparison_sheet(&compare(&cycles[0], &cycles[1])).csv().expect("written");
+    let compared = comparison_table(&compare(&cycles[0], &cycles[1])).csv().expect("written");
     assert!(
         compared
             .contains("check,locate,0,\"residual, point to plane, rms\",mm,0.06,0.06,0,at most 0.25,at most 0.25"),
         "{compared}"
     );
     assert!(compared.contains("input,,,recipe,,aa,aa,same,,"), "{compared}");
-    let heat = heat_sheet(&heat_map(&cycles)).csv().expect("written");
+    let heat = heat_table(&heat_map(&cycles)).csv().expect("written");
     assert!(heat.contains("r1c2,1,2,2,1,5.1"), "{heat}");
     let hit = Hit {
         cycle: CycleId(7),
@@ -210,11 +210,11 @@ fn everything_is_a_sheet() {
         reasons: vec![Reason::new("a_b", "words"), Reason::new("c", "more")],
     };
     assert!(
-        hits_sheet(&[hit])
+        hits_table(&[hit])
             .csv()
             .expect("written")
             .contains("7,1970-01-01 00:00:00 UTC,0,,wing,,,,,true,a_b c,words; more")
     );
-    let trend = trend_sheet(&trend(&Quantity::named("passes"), &cycles)).csv().expect("written");
+    let trend = trend_table(&trend(&Quantity::named("passes"), &cycles)).csv().expect("written");
     assert!(trend.starts_with("cycle,at_utc,at_unix_s,serial,value,limit,hints\r\n1,"), "{trend}");
 }

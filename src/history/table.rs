@@ -20,23 +20,23 @@ pub enum Cell {
 
 /// Rows below the names of their columns; units stand in the names.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sheet {
+pub struct Table {
     /// The names.
     pub columns: Vec<String>,
     /// The rows, each as long as the names.
     pub rows: Vec<Vec<Cell>>,
 }
 
-impl Sheet {
-    /// A sheet with these columns and no rows so far.
+impl Table {
+    /// A table with these columns and no rows so far.
     pub fn new(columns: &[&str]) -> Self {
-        Sheet { columns: columns.iter().map(|&name| name.to_owned()).collect(), rows: Vec::new() }
+        Table { columns: columns.iter().map(|&name| name.to_owned()).collect(), rows: Vec::new() }
     }
 
-    /// The same sheet with these rows.
+    /// The same table with these rows.
     #[must_use]
     pub fn with(self, rows: impl IntoIterator<Item = Vec<Cell>>) -> Self {
-        Sheet { rows: rows.into_iter().collect(), ..self }
+        Table { rows: rows.into_iter().collect(), ..self }
     }
 
     /// As CSV (RFC 4180), in UTF-8.
@@ -118,8 +118,8 @@ mod tests {
     fn a_sheet_is_csv_that_reads_back_and_executes_nothing() {
         let row =
             vec![Cell::from("=HYPERLINK(\"x\")"), Cell::from(0.1 + 0.2), Cell::Empty, Cell::from("a, \"b\"\nc")];
-        let sheet = Sheet::new(&["serial", "residual_mm", "error_mm", "reason"]).with([row]);
-        let text = sheet.csv().expect("written");
+        let table = Table::new(&["serial", "residual_mm", "error_mm", "reason"]).with([row]);
+        let text = table.csv().expect("written");
         assert_eq!(
             text,
             "serial,residual_mm,error_mm,reason\r\n\"'=HYPERLINK(\"\"x\"\")\",0.30000000000000004,,\"a, \"\"b\"\"\nc\"\r\n"
@@ -127,6 +127,6 @@ mod tests {
         let mut reader = csv::Reader::from_reader(text.as_bytes());
         let read = reader.records().next().expect("a row").expect("CSV");
         assert_eq!(read.get(1).and_then(|cell| cell.parse().ok()), Some(0.1 + 0.2));
-        assert!(Sheet::new(&["a", "b"]).with([vec![Cell::Empty]]).csv().is_err(), "a row that is too short");
+        assert!(Table::new(&["a", "b"]).with([vec![Cell::Empty]]).csv().is_err(), "a row that is too short");
     }
 }

@@ -1,11 +1,11 @@
-//! What the history shows, as sheets: the columns of each.
+//! What the history shows, as tables: the columns of each.
 
 use super::alarms::Alarm;
 use super::compare::Comparison;
 use super::heat::HeatMap;
 use super::query::Hit;
-use super::sheet::{Cell, Sheet};
 use super::summary::Summary;
+use super::table::{Cell, Table};
 use super::trend::Trend;
 use crate::record::{CycleId, PartNames};
 use crate::verdict::{Check, Limit, Reason, Verdict};
@@ -48,8 +48,8 @@ fn cycle_cells(
 }
 
 /// The cycles that a search found.
-pub fn hits_sheet(hits: &[Hit]) -> Sheet {
-    Sheet::new(&[&CYCLE[..], &["reasons"]].concat()).with(hits.iter().map(|hit| {
+pub fn hits_table(hits: &[Hit]) -> Table {
+    Table::new(&[&CYCLE[..], &["reasons"]].concat()).with(hits.iter().map(|hit| {
         let times_unix_s = (hit.started_unix_s, hit.ended_unix_s);
         let mut row = cycle_cells((hit.cycle, &hit.panel), times_unix_s, &hit.part, (hit.verdict, hit.is_air_run));
         row.extend([codes(&hit.reasons).into(), sentences(&hit.reasons).into()]);
@@ -66,7 +66,7 @@ fn sentences(reasons: &[Reason]) -> String {
 }
 
 /// Cycles at a glance, one in each row.
-pub fn summary_sheet(summaries: &[Summary]) -> Sheet {
+pub fn summary_table(summaries: &[Summary]) -> Table {
     let columns = [
         "passes",
         "films_valid",
@@ -86,7 +86,7 @@ pub fn summary_sheet(summaries: &[Summary]) -> Sheet {
         "disc_swept_mm2",
         "disc_worn_mm2",
     ];
-    Sheet::new(&[&CYCLE[..], &columns].concat()).with(summaries.iter().map(summary_row))
+    Table::new(&[&CYCLE[..], &columns].concat()).with(summaries.iter().map(summary_row))
 }
 
 fn summary_row(summary: &Summary) -> Vec<Cell> {
@@ -120,7 +120,7 @@ fn summary_row(summary: &Summary) -> Vec<Cell> {
 }
 
 /// Two cycles side by side: inputs, checks and grids below each other, the kind of row first.
-pub fn comparison_sheet(comparison: &Comparison) -> Sheet {
+pub fn comparison_table(comparison: &Comparison) -> Table {
     let columns =
         ["what", "phase", "pass", "name", "unit", "first", "second", "difference", "limit_first", "limit_second"];
     let plain = |what: &str, name: &str, values: [Cell; 2], difference: Cell| {
@@ -156,7 +156,7 @@ pub fn comparison_sheet(comparison: &Comparison) -> Sheet {
         let is_same = pair.cycles[0] == pair.cycles[1];
         plain("grid", &pair.grid, words, if is_same { "same" } else { "differs" }.into())
     });
-    Sheet::new(&columns).with(inputs.chain(checks).chain(grids))
+    Table::new(&columns).with(inputs.chain(checks).chain(grids))
 }
 
 fn limit_cell(limit: Limit) -> Cell {
@@ -169,13 +169,13 @@ fn limit_cell(limit: Limit) -> Cell {
 }
 
 /// A number over time; a hint stands in the row of its value.
-pub fn trend_sheet(trend: &Trend) -> Sheet {
+pub fn trend_table(trend: &Trend) -> Table {
     let value = match trend.unit.as_str() {
         "" => "value".to_owned(),
         unit => format!("value [{unit}]"),
     };
     let columns = ["cycle", "at_utc", "at_unix_s", "serial", &value, "limit", "hints"];
-    Sheet::new(&columns).with(trend.points.iter().enumerate().map(|(at, point)| {
+    Table::new(&columns).with(trend.points.iter().enumerate().map(|(at, point)| {
         let hints = trend.hints.iter().filter(|hint| hint.at == at).map(|hint| hint.rule.words());
         vec![
             point.cycle.map(|cycle| cycle.0).into(),
@@ -190,9 +190,9 @@ pub fn trend_sheet(trend: &Trend) -> Sheet {
 }
 
 /// Every grid over many cycles.
-pub fn heat_sheet(map: &HeatMap) -> Sheet {
+pub fn heat_table(map: &HeatMap) -> Table {
     let columns = ["grid", "row", "column", "films", "breaks", "median_time_to_break_s"];
-    Sheet::new(&columns).with(map.grids.iter().map(|cell| {
+    Table::new(&columns).with(map.grids.iter().map(|cell| {
         vec![
             cell.grid.as_str().into(),
             i64::from(cell.row).into(),
@@ -205,7 +205,7 @@ pub fn heat_sheet(map: &HeatMap) -> Sheet {
 }
 
 /// Alarms, each with its times, cause and remedy.
-pub fn alarm_sheet(alarms: &[Alarm]) -> Sheet {
+pub fn alarm_table(alarms: &[Alarm]) -> Table {
     let columns = [
         "raised_utc",
         "raised_unix_ms",
@@ -220,7 +220,7 @@ pub fn alarm_sheet(alarms: &[Alarm]) -> Sheet {
         "acknowledged_by",
         "acknowledged_unix_ms",
     ];
-    Sheet::new(&columns).with(alarms.iter().map(|alarm| {
+    Table::new(&columns).with(alarms.iter().map(|alarm| {
         vec![
             utc(alarm.raised_unix_ms.div_euclid(1_000)).into(),
             alarm.raised_unix_ms.into(),
