@@ -214,7 +214,7 @@ mod tests {
         let film = |verdict, seen: &[&str], failed: &[&str]| {
             let checks = ["r1c1", "r1c2", "r1c3"].map(|grid| {
                 let value = seen.contains(&grid).then_some(1.0);
-                Check::new(&name::broken_film(grid), "mm²", value)
+                Check::new(name::broken_film(grid), "mm²", value)
             });
             finding(Kind::Inspect, verdict).detail("failed", failed.to_vec()).with(checks)
         };
