@@ -1,6 +1,7 @@
 //! The page as HTML, as the first of a cycle's pages; the browser prints it on one sheet of A4.
 
-use super::content::{Block, Sheet};
+use super::blocks::Block;
+use super::content::Sheet;
 use super::grids::{GridMap, GridState};
 use maud::{Markup, PreEscaped, html as markup};
 

@@ -1,6 +1,7 @@
 //! Where each text, line and picture of the PDF stands: a list of marks for each page, in points from its top left corner.
 
-use super::content::{Block, Sheet};
+use super::blocks::Block;
+use super::content::Sheet;
 use super::grids::{GridMap, GridState};
 use ttf_parser::{Face, FaceParsingError};
 

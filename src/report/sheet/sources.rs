@@ -1,0 +1,71 @@
+//! What the page is made from.
+
+use crate::recipe::Recipe;
+use crate::record::{CycleRecord, PartNames};
+
+/// What the page is made from.
+#[derive(Debug, Clone, Copy)]
+pub struct Sources<'s> {
+    /// The cycle.
+    pub record: &'s CycleRecord,
+    /// Its part; `None` where none was named.
+    pub part: Option<&'s PartNames>,
+    /// Its recipe; `None` where what was kept of it is missing.
+    pub recipe: Option<&'s Recipe>,
+    /// What measured.
+    pub equipment: &'s [Equipment],
+    /// Earlier cycles that abraded the same part; `None` where no serial number was named.
+    pub earlier: Option<&'s [EarlierCycle]>,
+    /// Who signed, in order.
+    pub signatures: &'s [Signatory],
+}
+
+/// A camera, a tool or a mount with its calibration.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Equipment {
+    /// What it is, such as "scanner, lens".
+    pub what: String,
+    /// Its serial number; `None` where its calibration names none.
+    pub serial: Option<String>,
+    /// The day of its calibration.
+    pub calibrated: Option<String>,
+    /// SHA-256 of the calibration file.
+    pub hash: String,
+    /// The last verification before the cycle; `None` where there is none.
+    pub verified: Option<LastVerification>,
+}
+
+/// A verification against a known target, in words.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LastVerification {
+    /// The day.
+    pub day: String,
+    /// The error found and what was allowed.
+    pub error: String,
+}
+
+/// An earlier cycle that abraded the same part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EarlierCycle {
+    /// Its number.
+    pub cycle: i64,
+    /// When it began, s since 1970.
+    pub started_unix_s: i64,
+    /// Its passes.
+    pub passes: usize,
+}
+
+/// A signature, as it is printed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Signatory {
+    /// The printed name.
+    pub name: String,
+    /// The time.
+    pub time: String,
+    /// What it means.
+    pub meaning: String,
+    /// Its number on the chain of signed records, and the record's hash.
+    pub bound: String,
+    /// A person who says whether the part is released.
+    pub decides: bool,
+}
