@@ -17,11 +17,11 @@ pub mod supervision;
 pub mod verdict;
 pub mod words;
 
+pub mod accounts;
 pub mod cycle;
 pub mod geometry;
 pub mod krl;
 
-pub mod accounts;
 pub mod cell;
 pub mod eki;
 pub mod files;

@@ -1,6 +1,8 @@
 //! Roles, and what each of them may do.
 
+use crate::config::Choice;
 use serde::{Deserialize, Serialize};
+use strum::VariantArray;
 
 /// What a person may do at the cell.
 #[derive(
@@ -54,6 +56,11 @@ pub enum Permission {
 }
 
 impl Role {
+    /// The roles that may do it.
+    pub fn allowed(permission: Permission) -> impl Iterator<Item = Role> {
+        Role::VARIANTS.iter().copied().filter(move |role| role.may(permission))
+    }
+
     /// Its word, as it is kept.
     pub fn word(self) -> &'static str {
         self.into()
@@ -72,18 +79,25 @@ impl Role {
     }
 }
 
+impl Choice for Role {
+    const WORDS: &'static [(&'static str, Self)] = &[
+        ("viewer", Role::Viewer),
+        ("operator", Role::Operator),
+        ("inspector", Role::Inspector),
+        ("engineer", Role::Engineer),
+        ("administrator", Role::Administrator),
+    ];
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use strum::VariantArray;
 
     /// Two people for two things: who changes accounts neither runs the cell nor signs, and who signs neither runs cycles
     /// nor changes recipes.
     #[test]
     fn duties_are_separate() {
-        let all = |permission| -> Vec<&str> {
-            Role::VARIANTS.iter().filter(|role| role.may(permission)).map(|role| role.word()).collect()
-        };
+        let all = |permission| -> Vec<&str> { Role::allowed(permission).map(Role::word).collect() };
         assert_eq!(all(Permission::View), ["viewer", "operator", "inspector", "engineer", "administrator"]);
         assert_eq!(all(Permission::Operate), ["operator", "engineer"]);
         assert_eq!(all(Permission::Accept), ["operator", "inspector", "engineer"]);
@@ -98,6 +112,7 @@ mod tests {
     fn words_read_back() {
         for role in Role::VARIANTS {
             assert_eq!(role.word().parse(), Ok(*role));
+            assert!(Role::WORDS.contains(&(role.word(), *role)), "{role:?}");
         }
     }
 }

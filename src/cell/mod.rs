@@ -43,6 +43,7 @@ pub use rough::RoughMounts;
 pub use zivid::ZividCamera;
 pub use zivid_settings::{Mains, ZividSettings, ZividUse};
 
+use crate::accounts::Role;
 use crate::config::{self, Problems, Section};
 use crate::geometry::Joints;
 use std::collections::BTreeMap;
@@ -104,6 +105,7 @@ pub struct Cell {
     keep: Keep,
     record_key: Option<PathBuf>,
     socket: Option<PathBuf>,
+    socket_role: Option<Role>,
     scanner: Camera<ZividCamera>,
     flange_camera: Camera<Gige>,
     robot: Robot,
@@ -117,9 +119,10 @@ pub struct Cell {
 }
 
 /// The keys at the top of a cell's file, by which it is distinguished from other files.
-pub const CELL_KEYS: [&str; 13] = [
+pub const CELL_KEYS: [&str; 14] = [
     "store",
     "socket",
+    "socket_role",
     "scanner",
     "flange_camera",
     "robot",
@@ -146,6 +149,7 @@ impl Cell {
     fn take(folder: &Path, top: &Section<'_, '_>) -> Option<Self> {
         let store = keep::take_store(top);
         let socket = top.take::<Option<String>>("socket", (), Some(None));
+        let socket_role = top.take::<Option<Role>>("socket_role", (), Some(None));
         let scanner = devices::take_camera(folder, &top.section("scanner"), zivid::kind(folder));
         let flange_camera = devices::take_camera(folder, &top.section("flange_camera"), gige::KIND);
         let robot = devices::take_robot(&top.section("robot"));
@@ -163,6 +167,7 @@ impl Cell {
             keep: store.keep,
             record_key: store.record_key.map(|name| folder.join(name)),
             socket: socket?.map(|name| folder.join(name)),
+            socket_role: socket_role?,
             scanner: scanner?,
             flange_camera: flange_camera?,
             robot: robot?,
@@ -194,6 +199,11 @@ impl Cell {
     /// The service's socket, where the file names one; else it lies in the store.
     pub fn socket(&self) -> Option<&Path> {
         self.socket.as_deref()
+    }
+
+    /// The role of whoever the socket's group lets in; without it they may request everything that the socket offers.
+    pub fn socket_role(&self) -> Option<Role> {
+        self.socket_role
     }
 
     /// The fixed 3D camera.

@@ -69,7 +69,8 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let lent = Some(cameras.clone());
     let gateway = Gateway::new(sender, loader, lent.clone());
     let view = LiveView::default();
-    let socket = Socket::listen(&path, gateway.clone(), &supervisor).map_err(Fault::stage)?;
+    let socket =
+        Socket::listen(&path, files.cell.socket_role(), gateway.clone(), &supervisor).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
     let page = operator_page(&files, gateway, view.clone())?;
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
@@ -145,7 +146,7 @@ fn opened(files: &CellFiles, (sender, queue): (&RequestSender, &RequestQueue)) -
     };
     let refuse: Arc<Loader> = Arc::new(move |_: StartRequest| Err(vec![Reason::new("disk_full", full.clone())]));
     let gateway = Gateway::new(sender.clone(), refuse, None);
-    let socket = Socket::listen(&files.socket(), gateway, &Supervisor::default());
+    let socket = Socket::listen(&files.socket(), files.cell.socket_role(), gateway, &Supervisor::default());
     if let Err(error) = &socket {
         tracing::warn!("nobody can ask meanwhile: {error}");
     }

@@ -9,6 +9,7 @@
 //! was read goes to the `gateway`, which queues it by its urgency and reads recipes on a thread of their own.
 
 mod places;
+mod role;
 
 use super::caller;
 use super::gateway::Gateway;
@@ -16,10 +17,12 @@ use super::lending::{self, SharedCameras, ShotRequest};
 use super::protocol::{MOST_BYTES, MOST_SHORT_BYTES, ProtocolError, may_be_long, read_request};
 use super::reply::{Exit, Reply};
 use super::request::What;
+use crate::accounts::Role;
 use crate::record::Who;
 use crate::supervision::{Supervised, Supervisor, supervised};
 use crate::verdict::Reason;
 use places::{Place, Places};
+use role::Rule;
 use std::fs::{self, Permissions};
 use std::io::ErrorKind;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
@@ -80,11 +83,17 @@ pub struct Socket {
 }
 
 impl Socket {
-    /// Listens, and hands what is requested to the gateway. The supervisor watches its thread.
+    /// Listens, and hands what is requested to the gateway. The supervisor watches its thread. Users whom the socket's group lets in
+    /// have this role; without one they may request everything.
     ///
     /// # Errors
     /// Where somebody answers on this socket already, the file is another, or the system refuses.
-    pub fn listen(path: &Path, gateway: Gateway, supervisor: &Supervisor) -> Result<Self, SocketError> {
+    pub fn listen(
+        path: &Path,
+        role: Option<Role>,
+        gateway: Gateway,
+        supervisor: &Supervisor,
+    ) -> Result<Self, SocketError> {
         let failed = |doing| {
             let path = path.to_owned();
             move |source| SocketError::System { doing, path, source }
@@ -102,7 +111,7 @@ impl Socket {
             UnixListener::from_std(listener).map_err(failed("serve"))?
         };
         let thread = thread::Builder::new().name("socket".to_owned());
-        thread.spawn(move || serve(&runtime, &served, &gateway, &sign)).map_err(failed("serve"))?;
+        thread.spawn(move || serve(&runtime, &served, (&gateway, role), &sign)).map_err(failed("serve"))?;
         supervisor.watch(watched);
         Ok(socket)
     }
@@ -138,8 +147,9 @@ fn clear_the_way(path: &Path) -> Result<(), SocketError> {
     }
 }
 
-fn serve(runtime: &Runtime, listener: &UnixListener, gateway: &Gateway, sign: &Supervised) {
+fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway, Option<Role>), sign: &Supervised) {
     let places = Places::default();
+    let service_uid = rustix::process::geteuid().as_raw();
     #[expect(
         clippy::let_underscore_must_use,
         reason = "where it is not permitted, the system shares the processors out as it does among all"
@@ -159,7 +169,8 @@ fn serve(runtime: &Runtime, listener: &UnixListener, gateway: &Gateway, sign: &S
                 Ok((stream, _)) => {
                     let who = caller::at_socket(&stream);
                     let place = places.take(who.uid);
-                    tokio::spawn(attend(stream, who, place, gateway.clone()));
+                    let rule = Rule { role, service_uid };
+                    tokio::spawn(attend((stream, who), place, gateway.clone(), rule));
                 }
                 // Such as no file descriptor left: whoever asks tries again.
                 Err(_) => sleep(Duration::from_millis(50)).await,
@@ -169,7 +180,7 @@ fn serve(runtime: &Runtime, listener: &UnixListener, gateway: &Gateway, sign: &S
 }
 
 /// Reads one line, has it answered, and tells the answer.
-async fn attend(stream: UnixStream, who: Who, mut place: Place, gateway: Gateway) {
+async fn attend((stream, who): (UnixStream, Who), mut place: Place, gateway: Gateway, rule: Rule) {
     let heard = {
         let mut reading = pin!(read(&stream));
         tokio::select! {
@@ -180,6 +191,10 @@ async fn attend(stream: UnixStream, who: Who, mut place: Place, gateway: Gateway
         }
     };
     drop(place);
+    if let Some(reason) = heard.as_ref().ok().and_then(|what| rule.refusal(&who, what)) {
+        tracing::warn!("refused to {}: {}", caller::in_log(&caller::named(who)), reason.message);
+        return tell(&stream, &Reply::refused(Exit::Refused, vec![reason])).await;
+    }
     if let (Ok(What::Shoot(shot)), Some(cameras)) = (&heard, &gateway.cameras) {
         return lend(stream, *shot, cameras.clone(), who);
     }

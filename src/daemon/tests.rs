@@ -80,11 +80,12 @@ fn limits_are_told(story: &fake::Story) {
     assert_eq!(last(Kind::Verify).number(name::CORNERS), Some(2.0), "{story}");
 }
 
-const LATER: [&str; 12] = [
+const LATER: [&str; 13] = [
     "surface",
     "film",
     "inspected",
     "break_times",
+    "failed_grids",
     "planned",
     "verify",
     "verify",

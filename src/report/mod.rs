@@ -9,6 +9,7 @@ mod closeup;
 mod cycle;
 mod dwelt;
 mod error_map;
+mod failed_grids;
 mod heat_chart;
 mod inspection;
 mod overlay;
@@ -27,6 +28,7 @@ pub use closeup::{CornerView, StripPicture, bounds, cut, film_strip, strip_times
 pub use cycle::cycle_page;
 pub use dwelt::{dwell_map, overlap_map};
 pub use error_map::{Left, error_map};
+pub use failed_grids::FailedGrid;
 pub use heat_chart::heat_chart;
 pub use inspection::inspection_page;
 pub use overlay::View;

@@ -3,12 +3,13 @@
 
 use super::{Drawing, names, strip::Strip};
 use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
-use crate::inspect::{Demands, InspectError, Inspection, Watch};
+use crate::inspect::{Demands, GridInspection, InspectError, Inspection, Watch};
 use crate::panel::{Grid, GridId, TaughtPanel};
 use crate::phase::Phase;
 use crate::recipe::Recipe;
 use crate::record::{Check, Finding, Kind, name};
-use crate::report::View;
+use crate::report::{FailedGrid, View};
+use crate::words::fixed;
 use std::sync::Arc;
 
 /// What a film is watched with.
@@ -123,7 +124,7 @@ impl Filmed {
         let failed = |grid: &Grid| inspection.grids.iter().any(|found| found.id == grid.id && found.failed);
         let time_s = |column: usize, row: usize| inspection.break_time_s(column, row);
         let end_s = inspection.observation.observed_s;
-        vec![
+        let mut drawings = vec![
             Drawing::new(
                 "film",
                 "The film in time, seconds after the panel was wholly wet: broken film tinted yellow",
@@ -139,7 +140,14 @@ impl Filmed {
                 "When the film broke, from the first fully wet picture on",
                 view.break_times(setup.panel, &time_s, end_s),
             ),
-        ]
+        ];
+        let close = view.failed_grids(&inspection.mask(), &failed_grids(setup.panel, inspection));
+        if let Some(picture) = close.transpose() {
+            let caption =
+                "Each grid that failed, at the end of the film: what broke, how much, and when it was too much";
+            drawings.push(Drawing::new("failed_grids", caption, picture));
+        }
+        drawings
     }
 
     /// The result for the record.
@@ -158,6 +166,17 @@ impl Filmed {
         let checks = inspection.checks.iter().cloned();
         finding.detail("failed", names(&failed)).with(checks).with(counts(inspection, counted))
     }
+}
+
+/// The grids that failed, each with what broke of it in words.
+fn failed_grids<'p>(panel: &'p TaughtPanel, inspection: &Inspection) -> Vec<FailedGrid<'p>> {
+    let failed = inspection.grids.iter().filter(|grid| grid.failed);
+    let one = |found: &GridInspection| {
+        let grid = panel.grids.iter().find(|grid| grid.id == found.id)?;
+        let after = found.time_to_break_s.map_or(String::new(), |time_s| format!(", after {} s", fixed(time_s, 1)));
+        Some(FailedGrid { grid, words: format!("{} mm²{after}", fixed(found.broken_mm2, 1)) })
+    };
+    failed.filter_map(one).collect()
 }
 
 /// What is told of a film beside what it is judged by.

@@ -133,7 +133,7 @@ impl Served {
 pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
     let served = Served::start();
     let path = served.folder.path().join("socket");
-    let socket = Socket::listen(&path, served.gateway.clone(), &served.supervisor).expect("a socket");
+    let socket = Socket::listen(&path, None, served.gateway.clone(), &served.supervisor).expect("a socket");
     let (ends, done) = (AtomicBool::new(false), AtomicUsize::new(0));
     let found = std::thread::scope(|scope| {
         for kind in 0..CLIENTS {
@@ -214,7 +214,7 @@ pub fn aborts_on_the_page(trials: usize, viewers: usize) -> Vec<Duration> {
     let address = page.url.trim_start_matches("http://").trim_end_matches('/').to_owned();
     // A clear needs a person; the socket has one.
     let path = served.folder.path().join("socket");
-    let socket = Socket::listen(&path, served.gateway.clone(), &served.supervisor).expect("a socket");
+    let socket = Socket::listen(&path, None, served.gateway.clone(), &served.supervisor).expect("a socket");
     let events = format!("GET /events HTTP/1.1\r\nhost: {address}\r\n\r\n");
     let reads_nothing =
         TcpStream::connect(&address).and_then(|mut stream| stream.write_all(events.as_bytes()).map(|()| stream));

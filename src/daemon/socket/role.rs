@@ -1,0 +1,117 @@
+//! What the users may request whom the socket's group lets in: the cell's file gives them one role.
+//!
+//! The user who runs the service, and root, may request everything: they can do it without the socket as well. Stop and abort are
+//! for everybody who reaches the cell.
+
+use crate::accounts::{Permission, Role};
+use crate::cycle::Request;
+use crate::daemon::request::What;
+use crate::record::Who;
+use crate::verdict::Reason;
+
+/// Who may request what.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rule {
+    /// The role of the socket's users; without one they may request everything.
+    pub role: Option<Role>,
+    /// The user who runs the service.
+    pub service_uid: u32,
+}
+
+impl Rule {
+    /// Why this user may not request it; `None` where it is allowed.
+    pub fn refusal(self, who: &Who, what: &What) -> Option<Reason> {
+        let role = self.role.filter(|_| who.uid.is_none_or(|uid| uid != 0 && uid != self.service_uid))?;
+        let needed = needed(what)?;
+        if role.may(needed) {
+            return None;
+        }
+        let may: Vec<&str> = Role::allowed(needed).map(Role::word).collect();
+        let message = format!(
+            "\"{}\" is not allowed here: the socket's users have the role {}, as socket_role in the cell's file says; allowed is {}",
+            what.words(),
+            role.word(),
+            may.join(", ")
+        );
+        Some(Reason::new("not_permitted", message))
+    }
+}
+
+/// What a role must be allowed for this request; `None` where everybody may.
+fn needed(what: &What) -> Option<Permission> {
+    match what {
+        What::Table(Request::Stop | Request::Abort) => None,
+        What::State => Some(Permission::View),
+        What::Table(Request::Accept) => Some(Permission::Accept),
+        What::Start(_)
+        | What::Begin(_)
+        | What::Unprepared { .. }
+        | What::NewDisc
+        | What::Shoot(_)
+        | What::Leave
+        | What::Table(
+            Request::Start { .. }
+            | Request::AirRun { .. }
+            | Request::Hold
+            | Request::Unhold { .. }
+            | Request::Clear
+            | Request::Reset,
+        ) => Some(Permission::Operate),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::Front;
+    use strum::VariantArray;
+
+    const SERVICE: u32 = 990;
+
+    fn refusal(role: Option<Role>, who: &Who, what: &What) -> Option<Reason> {
+        Rule { role, service_uid: SERVICE }.refusal(who, what)
+    }
+
+    fn who(uid: u32) -> Who {
+        Who { front: Front::Socket, uid: Some(uid), user: None }
+    }
+
+    /// Every role by every request of the protocol: a viewer sees, stops and aborts, an inspector also accepts, an operator and
+    /// an engineer do everything.
+    #[test]
+    fn the_group_may_what_its_role_may() {
+        let table = |request| What::Table(request);
+        let all = || {
+            let unhold = Request::Unhold { dried: true };
+            let rows = [
+                Request::Stop,
+                Request::Abort,
+                Request::Accept,
+                Request::Hold,
+                unhold,
+                Request::Clear,
+                Request::Reset,
+            ];
+            rows.into_iter().map(table).chain([What::State, What::NewDisc])
+        };
+        for (role, allowed) in [
+            (Role::Viewer, vec!["stop", "abort", "state"]),
+            (Role::Administrator, vec!["stop", "abort", "state"]),
+            (Role::Inspector, vec!["stop", "abort", "accept", "state"]),
+        ] {
+            let open = all().filter(|what| refusal(Some(role), &who(1_001), what).is_none());
+            assert_eq!(open.map(|what| what.words()).collect::<Vec<_>>(), allowed, "{role:?}");
+        }
+        for role in [Some(Role::Operator), Some(Role::Engineer), None] {
+            assert!(all().all(|what| refusal(role, &who(1_001), &what).is_none()), "{role:?}");
+        }
+        for uid in [0, SERVICE] {
+            assert!(all().all(|what| refusal(Some(Role::Viewer), &who(uid), &what).is_none()), "{uid}");
+        }
+        let nobody = Who { front: Front::Socket, uid: None, user: None };
+        assert!(refusal(Some(Role::Viewer), &nobody, &What::NewDisc).is_some(), "an unknown user is not root");
+        let told = refusal(Some(Role::Viewer), &who(1_001), &What::Table(Request::Hold)).expect("refused");
+        assert!(told.code == "not_permitted" && told.message.contains("allowed is operator, engineer"), "{told:?}");
+        assert_eq!(Role::VARIANTS.len(), 5);
+    }
+}

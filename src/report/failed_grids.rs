@@ -1,0 +1,115 @@
+//! Each grid that failed as a close picture: the film as it was in the end, a line around what broke, and in words how much broke
+//! and after how long.
+
+use super::canvas::{Canvas, Ink, Pen, crop, resized, sheet};
+use super::closeup::bounds;
+use super::overlay::View;
+use crate::geometry::{ColorPicture, Mask, Pixel};
+use crate::imaging::{ImagingError, outer_contours};
+use crate::panel::Grid;
+
+/// A grid that failed.
+#[derive(Debug, Clone)]
+pub struct FailedGrid<'g> {
+    /// The grid.
+    pub grid: &'g Grid,
+    /// How much of it broke, and when, in words of about 25 letters.
+    pub words: String,
+}
+
+/// Width of one close picture, px.
+const WIDTH_PX: usize = 320;
+/// Height of the band with the words, and of their letters, px.
+const BAND_PX: usize = 26;
+const TEXT_PX: f64 = 13.0;
+/// Close pictures in one row.
+const COLUMNS: usize = 4;
+/// Space around a grid, as a share of its width.
+const MARGIN_SHARE: f64 = 0.12;
+
+impl View<'_> {
+    /// The grids that failed side by side; `None` where none did, or none is in the picture.
+    ///
+    /// # Errors
+    /// Where OpenCV refuses to draw.
+    pub fn failed_grids(
+        &self,
+        broken: &Mask,
+        failed: &[FailedGrid<'_>],
+    ) -> Result<Option<ColorPicture>, ImagingError> {
+        let mut canvas = Canvas::on(self.picture)?;
+        for contour in outer_contours(broken)? {
+            canvas.polyline(&contour, true, Pen { ink: Ink::YELLOW, width_px: 1 })?;
+        }
+        for one in failed {
+            canvas.polyline(&self.pixels(&one.grid.edge), true, Pen { ink: Ink::VERMILLION, width_px: 1 })?;
+        }
+        let whole = canvas.finish()?;
+        let mut pictures = Vec::with_capacity(failed.len());
+        for one in failed {
+            if let Some(part) = part(&whole, &self.pixels(&one.grid.edge)) {
+                pictures.push(titled(&resized(&part, WIDTH_PX)?, &format!("{}: {}", one.grid.id, one.words))?);
+            }
+        }
+        let tallest = pictures.iter().map(|picture| picture.height).max();
+        Ok(tallest.map(|height| {
+            let even: Vec<ColorPicture> = pictures.iter().map(|picture| heightened(picture, height)).collect();
+            sheet(&even, COLUMNS)
+        }))
+    }
+}
+
+/// The grid with some space around it.
+fn part(whole: &ColorPicture, edge: &[Pixel]) -> Option<ColorPicture> {
+    let [low, high] = bounds(edge.iter().copied(), (whole.width, whole.height));
+    let (width, height) = (high.0.checked_sub(low.0)?, high.1.checked_sub(low.1)?);
+    let margin = (width as f64 * MARGIN_SHARE).ceil() as usize;
+    let (left, top) = (low.0.saturating_sub(margin), low.1.saturating_sub(margin));
+    Some(crop(whole, left, top, (width + 2 * margin, height + 2 * margin)))
+}
+
+/// The picture below a dark band with its title.
+fn titled(picture: &ColorPicture, title: &str) -> Result<ColorPicture, ImagingError> {
+    let mut rgb = vec![Ink::RIM.0; BAND_PX * picture.width];
+    rgb.extend_from_slice(&picture.rgb);
+    let mut canvas = Canvas::on(&ColorPicture { width: picture.width, height: picture.height + BAND_PX, rgb })?;
+    canvas.label(Pixel::at(6.0, BAND_PX as f64 - 8.0), title, TEXT_PX, Ink::WHITE)?;
+    canvas.finish()
+}
+
+/// The picture with white below it, up to this height.
+fn heightened(picture: &ColorPicture, height: usize) -> ColorPicture {
+    let mut rgb = picture.rgb.clone();
+    rgb.resize(picture.width * height, Ink::WHITE.0);
+    ColorPicture { width: picture.width, height, rgb }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A white square of 4 px in a dark picture of 100 by 80 px, cut at (30, 20) to (70, 40): 40 px and 5 px of margin on each side make
+    /// 50 px, which become 320, so that the square becomes 25.6 px wide, and the part 30 px high 192 px.
+    #[test]
+    fn a_grid_is_cut_out_with_a_margin_and_has_its_title() {
+        let mut whole = ColorPicture::filled(100, 80, [60; 3]);
+        for at in (28..32).flat_map(|row| (48..52).map(move |column| row * 100 + column)) {
+            whole.rgb[at] = [255; 3];
+        }
+        let edge = [(30.0, 20.0), (70.0, 20.0), (70.0, 40.0), (30.0, 40.0)].map(|(u, v)| Pixel::at(u, v));
+        let part = part(&whole, &edge).expect("in the picture");
+        assert_eq!((part.width, part.height), (50, 30));
+        let close = titled(&resized(&part, WIDTH_PX).expect("enlarged"), "r1c1: 41.3 mm²").expect("drawn");
+        assert_eq!((close.width, close.height), (320, 192 + BAND_PX));
+        let white = |row: usize| close.rgb[row * 320..][..320].iter().filter(|pixel| pixel[0] > 160).count();
+        assert!((23..=29).contains(&white(BAND_PX + 96)), "{}", white(BAND_PX + 96));
+        assert!((0..BAND_PX).any(|row| white(row) > 5), "letters in the band");
+        assert_eq!(heightened(&close, 300).rgb.len(), 320 * 300);
+    }
+
+    #[test]
+    fn a_grid_outside_of_the_picture_has_no_part() {
+        let whole = ColorPicture::filled(100, 80, [60; 3]);
+        assert!(part(&whole, &[Pixel::at(-30.0, -20.0), Pixel::at(-10.0, -5.0)]).is_none());
+    }
+}
