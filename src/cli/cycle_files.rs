@@ -38,6 +38,7 @@ impl Calibrated {
         let flange_camera_extent = flange_camera.extent;
         let mounts_mm = [base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm];
         let budget = budget::parts(mounts_mm, tool.uncertainty_mm, files.last_touch(&tool.text).as_ref());
+        let removal = files.removal()?;
         let values = Calibrations {
             scanner: scanner.value,
             base_from_camera: base_from_camera.value,
@@ -46,6 +47,7 @@ impl Calibrated {
             flange_from_tool: tool.value,
             hand_eye_mm: budget.hand_eye_mm,
             robot_mm: budget.robot_mm,
+            removal: removal.as_ref().map(|(model, _)| *model),
         };
         let mut texts = vec![
             ("cell", disk::read_text(&common.cell)?),
@@ -55,6 +57,7 @@ impl Calibrated {
             ("flange_from_camera", flange_from_camera.text),
             ("flange_from_tool", tool.text),
         ];
+        texts.extend(removal.map(|(_, text)| ("removal", text)));
         texts.extend(files.correction_text()?.map(|text| ("robot_correction", text.to_owned())));
         texts.extend(zivid::settings(&files.cell)?);
         Ok(Calibrated { values, flange_camera_extent, texts })

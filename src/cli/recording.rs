@@ -4,12 +4,14 @@ use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
 use crate::cell::{
-    Cell, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RobotCorrection, ScannerMount, ToolMount,
+    Cell, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RemovalCalibration, RobotCorrection,
+    ScannerMount, ToolMount,
 };
 use crate::daemon::{Calibrations, RECORDING_FLOOR_MB, Recorded, RecordingPlan, Stands, free_mb, too_full};
 use crate::files::{read_flange, write_pose};
 use crate::geometry::Rigid;
 use crate::recipe::Recipe;
+use crate::removal::model::Model;
 use crate::report::page::{Row, Section};
 use crate::store::{TaughtCorner, Teaching};
 use crate::tape::Checked;
@@ -133,6 +135,7 @@ pub fn section(recorded: &Recorded) -> Section {
 
 const RECIPE: &str = "recipe.toml";
 const CORRECTION: &str = "robot_correction.toml";
+const REMOVAL: &str = "removal.toml";
 const VERSION: &str = "taught/version.txt";
 const SCAN: &str = "taught/scan.pcd";
 const TAUGHT: [&str; 5] = [
@@ -198,6 +201,7 @@ impl RecordedCycle {
             flange_from_tool: parts.mount::<ToolMount>("flange_from_tool.toml")?,
             hand_eye_mm: checked.start.hand_eye_mm,
             robot_mm: checked.start.robot_mm,
+            removal: parts.removal()?,
         };
         let cell = Cell::check("cell.toml", parts.text("cell.toml")?)?;
         let cell = match checked.files.contains_key(CORRECTION) {
@@ -223,6 +227,14 @@ impl Parts<'_> {
     fn text(&self, name: &str) -> Result<&str, Fault> {
         let named = |error| Fault::file(self.file, format!("attachment \"{name}\": {error}"));
         std::str::from_utf8(self.bytes(name)?).map_err(named)
+    }
+
+    /// What the disc took off, where the cell knew it.
+    fn removal(&self) -> Result<Option<Model>, Fault> {
+        if !self.checked.files.contains_key(REMOVAL) {
+            return Ok(None);
+        }
+        Ok(Some(Model::from(&RemovalCalibration::check(REMOVAL, self.text(REMOVAL)?)?.numbers)))
     }
 
     fn intrinsics(&self, name: &str) -> Result<Intrinsics, Fault> {

@@ -9,6 +9,7 @@ use crate::inspect::Demands;
 use crate::panel::{TaughtCorner, TaughtPanel};
 use crate::path::approach::CornerTour;
 use crate::recipe::Recipe;
+use crate::removal::model::Model;
 use std::sync::Arc;
 
 /// Where cameras and tool are, as calibrated.
@@ -28,6 +29,8 @@ pub struct Calibrations {
     pub hand_eye_mm: Option<f64>,
     /// Error of robot and tool, mm, 95 %, where the tool was touched against known points.
     pub robot_mm: Option<f64>,
+    /// What the disc takes off, where that is calibrated.
+    pub removal: Option<Model>,
 }
 
 /// What the cell's file states of the cell, for every cycle and between cycles.

@@ -107,6 +107,12 @@ impl RemovalMap {
         self
     }
 
+    /// All of it, mm³.
+    pub fn volume_mm3(&self) -> f64 {
+        let places = self.grids.iter().flat_map(|grid| grid.depth_um.iter().zip(&grid.area_mm2));
+        places.map(|(depth_um, area)| f64::from(*depth_um) / UM_PER_MM * f64::from(*area)).sum()
+    }
+
     /// The depth as a field that can be drawn, µm.
     pub fn field(&self) -> Field {
         let value = |(depth_um, area): (&f32, &f32)| (*area > 0.0).then_some(*depth_um);
@@ -167,6 +173,8 @@ pub(super) mod tests {
         let map = line(0.0);
         let grid = &map.grids[0];
         assert_eq!((grid.columns, grid.depth_um.len()), (100, 10_000));
+        // By hand: k F v t with the 100 mm of the square at 60 mm/s: 4e-4 · 20 · 2618.34 · 100/60 = 34.91 mm³.
+        assert!((map.volume_mm3() / 34.911 - 1.0).abs() < 0.002, "{}", map.volume_mm3());
         let at = |x: usize, y: f64| {
             // Samples stand at half millimetres.
             let row = (y - 0.5).round() as usize;

@@ -43,11 +43,12 @@
 //! # Sources
 //!
 //! (1) Preston, J. Soc. Glass Technol. 11, 1927. (4) Winkler's foundation: Johnson, Contact Mechanics, Cambridge 1985, 4.3.
-//! Without negative pressure beyond an edge: as for polishing tools that hang over, Luna-Aguilar et al., Proc. SPIE 4451, 2001.
+//! Without negative pressure beyond an edge: as for polishing tools that hang over, Luna-Aguilar et al.,
+//! Proc. SPIE 4840, 2003, where pressures that pull are shown to be wrong.
 //!
 //! Files: `speed`, `place`, `pad`, `stroke`, `model` the physics · `track` the stretches of a path · `samples`, `map` what they
-//! remove, place by place · `figures` its numbers · `schedule`, `descent` the feeds that make it even · `coupons`, `table` measured
-//! depths · `fit`, `gate` what they say of k, and whether that may be used.
+//! remove, place by place · `figures` its numbers · `schedule`, `descent` the feeds that make it even · `ground` where there is panel
+//! · `coupons`, `table` measured depths · `fit`, `gate` what they say of k, and whether that may be used.
 //! No I/O and no clock. Lengths in mm and forces in N.
 
 pub mod coupons;
@@ -55,6 +56,7 @@ mod descent;
 pub mod figures;
 pub mod fit;
 pub mod gate;
+pub mod ground;
 pub mod map;
 pub mod model;
 pub mod pad;

@@ -4,7 +4,7 @@
 
 use super::coupons::{Coupon, Lines};
 use crate::words::plain;
-use csv::{Position, ReaderBuilder, StringRecord, Trim};
+use csv::{ReaderBuilder, StringRecord, Trim};
 use std::ops::RangeInclusive;
 
 /// A column of numbers: its name, what is allowed, and whether each line needs one.
@@ -25,7 +25,7 @@ const COLUMNS: [Column; 8] = [
 const COUPON: &str = "coupon";
 const PLACE: &str = "place";
 /// Lines that begin so are remarks.
-const REMARK: u8 = b'#';
+const REMARK: char = '#';
 
 /// What is wrong with a table.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -53,21 +53,21 @@ fn problem(line: u64, column: &str, message: impl Into<String>) -> TableProblem 
 /// # Errors
 /// Every problem with its line and column.
 pub fn read_coupons(bytes: &[u8]) -> Result<Vec<Coupon>, TableError> {
-    let mut reader = ReaderBuilder::new().trim(Trim::All).comment(Some(REMARK)).flexible(true).from_reader(bytes);
-    let broken = |error: &csv::Error| {
-        let line = error.position().map_or(1, Position::line);
-        TableError(vec![problem(line, "the line", "it is no text of values between commas, in UTF-8")])
-    };
-    let header = reader.headers().map_err(|error| broken(&error))?.clone();
-    let of_header = header_problems(&header);
+    let text = String::from_utf8(bytes.to_vec()).map_err(|error| {
+        let line = 1 + bytes[..error.utf8_error().valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
+        TableError(vec![problem(line as u64, "the line", "it is not UTF-8")])
+    })?;
+    let lines = text.trim_start_matches('\u{feff}').lines().zip(1_u64..);
+    let mut lines = lines.filter(|(text, _)| !text.trim().is_empty() && !text.trim_start().starts_with(REMARK));
+    let (header, line) = lines.next().unwrap_or(("", 1));
+    let header = values(header);
+    let of_header = header_problems(&header, line);
     if !of_header.is_empty() {
         return Err(TableError(of_header));
     }
     let (mut problems, mut coupons) = (Vec::new(), Vec::new());
-    for record in reader.records() {
-        let record = record.map_err(|error| broken(&error))?;
-        let line = record.position().map_or(0, Position::line);
-        match coupon(&Row { header: &header, record: &record, line }) {
+    for (text, line) in lines {
+        match coupon(&Row { header: &header, record: &values(text), line }) {
             Ok(coupon) => coupons.push(coupon),
             Err(found) => problems.extend(found),
         }
@@ -75,21 +75,28 @@ pub fn read_coupons(bytes: &[u8]) -> Result<Vec<Coupon>, TableError> {
     if problems.is_empty() { Ok(coupons) } else { Err(TableError(problems)) }
 }
 
-fn header_problems(header: &StringRecord) -> Vec<TableProblem> {
+/// The values of one line.
+fn values(line: &str) -> StringRecord {
+    let mut reader = ReaderBuilder::new().has_headers(false).trim(Trim::All).from_reader(line.as_bytes());
+    // Of text in memory every line can be read.
+    reader.records().next().and_then(Result::ok).unwrap_or_default()
+}
+
+fn header_problems(header: &StringRecord, line: u64) -> Vec<TableProblem> {
     let known = || COLUMNS.iter().map(|(name, ..)| *name).chain([COUPON, PLACE]);
     let has = |name: &str| header.iter().any(|found| found == name);
     let unknown = header.iter().filter(|found| !known().any(|name| name == *found));
     let told = known().collect::<Vec<_>>().join(", ");
     let mut problems: Vec<TableProblem> =
-        unknown.map(|found| problem(1, found, format!("no such column; allowed are {told}"))).collect();
+        unknown.map(|found| problem(line, found, format!("no such column; allowed are {told}"))).collect();
     let needed = COLUMNS.iter().filter(|(.., needed)| *needed).map(|(name, ..)| *name).chain([COUPON]);
-    problems.extend(needed.filter(|name| !has(name)).map(|name| problem(1, name, "this column is missing")));
+    problems.extend(needed.filter(|name| !has(name)).map(|name| problem(line, name, "this column is missing")));
     if !has("depth_um") && !(has("before_um") && has("after_um")) {
-        problems.push(problem(1, "depth_um", "this column is missing; before_um and after_um may stand for it"));
+        problems.push(problem(line, "depth_um", "this column is missing; before_um and after_um may stand for it"));
     }
     let twice =
         header.iter().enumerate().filter(|(index, name)| header.iter().take(*index).any(|other| other == *name));
-    problems.extend(twice.map(|(_, name)| problem(1, name, "this column is there twice")));
+    problems.extend(twice.map(|(_, name)| problem(line, name, "this column is there twice")));
     problems
 }
 
