@@ -17,7 +17,7 @@ use crate::path::{self, Kinematics, Program, ProgramName, Spread, Waypoint};
 use crate::recipe::Recipe;
 use crate::report::{View, dwell_map, overlap_map};
 use crate::stages::plan::{self, Reach};
-use crate::stages::removal::Removed;
+use crate::stages::removal::{Removed, RemovedBefore};
 use crate::stages::survey::{ToolState, drawn_surface};
 use crate::stages::{self, corners};
 use crate::surface::{self, Fit};
@@ -63,7 +63,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let tool = ToolState { error_mm: files.cell.limits().tool_error_mm(), worn_mm2, removal };
     let plan = plan::lay(on, &grids, (&recipe, tool)).map_err(Fault::stage)?;
     let is_looked_at = !matches!(reach, Reach::Unknown);
-    let mut stage = plan::judge(plan, on, reach, (&recipe, tool), None);
+    let mut stage = plan::judge(plan, on, reach, (&recipe, tool), (None, RemovedBefore::default()));
     if files.cell.limits().workspace().is_some() || program.is_some() {
         stage = stage.held_in_base(base_from_panel, files.cell.limits());
     }

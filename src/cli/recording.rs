@@ -1,6 +1,6 @@
 //! A recording's beginning, from the files that a cycle works by, and the same files read back from it.
 
-use super::cycle_files::{Calibrated, TaughtRecipe};
+use super::cycle_files::{Calibrated, REMOVED_BEFORE, TaughtRecipe};
 use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
 use crate::cell::{
@@ -13,6 +13,7 @@ use crate::geometry::Rigid;
 use crate::recipe::Recipe;
 use crate::removal::model::Model;
 use crate::report::page::{Row, Section};
+use crate::stages::removal::RemovedBefore;
 use crate::store::{TaughtCorner, Teaching};
 use crate::tape::Checked;
 use std::path::{Component, Path, PathBuf};
@@ -182,6 +183,8 @@ pub struct RecordedCycle {
     pub calibrations: Calibrations,
     /// Where in its picture the flange camera's lens is known.
     pub lens: LensExtent,
+    /// What earlier cycles had removed of the part.
+    pub removed_before: RemovedBefore,
 }
 
 impl RecordedCycle {
@@ -208,7 +211,8 @@ impl RecordedCycle {
             true => cell.corrected(RobotCorrection::check(CORRECTION, parts.text(CORRECTION)?)?.numbers),
             false => cell,
         };
-        Ok(RecordedCycle { cell, taught: parts.taught(&recipe)?, recipe, calibrations, lens: flange_camera.extent })
+        let (taught, removed_before) = (parts.taught(&recipe)?, parts.removed_before()?);
+        Ok(RecordedCycle { cell, taught, recipe, calibrations, lens: flange_camera.extent, removed_before })
     }
 }
 
@@ -227,6 +231,15 @@ impl Parts<'_> {
     fn text(&self, name: &str) -> Result<&str, Fault> {
         let named = |error| Fault::file(self.file, format!("attachment \"{name}\": {error}"));
         std::str::from_utf8(self.bytes(name)?).map_err(named)
+    }
+
+    /// What earlier cycles had removed of the part.
+    fn removed_before(&self) -> Result<RemovedBefore, Fault> {
+        let name = format!("{REMOVED_BEFORE}.toml");
+        if !self.checked.files.contains_key(&name) {
+            return Ok(RemovedBefore::default());
+        }
+        serde_json::from_str(self.text(&name)?).map_err(|error| Fault::file(self.file, error))
     }
 
     /// What the disc took off, where the cell knew it.

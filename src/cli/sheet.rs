@@ -80,7 +80,7 @@ fn text(store: &Store, hash: &str) -> Option<String> {
     String::from_utf8(store.blob(hash).ok()?).ok()
 }
 
-fn earlier_cycle(PassesOfCycle { cycle, started_unix_s, passes }: &PassesOfCycle) -> EarlierCycle {
+fn earlier_cycle(PassesOfCycle { cycle, started_unix_s, passes, .. }: &PassesOfCycle) -> EarlierCycle {
     EarlierCycle { cycle: cycle.0, started_unix_s: *started_unix_s, passes: *passes }
 }
 

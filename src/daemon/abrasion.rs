@@ -243,7 +243,13 @@ impl Abrasion {
             .map_err(|error| refused(reason("no_path", &error)))?;
         let kinematics = Kinematics::new(&cycle.cell.arm);
         let reach = Reach::From(cycle.tour().stand(&kinematics, panel).map_err(refused)?);
-        Ok(plan::judge(plan, on, reach, (&cycle.recipe, self.tool(cycle)), self.removed.as_ref()))
+        Ok(plan::judge(
+            plan,
+            on,
+            reach,
+            (&cycle.recipe, self.tool(cycle)),
+            (self.removed.as_ref(), cycle.removed_before),
+        ))
     }
 
     fn tool(&self, cycle: &CycleSetup) -> ToolState {
@@ -273,7 +279,14 @@ impl Abrasion {
         let (Some(fit), Some((_, plan))) = (self.fit.clone(), &self.plan) else { return (Vec::new(), 0.0) };
         let (on, progress) = ((&fit.surface, &cycle.panel.region), Progress { waypoints: all, done });
         let (panel, recipe) = (&cycle.panel, &cycle.recipe);
-        let removal = Abrasive { panel, fit: &fit, recipe, tool: self.tool(cycle), earlier: self.removed.as_ref() };
+        let removal = Abrasive {
+            panel,
+            fit: &fit,
+            recipe,
+            tool: self.tool(cycle),
+            earlier: self.removed.as_ref(),
+            before: cycle.removed_before,
+        };
         let abraded = abrade::abraded(plan, on, cycle.recipe.path(), (trace, progress), Some(&removal));
         if let Some(removed) = &abraded.removed {
             self.removed = Some(removed.map.clone());

@@ -4,7 +4,7 @@
 //! any end — a crash, a lost link — the robot has executed at least what it told and at most what was permitted. With the
 //! waypoint from which on the disc reaches each grid, that bounds what was touched.
 
-use super::finding::{CycleId, Finding, Kind};
+use super::finding::{CycleId, Finding, Kind, name};
 use crate::cycle::{Id, Motion, Outcome, Path};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -189,6 +189,22 @@ pub fn abraded(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abraded> {
 pub fn passes(findings: &[Finding], motions: &[MotionRecord]) -> usize {
     let passes: BTreeSet<u8> = abraded(findings, motions).into_iter().map(|abraded| abraded.pass).collect();
     passes.len()
+}
+
+/// The upper 95 % bound of what was removed anywhere of a part that was abraded in so many passes of this cycle, µm, with what
+/// earlier cycles removed. Where a pass has no word of its own, what was planned counts, since it may have been executed. `None`
+/// where nobody knows.
+pub fn removed_bound_um(findings: &[Finding], passes: usize) -> Option<f64> {
+    let told = |kind: Kind| -> Vec<f64> {
+        let of_kind = findings.iter().filter(move |finding| finding.kind == kind);
+        let checks = of_kind.flat_map(|finding| &finding.checks).filter(|check| check.name == name::REMOVED_BOUND);
+        checks.filter_map(|check| check.value).collect()
+    };
+    let (executed, planned) = (told(Kind::Abrade), told(Kind::Plan));
+    let is_whole = executed.len() >= passes;
+    let known = planned.into_iter().filter(|_| !is_whole).chain(executed.iter().copied());
+    let enough = is_whole || executed.len() < passes && told(Kind::Plan).len() >= passes;
+    known.reduce(f64::max).filter(|_| enough)
 }
 
 #[cfg(test)]

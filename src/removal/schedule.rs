@@ -233,12 +233,11 @@ mod tests {
     }
 
     #[test]
-    fn scheduled_feeds_are_more_even_than_a_constant_one() {
+    fn scheduled_feeds_remove_the_target_evenly() {
         let (found, scheduled, constant, _) = planned(40.0, [5.0, 120.0], 0.0);
         let [even, plain] = [&scheduled, &constant].map(|map| Figures::of(map, 40.0).expect("treated"));
-        println!("{even:?}\n{plain:?}\n{:?}", found.reachable_um);
         assert!(even.within_percent < 10.0 && (even.mean_um / 40.0 - 1.0).abs() < 0.03, "{even:?}");
-        assert!(even.high_um / even.low_um < 0.6 * plain.high_um / plain.low_um, "{even:?} {plain:?}");
+        assert!(even.within_percent < 0.2 * plain.within_percent, "{even:?} {plain:?}");
         assert_eq!(found.passes(40.0), 1);
         // Beyond the treated grids it tapers off: nowhere deeper than inside.
         assert!(even.largest_um < 1.3 * 40.0, "{even:?}");

@@ -10,7 +10,9 @@ use nalgebra::Vector2;
 use std::f64::consts::TAU;
 
 /// Places on the orbit for one stretch.
-const PHASES: usize = 4;
+const PHASES: usize = 8;
+/// A disc that goes less far stands still, mm.
+const SHORTEST_MM: f64 = 1e-9;
 /// The golden angle as a share of a turn.
 const GOLDEN: f64 = 0.381_966_011_250_105_1;
 
@@ -19,19 +21,29 @@ const GOLDEN: f64 = 0.381_966_011_250_105_1;
 pub struct Stroke {
     /// The contact, in the tangent plane at the stretch's middle.
     pub contact: Contact,
-    /// Where the disc's middle begins and ends, mm from that place.
-    pub ends_mm: [Vector2<f64>; 2],
+    // Where the disc's middle begins, mm from that place
+    start_mm: Vector2<f64>,
+    // The other way than the disc goes: so a place goes by, seen from it
+    direction: Vector2<f64>,
+    length_mm: f64,
+    // K d
+    bend_per_mm: Vector2<f64>,
     orbit_mm: [Vector2<f64>; PHASES],
 }
 
 impl Stroke {
-    /// The `number`th stretch, of a disc whose middle runs a circle of this radius, mm, on its orbit.
+    /// The `number`th stretch, of a disc whose middle goes from the first to the second end, mm from the place, and runs a circle of
+    /// this radius, mm, on its orbit.
     pub fn new(contact: Contact, ends_mm: [Vector2<f64>; 2], (orbit_radius_mm, number): (f64, usize)) -> Self {
         let orbit_mm = std::array::from_fn(|phase| {
             let turn = phase as f64 / PHASES as f64 + (number as f64 * GOLDEN).fract() / PHASES as f64;
             Vector2::new((TAU * turn).cos(), (TAU * turn).sin()) * orbit_radius_mm
         });
-        Stroke { contact, ends_mm, orbit_mm }
+        let way = ends_mm[0] - ends_mm[1];
+        let length_mm = way.norm();
+        let direction = if length_mm > SHORTEST_MM { way / length_mm } else { Vector2::zeros() };
+        let bend_per_mm = contact.seat.curvature_per_mm * direction;
+        Stroke { contact, start_mm: ends_mm[0], direction, length_mm, bend_per_mm, orbit_mm }
     }
 
     /// As far as the disc reaches from its middle, mm.
@@ -48,14 +60,10 @@ impl Stroke {
     }
 
     fn of_phase(&self, place_mm: Vector2<f64>) -> f64 {
-        // Seen from the disc, the place moves the other way.
-        let [from, to] = self.ends_mm.map(|end| place_mm - end);
-        let way = to - from;
-        let length_mm = way.norm();
-        if length_mm < 1e-9 {
+        let (from, direction, length_mm) = (place_mm - self.start_mm, self.direction, self.length_mm);
+        if length_mm <= SHORTEST_MM {
             return self.contact.pressure_n_mm2(from);
         }
-        let direction = way / length_mm;
         let (along_mm, radius_mm) = (from.dot(&direction), self.contact.pad.radius_mm);
         let half2 = radius_mm * radius_mm - (from.norm_squared() - along_mm * along_mm);
         if half2 <= 0.0 {
@@ -66,7 +74,7 @@ impl Stroke {
         if chord[0] >= chord[1] {
             return 0.0;
         }
-        let (seat, bend) = (&self.contact.seat, self.contact.seat.curvature_per_mm * direction);
+        let (seat, bend) = (&self.contact.seat, self.bend_per_mm);
         let c0 = self.contact.depth_mm + seat.tilt.dot(&from) - 0.5 * from.dot(&(seat.curvature_per_mm * from));
         let (c1, c2) = (seat.tilt.dot(&direction) - bend.dot(&from), -0.5 * bend.dot(&direction));
         self.contact.pad.stiffness_n_mm3 * positive_part([c0, c1, c2], chord) / length_mm
@@ -126,7 +134,7 @@ mod tests {
         // 30 mm before the middle the disc is above the place from its start on, for 10 + 15 mm.
         let found = level.mean_pressure_n_mm2(Vector2::new(-30.0, 0.0));
         assert!((found - 0.028_294_2 * 25.0 / 80.0).abs() < 1e-7, "{found}");
-        let still = Stroke { ends_mm: [Vector2::zeros(); 2], ..level };
+        let still = Stroke::new(level.contact, [Vector2::zeros(); 2], (0.0, 0));
         assert!((still.mean_pressure_n_mm2(Vector2::new(14.0, 0.0)) - 0.028_294_2).abs() < 1e-7);
     }
 

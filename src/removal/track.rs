@@ -1,7 +1,7 @@
 //! The stretches of a path in contact: where the disc lies, how it presses, and how far a grain rubs meanwhile.
 //!
 //! A path is one of poses with their times, planned or as the robot reported them. Each way between two of them is cut
-//! into stretches of a quarter of the disc's radius at most; on each the contact is that of its middle. A pose that is
+//! into stretches of half of the disc's radius at most; on each the contact is that of its middle. A pose that is
 //! meant to be in contact is so where its point lies no higher above the surface than `dwell` says. What the disc has swept
 //! grows by its diameter on the way, as the store counts it.
 
@@ -16,7 +16,7 @@ use nalgebra::Vector2;
 use std::f64::consts::TAU;
 
 /// Length of a stretch, at most, in radii of the disc.
-const STRETCH_RADII: f64 = 0.25;
+const STRETCH_RADII: f64 = 0.5;
 /// Places on the rim, and half-way to it, by which it is told whether the whole disc has panel below it.
 const LOOKS: usize = 16;
 
@@ -172,15 +172,15 @@ pub(super) mod tests {
         Executed { panel_from_tool: tool.to_rigid(), seconds, contact: true }
     }
 
-    /// By hand: 60 mm in 1 s are 16 stretches of 3.75 mm; a grain rubs 2618.3 mm meanwhile; the disc of 30 mm sweeps 1800 mm².
+    /// By hand: 60 mm in 1 s are 8 stretches of 7.5 mm; a grain rubs 2618.3 mm meanwhile; the disc of 30 mm sweeps 1800 mm².
     #[test]
     fn a_line_is_cut_into_stretches() {
         let line = [pose([20.0, 50.0, 0.0], 0.0), pose([80.0, 50.0, 0.0], 1.0)];
         let all = stretches(&level(100.0), &line, (&DISC, Force::Nominal(20.0)), &|_| true);
-        assert_eq!((all.len(), all[0].pose), (16, 1));
+        assert_eq!((all.len(), all[0].pose), (8, 1));
         let sum = |of: fn(&Stretch) -> f64| all.iter().map(of).sum::<f64>();
         assert!((sum(|stretch| stretch.rubbed_mm) - 2_618.34).abs() < 0.01, "{}", sum(|s| s.rubbed_mm));
-        assert!((all[15].swept_mm2 - 1_800.0 * 15.5 / 16.0).abs() < 0.1, "{}", all[15].swept_mm2);
+        assert!((all[7].swept_mm2 - 1_800.0 * 7.5 / 8.0).abs() < 0.1, "{}", all[7].swept_mm2);
         assert!((all[3].stroke.contact.depth_mm - 0.565_884).abs() < 1e-4);
     }
 
@@ -191,8 +191,8 @@ pub(super) mod tests {
             let line = [pose([20.0, 50.0, z], 0.0), pose([80.0, 50.0, z], 1.0)];
             stretches(&surface, &line, (&DISC, force), &|_| true).len()
         };
-        assert_eq!([count(1.5, Force::Nominal(20.0)), count(0.5, Force::Nominal(20.0))], [0, 16]);
-        assert_eq!([count(0.0, Force::Measured(&[0.0, 20.0])), count(0.0, Force::Measured(&[20.0]))], [16, 0]);
+        assert_eq!([count(1.5, Force::Nominal(20.0)), count(0.5, Force::Nominal(20.0))], [0, 8]);
+        assert_eq!([count(0.0, Force::Measured(&[0.0, 20.0])), count(0.0, Force::Measured(&[20.0]))], [8, 0]);
     }
 
     /// By hand: with its middle above the panel's edge, half of the disc bears it all.

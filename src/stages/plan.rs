@@ -1,7 +1,7 @@
 //! The path over some grids: laid on the surface, followed by the arm with its tool turned as that needs, and judged by
 //! every gate.
 
-use super::removal::{self, Abrasive, Removed};
+use super::removal::{self, Abrasive, Removed, RemovedBefore};
 use super::survey::ToolState;
 use super::{Drawing, names};
 use crate::cell::Limits;
@@ -55,7 +55,7 @@ pub fn lay(
     (recipe, tool): (&Recipe, ToolState),
 ) -> Result<Plan, PlanError> {
     let holes = fit.map.holes(&panel.region, recipe.path().lift_hole_mm());
-    let abrasive = Abrasive { panel, fit, recipe, tool, earlier: None };
+    let abrasive = Abrasive { panel, fit, recipe, tool, earlier: None, before: RemovedBefore::default() };
     let (outline, beyond_mm) = ((panel.outline.as_slice(), &holes), abrasive.beyond_mm());
     let plan = path::plan_beyond(&fit.surface, &panel.region, grids, outline, (recipe.path(), beyond_mm))?;
     Ok(abrasive.scheduled(plan))
@@ -67,7 +67,7 @@ pub fn judge(
     (panel, fit): (&TaughtPanel, &Fit),
     reach: Reach<'_>,
     (recipe, tool): (&Recipe, ToolState),
-    earlier: Option<&RemovalMap>,
+    (earlier, before): (Option<&RemovalMap>, RemovedBefore),
 ) -> Planned {
     let settings = recipe.path();
     let unknown = || Check::new(panel_reach::ROOM, "°", None);
@@ -81,7 +81,7 @@ pub fn judge(
         }
     };
     let disc = DiscUse::of(&plan, settings, tool.worn_mm2);
-    let removed = Abrasive { panel, fit, recipe, tool, earlier }.planned(&plan);
+    let removed = Abrasive { panel, fit, recipe, tool, earlier, before }.planned(&plan);
     let (of_path, path_judgement) = of_path(&plan, recipe, removed.is_some());
     let of_removal = removed.as_ref().map_or_else(Vec::new, |removed| removed.checks.clone());
     let of_removal: Vec<Check> = of_removal.into_iter().chain(removal::unknown(recipe, tool)).collect();

@@ -6,6 +6,7 @@ use crate::panel::{GridId, TaughtPanel};
 use crate::path::dwell::{self, Executed};
 use crate::path::{Plan, Waypoint};
 use crate::recipe::{self, Recipe, RemovalMethod};
+use crate::record::name;
 use crate::removal::figures::Figures;
 use crate::removal::ground::PanelGround;
 use crate::removal::map::{RemovalMap, removed};
@@ -17,6 +18,7 @@ use crate::report::removal_map;
 use crate::surface::{Fit, Parameter};
 use crate::verdict::{Check, SetBy};
 use crate::words::{apart, fixed};
+use serde::{Deserialize, Serialize};
 
 /// Distance between the samples of a map, in radii of the disc, and its bounds, mm.
 const SPACING_RADII: f64 = 0.1;
@@ -36,8 +38,10 @@ pub struct Abrasive<'a> {
     pub recipe: &'a Recipe,
     /// The tool, with its removal model.
     pub tool: ToolState,
-    /// What earlier paths removed of the same part.
+    /// What earlier paths of this cycle removed.
     pub earlier: Option<&'a RemovalMap>,
+    /// And earlier cycles, of the same part.
+    pub before: RemovedBefore,
 }
 
 /// What a path removes, and what that comes to with earlier ones over the same part.
@@ -52,8 +56,14 @@ pub struct Removed {
     limits_um: [f64; 2],
 }
 
-/// The check of what no place may come to.
-pub const LARGEST: &str = "largest removal over all passes, upper 95 % bound";
+/// What earlier cycles removed of the same part.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct RemovedBefore {
+    /// The upper 95 % bound of it anywhere, µm; it counts everywhere, since the maps of earlier cycles are not kept.
+    pub bound_um: f64,
+    /// Earlier cycles that abraded the part, and of which nobody knows how deep.
+    pub unknown: usize,
+}
 
 impl<'a> Abrasive<'a> {
     /// The recipe's table with the model; `None` where either is not there.
@@ -124,11 +134,11 @@ impl<'a> Abrasive<'a> {
         };
         let of_part = Figures::of(&map, asked.target_um());
         let figures = of_pass.zip(of_part).map(|(of_pass, of_part)| Figures {
-            largest_um: of_part.largest_um,
-            largest_bound_um: of_part.largest_bound_um,
+            largest_um: of_part.largest_um + self.before.bound_um,
+            largest_bound_um: of_part.largest_bound_um + self.before.bound_um,
             ..of_pass
         });
-        let checks = checks(figures.as_ref(), asked);
+        let checks = [checks(figures.as_ref(), asked), self.before.checks(asked)].concat();
         Some(Removed { map, figures, checks, limits_um: [asked.target_um(), asked.max_um()] })
     }
 
@@ -154,7 +164,7 @@ impl Removed {
 
     /// The checks of what was executed: what a path that was cut short leaves to do is no fault of it.
     pub fn told_after(&self, is_whole: bool) -> Vec<Check> {
-        let told = |check: &Check| match is_whole || check.name == LARGEST {
+        let told = |check: &Check| match is_whole || check.name == name::REMOVED_BOUND {
             true => check.clone(),
             false => check.clone().without_consequence(),
         };
@@ -186,10 +196,30 @@ impl Removed {
     }
 }
 
+impl RemovedBefore {
+    /// What earlier cycles come to, where there were any.
+    fn checks(&self, asked: &recipe::Removal) -> Vec<Check> {
+        let before = Check::new("removed in earlier cycles of this part, upper 95 % bound", "µm", self.bound_um);
+        let unknown = Check::new("earlier cycles of this part of which nobody knows how deep", "", self.unknown as f64)
+            .at_most(0.0, SetBy::Program)
+            .reviews("earlier_unknown", || {
+                format!(
+                    "{} earlier cycles abraded this part, and nobody knows how deep: measure what is left, {} µm may be removed \
+                     in all",
+                    self.unknown,
+                    asked.max_um()
+                )
+            });
+        let is_told = *self != RemovedBefore::default();
+        [before, unknown].into_iter().filter(|_| is_told).collect()
+    }
+}
+
 /// The recipe asks for removal, and nobody knows what the disc takes off.
 pub fn unknown(recipe: &Recipe, tool: ToolState) -> Option<Check> {
     let stated = recipe.removal().filter(|_| tool.removal.is_none())?;
-    let check = Check::new(LARGEST, "µm", None).at_most(stated.max_um(), SetBy::recipe("removal.max_um"));
+    let check =
+        Check::new(name::REMOVED_BOUND, "µm", None).at_most(stated.max_um(), SetBy::recipe("removal.max_um"));
     Some(check.broken(true, crate::verdict::Severity::Reject, "removal_unknown", || {
         "the recipe has [removal], and the cell's file names no [calibration] removal: nobody can say whether max_um is \
          kept; measure coupons and name what `panelprep calibrate removal` writes"
@@ -207,7 +237,7 @@ fn checks(figures: Option<&Figures>, asked: &recipe::Removal) -> Vec<Check> {
         Check::new("uncertainty of the removal, 95 %", "%", of(|found| found.uncertainty_percent)),
         Check::new("expected removal, smallest 5 %", "µm", of(|found| found.low_um)),
         Check::new("expected removal over all passes, largest", "µm", of(|found| found.largest_um)),
-        Check::new(LARGEST, "µm", bound_um).at_most(max_um, SetBy::recipe("removal.max_um")).rejects(
+        Check::new(name::REMOVED_BOUND, "µm", bound_um).at_most(max_um, SetBy::recipe("removal.max_um")).rejects(
             "removal_too_deep",
             || {
                 let [found, allowed] = apart(bound_um.unwrap_or(f64::NAN), max_um, 1);

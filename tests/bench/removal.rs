@@ -46,7 +46,9 @@ fn main() -> ExitCode {
 /// The tables of Technologies 2025, 13, 498 (primer, 20 N, 40 mm/s, 2000 rev/min, P80: 27.5 µm) stand in figures; its text has the one
 /// depth alone, on half of which nothing can be fitted.
 fn published() -> usize {
-    println!("   not run: of the published tables the one depth of the abstract is in text, the others are in pictures");
+    println!(
+        "   not run: of the published tables the one depth of the abstract is in text, the others are in pictures"
+    );
     0
 }
 

@@ -10,7 +10,8 @@ use panelprep::surface::Parameter;
 use std::f64::consts::TAU;
 
 const OFF_PERCENT: f64 = 3.0;
-const SIDES_MM: [f64; 2] = [120.0, 80.0];
+/// A little less than whole, so that samples are 1 mm apart.
+const SIDES_MM: [f64; 2] = [119.999_9, 79.999_9];
 const FEED_MM_S: f64 = 60.0;
 const STEP_MM: f64 = 0.1;
 const NET_MM: f64 = 0.15;
@@ -30,10 +31,24 @@ const CASES: [Case; 8] = [
     Case { name: "flat, 5 mm over the edge", bends: [0.0, 0.0], y_mm: 10.0, lean_deg: 0.0, edge_mm: 20.0 },
     Case { name: "flat, 13 mm over the edge", bends: [0.0, 0.0], y_mm: 18.0, lean_deg: 0.0, edge_mm: 20.0 },
     Case { name: "flat, leant by 1°", bends: [0.0, 0.0], y_mm: 0.0, lean_deg: 1.0, edge_mm: 99.0 },
-    Case { name: "flat, leant by 6°, half in contact", bends: [0.0, 0.0], y_mm: 0.0, lean_deg: 6.0, edge_mm: 99.0 },
+    Case {
+        name: "flat, leant by 6°, half in contact", bends: [0.0, 0.0], y_mm: 0.0, lean_deg: 6.0, edge_mm: 99.0
+    },
     Case { name: "cylinder of 300 mm across", bends: [0.0, 1.0 / 300.0], y_mm: 0.0, lean_deg: 0.0, edge_mm: 99.0 },
-    Case { name: "bowl of 250 mm, on its rim", bends: [-1.0 / 250.0, -1.0 / 250.0], y_mm: 0.0, lean_deg: 0.0, edge_mm: 99.0 },
-    Case { name: "saddle, leant, over the edge", bends: [1.0 / 600.0, -1.0 / 400.0], y_mm: 0.0, lean_deg: 1.0, edge_mm: 9.0 },
+    Case {
+        name: "bowl of 250 mm, on its rim",
+        bends: [-1.0 / 250.0, -1.0 / 250.0],
+        y_mm: 0.0,
+        lean_deg: 0.0,
+        edge_mm: 99.0,
+    },
+    Case {
+        name: "saddle, leant, over the edge",
+        bends: [1.0 / 600.0, -1.0 / 400.0],
+        y_mm: 0.0,
+        lean_deg: 1.0,
+        edge_mm: 9.0,
+    },
 ];
 
 pub fn measure() -> usize {
@@ -43,8 +58,14 @@ pub fn measure() -> usize {
         let most = theirs.iter().copied().fold(0.0, f64::max);
         let sums = [&ours, &theirs].map(|all| all.iter().sum::<f64>());
         let off = ours.iter().zip(&theirs).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / most;
-        let rms = (ours.iter().zip(&theirs).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / ours.len() as f64).sqrt() / most;
-        println!("   {}: {most:.2} µm at most; all of it {:+.2} %, rms {:.2} %", case.name, 100.0 * (sums[0] / sums[1] - 1.0), 100.0 * rms);
+        let rms =
+            (ours.iter().zip(&theirs).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / ours.len() as f64).sqrt() / most;
+        println!(
+            "   {}: {most:.2} µm at most; all of it {:+.2} %, rms {:.2} %",
+            case.name,
+            100.0 * (sums[0] / sums[1] - 1.0),
+            100.0 * rms
+        );
         missed += held("  off, of the largest depth", 100.0 * off, OFF_PERCENT, "%");
     }
     missed
@@ -72,7 +93,13 @@ fn ours(case: &Case) -> Vec<f64> {
     let edge_v = 0.5 + case.edge_mm / SIDES_MM[1];
     let ground = |at: Parameter| at.v < edge_v;
     let all = stretches(&surface, &line, (&disc(true), Force::Nominal(FORCE_N)), &ground);
-    let map = removed((&surface, &region([1, 1]), &ground), &[GridId { row: 1, column: 1 }], &all, (&exact_model(), 0.0), 1.0);
+    let map = removed(
+        (&surface, &region([1, 1]), &ground),
+        &[GridId { row: 1, column: 1 }],
+        &all,
+        (&exact_model(), 0.0),
+        1.0,
+    );
     let grid = &map.grids[0];
     let rows = grid.depth_um.len() / grid.columns;
     // The mean of the two columns beside the middle.
@@ -81,7 +108,7 @@ fn ours(case: &Case) -> Vec<f64> {
 }
 
 fn finer(case: &Case) -> Vec<f64> {
-    let rows = SIDES_MM[1] as usize;
+    let rows = SIDES_MM[1].round() as usize;
     let places: Vec<f64> = (0..rows).map(|row| row as f64 + 0.5 - SIDES_MM[1] / 2.0).collect();
     let mut depth_um = vec![0.0; rows];
     let steps = (80.0 / STEP_MM).round() as usize;
@@ -145,6 +172,10 @@ impl Still {
     }
 
     fn pressure(&self, dx: f64, dy: f64) -> f64 {
-        if dx.hypot(dy) > PAD.radius_mm { 0.0 } else { PAD.stiffness_n_mm3 * (self.depth_mm + self.deeper(dx, dy)).max(0.0) }
+        if dx.hypot(dy) > PAD.radius_mm {
+            0.0
+        } else {
+            PAD.stiffness_n_mm3 * (self.depth_mm + self.deeper(dx, dy)).max(0.0)
+        }
     }
 }

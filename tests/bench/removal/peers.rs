@@ -15,7 +15,8 @@ use std::time::Instant;
 
 const OFF_PERCENT: f64 = 2.0;
 const FASTER: f64 = 20.0;
-const SIDES_MM: [f64; 2] = [120.0, 60.0];
+/// A little less than whole, so that samples are 1 mm apart.
+const SIDES_MM: [f64; 2] = [119.999_9, 59.999_9];
 const FEED_MM_S: f64 = 60.0;
 /// The case's name and its curvatures, 1/mm.
 const CASES: [(&str, [f64; 2]); 4] = [
@@ -33,7 +34,7 @@ pub fn measure() -> usize {
         return 0;
     };
     let asked = json!({
-        "sides_mm": SIDES_MM, "radius_mm": PAD.radius_mm, "stiffness": PAD.stiffness_n_mm3, "force_n": FORCE_N,
+        "sides_mm": SIDES_MM.map(f64::round), "radius_mm": PAD.radius_mm, "stiffness": PAD.stiffness_n_mm3, "force_n": FORCE_N,
         "kp": PRESTON_MM2_PER_N, "orbit_mm": ORBIT.diameter_mm, "rev_min": ORBIT.speed_rev_min, "feed_mm_s": FEED_MM_S,
         "step_mm": 0.25, "cases": CASES.map(|(_, bends)| bends),
     });
@@ -52,7 +53,11 @@ pub fn measure() -> usize {
         let inner = places.filter(|(index, _)| (*index as f64 - SIDES_MM[1] / 2.0).abs() < rim_mm - RIM_MM);
         let off = inner.map(|(_, (ours, theirs))| 100.0 * (ours - theirs).abs() / most).fold(0.0, f64::max);
         let theirs_s = peer["seconds"].as_f64().expect("a number");
-        println!("   {name}: {most:.2} µm in the middle; mr-sim {:.1} ms, ours {:.3} ms", 1e3 * theirs_s, 1e3 * ours_s);
+        println!(
+            "   {name}: {most:.2} µm in the middle; mr-sim {:.1} ms, ours {:.3} ms",
+            1e3 * theirs_s,
+            1e3 * ours_s
+        );
         missed += held("  off, of the depth in the middle", off, OFF_PERCENT, "%");
         missed += reached("  times faster", theirs_s / ours_s, FASTER, "");
     }
@@ -81,7 +86,8 @@ fn ours(bends: [f64; 2]) -> (Vec<f64>, f64) {
     let seconds = started.elapsed().as_secs_f64() / f64::from(runs);
     let grid = &map.grids[0];
     let rows = grid.depth_um.len() / grid.columns;
-    let across: Vec<f64> = (0..rows).map(|row| f64::from(grid.depth_um[row * grid.columns + grid.columns / 2])).collect();
+    let across: Vec<f64> =
+        (0..rows).map(|row| f64::from(grid.depth_um[row * grid.columns + grid.columns / 2])).collect();
     // mr-sim's places stand on whole millimetres, ours on halves.
     let whole = std::iter::once(across[0]).chain(across.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])));
     (whole.collect(), seconds)

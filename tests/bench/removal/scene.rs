@@ -1,6 +1,6 @@
 //! Panels, discs and paths of this bench.
 
-use panelprep::geometry::{KukaPose, Panel, Point, Rigid, Tool};
+use panelprep::geometry::{Panel, Point, Rigid, Tool};
 use panelprep::panel::Region;
 use panelprep::recipe::Recipe;
 use panelprep::removal::model::Model;
@@ -65,12 +65,12 @@ pub fn region(grids: [usize; 2]) -> Region {
 pub fn pose(at: [f64; 3], normal: [f64; 3], (lean_deg, seconds): (f64, f64)) -> Executed {
     use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
     let away = Vector3::from(normal).normalize();
-    let turn = Rotation3::rotation_between(&Vector3::z(), &-away).unwrap_or(Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+    let turn = Rotation3::rotation_between(&Vector3::z(), &-away)
+        .unwrap_or(Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
     let lean = Rotation3::from_axis_angle(&Vector3::y_axis(), lean_deg.to_radians());
     let panel_from_tool: Rigid<Panel, Tool> = Rigid::claim(Isometry3::from_parts(
         Translation3::new(at[0], at[1], at[2]),
         UnitQuaternion::from_rotation_matrix(&(lean * turn)),
     ));
-    let _ = KukaPose::from_rigid(&panel_from_tool);
     Executed { panel_from_tool, seconds, contact: true }
 }
