@@ -203,7 +203,7 @@ pub fn removed_bound_um(findings: &[Finding], passes: usize) -> Option<f64> {
     let (executed, planned) = (told(Kind::Abrade), told(Kind::Plan));
     let is_whole = executed.len() >= passes;
     let known = planned.into_iter().filter(|_| !is_whole).chain(executed.iter().copied());
-    let enough = is_whole || executed.len() < passes && told(Kind::Plan).len() >= passes;
+    let enough = is_whole || told(Kind::Plan).len() >= passes;
     known.reduce(f64::max).filter(|_| enough)
 }
 
@@ -211,6 +211,25 @@ pub fn removed_bound_um(findings: &[Finding], passes: usize) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::cycle::Motion;
+
+    /// Two passes told what they removed; of a third one only its plan is known.
+    #[test]
+    fn what_was_planned_counts_where_nobody_told_what_was_executed() {
+        let told = |kind: Kind, pass: u8, um: Option<f64>| {
+            let judgement = crate::verdict::Judgement::of(vec![], vec![]);
+            Finding::new(kind, pass, judgement).with([crate::verdict::Check::new(name::REMOVED_BOUND, "µm", um)])
+        };
+        let both = [
+            told(Kind::Plan, 1, Some(20.0)),
+            told(Kind::Abrade, 1, Some(18.0)),
+            told(Kind::Plan, 2, Some(41.0)),
+            told(Kind::Abrade, 2, Some(38.0)),
+        ];
+        assert_eq!(removed_bound_um(&both, 2), Some(38.0));
+        assert_eq!(removed_bound_um(&both[..3], 2), Some(41.0), "the second pass broke off");
+        assert_eq!(removed_bound_um(&both[..2], 2), None, "nobody knows of the second pass");
+        assert_eq!(removed_bound_um(&[told(Kind::Abrade, 1, None)], 1), None);
+    }
 
     fn motion(outcome: Option<Outcome>, done: u32, (told, permitted): (u32, u32)) -> MotionRecord {
         let reached = |grid: &str, first| Reached { grid: grid.to_owned(), first };

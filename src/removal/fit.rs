@@ -7,74 +7,10 @@
 //! Source: Draper & Smith, Applied Regression Analysis, 1998, 8.1.
 
 use super::coupons::{Coupon, CouponTool};
+use super::fit_error::{CONTRADICTORY, LEVELS, WORN_LEVELS_MM2};
+pub use super::fit_error::{FitError, MIN_COUPONS};
 use super::model::{MM2_PER_M2, student, student_95};
 use nalgebra::{DMatrix, DVector, Matrix2};
-
-/// Coupons at least: two numbers, and four more to tell how well.
-pub const MIN_COUPONS: usize = 6;
-/// The largest exposure must be so many times the smallest, to see that depth goes with it.
-const LEVELS: f64 = 1.3;
-/// What the discs had swept must differ by so much, mm², to see the wear: a fiftieth of a square metre.
-const WORN_LEVELS_MM2: f64 = 20_000.0;
-/// Coupons that differ more than this among themselves, σ of ln h, contradict each other.
-const CONTRADICTORY: f64 = 0.5;
-
-/// Why coupons hold no model.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum FitError {
-    /// Too few.
-    #[error(
-        "{found} measured places, at least {MIN_COUPONS} are needed: two numbers are sought, and how well they are known"
-    )]
-    TooFew {
-        /// Places found.
-        found: usize,
-    },
-    /// One level of load.
-    #[error(
-        "all coupons were loaded alike, the most only {ratio:.2} times as long and hard as the least; at least {LEVELS} times is \
-         needed to see that depth goes with it: change passes, feed_mm_s or force_n"
-    )]
-    OneLoad {
-        /// Largest exposure over the smallest.
-        ratio: f64,
-    },
-    /// One level of wear.
-    #[error(
-        "the discs had swept {least_m2:.3} to {most_m2:.3} m² (worn_mm2), at least 0.02 m² between them is needed to see \
-         the wear: measure a coupon by a new disc and one by a used one"
-    )]
-    OneWear {
-        /// Least swept, m².
-        least_m2: f64,
-        /// Most swept, m².
-        most_m2: f64,
-    },
-    /// They do not agree.
-    #[error(
-        "the coupons contradict each other: depths differ from the best model by {percent:.0} % rms; the farthest is {name} \
-         (line {line})"
-    )]
-    Contradictory {
-        /// Rms, percent.
-        percent: f64,
-        /// The farthest.
-        name: String,
-        /// Its line.
-        line: u64,
-    },
-    /// Worn discs remove more.
-    #[error(
-        "worn discs removed more than new ones, {per_m2:.2} ± {known_m2:.2} of ln k more on a square metre: worn_mm2 and the \
-         depths are perhaps of different coupons"
-    )]
-    GrowsWithWear {
-        /// Growth, 1/m².
-        per_m2: f64,
-        /// Its 95 %, 1/m².
-        known_m2: f64,
-    },
-}
 
 /// A coupon as the others foretell it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -331,6 +267,10 @@ pub(super) mod tests {
         };
         let alike = with(&|own| own.passes = 1.0);
         assert!(matches!(alike, Err(FitError::OneLoad { .. })), "{alike:?}");
+        assert!(
+            FitError::OneLoad { ratio: 1.299_9 }.to_string().contains("only 1.2999 times"),
+            "differs from its limit"
+        );
         let new = with(&|own| own.worn_mm2 = 5_000.0);
         assert_eq!(new, Err(FitError::OneWear { least_m2: 0.005, most_m2: 0.005 }));
         let grows = with(&|own| own.depth_um *= (2.0e-6 * own.worn_mm2).exp());

@@ -48,13 +48,14 @@
 //!
 //! Files: `speed`, `place`, `pad`, `stroke`, `model` the physics · `track` the stretches of a path · `samples`, `map` what they
 //! remove, place by place · `figures` its numbers · `schedule`, `descent` the feeds that make it even · `ground` where there is panel
-//! · `coupons`, `table` measured depths · `fit`, `gate` what they say of k, and whether that may be used.
+//! · `coupons`, `table` measured depths · `fit`, `fit_error`, `gate` what they say of k, and whether that may be used.
 //! No I/O and no clock. Lengths in mm and forces in N.
 
 pub mod coupons;
 mod descent;
 pub mod figures;
 pub mod fit;
+mod fit_error;
 pub mod gate;
 pub mod ground;
 pub mod map;

@@ -6,7 +6,7 @@ use crate::panel::{GridId, Region};
 use crate::surface::{BSplineSurface, Parameter, Patch};
 
 /// Parameters are not quite straight below a disc: it is looked this much farther.
-const FARTHER: f64 = 1.1;
+const FARTHER: f64 = 1.05;
 
 /// The places of one grid.
 #[derive(Debug, Clone)]

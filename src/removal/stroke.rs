@@ -53,10 +53,22 @@ impl Stroke {
 
     /// Mean pressure at a place, mm from the stretch's middle, while the disc moves by: N/mm².
     pub fn mean_pressure_n_mm2(&self, place_mm: Vector2<f64>) -> f64 {
+        if self.passes_by(place_mm) {
+            return 0.0;
+        }
         if self.orbit_mm[0] == Vector2::zeros() {
             return self.of_phase(place_mm);
         }
         self.orbit_mm.iter().map(|away| self.of_phase(place_mm - away)).sum::<f64>() / PHASES as f64
+    }
+
+    /// Is a place so far aside that the disc never comes to it?
+    fn passes_by(&self, place_mm: Vector2<f64>) -> bool {
+        let (from, reach_mm) = (place_mm - self.start_mm, self.reach_mm());
+        let along_mm = from.dot(&self.direction);
+        let ahead_mm = (along_mm.max(0.0), (-along_mm - self.length_mm).max(0.0));
+        let across2 = from.norm_squared() - along_mm * along_mm;
+        across2 + ahead_mm.0.max(ahead_mm.1).powi(2) > reach_mm * reach_mm
     }
 
     fn of_phase(&self, place_mm: Vector2<f64>) -> f64 {

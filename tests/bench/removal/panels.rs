@@ -84,9 +84,10 @@ pub fn measure() -> usize {
         alike.push(compared(&by_schedule.0, &by_schedule.1, 1.0 / truth.piece)[1]);
         beyond += usize::from(deepest > MAX_UM);
         println!(
-            "   {seed:5}   {:.3} / {:.3}         {:.2}      {:20.3}  {:8.3}   {deepest:10.1}   {held:8.3}",
+            "   {seed:5}   {:.3} / {:.3}      {:10.1}   {:.2}      {:20.3}  {:8.3}   {deepest:10.1}   {held:8.3}",
             1e4 * truth.preston_mm2_per_n,
             1e4 * model.preston_mm2_per_n,
+            100.0 * (truth.piece - 1.0),
             truth.worn_mm2 / 1e6,
             share(&by_schedule.1),
             share(&by_constant.1),
