@@ -9,6 +9,7 @@
 use super::coupons::{Coupon, CouponTool};
 use super::fit_error::{CONTRADICTORY, LEVELS, WORN_LEVELS_MM2};
 pub use super::fit_error::{FitError, MIN_COUPONS};
+use super::least_squares::{Line, line};
 use super::model::{MM2_PER_M2, student, student_95};
 use nalgebra::{DMatrix, DVector, Matrix2};
 
@@ -67,22 +68,6 @@ impl Fitted {
         let off: Vec<f64> = self.left_out.iter().flatten().map(|one| one.off).collect();
         (off.iter().map(|off| off * off).sum::<f64>() / off.len().max(1) as f64).sqrt()
     }
-}
-
-/// A line through the coupons' logarithms.
-struct Line {
-    solution: DVector<f64>,
-    inverse: DMatrix<f64>,
-    deviation: f64,
-}
-
-/// Wears are counted in square metres inside, for the sake of the numbers.
-fn line(rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<Line> {
-    let inverse = (rows.transpose() * rows).try_inverse()?;
-    let solution = &inverse * rows.transpose() * y;
-    let left = y - rows * &solution;
-    let redundancy = rows.nrows().saturating_sub(rows.ncols()).max(1) as f64;
-    Some(Line { solution, inverse, deviation: (left.norm_squared() / redundancy).sqrt() })
 }
 
 /// The model that fits the coupons best.

@@ -48,7 +48,7 @@
 //!
 //! Files: `speed`, `place`, `pad`, `stroke`, `model` the physics · `track` the stretches of a path · `samples`, `map` what they
 //! remove, place by place · `figures` its numbers · `schedule`, `descent` the feeds that make it even · `ground` where there is panel
-//! · `coupons`, `table` measured depths · `fit`, `fit_error`, `gate` what they say of k, and whether that may be used.
+//! · `coupons`, `table` measured depths · `fit`, `least_squares`, `fit_error`, `gate` what they say of k, and whether that may be used.
 //! No I/O and no clock. Lengths in mm and forces in N.
 
 pub mod coupons;
@@ -58,6 +58,7 @@ pub mod fit;
 mod fit_error;
 pub mod gate;
 pub mod ground;
+mod least_squares;
 pub mod map;
 pub mod model;
 pub mod pad;

@@ -225,6 +225,7 @@ mod tests {
             line("A1,,20,60,1,,0,-3,,"),
             ["line 2, depth_um: found -3, allowed is a number from 0.01 to 10000"]
         );
+        assert_eq!(line("A1,,20,60,1,,0,,80,80").len(), 1, "nothing is gone");
         assert_eq!(
             line("A1,,20,60,1,,0,,80,81"),
             ["line 2, after_um: found 81, allowed is less than before_um, 80"]

@@ -80,8 +80,8 @@ pub fn measure() -> usize {
             run(&scheduled_plan((&surface, &region), &settings, (&model, truth.worn_mm2)), &mut random);
         let by_constant = run(&constant_plan((&surface, &region), &model, &truth), &mut random);
         let share = |map: &RemovalMap| share_within(map);
-        let [deepest, held] = compared(&by_schedule.0, &by_schedule.1, 1.0);
-        alike.push(compared(&by_schedule.0, &by_schedule.1, 1.0 / truth.piece)[1]);
+        let [deepest, held, _] = compared(&by_schedule.0, &by_schedule.1, 1.0);
+        alike.push(compared(&by_schedule.0, &by_schedule.1, 1.0 / truth.piece));
         beyond += usize::from(deepest > MAX_UM);
         println!(
             "   {seed:5}   {:.3} / {:.3}      {:10.1}   {:.2}      {:20.3}  {:8.3}   {deepest:10.1}   {held:8.3}",
@@ -100,6 +100,11 @@ pub fn measure() -> usize {
     println!(
         "   a constant feed, tuned in the mean: {:.3} of the treated area within ±{WITHIN_PERCENT} %",
         mean(&constant)
+    );
+    let [held_alike, within_alike] =
+        [1, 2].map(|number| mean(&alike.iter().map(|panel: &[f64; 3]| panel[number]).collect::<Vec<_>>()));
+    println!(
+        "   were all pieces alike, and coupons different by their measurement alone: {within_alike:.3} within, {held_alike:.3} held"
     );
     let mut missed =
         reached("scheduled, of the treated area within ±10 % of the target, mean", mean(&scheduled), SHARE, "");
@@ -226,17 +231,21 @@ fn share_within(map: &RemovalMap) -> f64 {
     panelprep::removal::figures::Figures::share_within(map, TARGET_UM, WITHIN_PERCENT)
 }
 
-/// The deepest place, µm, and the share of places whose true depth lies within what was stated of it.
-fn compared(expected: &RemovalMap, truth: &RemovalMap, piece: f64) -> [f64; 2] {
-    let (mut deepest, mut held, mut all) = (0.0, 0.0, 0.0);
+/// The deepest place, µm; the share of places whose true depth lies within what was stated of it; and that of treated ones within ±10 %
+/// of the target; were the true depths so many times as large.
+fn compared(expected: &RemovalMap, truth: &RemovalMap, times: f64) -> [f64; 3] {
+    let (mut deepest, mut held, mut all, mut within, mut treated) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for (grid, exact) in expected.grids.iter().zip(&truth.grids) {
         for (index, depth_um) in grid.depth_um.iter().enumerate() {
-            let found = piece * f64::from(exact.depth_um[index]);
+            let found = times * f64::from(exact.depth_um[index]);
             let half = expected.quantile_95 * f64::from(grid.deviation[index]);
             deepest = f64::max(deepest, found);
             all += 1.0;
             held += f64::from(u8::from((found / f64::from(*depth_um)).ln().abs() <= half));
+            let area = f64::from(grid.area_mm2[index]) * f64::from(u8::from(grid.is_treated));
+            treated += area;
+            within += area * f64::from(u8::from((found / TARGET_UM - 1.0).abs() <= WITHIN_PERCENT / 100.0));
         }
     }
-    [deepest, held / all]
+    [deepest, held / all, within / treated]
 }
