@@ -91,7 +91,7 @@ fn header_problems(header: &StringRecord, line: u64) -> Vec<TableProblem> {
         unknown.map(|found| problem(line, found, format!("no such column; allowed are {told}"))).collect();
     let needed = COLUMNS.iter().filter(|(.., needed)| *needed).map(|(name, ..)| *name).chain([COUPON]);
     problems.extend(needed.filter(|name| !has(name)).map(|name| problem(line, name, "this column is missing")));
-    if !has("depth_um") && !(has("before_um") && has("after_um")) {
+    if !(has("depth_um") || has("before_um") && has("after_um")) {
         problems.push(problem(line, "depth_um", "this column is missing; before_um and after_um may stand for it"));
     }
     let twice =
