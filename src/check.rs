@@ -10,8 +10,8 @@ mod report;
 mod text;
 
 use crate::cell::{
-    CELL_KEYS, Camera, Cell, FlangeCameraMount, Gige, Intrinsics, Mount, MountedPose, RobotCorrection, RobotKind,
-    ScannerMount, TargetMount, ToolMount, ZividCamera, ZividSettings,
+    CELL_KEYS, Camera, Cell, FlangeCameraMount, Gige, Intrinsics, Mount, MountedPose, RemovalCalibration,
+    RobotCorrection, RobotKind, ScannerMount, TargetMount, ToolMount, ZividCamera, ZividSettings,
 };
 use crate::config::{self, Problem, Problems};
 use crate::geometry::{Degrees, Frame, Vector, polygon};
@@ -31,7 +31,7 @@ struct Kind {
     check: fn(&str, &str) -> Result<Vec<String>, Problems>,
 }
 
-const KINDS: [Kind; 8] = [
+const KINDS: [Kind; 9] = [
     Kind { name: CELL, keys: &CELL_KEYS, check: |name, text| Cell::check(name, text).map(|cell| say_cell(&cell)) },
     Kind {
         name: "recipe",
@@ -51,6 +51,11 @@ const KINDS: [Kind; 8] = [
         name: "robot_correction",
         keys: &["robot_correction"],
         check: |name, text| RobotCorrection::check(name, text).map(|correction| say_correction(&correction)),
+    },
+    Kind {
+        name: "removal",
+        keys: &["removal"],
+        check: |name, text| RemovalCalibration::check(name, text).map(|found| say_removal(&found)),
     },
 ];
 
@@ -165,7 +170,13 @@ fn kind_of(top: &[String]) -> Option<&'static Kind> {
     let right = |kind: &Kind| top.iter().filter(|key| kind.keys.contains(&key.as_str())).count();
     let meant: Vec<&str> = top.iter().filter_map(|key| config::nearest(key, &all)).map(|(name, _)| name).collect();
     let near = |kind: &Kind| meant.iter().filter(|name| kind.keys.contains(name)).count();
-    if KINDS.iter().any(|kind| right(kind) > 0) { most(right) } else { most(near) }
+    // A file that has all names of one kind and no other is of that kind, though a larger kind may know them as well.
+    let is_whole = |kind: &Kind| top.len() == kind.keys.len() && right(kind) == top.len();
+    match KINDS.iter().find(|kind| is_whole(kind)) {
+        Some(kind) => Some(kind),
+        None if KINDS.iter().any(|kind| right(kind) > 0) => most(right),
+        None => most(near),
+    }
 }
 
 fn most(score: impl Fn(&Kind) -> usize) -> Option<&'static Kind> {
@@ -226,6 +237,7 @@ fn say_cell(cell: &Cell) -> Vec<String> {
         ("base_from_camera", &files.base_from_camera),
         ("flange_from_camera", &files.flange_from_camera),
         ("flange_from_tool", &files.flange_from_tool),
+        ("removal", &files.removal),
     ];
     let calibrations = calibrations.iter().filter(|(_, file)| file.is_some()).map(|(name, _)| *name).collect();
     let box_of_waypoints = match cell.limits().workspace() {
@@ -258,7 +270,10 @@ fn say_recipe(recipe: &Recipe) -> Vec<String> {
     let (region, process, locate, path) = (recipe.region(), recipe.process(), recipe.locate(), recipe.path());
     let observation =
         process.observation_s().map_or("as long as the cell says".to_owned(), |time| format!("{time} s"));
-    vec![
+    let removal = recipe.removal().map(|removal| {
+        format!("{} µm to be removed, nowhere more than {} µm", removal.target_um(), removal.max_um())
+    });
+    let mut says = vec![
         format!("panel {}: {} rows by {} columns of grids", recipe.panel(), region.rows(), region.columns()),
         format!("film watched {observation}, {} pictures a second", process.frames_per_second()),
         format!("a grid is abraded at most {} times a cycle", process.max_passes_per_grid()),
@@ -275,7 +290,9 @@ fn say_recipe(recipe: &Recipe) -> Vec<String> {
             path.step_over_mm(),
             path.feed_mm_s()
         ),
-    ]
+    ];
+    says.extend(removal);
+    says
 }
 
 fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
@@ -309,6 +326,26 @@ fn say_correction(correction: &RobotCorrection) -> Vec<String> {
     vec![
         format!("correction of the arm, {}", correction.numbers.kind()),
         format!("pictures that were left out: {before} mm rms off without it, {after} mm with it"),
+    ]
+}
+
+fn say_removal(found: &RemovalCalibration) -> Vec<String> {
+    let numbers = &found.numbers;
+    vec![
+        format!(
+            "removal: k {:.3e} mm²/N, σ {} %, by {} coupons that differ by {} % from the model",
+            numbers.preston_mm2_per_n(),
+            fixed(numbers.preston_deviation_percent(), 1),
+            numbers.coupons(),
+            fixed(numbers.coupon_deviation_percent(), 1)
+        ),
+        format!(
+            "ln k falls by {} on a square metre; orbit of {} mm at {} rev/min, pad of {} N/mm³",
+            fixed(numbers.wear_per_m2(), 2),
+            numbers.orbit_mm(),
+            numbers.orbit_rev_min(),
+            numbers.pad_n_mm3()
+        ),
     ]
 }
 
@@ -358,6 +395,8 @@ mod tests {
             ("[robot]\nkind = 'mock'", Some("cell")),
             ("store = 'x'", Some("cell")),
             ("[robot_correction]\nkind = 'geometry'", Some("robot_correction")),
+            ("[removal]\ncoupons = 12", Some("removal")),
+            ("[locate]\n[region]\n[removal]", Some("recipe")),
             ("[locate]\n[corner]\n[robot]", Some("recipe")),
             ("[camera]", Some("intrinsics")),
             ("[base_from_camera]", Some("base_from_camera")),
@@ -390,10 +429,10 @@ mod tests {
             says("a.toml", "x = 3"),
             ["not clear what this file is; its top would tell: \
               cell (store, socket, scanner, flange_camera, robot, poses, io, calibration, limits, rough, arm, keep_out, page); \
-              recipe (panel, process, locate, corner, region, inspect, surface, path); \
+              recipe (panel, process, locate, corner, region, inspect, surface, path, removal); \
               intrinsics (camera); base_from_camera (base_from_camera); \
               flange_from_camera (flange_from_camera); flange_from_tool (flange_from_tool); \
-              base_from_board (base_from_board); robot_correction (robot_correction)"]
+              base_from_board (base_from_board); robot_correction (robot_correction); removal (removal)"]
         );
         // Whatever it is called.
         assert_eq!(check_file("a.toml", "\u{feff}\n<ETHERNETKRL/>").kind, Some("EthernetKRL"));

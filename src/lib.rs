@@ -43,6 +43,7 @@ pub mod surface;
 
 pub mod page;
 pub mod path;
+pub mod removal;
 pub mod report;
 pub mod store;
 

@@ -13,6 +13,7 @@ pub use crate::verdict::{Check, Limit, SetBy, Severity};
 pub use asked::{Answer, Asked, Front, Wanted, Who};
 pub use contact::{
     Abraded, Bounds, Contact, ContactPath, EarlierPass, How, MotionRecord, Reached, Touched, abraded, passes,
+    removed_bound_um,
 };
 pub use finding::{CycleId, Finding, KeptFile, Kind, Picture, name};
 pub use part::PartNames;

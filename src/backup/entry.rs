@@ -20,13 +20,14 @@ pub enum Entry {
 }
 
 /// The keys of a cell's file that name files of its configuration.
-pub const NAMED_KEYS: [&str; 8] = [
+pub const NAMED_KEYS: [&str; 9] = [
     "calibration.scanner",
     "calibration.flange_camera",
     "calibration.base_from_camera",
     "calibration.flange_from_camera",
     "calibration.flange_from_tool",
     "calibration.robot_correction",
+    "calibration.removal",
     "scanner.settings",
     "scanner.settings_2d",
 ];

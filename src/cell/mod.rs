@@ -16,6 +16,7 @@ mod limits;
 mod names;
 mod page;
 mod provenance;
+mod removal;
 mod robot_correction;
 mod rough;
 mod zivid;
@@ -38,6 +39,7 @@ pub use limits::{Limits, Workspace};
 pub use names::{Feedback, InputsOutputs, Output};
 pub use page::Page;
 pub use provenance::Provenance;
+pub use removal::{RemovalCalibration, RemovalNumbers};
 pub use robot_correction::{CorrectionNumbers, GEOMETRY_NUMBERS, RobotCorrection, SMOOTH_NUMBERS};
 pub use rough::RoughMounts;
 pub use zivid::ZividCamera;
@@ -64,6 +66,8 @@ pub struct CalibrationFiles {
     pub flange_from_tool: Option<PathBuf>,
     /// The [`RobotCorrection`], where the arm has one.
     pub robot_correction: Option<PathBuf>,
+    /// The [`RemovalCalibration`], where a recipe states what is to be removed.
+    pub removal: Option<PathBuf>,
 }
 
 impl CalibrationFiles {
@@ -76,6 +80,7 @@ impl CalibrationFiles {
             ("flange_from_camera", &self.flange_from_camera),
             ("flange_from_tool", &self.flange_from_tool),
             ("robot_correction", &self.robot_correction),
+            ("removal", &self.removal),
         ];
         all.into_iter().filter_map(|(key, file)| Some((key, file.as_deref()?))).collect()
     }
@@ -86,6 +91,7 @@ impl CalibrationFiles {
         let [scanner, flange_camera] = ["scanner", "flange_camera"].map(file);
         let [base_from_camera, flange_from_camera] = ["base_from_camera", "flange_from_camera"].map(file);
         let [flange_from_tool, robot_correction] = ["flange_from_tool", "robot_correction"].map(file);
+        let removal = file("removal");
         section.done();
         Some(CalibrationFiles {
             scanner: scanner?,
@@ -94,6 +100,7 @@ impl CalibrationFiles {
             flange_from_camera: flange_from_camera?,
             flange_from_tool: flange_from_tool?,
             robot_correction: robot_correction?,
+            removal: removal?,
         })
     }
 }

@@ -13,6 +13,7 @@ use crate::cycle::Request;
 use crate::daemon::{Calibrations, CellSetup, CycleSetup, PreparedCycle};
 use crate::recipe::Recipe;
 use crate::record::PartNames;
+use crate::stages::removal::RemovedBefore;
 use crate::store::{CycleStart, PassesOfCycle};
 use std::path::Path;
 use std::sync::Arc;
@@ -38,6 +39,7 @@ impl Calibrated {
         let flange_camera_extent = flange_camera.extent;
         let mounts_mm = [base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm];
         let budget = budget::parts(mounts_mm, tool.uncertainty_mm, files.last_touch(&tool.text).as_ref());
+        let removal = files.removal()?;
         let values = Calibrations {
             scanner: scanner.value,
             base_from_camera: base_from_camera.value,
@@ -46,6 +48,7 @@ impl Calibrated {
             flange_from_tool: tool.value,
             hand_eye_mm: budget.hand_eye_mm,
             robot_mm: budget.robot_mm,
+            removal: removal.as_ref().map(|(model, _)| *model),
         };
         let mut texts = vec![
             ("cell", disk::read_text(&common.cell)?),
@@ -55,6 +58,7 @@ impl Calibrated {
             ("flange_from_camera", flange_from_camera.text),
             ("flange_from_tool", tool.text),
         ];
+        texts.extend(removal.map(|(_, text)| ("removal", text)));
         texts.extend(files.correction_text()?.map(|text| ("robot_correction", text.to_owned())));
         texts.extend(zivid::settings(&files.cell)?);
         Ok(Calibrated { values, flange_camera_extent, texts })
@@ -123,9 +127,10 @@ impl TaughtRecipe {
     /// Where the part may not be abraded any more, no corner was taught, or one where the lens is not known.
     pub fn prepared(self, cell: Arc<CellSetup>, calibrated: &Calibrated) -> Result<PreparedCycle, Fault> {
         self.part_may_be_abraded()?;
-        let (request, start) = (self.request(), self.start(calibrated)?);
+        let (request, start, before) = (self.request(), self.start(calibrated)?, self.removed_before());
         let TaughtRecipe { recipe, taught: Taught { panel, corners, .. }, .. } = self;
         let setup = CycleSetup::new(cell, recipe, (panel, corners), calibrated.of_cycle()).map_err(Fault::stage)?;
+        let setup = setup.after(before);
         Ok(PreparedCycle { request, setup, start, recording: None })
     }
 
@@ -136,7 +141,9 @@ impl TaughtRecipe {
     pub fn setup(&self, files: &CellFiles, calibrated: &Calibrated) -> Result<CycleSetup, Fault> {
         let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
         let taught = (self.taught.panel.clone(), self.taught.corners.clone());
-        CycleSetup::new(cell, self.recipe.clone(), taught, calibrated.of_cycle()).map_err(Fault::stage)
+        let setup =
+            CycleSetup::new(cell, self.recipe.clone(), taught, calibrated.of_cycle()).map_err(Fault::stage)?;
+        Ok(setup.after(self.removed_before()))
     }
 
     /// What the record of its cycle begins with.
@@ -145,7 +152,8 @@ impl TaughtRecipe {
     /// Where the part cannot be written as a text.
     pub fn start(&self, calibrated: &Calibrated) -> Result<CycleStart, Fault> {
         let part = self.part.as_ref().map(part::text).transpose()?.map(|text| (PartNames::FILE, text));
-        let texts = calibrated.texts.iter().chain(&part);
+        let before = self.removed_before_text();
+        let texts = calibrated.texts.iter().chain(&part).chain(&before);
         Ok(CycleStart {
             panel: self.recipe.panel().to_owned(),
             taught_version: self.taught.version.clone(),
@@ -162,6 +170,21 @@ impl TaughtRecipe {
         Request::Start { max_passes: count(process.max_passes_per_grid().min(left)), max_moves: self.moves() }
     }
 
+    /// What earlier cycles removed of the part: the last of them tells what all together come to.
+    fn removed_before(&self) -> RemovedBefore {
+        let known = self.earlier.iter().filter_map(|cycle| cycle.removed_um);
+        let unknown = self.earlier.iter().filter(|cycle| cycle.removed_um.is_none()).count();
+        let is_asked = self.recipe.removal().is_some();
+        let found = RemovedBefore { bound_um: known.fold(0.0, f64::max), unknown };
+        if is_asked { found } else { RemovedBefore::default() }
+    }
+
+    /// The same as a text that is kept with the cycle, and by which a replay knows it; none where there is nothing.
+    fn removed_before_text(&self) -> Option<(&'static str, String)> {
+        let found = Some(self.removed_before()).filter(|found| *found != RemovedBefore::default())?;
+        Some((REMOVED_BEFORE, serde_json::to_string(&found).ok()?))
+    }
+
     fn passes_before(&self) -> usize {
         self.earlier.iter().map(|cycle| cycle.passes).sum()
     }
@@ -175,6 +198,9 @@ impl TaughtRecipe {
         count(self.recipe.corner().max_moves())
     }
 }
+
+/// The name of that text.
+pub const REMOVED_BEFORE: &str = "removed_before";
 
 fn count(number: usize) -> u8 {
     u8::try_from(number).unwrap_or(u8::MAX)

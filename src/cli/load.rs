@@ -5,8 +5,8 @@ use super::disk;
 use super::fault::Fault;
 use crate::calib::health::Verification;
 use crate::cell::{
-    Cell, CorrectionNumbers, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RobotCorrection,
-    ScannerMount, ToolMount,
+    Cell, CorrectionNumbers, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RemovalCalibration,
+    RobotCorrection, ScannerMount, ToolMount,
 };
 use crate::cycle::{At, Cause};
 use crate::files::{self, ReportedFlange, content_hash};
@@ -16,6 +16,7 @@ use crate::geometry::{
 use crate::panel::{TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use crate::path::Kinematics;
 use crate::recipe::Recipe;
+use crate::removal::model::Model;
 use crate::requirements::{Purpose, unmet};
 use crate::stages::learn;
 use crate::store::{Store, Teaching, calibration_hash};
@@ -270,6 +271,16 @@ impl CellFiles {
     /// As [`CellFiles::scanner`].
     pub fn tool_tip(&self) -> Result<Calibrated<Rigid<Flange, Tool>>, Fault> {
         self.mount::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())
+    }
+
+    /// What the disc takes off, with the text of its file; none where the cell names none.
+    ///
+    /// # Errors
+    /// Where the file is away or has problems.
+    pub fn removal(&self) -> Result<Option<(Model, String)>, Fault> {
+        let Some(file) = self.cell.calibration().removal.as_ref() else { return Ok(None) };
+        let (name, text) = self.text("removal", Some(file))?;
+        Ok(Some((Model::from(&RemovalCalibration::check(&name, &text)?.numbers), text)))
     }
 
     /// Where the sanding tool's contact is.

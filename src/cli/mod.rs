@@ -49,6 +49,7 @@ mod recording;
 mod refine;
 mod render;
 mod render_boards;
+mod render_coupons;
 mod rendered;
 mod replay;
 mod report;

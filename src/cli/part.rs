@@ -48,7 +48,7 @@ pub fn may_be_abraded(part: Option<&PartNames>, earlier: &[PassesOfCycle], most:
 
 /// Cycles with their passes, in words.
 pub fn history(earlier: &[PassesOfCycle]) -> String {
-    let words = |PassesOfCycle { cycle, started_unix_s, passes }: &PassesOfCycle| {
+    let words = |PassesOfCycle { cycle, started_unix_s, passes, .. }: &PassesOfCycle| {
         let passes = if *passes == 1 { "1 pass".to_owned() } else { format!("{passes} passes") };
         format!("cycle {cycle} of {}: {passes}", utc_day(*started_unix_s))
     };
@@ -82,7 +82,12 @@ mod tests {
     /// By hand: 2 + 1 passes of 3 are allowed, and of 4.
     #[test]
     fn a_part_that_had_its_passes_is_refused_with_its_history() {
-        let cycle = |id, passes| PassesOfCycle { cycle: CycleId(id), started_unix_s: 86_400 * id, passes };
+        let cycle = |id, passes| PassesOfCycle {
+            cycle: CycleId(id),
+            started_unix_s: 86_400 * id,
+            passes,
+            removed_um: None,
+        };
         let earlier = [cycle(4, 2), cycle(9, 1)];
         let part = PartNames { serial: Some("SN 17".to_owned()), ..PartNames::default() };
         assert!(may_be_abraded(Some(&part), &earlier, 4).is_ok() && may_be_abraded(None, &[], 1).is_ok());

@@ -17,6 +17,7 @@ use crate::path::{self, Kinematics, Program, ProgramName, Spread, Waypoint};
 use crate::recipe::Recipe;
 use crate::report::{View, dwell_map, overlap_map};
 use crate::stages::plan::{self, Reach};
+use crate::stages::removal::{Removed, RemovedBefore};
 use crate::stages::survey::{ToolState, drawn_surface};
 use crate::stages::{self, corners};
 use crate::surface::{self, Fit};
@@ -55,13 +56,14 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
         Err(Fault::stage(refusal.error))
     })?;
     let on = (&taught.panel, &fit);
-    let plan = plan::lay(on, &grids, &recipe).map_err(Fault::stage)?;
     let kinematics = Kinematics::new(files.cell.arm());
     let (reach, from) = reach(&kinematics, (&files, common), &taught, base_from_panel, &recipe)?;
     let worn_mm2 = files.store()?.disc_worn_mm2().map_err(Fault::stage)?;
-    let tool = ToolState { error_mm: files.cell.limits().tool_error_mm(), worn_mm2 };
+    let removal = files.removal()?.map(|(model, _)| model);
+    let tool = ToolState { error_mm: files.cell.limits().tool_error_mm(), worn_mm2, removal };
+    let plan = plan::lay(on, &grids, (&recipe, tool)).map_err(Fault::stage)?;
     let is_looked_at = !matches!(reach, Reach::Unknown);
-    let mut stage = plan::judge(plan, on, reach, &recipe, tool);
+    let mut stage = plan::judge(plan, on, reach, (&recipe, tool), (None, RemovedBefore::default()));
     if files.cell.limits().workspace().is_some() || program.is_some() {
         stage = stage.held_in_base(base_from_panel, files.cell.limits());
     }
@@ -78,6 +80,8 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let dwell = planned.dwell(&taught, &grids, &recipe);
     let mut outcome = planned.outcome();
     outcome.words.extend(planned.table(&dwell, disc, &recipe));
+    outcome.words.extend(planned.stage.removed.as_ref().map_or_else(Vec::new, Removed::words));
+    outcome.put("removal", json!(planned.removal()));
     outcome.say(reach_words);
     outcome.put("reach", json!(reached.map(|r| json!({"room_deg": r.travel.room_deg, "spin_deg": r.spin.0}))));
     outcome.put("disc_worn_before_mm2", json!(worn_mm2));
@@ -103,6 +107,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
         };
         let drawn = [planned.stage.drawn(&taught.panel, &view), drawn_surface(&planned.fit.map)];
         pictures::save_all(folder, drawn)?;
+        pictures::save_all(folder, planned.stage.drawn_removal(&taught.panel))?;
         pictures::save(folder, "dwell", &dwell_map(&dwell, &taught.panel.region).map_err(Fault::stage)?)?;
         pictures::save(folder, "overlap", &overlap_map(&dwell, &taught.panel.region).map_err(Fault::stage)?)?;
     }
@@ -179,6 +184,16 @@ impl Planned {
         disk::write(file, path::krl(&program, recipe.path()))?;
         let words = "it sets $TOOL and $BASE and begins with a PTP to the path's first place";
         Ok((true, format!("the program is in {shown}; {words}")))
+    }
+
+    /// What the plan removes, in numbers; nothing where that is not asked for, or nobody knows.
+    fn removal(&self) -> Option<Value> {
+        let found = self.stage.removed.as_ref()?.figures?;
+        Some(json!({
+            "mean_um": found.mean_um, "p5_um": found.low_um, "p95_um": found.high_um, "largest_um": found.largest_um,
+            "largest_bound_um": found.largest_bound_um, "within_percent": found.within_percent,
+            "uncertainty_percent": found.uncertainty_percent,
+        }))
     }
 
     /// What the disc does along the plan.

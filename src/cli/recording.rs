@@ -1,16 +1,19 @@
 //! A recording's beginning, from the files that a cycle works by, and the same files read back from it.
 
-use super::cycle_files::{Calibrated, TaughtRecipe};
+use super::cycle_files::{Calibrated, REMOVED_BEFORE, TaughtRecipe};
 use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
 use crate::cell::{
-    Cell, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RobotCorrection, ScannerMount, ToolMount,
+    Cell, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RemovalCalibration, RobotCorrection,
+    ScannerMount, ToolMount,
 };
 use crate::daemon::{Calibrations, RECORDING_FLOOR_MB, Recorded, RecordingPlan, Stands, free_mb, too_full};
 use crate::files::{read_flange, write_pose};
 use crate::geometry::Rigid;
 use crate::recipe::Recipe;
+use crate::removal::model::Model;
 use crate::report::page::{Row, Section};
+use crate::stages::removal::RemovedBefore;
 use crate::store::{TaughtCorner, Teaching};
 use crate::tape::Checked;
 use std::path::{Component, Path, PathBuf};
@@ -133,6 +136,7 @@ pub fn section(recorded: &Recorded) -> Section {
 
 const RECIPE: &str = "recipe.toml";
 const CORRECTION: &str = "robot_correction.toml";
+const REMOVAL: &str = "removal.toml";
 const VERSION: &str = "taught/version.txt";
 const SCAN: &str = "taught/scan.pcd";
 const TAUGHT: [&str; 5] = [
@@ -179,6 +183,8 @@ pub struct RecordedCycle {
     pub calibrations: Calibrations,
     /// Where in its picture the flange camera's lens is known.
     pub lens: LensExtent,
+    /// What earlier cycles had removed of the part.
+    pub removed_before: RemovedBefore,
 }
 
 impl RecordedCycle {
@@ -198,13 +204,15 @@ impl RecordedCycle {
             flange_from_tool: parts.mount::<ToolMount>("flange_from_tool.toml")?,
             hand_eye_mm: checked.start.hand_eye_mm,
             robot_mm: checked.start.robot_mm,
+            removal: parts.removal()?,
         };
         let cell = Cell::check("cell.toml", parts.text("cell.toml")?)?;
         let cell = match checked.files.contains_key(CORRECTION) {
             true => cell.corrected(RobotCorrection::check(CORRECTION, parts.text(CORRECTION)?)?.numbers),
             false => cell,
         };
-        Ok(RecordedCycle { cell, taught: parts.taught(&recipe)?, recipe, calibrations, lens: flange_camera.extent })
+        let (taught, removed_before) = (parts.taught(&recipe)?, parts.removed_before()?);
+        Ok(RecordedCycle { cell, taught, recipe, calibrations, lens: flange_camera.extent, removed_before })
     }
 }
 
@@ -223,6 +231,23 @@ impl Parts<'_> {
     fn text(&self, name: &str) -> Result<&str, Fault> {
         let named = |error| Fault::file(self.file, format!("attachment \"{name}\": {error}"));
         std::str::from_utf8(self.bytes(name)?).map_err(named)
+    }
+
+    /// What earlier cycles had removed of the part.
+    fn removed_before(&self) -> Result<RemovedBefore, Fault> {
+        let name = format!("{REMOVED_BEFORE}.toml");
+        if !self.checked.files.contains_key(&name) {
+            return Ok(RemovedBefore::default());
+        }
+        serde_json::from_str(self.text(&name)?).map_err(|error| Fault::file(self.file, error))
+    }
+
+    /// What the disc took off, where the cell knew it.
+    fn removal(&self) -> Result<Option<Model>, Fault> {
+        if !self.checked.files.contains_key(REMOVAL) {
+            return Ok(None);
+        }
+        Ok(Some(Model::from(&RemovalCalibration::check(REMOVAL, self.text(REMOVAL)?)?.numbers)))
     }
 
     fn intrinsics(&self, name: &str) -> Result<Intrinsics, Fault> {

@@ -6,8 +6,8 @@ use super::fault::Fault;
 use super::live::FULL_WIDTH_PX;
 use super::outcome::Outcome;
 use super::output;
-use super::render_boards;
 use super::rendered::Rendered;
+use super::{render_boards, render_coupons};
 use crate::cell::{self, FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
 use crate::files::{self, Clip, ClipEntry};
 use crate::geometry::{Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, Rigid, Tool};
@@ -71,6 +71,7 @@ pub fn run(args: &Render) -> Result<Outcome, Fault> {
     if args.boards {
         progress("rendering boards for calibration");
         render_boards::write(args.seed, args.reduction as usize, (arm.as_ref(), &rendered))?;
+        render_coupons::write(args.seed, &rendered)?;
     }
     for index in 1..=args.clips {
         progress(&format!("rendering clip {index} of {}", args.clips));

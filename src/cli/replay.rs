@@ -25,9 +25,10 @@ pub fn run(args: &Replay) -> Result<Outcome, Fault> {
     let refused = |error| Fault::file(file, error);
     let checked = tape::check(open(file)?).map_err(refused)?;
     let recorded = RecordedCycle::read(file, &checked)?;
-    let RecordedCycle { cell, recipe, taught, calibrations, lens } = recorded;
+    let RecordedCycle { cell, recipe, taught, calibrations, lens, removed_before } = recorded;
     let cell = Arc::new(CellSetup::new(&cell).map_err(Fault::stage)?);
-    let setup = CycleSetup::new(cell.clone(), recipe, (taught.panel, taught.corners), (calibrations, lens));
+    let setup = CycleSetup::new(cell.clone(), recipe, (taught.panel, taught.corners), (calibrations, lens))
+        .map(|setup| setup.after(removed_before));
     let cycle = Some(Arc::new(setup.map_err(Fault::stage)?));
 
     let start = &checked.start;

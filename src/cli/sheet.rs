@@ -11,13 +11,14 @@ use crate::store::{PassesOfCycle, SignatureRow, Store};
 use crate::words::{apart, utc, utc_day};
 
 /// What the cell calls its files, in words, and by which verification each is judged.
-const EQUIPMENT: [(&str, &str, Option<&str>); 6] = [
+const EQUIPMENT: [(&str, &str, Option<&str>); 7] = [
     ("scanner", "scanner, lens", Some("scanner")),
     ("base_from_camera", "scanner, mount", Some("scanner")),
     ("flange_camera", "flange camera, lens", Some("flange_camera")),
     ("flange_from_camera", "flange camera, mount", Some("flange_camera")),
     ("flange_from_tool", "tool", Some("tool")),
     ("robot_correction", "robot, correction", None),
+    ("removal", "removal, coupons", None),
 ];
 
 /// The page of a cycle.
@@ -79,7 +80,7 @@ fn text(store: &Store, hash: &str) -> Option<String> {
     String::from_utf8(store.blob(hash).ok()?).ok()
 }
 
-fn earlier_cycle(PassesOfCycle { cycle, started_unix_s, passes }: &PassesOfCycle) -> EarlierCycle {
+fn earlier_cycle(PassesOfCycle { cycle, started_unix_s, passes, .. }: &PassesOfCycle) -> EarlierCycle {
     EarlierCycle { cycle: cycle.0, started_unix_s: *started_unix_s, passes: *passes }
 }
 

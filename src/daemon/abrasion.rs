@@ -14,9 +14,11 @@ use crate::path::routes::waypoints;
 use crate::path::trace::Trace;
 use crate::path::{Kinematics, Plan, dwell, touching};
 use crate::record::{Budget, EarlierPass, Kind, PASSES_USED, Reached};
+use crate::removal::map::RemovalMap;
 use crate::stages::abrade::{self, Progress};
 use crate::stages::plan::{self, Planned, Reach};
 use crate::stages::rejected_by;
+use crate::stages::removal::Abrasive;
 use crate::stages::survey::{self, ToolState};
 use crate::surface::{self, Fit};
 use crate::verdict::{Check, Limit, Reason, SetBy, Severity};
@@ -37,6 +39,8 @@ pub(super) struct Abrasion {
     most_passes: usize,
     /// What the disc in use has swept so far, as the store says, mm².
     pub worn_mm2: f64,
+    /// What the passes of this cycle removed so far, where that is known.
+    removed: Option<RemovalMap>,
     /// Where the tool was in earlier cycles of this panel, or may have been.
     pub earlier: Vec<EarlierPass>,
 }
@@ -44,9 +48,10 @@ pub(super) struct Abrasion {
 impl Abrasion {
     /// What a later phase's result depends on, as text. The surface follows from what was taught.
     pub(super) fn inputs(&self) -> String {
-        let Abrasion { plan, touched, done, most_passes, worn_mm2, earlier, .. } = self;
+        let Abrasion { plan, touched, done, most_passes, worn_mm2, earlier, removed, .. } = self;
+        let removed_mm3 = removed.as_ref().map(RemovalMap::volume_mm3);
         let plan = plan.as_ref().map(|(number, _)| number);
-        format!("{plan:?} {touched:?} {done:?} {most_passes} {worn_mm2} {earlier:?}")
+        format!("{plan:?} {touched:?} {done:?} {most_passes} {worn_mm2} {earlier:?} {removed_mm3:?}")
     }
 
     /// The plan with this number.
@@ -163,6 +168,9 @@ impl Abrasion {
         if let Some(film) = &sight.film_picture {
             record.figure(&figure(planned.drawn(&cycle.panel, &view(cycle, film, place)), film))?;
         }
+        if let Some(drawing) = planned.drawn_removal(&cycle.panel) {
+            record.figure(&figure_alone(drawing))?;
+        }
         let earlier = self.counted_before(&grids);
         let finding = planned.finding(pass, &grids);
         record.finding(&match earlier.is_empty() {
@@ -231,14 +239,22 @@ impl Abrasion {
         panel: &Approach<'_>,
     ) -> Result<Planned, Box<Check>> {
         let on = (&cycle.panel, fit);
-        let plan = plan::lay(on, grids, &cycle.recipe).map_err(|error| refused(reason("no_path", &error)))?;
+        let plan = plan::lay(on, grids, (&cycle.recipe, self.tool(cycle)))
+            .map_err(|error| refused(reason("no_path", &error)))?;
         let kinematics = Kinematics::new(&cycle.cell.arm);
         let reach = Reach::From(cycle.tour().stand(&kinematics, panel).map_err(refused)?);
-        Ok(plan::judge(plan, on, reach, &cycle.recipe, self.tool(cycle)))
+        Ok(plan::judge(
+            plan,
+            on,
+            reach,
+            (&cycle.recipe, self.tool(cycle)),
+            (self.removed.as_ref(), cycle.removed_before),
+        ))
     }
 
     fn tool(&self, cycle: &CycleSetup) -> ToolState {
-        ToolState { error_mm: cycle.cell.limits.tool_error_mm(), worn_mm2: self.worn_mm2 }
+        let removal = cycle.calibrations.removal;
+        ToolState { error_mm: cycle.cell.limits.tool_error_mm(), worn_mm2: self.worn_mm2, removal }
     }
 
     /// Keeps a plan: its number, and its waypoints after the air point of the approach.
@@ -262,16 +278,29 @@ impl Abrasion {
     ) -> (Vec<Note>, f64) {
         let (Some(fit), Some((_, plan))) = (self.fit.clone(), &self.plan) else { return (Vec::new(), 0.0) };
         let (on, progress) = ((&fit.surface, &cycle.panel.region), Progress { waypoints: all, done });
-        let abraded = abrade::abraded(plan, on, cycle.recipe.path(), (trace, progress));
+        let (panel, recipe) = (&cycle.panel, &cycle.recipe);
+        let removal = Abrasive {
+            panel,
+            fit: &fit,
+            recipe,
+            tool: self.tool(cycle),
+            earlier: self.removed.as_ref(),
+            before: cycle.removed_before,
+        };
+        let abraded = abrade::abraded(plan, on, cycle.recipe.path(), (trace, progress), Some(&removal));
+        if let Some(removed) = &abraded.removed {
+            self.removed = Some(removed.map.clone());
+        }
         for grid in abraded.whole.iter().chain(&abraded.begun) {
             let (times, last) = self.touched.entry(*grid).or_insert((0, 0));
             *times += usize::from(*last != pass);
             *last = pass;
         }
         self.done.extend(abraded.whole.iter().map(|grid| (*grid, pass)));
-        let figures = abraded.drawn(&cycle.panel.region).map(|drawing| Note::Figure(figure_alone(drawing)));
+        let drawn = abraded.drawn(&cycle.panel.region).into_iter().chain(abraded.drawn_removal(&cycle.panel));
+        let figures = drawn.map(|drawing| Note::Figure(figure_alone(drawing)));
         let finding = abraded.finding(pass, self.most_passes);
-        let notes = figures.into_iter().chain([Note::Finding(finding)]).collect();
+        let notes = figures.chain([Note::Finding(finding)]).collect();
         (notes, abraded.swept_mm2)
     }
 

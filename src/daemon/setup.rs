@@ -9,6 +9,8 @@ use crate::inspect::Demands;
 use crate::panel::{TaughtCorner, TaughtPanel};
 use crate::path::approach::CornerTour;
 use crate::recipe::Recipe;
+use crate::removal::model::Model;
+use crate::stages::removal::RemovedBefore;
 use std::sync::Arc;
 
 /// Where cameras and tool are, as calibrated.
@@ -28,6 +30,8 @@ pub struct Calibrations {
     pub hand_eye_mm: Option<f64>,
     /// Error of robot and tool, mm, 95 %, where the tool was touched against known points.
     pub robot_mm: Option<f64>,
+    /// What the disc takes off, where that is calibrated.
+    pub removal: Option<Model>,
 }
 
 /// What the cell's file states of the cell, for every cycle and between cycles.
@@ -77,6 +81,8 @@ pub struct CycleSetup {
     pub calibrations: Calibrations,
     /// Where in its picture the flange camera's lens is known.
     pub lens: LensExtent,
+    /// What earlier cycles removed of this part.
+    pub removed_before: RemovedBefore,
 }
 
 impl CycleSetup {
@@ -98,7 +104,14 @@ impl CycleSetup {
         if let Some(reason) = health::outside_of_lens(&lens, pixels) {
             return Err(DaemonError::CornerOutsideOfLens(reason.message));
         }
-        Ok(CycleSetup { cell, recipe, panel, corners, calibrations, lens })
+        let removed_before = RemovedBefore::default();
+        Ok(CycleSetup { cell, recipe, panel, corners, calibrations, lens, removed_before })
+    }
+
+    /// The same for a part of which earlier cycles removed so much.
+    #[must_use]
+    pub fn after(self, removed_before: RemovedBefore) -> Self {
+        CycleSetup { removed_before, ..self }
     }
 
     /// The panel's name.

@@ -43,7 +43,7 @@ pub use gate::{OF_GRID, TOOL_ERROR, broken_in_base, check_pad, judge, judge_pad,
 pub use kinematics::Kinematics;
 pub use krl::{Program, ProgramName, ProgramNameError, krl};
 pub use orientation::{OrientationError, Reference, Stance, panel_from_tool};
-pub use plan::{plan, plan_around};
+pub use plan::{plan, plan_around, plan_beyond};
 pub use planned::{Plan, PlanError, StepOver, ToolPath, Waypoint};
 pub use raster::{Raster, RasterError, raster};
 pub use waypoint_gate::{Route, WaypointLimits, judge_joints, judge_route};

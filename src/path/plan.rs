@@ -7,13 +7,14 @@
 //! shows in the coverage. The feed is lower where a place would be under the disc for less time (`evenness`). Poses are the
 //! tool's in the panel's frame. What comes out is in `planned`.
 
-use super::areas::{areas, order};
+use super::areas::{Area, areas, order};
 use super::contact::tool_path;
 use super::coverage::GridCoverage;
 use super::edge::{Outline, Overhang};
 use super::evenness::{Even, even};
 use super::piece::{OUTLINE_EXACT_MM, Piece, There, first_grid, piece};
-use super::planned::{Plan, PlanError, StepOver, ToolPath, Waypoint};
+use super::planned::{Extent, Plan, PlanError, StepOver, ToolPath, extent};
+use super::raster::border_inset_mm;
 use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
 use crate::recipe;
@@ -34,7 +35,7 @@ pub fn plan(
     outline: &[Point<Panel>],
     settings: &recipe::Path,
 ) -> Result<Plan, PlanError> {
-    planned(surface, region, grids, (outline, &|_| true), settings)
+    planned(surface, region, grids, (outline, &|_| true), (settings, 0.0))
 }
 
 /// The same, the tool lifted where the panel has a hole.
@@ -51,7 +52,25 @@ pub fn plan_around(
     (outline, holes): (&[Point<Panel>], &Holes),
     settings: &recipe::Path,
 ) -> Result<Plan, PlanError> {
-    planned(surface, region, grids, (outline, &|at| !holes.holds(at)), settings)
+    planned(surface, region, grids, (outline, &|at| !holes.holds(at)), (settings, 0.0))
+}
+
+/// The same, the lines laid so far beyond the border of what is treated, mm: where the removal is to be even up to that border, the
+/// disc must leave it.
+///
+/// # Errors
+/// As [`plan`].
+///
+/// # Panics
+/// As [`plan`].
+pub fn plan_beyond(
+    surface: &BSplineSurface,
+    region: &Region,
+    grids: &[GridId],
+    (outline, holes): (&[Point<Panel>], &Holes),
+    (settings, beyond_mm): (&recipe::Path, f64),
+) -> Result<Plan, PlanError> {
+    planned(surface, region, grids, (outline, &|at| !holes.holds(at)), (settings, beyond_mm))
 }
 
 fn planned(
@@ -59,11 +78,17 @@ fn planned(
     region: &Region,
     grids: &[GridId],
     (outline, there): (&[Point<Panel>], There<'_>),
-    settings: &recipe::Path,
+    (settings, beyond_mm): (&recipe::Path, f64),
 ) -> Result<Plan, PlanError> {
     refuse_unknown(region, grids)?;
     let outline = Outline::new(outline);
     let areas = areas(region, grids, settings.join_grids());
+    let areas = match beyond_mm > 0.0 {
+        true => {
+            areas.into_iter().map(|area| widened(surface, area, beyond_mm + border_inset_mm(settings))).collect()
+        }
+        false => areas,
+    };
     let pieces: Vec<Result<Piece, PlanError>> =
         areas.into_par_iter().map(|area| piece(surface, region, area, (&outline, there), settings)).collect();
     let pieces: Vec<Piece> = pieces.into_iter().collect::<Result<_, _>>()?;
@@ -80,6 +105,16 @@ fn planned(
     let plan = with_evidence(paths, &pieces, even, settings);
     assert!(plan.is_finite(), "a number of the path over {grids:?} is not finite");
     Ok(plan)
+}
+
+/// An area whose lines are laid as if it were so much larger on each side, mm.
+fn widened(surface: &BSplineSurface, area: Area, by_mm: f64) -> Area {
+    let middle = surface.tangents(area.patch.at(Parameter { u: 0.5, v: 0.5 }));
+    let (by_u, by_v) = (by_mm / middle.s_u.mm.norm(), by_mm / middle.s_v.mm.norm());
+    let Patch { low, high } = area.patch;
+    let low = Parameter { u: low.u - by_u, v: low.v - by_v };
+    let high = Parameter { u: high.u + by_u, v: high.v + by_v };
+    Area { patch: Patch { low, high }, ..area }
 }
 
 fn refuse_unknown(region: &Region, grids: &[GridId]) -> Result<(), PlanError> {
@@ -114,17 +149,7 @@ fn ordered(surface: &BSplineSurface, pieces: Vec<Piece>) -> Vec<Piece> {
 }
 
 fn with_evidence(paths: Vec<ToolPath>, pieces: &[Piece], even: Even, settings: &recipe::Path) -> Plan {
-    let all: Vec<&Waypoint> = paths.iter().flat_map(|path| &path.waypoints).collect();
-    let (mut length_mm, mut contact_mm, mut duration_s) = (0.0, 0.0, 0.0);
-    for pair in all.windows(2) {
-        let step_mm = pair[0].panel_from_tool.origin().distance_mm(pair[1].panel_from_tool.origin());
-        length_mm += step_mm;
-        contact_mm += if pair[0].contact && pair[1].contact { step_mm } else { 0.0 };
-        duration_s += step_mm / pair[1].feed_mm_s;
-        // From or to a stop: half of feed / acceleration lost at either.
-        let stops = [pair[0], pair[1]].iter().filter(|waypoint| waypoint.blend_mm == 0.0).count();
-        duration_s += stops as f64 * pair[1].feed_mm_s / settings.acceleration_mm_s2() / 2.0;
-    }
+    let Extent { length_mm, contact_mm, duration_s } = extent(&paths, settings);
     let mut grids: Vec<GridCoverage> = pieces.iter().flat_map(|piece| piece.coverage.iter().copied()).collect();
     grids.sort_by_key(|grid| grid.id);
     let covered_mm2: f64 = grids.iter().map(|grid| grid.covered_mm2).sum();

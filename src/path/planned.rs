@@ -6,7 +6,9 @@ use super::orientation::OrientationError;
 use super::raster::RasterError;
 use crate::geometry::{KukaPose, Panel, Rigid, Tool};
 use crate::panel::GridId;
+use crate::recipe;
 use crate::surface::Spread;
+use crate::surface::dwell::Dwell;
 
 /// One pose to move to in a straight line.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -92,6 +94,23 @@ impl Plan {
         all.into_iter().chain(grids).max_by(|a, b| a.0.total_cmp(&b.0))
     }
 
+    /// The same with other feeds, one for each waypoint of all its paths in their order, mm/s.
+    #[must_use]
+    pub fn fed(mut self, feeds_mm_s: &[f64], settings: &recipe::Path) -> Self {
+        let all = self.paths.iter_mut().flat_map(|path| &mut path.waypoints);
+        all.zip(feeds_mm_s).for_each(|(waypoint, feed_mm_s)| waypoint.feed_mm_s = *feed_mm_s);
+        self.duration_s = extent(&self.paths, settings).duration_s;
+        self
+    }
+
+    /// The same with the times under the disc that these feeds come to.
+    #[must_use]
+    pub fn timed(mut self, dwell: &Dwell) -> Self {
+        self.dwell = dwell.spread();
+        self.grid_dwell = dwell.grids.iter().filter_map(|grid| Some((grid.id, grid.spread()?))).collect();
+        self
+    }
+
     /// Whether every pose, feed, rounding, length and time is a number, and every feed above 0.
     pub fn is_finite(&self) -> bool {
         let moves = self.paths.iter().flat_map(|path| &path.waypoints).all(Waypoint::is_finite);
@@ -100,6 +119,30 @@ impl Plan {
         // Without an outline the disc reaches beyond it without end.
         moves && dwell && sums.iter().all(|sum| sum.is_finite()) && !self.overhang.largest_mm.is_nan()
     }
+}
+
+/// How long paths are, in mm and s.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Extent {
+    pub length_mm: f64,
+    pub contact_mm: f64,
+    pub duration_s: f64,
+}
+
+/// How long paths are.
+pub(super) fn extent(paths: &[ToolPath], settings: &recipe::Path) -> Extent {
+    let all: Vec<&Waypoint> = paths.iter().flat_map(|path| &path.waypoints).collect();
+    let mut sum = Extent::default();
+    for pair in all.windows(2) {
+        let step_mm = pair[0].panel_from_tool.origin().distance_mm(pair[1].panel_from_tool.origin());
+        sum.length_mm += step_mm;
+        sum.contact_mm += if pair[0].contact && pair[1].contact { step_mm } else { 0.0 };
+        sum.duration_s += step_mm / pair[1].feed_mm_s;
+        // From or to a stop: half of feed / acceleration lost at either.
+        let stops = [pair[0], pair[1]].iter().filter(|waypoint| waypoint.blend_mm == 0.0).count();
+        sum.duration_s += stops as f64 * pair[1].feed_mm_s / settings.acceleration_mm_s2() / 2.0;
+    }
+    sum
 }
 
 /// Why there is no plan.

@@ -85,6 +85,11 @@ impl Along {
     }
 }
 
+/// How far rows and their ends stay inside of a patch's border, mm.
+pub(super) fn border_inset_mm(settings: &recipe::Path) -> f64 {
+    INSET_RADII * settings.disc_diameter_mm() / 2.0
+}
+
 /// Distances from the patch's four borders, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Insets {
@@ -101,7 +106,7 @@ pub(super) struct Insets {
 impl Insets {
     /// Those that the disc alone asks for.
     pub fn of_disc(settings: &recipe::Path) -> Self {
-        let inset_mm = INSET_RADII * settings.disc_diameter_mm() / 2.0;
+        let inset_mm = border_inset_mm(settings);
         Insets { u: [inset_mm; 2], v: [inset_mm; 2], more: [0.0; 4], pushed: [false; 4] }
     }
 

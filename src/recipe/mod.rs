@@ -12,7 +12,7 @@ mod tests;
 pub use edit::{Drawn, EditError, drawn_into};
 pub use tables::{
     Corner, CornerName, CornerNames, FitMethod, Inspect, Locate, Method, Panel, Path, Pattern, Process, Region,
-    Surface,
+    Removal, RemovalMethod, Surface,
 };
 
 use crate::config::{self, Problems, Section};
@@ -28,10 +28,12 @@ pub struct Recipe {
     inspect: Inspect,
     surface: Surface,
     path: Path,
+    removal: Option<Removal>,
 }
 
 /// The keys at the top of a recipe, by which it is distinguished from other files.
-pub const RECIPE_KEYS: [&str; 8] = ["panel", "process", "locate", "corner", "region", "inspect", "surface", "path"];
+pub const RECIPE_KEYS: [&str; 9] =
+    ["panel", "process", "locate", "corner", "region", "inspect", "surface", "path", "removal"];
 
 impl Recipe {
     /// Checks the text of a recipe; `file` is its name in messages.
@@ -51,6 +53,7 @@ impl Recipe {
         let inspect = tables::take_inspect(&top.section("inspect"));
         let surface = Surface::take(&top.section("surface"));
         let path = tables::take_path(&top.section("path"));
+        let removal = tables::take_removal(&top.section("removal"), path.as_ref());
         top.done();
         Some(Recipe {
             panel: panel?,
@@ -61,6 +64,7 @@ impl Recipe {
             inspect: inspect?,
             surface: surface?,
             path: path?,
+            removal: removal?,
         })
     }
 
@@ -107,5 +111,10 @@ impl Recipe {
     /// How the tool moves.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// What is to be removed, where it says so.
+    pub fn removal(&self) -> Option<&Removal> {
+        self.removal.as_ref()
     }
 }

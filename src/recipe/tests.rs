@@ -99,6 +99,19 @@ fn each_mistake_is_named() {
             "path.reference_axis = [0, 0, 0.001]",
             "path.reference_axis: found a direction of length 0.001, allowed is 0.1 to 1.8, or [0, 0, 0]",
         ),
+        (
+            "removal = {target_um = 30, max_um = 30, force_n = 20}",
+            "removal.max_um: found 30, allowed is more than target_um, 30",
+        ),
+        (
+            "removal = {target_um = 30, max_um = 60, force_n = 20, min_feed_mm_s = 61}",
+            "removal.min_feed_mm_s: found 61, allowed is at most path.feed_mm_s, 60",
+        ),
+        ("removal = {target_um = 30, max_um = 60}", "removal.force_n: is missing; this key has no default"),
+        (
+            "removal = {target_um = 30, max_um = 60, force_n = 20, method = 'even'}",
+            "removal.method: found the text \"even\", allowed is \"constant\" or \"scheduled\"",
+        ),
         ("path.max_dwell_ratio = 1", "path.max_dwell_ratio: found 1, allowed is a number from 1.1 to 20"),
         ("path.max_dwel_ratio = 2", "path.max_dwel_ratio: unknown key; did you mean max_dwell_ratio?"),
         ("locate.min_overlap = 90", "locate.min_overlap: found 90, allowed is a number from 0 to 1"),
@@ -175,4 +188,17 @@ proptest! {
         let _ = Recipe::check("f", &text);
         let _ = Recipe::check("f", &format!("{LEAST}{text}"));
     }
+}
+
+/// Without the table nothing is said of removal, and nothing changes.
+#[test]
+fn removal_is_stated_or_not() {
+    let recipe = |text: &str| Recipe::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));
+    assert_eq!(recipe(LEAST).removal(), None);
+    let stated = recipe(&format!("{LEAST}removal = {{target_um = 30, max_um = 60, force_n = 20}}\n"));
+    let removal = stated.removal().expect("stated");
+    assert_eq!(
+        (removal.method(), removal.even_percent(), removal.min_feed_mm_s()),
+        (RemovalMethod::Constant, 20.0, 5.0)
+    );
 }

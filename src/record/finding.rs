@@ -59,6 +59,8 @@ pub mod name {
     pub const PLANNED: &str = "waypoints";
     /// Waypoints of a contact path that the robot executed, without the one at which the approach ended.
     pub const EXECUTED: &str = "waypoints executed";
+    /// What no place of the part may come to, by its upper 95 % bound, over all passes so far, µm.
+    pub const REMOVED_BOUND: &str = "largest removal over all passes, upper 95 % bound";
     /// Corners that were seen so far.
     pub const CORNERS: &str = "corners seen";
     /// What is worn of the disc in use after the largest grid.

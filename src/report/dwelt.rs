@@ -3,13 +3,12 @@
 //! Time runs from light to dark blue, which every eye tells apart by lightness alone; what was not reached is vermillion.
 
 use super::canvas::{Canvas, Ink, Pen};
+use super::unrolled::{Unrolled, painted};
 use crate::geometry::{ColorPicture, Pixel};
 use crate::imaging::ImagingError;
 use crate::panel::Region;
 use crate::surface::dwell::{Dwell, GridDwell};
 
-/// Pixels along the region's longer side.
-const PICTURE_PX: usize = 900;
 const UNASKED: Ink = Ink([225, 225, 225]);
 const NOT_REACHED: Ink = Ink::VERMILLION;
 /// The shortest and the longest time.
@@ -62,48 +61,19 @@ fn drawn(
     color: impl Fn(&GridDwell, usize) -> Ink,
     legend: &[(Ink, &str)],
 ) -> Result<ColorPicture, ImagingError> {
-    let sides_mm = dwell.sides_mm();
-    let px_per_mm = PICTURE_PX as f64 / sides_mm[0].max(sides_mm[1]).max(1.0);
-    let mut canvas = Canvas::on(&painted(dwell, region, px_per_mm, color))?;
-    let [width, height] = sides_mm.map(|side_mm| side_mm * px_per_mm);
-    let text_px = (height / 40.0).max(12.0);
+    let unrolled = Unrolled::new(dwell.sides_mm());
+    let sizes: Vec<_> = dwell.grids.iter().map(|grid| (grid.id, grid.columns, grid.dwell_s.len())).collect();
+    let of_sample = |number: usize, sample: usize, _| color(&dwell.grids[number], sample);
+    let mut canvas = Canvas::on(&painted(&unrolled, (region, &sizes), UNASKED, of_sample))?;
+    let text_px = unrolled.text_px();
     for grid in &dwell.grids {
-        let [low, high] = region.unit_box(grid.id);
-        let place = |u: f64, v: f64| Pixel::at(u * width, v * height);
-        let edge = [place(low.x, low.y), place(high.x, low.y), place(high.x, high.y), place(low.x, high.y)];
+        let edge = unrolled.edge_px(region, grid.id);
         canvas.polyline(&edge, true, Pen { ink: Ink::WHITE, width_px: 1 })?;
         let corner = Pixel::at(edge[0].u + text_px * 0.4, edge[0].v + text_px * 1.3);
         canvas.label(corner, &grid.id.to_string(), text_px, Ink::WHITE)?;
     }
-    canvas.scale_bar_within(px_per_mm)?;
+    canvas.scale_bar_within(unrolled.px_per_mm)?;
     canvas.with_legend(legend)?.finish()
-}
-
-fn painted(
-    dwell: &Dwell,
-    region: &Region,
-    px_per_mm: f64,
-    color: impl Fn(&GridDwell, usize) -> Ink,
-) -> ColorPicture {
-    let [width, height] = dwell.sides_mm().map(|side_mm| ((side_mm * px_per_mm) as usize).max(1));
-    let mut picture = ColorPicture::filled(width, height, UNASKED.0);
-    for grid in &dwell.grids {
-        let [low, high] = region.unit_box(grid.id);
-        let rows = grid.dwell_s.len() / grid.columns.max(1);
-        let start = |low: f64, size: usize| (low * size as f64).round() as usize;
-        for y in start(low.y, height)..start(high.y, height).min(height) {
-            for x in start(low.x, width)..start(high.x, width).min(width) {
-                let index = |at: usize, size: usize, low: f64, high: f64, count: usize| {
-                    let share = ((at as f64 + 0.5) / size as f64 - low) / (high - low);
-                    ((share * count as f64).max(0.0) as usize).min(count.saturating_sub(1))
-                };
-                let row = index(y, height, low.y, high.y, rows);
-                let sample = row * grid.columns + index(x, width, low.x, high.x, grid.columns);
-                picture.rgb[y * width + x] = color(grid, sample).0;
-            }
-        }
-    }
-    picture
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! What of a contact path was executed, by the poses that the robot reported.
 
+use super::removal::{Abrasive, Removed};
 use super::{Drawing, names};
-use crate::panel::{GridId, Region};
+use crate::panel::{GridId, Region, TaughtPanel};
 use crate::path::Plan;
 use crate::path::dwell::{self, Dwell};
 use crate::path::routes::waypoints;
@@ -27,6 +28,13 @@ pub struct Progress {
     pub done: u32,
 }
 
+impl Progress {
+    /// Was all of it executed?
+    pub fn is_whole(self) -> bool {
+        self.done >= self.waypoints
+    }
+}
+
 /// What a contact path did.
 #[derive(Debug, Clone)]
 pub struct Abraded {
@@ -36,6 +44,8 @@ pub struct Abraded {
     pub begun: Vec<GridId>,
     /// What the disc swept, mm².
     pub swept_mm2: f64,
+    /// What it removed, over all passes of the part; `None` where the recipe does not ask, or nobody knows.
+    pub removed: Option<Removed>,
     progress: Progress,
     walked: ExecutedPath,
     off_limit_mm: f64,
@@ -48,6 +58,7 @@ pub fn abraded(
     (surface, region): (&BSplineSurface, &Region),
     settings: &recipe::Path,
     (trace, progress): (&Trace, Progress),
+    removal: Option<&Abrasive<'_>>,
 ) -> Abraded {
     let disc_mm = settings.disc_diameter_mm();
     let walked = trace.executed(&waypoints(plan), progress.done);
@@ -56,7 +67,8 @@ pub fn abraded(
     let (whole, begun) = covered(plan, &dwell, progress.done);
     // A rounded corner leaves the lines by less than its rounding.
     let off_limit_mm = OFF_PATH_MM + settings.blend_share() * settings.waypoint_spacing_mm();
-    Abraded { whole, begun, swept_mm2: walked.contact_mm * disc_mm, progress, walked, off_limit_mm, dwell }
+    let removed = removal.and_then(|removal| removal.executed(&planned, &walked.poses, None));
+    Abraded { whole, begun, swept_mm2: walked.contact_mm * disc_mm, removed, progress, walked, off_limit_mm, dwell }
 }
 
 impl Abraded {
@@ -70,12 +82,18 @@ impl Abraded {
         ]
     }
 
+    /// What was removed, where that is known.
+    pub fn drawn_removal(&self, panel: &TaughtPanel) -> Option<Drawing> {
+        let caption = "What was removed, with what earlier passes removed of this part, by the poses that the robot reported, µm";
+        self.removed.as_ref().map(|removed| removed.drawn(panel, ("removal_executed", caption)))
+    }
+
     /// What is asked of a path: all of it executed, the grids covered, and near the planned lines.
     fn checks(&self) -> [Check; 3] {
         let Progress { waypoints, done } = self.progress;
         let (off_mm, allowed_mm, begun) = (self.walked.off_mm, self.off_limit_mm, self.begun.len() as f64);
         // Of a path that was cut short nobody expects that.
-        let is_not_covered = done >= waypoints && begun > 0.0;
+        let is_not_covered = self.progress.is_whole() && begun > 0.0;
         [
             Check::new(name::EXECUTED, "", f64::from(done))
                 .at_least(f64::from(waypoints), SetBy::Program)
@@ -107,7 +125,9 @@ impl Abraded {
     pub fn finding(&self, pass: u8, most_passes: usize) -> Finding {
         let (walked, dwell, checks) = (&self.walked, &self.dwell, self.checks());
         let spread = dwell.spread();
-        let judgement = Judgement::of_checks(&checks);
+        let of_removal =
+            self.removed.as_ref().map_or_else(Vec::new, |removed| removed.told_after(self.progress.is_whole()));
+        let judgement = Judgement::of_checks(checks.iter().chain(&of_removal));
         let [executed, begun, off_path] = checks;
         let finding = Finding::new(Kind::Abrade, pass, judgement).detail("grids", names(&self.whole)).with([
             executed,
@@ -127,6 +147,7 @@ impl Abraded {
                 Check::new(format!("of {id} left"), "mm²", grid.left_mm2()),
             ]
         }));
+        let finding = finding.with(of_removal);
         if self.begun.is_empty() { finding } else { finding.detail("grids_in_part", names(&self.begun)) }
     }
 }

@@ -6,7 +6,8 @@
 //!
 //! - `locate`: where the panel stands, by the 3D scan · `corners`: the correction by corner pictures, and the
 //!   verification before contact · `film`: the water-break test on the pictures of a film
-//! - `survey`: the surface, and what of it the arm reaches · `plan`: the path over some grids · `abrade`: what was executed
+//! - `survey`: the surface, and what of it the arm reaches · `plan`: the path over some grids · `abrade`: what was executed ·
+//!   `removal`: what that takes off
 //! - `learn`: panel and corners, derived from what a teaching holds
 
 pub mod abrade;
@@ -15,6 +16,7 @@ pub mod film;
 pub mod learn;
 pub mod locate;
 pub mod plan;
+pub mod removal;
 mod strip;
 pub mod survey;
 

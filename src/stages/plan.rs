@@ -1,6 +1,7 @@
 //! The path over some grids: laid on the surface, followed by the arm with its tool turned as that needs, and judged by
 //! every gate.
 
+use super::removal::{self, Abrasive, Removed, RemovedBefore};
 use super::survey::ToolState;
 use super::{Drawing, names};
 use crate::cell::Limits;
@@ -9,8 +10,9 @@ use crate::panel::{Grid, GridId, TaughtPanel};
 use crate::path::disc::DiscUse;
 use crate::path::panel_reach::{self, Reached, Stand};
 use crate::path::{self, Plan, PlanError, ToolPath, WaypointLimits, check_pad};
-use crate::recipe::Recipe;
+use crate::recipe::{Recipe, RemovalMethod};
 use crate::record::{Check, Finding, Kind, name};
+use crate::removal::map::RemovalMap;
 use crate::report::View;
 use crate::surface::Fit;
 use crate::verdict::{Judgement, Reason, Severity};
@@ -35,19 +37,28 @@ pub struct Planned {
     pub reached: Option<Reached>,
     /// What the path wears of the disc.
     pub disc: DiscUse,
+    /// What it removes, over all passes of the part; `None` where the recipe does not ask, or nobody knows.
+    pub removed: Option<Removed>,
     /// Every number that was judged.
     pub checks: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
 }
 
-/// Lays paths over these grids of a fitted surface.
+/// Lays paths over these grids of a fitted surface, with the feeds that remove what the recipe asks for.
 ///
 /// # Errors
 /// Where the surface allows none.
-pub fn lay((panel, fit): (&TaughtPanel, &Fit), grids: &[GridId], recipe: &Recipe) -> Result<Plan, PlanError> {
+pub fn lay(
+    (panel, fit): (&TaughtPanel, &Fit),
+    grids: &[GridId],
+    (recipe, tool): (&Recipe, ToolState),
+) -> Result<Plan, PlanError> {
     let holes = fit.map.holes(&panel.region, recipe.path().lift_hole_mm());
-    path::plan_around(&fit.surface, &panel.region, grids, (&panel.outline, &holes), recipe.path())
+    let abrasive = Abrasive { panel, fit, recipe, tool, earlier: None, before: RemovedBefore::default() };
+    let (outline, beyond_mm) = ((panel.outline.as_slice(), &holes), abrasive.beyond_mm());
+    let plan = path::plan_beyond(&fit.surface, &panel.region, grids, outline, (recipe.path(), beyond_mm))?;
+    Ok(abrasive.scheduled(plan))
 }
 
 /// Follows a plan with the arm and judges it.
@@ -55,8 +66,8 @@ pub fn judge(
     plan: Plan,
     (panel, fit): (&TaughtPanel, &Fit),
     reach: Reach<'_>,
-    recipe: &Recipe,
-    tool: ToolState,
+    (recipe, tool): (&Recipe, ToolState),
+    (earlier, before): (Option<&RemovalMap>, RemovedBefore),
 ) -> Planned {
     let settings = recipe.path();
     let unknown = || Check::new(panel_reach::ROOM, "°", None);
@@ -70,22 +81,26 @@ pub fn judge(
         }
     };
     let disc = DiscUse::of(&plan, settings, tool.worn_mm2);
-    let (of_path, path_judgement) = path::judged(&plan, settings);
+    let removed = Abrasive { panel, fit, recipe, tool, earlier, before }.planned(&plan);
+    let (of_path, path_judgement) = of_path(&plan, recipe, removed.is_some());
+    let of_removal = removed.as_ref().map_or_else(Vec::new, |removed| removed.checks.clone());
+    let of_removal: Vec<Check> = of_removal.into_iter().chain(removal::unknown(recipe, tool)).collect();
     let (pad, worn) = (check_pad(settings, tool.error_mm), disc.check("worn of the disc afterwards", "this path"));
     let judgement = Judgement::of_checks([&room])
         .and(path_judgement)
         .and(Judgement::of_checks(&pad))
-        .and(Judgement::of_checks([&worn]));
+        .and(Judgement::of_checks([&worn]))
+        .and(Judgement::of_checks(&of_removal));
     let spin_deg = reached.as_ref().map(|reached| reached.spin.0);
     let spin = Check::new("turn of the tool about its axis, for reach", "°", spin_deg);
     let swept = Check::new("swept by the disc", "mm²", disc.swept_mm2);
     let of_arm = [spin, room].into_iter().chain(pad).chain([swept, worn]);
-    let checks = of_path.into_iter().chain(sizes(&plan)).chain(of_arm).collect();
+    let checks = of_path.into_iter().chain(sizes(&plan)).chain(of_arm).chain(of_removal).collect();
     let plan = match &reached {
         Some(reached) => panel_reach::turned(&plan, reached.spin),
         None => plan,
     };
-    Planned { plan, reached, disc, checks, judgement }
+    Planned { plan, reached, disc, removed, checks, judgement }
 }
 
 impl Planned {
@@ -113,11 +128,30 @@ impl Planned {
         )
     }
 
+    /// What the path removes, where that is known.
+    pub fn drawn_removal(&self, panel: &TaughtPanel) -> Option<Drawing> {
+        let caption = "What the path removes, with what earlier passes removed of this part, µm";
+        self.removed.as_ref().map(|removed| removed.drawn(panel, ("removal_planned", caption)))
+    }
+
     /// The result for the record.
     pub fn finding(&self, pass: u8, grids: &[GridId]) -> Finding {
         let finding = Finding::new(Kind::Plan, pass, self.judgement.clone());
         finding.detail("grids", names(grids)).with(self.checks.iter().cloned())
     }
+}
+
+/// Every number of what the path reaches. Where removal is scheduled its own evenness counts, not that of the times.
+fn of_path(plan: &Plan, recipe: &Recipe, is_known: bool) -> (Vec<Check>, Judgement) {
+    let (checks, judgement) = path::judged(plan, recipe.path());
+    let scheduled = recipe.removal().is_some_and(|asked| asked.method() == RemovalMethod::Scheduled);
+    if !(scheduled && is_known) {
+        return (checks, judgement);
+    }
+    let freed = |check: Check| if check.name == name::DWELL_RATIO { check.without_consequence() } else { check };
+    let checks: Vec<Check> = checks.into_iter().map(freed).collect();
+    let judgement = Judgement::of_checks(&checks);
+    (checks, judgement)
 }
 
 /// How large a plan is.

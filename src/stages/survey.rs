@@ -7,6 +7,7 @@ use crate::path::disc::DiscUse;
 use crate::path::panel_reach::{self, GridReach, Stand};
 use crate::recipe::{self, Recipe};
 use crate::record::{Check, Finding, Kind, name};
+use crate::removal::model::Model;
 use crate::report::surface_map;
 use crate::surface::{Deviation, DeviationMap, Fit};
 use crate::verdict::{Judgement, Reason, SetBy};
@@ -18,6 +19,8 @@ pub struct ToolState {
     pub error_mm: Option<f64>,
     /// Swept by the disc in use, mm².
     pub worn_mm2: f64,
+    /// What the disc takes off, where that is calibrated.
+    pub removal: Option<Model>,
 }
 
 /// What of a panel the arm reaches, grid by grid.

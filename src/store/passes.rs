@@ -2,11 +2,11 @@
 
 use super::database::Store;
 use super::error::StoreError;
-use crate::record::{CycleId, CycleRecord, PartNames, passes};
+use crate::record::{CycleId, CycleRecord, PartNames, passes, removed_bound_um};
 use rusqlite::params;
 
 /// How often a part was abraded in a cycle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PassesOfCycle {
     /// The cycle.
     pub cycle: CycleId,
@@ -14,6 +14,8 @@ pub struct PassesOfCycle {
     pub started_unix_s: i64,
     /// Passes in which the tool was on the part, or may have been.
     pub passes: usize,
+    /// The upper 95 % bound of what was removed anywhere of the part by its end, µm; `None` where nobody knows.
+    pub removed_um: Option<f64>,
 }
 
 impl Store {
@@ -47,7 +49,9 @@ impl Store {
             let record = self.cycle(cycle)?;
             let passes = passes(&record.findings, &record.motions);
             if passes > 0 {
-                all.push(PassesOfCycle { cycle, started_unix_s: record.started_unix_s, passes });
+                let (started_unix_s, removed_um) =
+                    (record.started_unix_s, removed_bound_um(&record.findings, passes));
+                all.push(PassesOfCycle { cycle, started_unix_s, passes, removed_um });
             }
         }
         Ok(all)

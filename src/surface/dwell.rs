@@ -17,7 +17,7 @@ use rayon::prelude::*;
 /// Distance between samples, and of the steps along a path, mm.
 const SAMPLE_MM: f64 = 1.0;
 /// A disc whose point is higher above the surface than this does not touch it, mm.
-const CONTACT_MM: f64 = 1.0;
+pub const CONTACT_MM: f64 = 1.0;
 /// Steps of the search for the place on the surface below a point.
 const FOOT_STEPS: usize = 12;
 /// Such a place is exact enough, mm.

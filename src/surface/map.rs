@@ -42,6 +42,11 @@ pub struct Holes {
 }
 
 impl Holes {
+    /// A region without any.
+    pub fn none(region: &Region) -> Self {
+        Holes { region: region.clone(), window: Window { columns: 0..0, rows: 0..0 }, is_over: Vec::new() }
+    }
+
     /// Is there no panel at this place?
     pub fn holds(&self, at: Parameter) -> bool {
         let pixel = self.region.pixel(Point2::new(at.u, at.v));

@@ -220,5 +220,6 @@ fn calibrations(sim: &sim::Cell) -> Calibrations {
         flange_from_tool: KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid(),
         hand_eye_mm: None,
         robot_mm: None,
+        removal: None,
     }
 }

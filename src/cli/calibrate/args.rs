@@ -50,6 +50,26 @@ pub enum What {
         --flange-camera-lens target/cell/flange_camera.toml --out target/cell/found/robot.toml"
     )]
     Robot(Robot),
+    /// What the disc takes off, from measured depths on flat test coupons.
+    #[command(
+        after_help = "COUPONS is a CSV file with one measured place a line; its first line names the columns, in any order:\n  \
+        coupon        its name, and in the column place where on it (may be left out)\n  \
+        force_n       force of the tool, N\n  \
+        feed_mm_s     feed, mm/s\n  \
+        passes        how often the disc passed\n  \
+        step_over_mm  distance of the rows, mm, for a field of rows, measured as the mean over a row in its middle;\n                \
+        empty, or no such column, for a single line, measured in its middle\n  \
+        worn_mm2      what the disc had swept when it came there, mm², as `panelprep plan` tells it; a new disc has 0\n  \
+        depth_um      what is gone, µm; or before_um and after_um, thickness before and after\n\
+        Lines that begin with # are remarks. Six places at least, with loads and discs that differ: passes 1, 2 and 4, by a new disc \
+        and by used ones. A coupon that the others contradict is named and stays in the fit: measure it again.\n\
+        The stiffness of the pad is its modulus over its thickness: press the disc onto a scale, and divide the force by its area \
+        and by the way.\n\
+        Example, after `panelprep render --boards --out target/cell`:\n  \
+        panelprep calibrate removal target/cell/boards/coupons.csv --disc-diameter-mm 30 --pad-n-mm3 0.05 --orbit-mm 5 \
+        --orbit-rev-min 10000 --out target/cell/found/removal.toml"
+    )]
+    Removal(Removal),
     /// The tool's point, and its axis, from poses that hold the tip at one spot.
     #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  \
         panelprep calibrate tcp --poses target/cell/boards/tip.toml --out target/cell/found/flange_from_tool.toml\n\
@@ -296,6 +316,42 @@ pub struct Robot {
     /// The file to write.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+}
+
+/// Options of `calibrate removal`.
+#[derive(Debug, Clone, Args)]
+pub struct Removal {
+    /// Measured depths.
+    #[arg(value_name = "COUPONS.csv")]
+    pub coupons: PathBuf,
+    /// Diameter of the disc's contact, mm.
+    #[arg(long, value_name = "MM", value_parser = within::<2, 300>)]
+    pub disc_diameter_mm: f64,
+    /// Stiffness of the pad, N/mm³: its modulus over its thickness.
+    #[arg(long, value_name = "N/MM3", value_parser = stiffness)]
+    pub pad_n_mm3: f64,
+    /// Diameter of the orbit, mm; 0 for a disc that does not orbit.
+    #[arg(long, value_name = "MM", value_parser = within::<0, 50>)]
+    pub orbit_mm: f64,
+    /// Orbits a minute.
+    #[arg(long, value_name = "N", value_parser = within::<0, 100_000>)]
+    pub orbit_rev_min: f64,
+    /// The file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+}
+
+fn within<const LOW: i32, const HIGH: i32>(text: &str) -> Result<f64, String> {
+    number(text, f64::from(LOW)..=f64::from(HIGH))
+}
+
+fn stiffness(text: &str) -> Result<f64, String> {
+    number(text, 1e-4..=1_000.0)
+}
+
+fn number(text: &str, allowed: std::ops::RangeInclusive<f64>) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| allowed.contains(number));
+    number.ok_or_else(|| format!("allowed is a number from {} to {}", allowed.start(), allowed.end()))
 }
 
 /// Options of `calibrate tcp`.

@@ -14,6 +14,7 @@ mod keeping;
 pub mod live;
 mod mounted;
 mod over_volume;
+mod removal;
 mod robot;
 mod robot_advice;
 mod sight;
@@ -45,6 +46,7 @@ pub fn run(args: &Calibrate, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
         What::HandEye(args) if args.poses.is_some() => hand_eye::run(args, common, progress),
         What::HandEye(args) => three_points::run(args, common, progress),
         What::Robot(args) => robot::run(args, common, progress),
+        What::Removal(args) => removal::run(args),
         What::Tcp(args) => match &args.live {
             Some(folder) => live::tool((args, folder), common),
             None => tcp::run(args, common),

@@ -8,6 +8,7 @@ use crate::path::approach::Approach;
 use crate::phase::Phase;
 use crate::record::Check;
 use crate::stages::corners::Taught;
+use crate::stages::removal::RemovedBefore;
 use crate::stages::survey::ToolState;
 use crate::stages::{film, locate, plan};
 
@@ -46,9 +47,15 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
     let panel_stands = Approach { base_from_panel, corners: &[0, 1], obstacles: None };
     let stand = job.tour().stand(&kinematics, &panel_stands).expect("in reach");
     let fit = crate::surface::fit(panel, recipe.surface()).expect("a surface");
-    let laid = plan::lay((panel, &fit), &grids, recipe).expect("a path");
-    let tool = ToolState { error_mm: job.cell.limits.tool_error_mm(), worn_mm2: 0.0 };
-    let by_command = plan::judge(laid, (panel, &fit), plan::Reach::From(stand), recipe, tool);
+    let tool = ToolState { error_mm: job.cell.limits.tool_error_mm(), worn_mm2: 0.0, removal: None };
+    let laid = plan::lay((panel, &fit), &grids, (recipe, tool)).expect("a path");
+    let by_command = plan::judge(
+        laid,
+        (panel, &fit),
+        plan::Reach::From(stand),
+        (recipe, tool),
+        (None, RemovedBefore::default()),
+    );
     assert!(!grids.is_empty() && by_command.checks.len() > 10);
     assert_eq!(by_loop.checks, by_command.checks);
     assert_eq!(by_loop.judgement, by_command.judgement);

@@ -1,0 +1,123 @@
+//! `[removal]`: what the disc takes off, as `panelprep calibrate removal` found it on coupons. Reader and writer together.
+
+use super::date::Date;
+use super::provenance::{Provenance, line};
+use crate::config::{self, Problems, Section, settings};
+
+settings! {
+    /// The numbers of the removal model; `removal` says what each of them is.
+    pub struct RemovalNumbers {
+        /// Preston's coefficient of a new disc, mm²/N.
+        preston_mm2_per_n: f64, 1e-9..=10.0, required;
+        /// Its standard deviation, percent of it.
+        preston_deviation_percent: f64, 0.0..=100.0, required;
+        /// How much ln k falls while the disc sweeps a square metre, 1/m².
+        wear_per_m2: f64, -100.0..=1_000.0, required;
+        /// Its standard deviation, 1/m².
+        wear_deviation_per_m2: f64, 0.0..=1_000.0, required;
+        /// Correlation of ln k and the wear.
+        correlation: f64, -1.0..=1.0, required;
+        /// Standard deviation of one coupon from the model, percent.
+        coupon_deviation_percent: f64, 0.0..=100.0, required;
+        /// Rms by which coupons that were left out differ from what the others foretell, percent.
+        left_out_percent: f64, 0.0..=1_000.0, required;
+        /// Coupons.
+        coupons: usize, 3..=10_000, required;
+        /// The pad's modulus over its thickness, N/mm³.
+        pad_n_mm3: f64, 1e-4..=1_000.0, required;
+        /// Diameter of the orbit, mm; 0 for a disc that does not orbit.
+        orbit_mm: f64, 0.0..=50.0, required;
+        /// Orbits a minute.
+        orbit_rev_min: f64, 0.0..=100_000.0, required;
+    }
+}
+
+/// A removal model as its file holds it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RemovalCalibration {
+    /// Its numbers.
+    pub numbers: RemovalNumbers,
+    /// When.
+    pub date: Option<Date>,
+    /// Program, coupons file and residuals.
+    pub provenance: Provenance,
+}
+
+impl RemovalCalibration {
+    /// Checks the text of a removal model's file.
+    ///
+    /// # Errors
+    /// Every problem with its line and key.
+    pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
+        config::check(file, text, |top| {
+            let calibration = Self::take(&top.section("removal"));
+            top.done();
+            calibration
+        })
+    }
+
+    fn take(section: &Section<'_, '_>) -> Option<Self> {
+        let date = section.take("date", (), Some(None));
+        let provenance = Provenance::take(section, "residuals_percent");
+        // Takes the rest, and tells what nobody takes.
+        let numbers = RemovalNumbers::take(section);
+        Some(RemovalCalibration { numbers: numbers?, date: date?, provenance: provenance? })
+    }
+
+    /// The file that [`RemovalCalibration::check`] reads back to the last bit, of the numbers in the order of
+    /// [`RemovalNumbers`], with so many coupons; made by a calibration, which has checked none of their ranges.
+    pub fn text_of(
+        numbers: &[(&'static str, f64)],
+        coupons: usize,
+        (date, provenance): (Option<Date>, &Provenance),
+    ) -> String {
+        let mut text = "[removal]\n".to_owned();
+        numbers.iter().for_each(|(key, number)| line(&mut text, key, Some(format!("{number:?}"))));
+        line(&mut text, "coupons", Some(coupons));
+        line(&mut text, "date", date);
+        provenance.write(&mut text, "residuals_percent");
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NUMBERS: [(&str, f64); 10] = [
+        ("preston_mm2_per_n", 4.123_456_789e-4),
+        ("preston_deviation_percent", 1.25),
+        ("wear_per_m2", 0.8),
+        ("wear_deviation_per_m2", 0.1),
+        ("correlation", 0.7),
+        ("coupon_deviation_percent", 3.5),
+        ("left_out_percent", 3.9),
+        ("pad_n_mm3", 0.05),
+        ("orbit_mm", 5.0),
+        ("orbit_rev_min", 10_000.0),
+    ];
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let provenance = Provenance { residuals: vec![1.0, 2.5], ..Provenance::default() };
+        let day = Date::of_unix_s(1_764_000_000);
+        let text = RemovalCalibration::text_of(&NUMBERS, 12, (Some(day.clone()), &provenance));
+        let read = RemovalCalibration::check("removal.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
+        assert_eq!((read.numbers.preston_mm2_per_n(), read.numbers.coupons()), (4.123_456_789e-4, 12));
+        assert_eq!((read.date, read.provenance), (Some(day), provenance));
+    }
+
+    #[test]
+    fn each_mistake_is_named() {
+        let text = RemovalCalibration::text_of(&NUMBERS, 2, (None, &Provenance::default()));
+        let wrong = text.replace("orbit_mm = 5.0", "orbit_cm = 0.5").replace("0.05", "0.0");
+        let problems = RemovalCalibration::check("f", &wrong).expect_err("refused").to_string();
+        for words in [
+            "removal.pad_n_mm3: found 0.0, allowed is a number from 0.0001 to 1000",
+            "removal.coupons: found 2, allowed is a whole number from 3 to 10000",
+            "removal.orbit_cm: unknown key; this length is in mm: write orbit_mm",
+        ] {
+            assert!(problems.contains(words), "{words}: {problems}");
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! `panelprep calibrate removal`: what the disc takes off, from measured depths on test coupons.
+
+use super::super::disk;
+use super::super::fault::Fault;
+use super::super::outcome::Outcome;
+use super::args::Removal as Args;
+use super::date;
+use super::keeping::{keep, provenance};
+use crate::cell::RemovalCalibration;
+use crate::files::content_hash;
+use crate::removal::coupons::{Coupon, CouponTool};
+use crate::removal::fit::{Fitted, fit};
+use crate::removal::gate;
+use crate::removal::model::MM2_PER_M2;
+use crate::removal::pad::Pad;
+use crate::removal::speed::Orbit;
+use crate::removal::table::read_coupons;
+use crate::verdict::{Judgement, Reason};
+use crate::words::fixed;
+use serde_json::{Value, json};
+
+/// Fits the model, tells how well it foretells left-out coupons, and writes it.
+///
+/// # Errors
+/// Where the table has problems, each with its line and column, or the disk refuses.
+pub fn run(args: &Args) -> Result<Outcome, Fault> {
+    let bytes = disk::read(&args.coupons)?;
+    let coupons = read_coupons(&bytes).map_err(|error| Fault::file(&args.coupons, error))?;
+    let tool = CouponTool {
+        pad: Pad { radius_mm: args.disc_diameter_mm / 2.0, stiffness_n_mm3: args.pad_n_mm3 },
+        orbit: Orbit { diameter_mm: args.orbit_mm, speed_rev_min: args.orbit_rev_min },
+    };
+    let found = match fit(&coupons, &tool) {
+        Ok(found) => found,
+        Err(error) => return Ok(refused(error.to_string(), args)),
+    };
+    let checks = gate::checks(&found, &coupons);
+    let judgement = Judgement::of_checks(&checks);
+    let mut outcome = Outcome::of(&judgement);
+    outcome.put_checks(&checks);
+    tell(&mut outcome, &found, &coupons);
+    let left_out = found.left_out.iter().map(|one| one.map_or(f64::NAN, |one| 100.0 * one.off.abs()));
+    let residuals = if found.left_out.iter().all(Option::is_some) { left_out.collect() } else { vec![] };
+    let made = provenance(vec![content_hash(&bytes)], residuals);
+    let text = RemovalCalibration::text_of(&numbers(&found, &tool), coupons.len(), (date::today(), &made));
+    RemovalCalibration::check(&args.out.display().to_string(), &text)?;
+    keep(&mut outcome, &judgement, &args.out, &text)?;
+    Ok(outcome)
+}
+
+/// Coupons that hold no model: a verdict.
+fn refused(message: String, args: &Args) -> Outcome {
+    let judgement = Judgement::of(vec![Reason::new("no_model", message)], vec![]);
+    let mut outcome = Outcome::of(&judgement);
+    outcome.put("preston_mm2_per_n", Value::Null);
+    outcome.say(format!("{}: not written", args.out.display()));
+    outcome
+}
+
+/// The numbers of the file, by their keys.
+fn numbers(found: &Fitted, tool: &CouponTool) -> [(&'static str, f64); 10] {
+    let [k, b] = [0, 1].map(|index| found.covariance[(index, index)].sqrt());
+    let correlation = if k * b > 0.0 { found.covariance[(0, 1)] / (k * b) } else { 0.0 };
+    [
+        ("preston_mm2_per_n", found.preston_mm2_per_n),
+        ("preston_deviation_percent", 100.0 * k),
+        ("wear_per_m2", found.decay_per_mm2 * MM2_PER_M2),
+        ("wear_deviation_per_m2", b * MM2_PER_M2),
+        ("correlation", correlation.clamp(-1.0, 1.0)),
+        ("coupon_deviation_percent", 100.0 * found.coupon_deviation),
+        ("left_out_percent", 100.0 * found.left_out_rms()),
+        ("pad_n_mm3", tool.pad.stiffness_n_mm3),
+        ("orbit_mm", tool.orbit.diameter_mm),
+        ("orbit_rev_min", tool.orbit.speed_rev_min),
+    ]
+}
+
+fn tell(outcome: &mut Outcome, found: &Fitted, coupons: &[Coupon]) {
+    let known_percent = 100.0 * found.preston_share_95(0.0);
+    let [wear, wear_95] = [found.decay_per_mm2, found.decay_95_per_mm2()].map(|per_mm2| per_mm2 * MM2_PER_M2);
+    outcome.put("preston_mm2_per_n", json!(found.preston_mm2_per_n));
+    outcome.put("preston_uncertainty_percent", json!(known_percent));
+    outcome.put("wear_per_m2", json!(wear));
+    outcome.put("wear_uncertainty_per_m2", json!(wear_95));
+    outcome.put("coupon_deviation_percent", json!(100.0 * found.coupon_deviation));
+    outcome.put("left_out_percent", json!(100.0 * found.left_out_rms()));
+    outcome.put("power", json!({"value": found.power[0], "uncertainty": found.power[1]}));
+    outcome.say(format!(
+        "k of a new disc {:.3e} mm²/N ± {} % (95 %)",
+        found.preston_mm2_per_n,
+        fixed(known_percent, 1)
+    ));
+    outcome.say(format!(
+        "wear: ln k falls by {} ± {} while the disc sweeps a square metre",
+        fixed(wear, 2),
+        fixed(wear_95, 2)
+    ));
+    outcome.say(format!(
+        "{} measured places, {} % rms off the model; left-out ones {} % off what the others foretell",
+        coupons.len(),
+        fixed(100.0 * found.coupon_deviation, 1),
+        fixed(100.0 * found.left_out_rms(), 1)
+    ));
+    outcome.say("coupon            line   measured µm   by the others µm   off %".to_owned());
+    let mut told = Vec::with_capacity(coupons.len());
+    for (coupon, one) in coupons.iter().zip(&found.left_out) {
+        let foretold = one.map(|one| (one.foretold_um, 100.0 * one.off, one.is_outlier));
+        let (by_others, off, mark) =
+            foretold.map_or(("none".to_owned(), "–".to_owned(), ""), |(um, off, is_out)| {
+                (fixed(um, 1).to_string(), fixed(off, 1).to_string(), if is_out { "   outlier" } else { "" })
+            });
+        outcome.say(format!(
+            "{:16}  {:4}   {:11}   {by_others:>16}   {off:>5}{mark}",
+            coupon.name,
+            coupon.line,
+            fixed(coupon.depth_um, 1)
+        ));
+        told.push(json!({
+            "coupon": coupon.name, "line": coupon.line, "depth_um": coupon.depth_um,
+            "foretold_um": one.map(|one| one.foretold_um), "interval_um": one.map(|one| one.interval_um),
+            "off_percent": one.map(|one| 100.0 * one.off), "outlier": one.map(|one| one.is_outlier),
+        }));
+    }
+    outcome.put("coupons", json!(told));
+}

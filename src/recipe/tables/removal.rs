@@ -1,0 +1,58 @@
+//! What is to be removed: `[removal]`.
+
+use super::path::Path;
+use crate::config::{Choice, Section, settings};
+
+/// How the feed follows from what is to be removed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RemovalMethod {
+    /// Not at all: the feed makes the times under the disc even, and what that removes is told.
+    Constant,
+    /// The feed on each move is found so that the target is removed, evenly.
+    Scheduled,
+}
+
+impl Choice for RemovalMethod {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("constant", RemovalMethod::Constant), ("scheduled", RemovalMethod::Scheduled)];
+}
+
+settings! {
+    /// `[removal]`: what is to be removed, and what never may be.
+    pub struct Removal {
+        /// How the feed follows from it.
+        method: RemovalMethod, (), default RemovalMethod::Constant;
+        /// Depth to remove, µm.
+        target_um: f64, 0.1..=5_000.0, required;
+        /// Depth that is removed nowhere, µm: of the coating, or of the first ply. Its 95 % bound is held against it, over all passes.
+        max_um: f64, 0.1..=10_000.0, required;
+        /// By so much of the target 95 % of the treated area may differ from it, percent.
+        even_percent: f64, 1.0..=100.0, default 20.0;
+        /// Force of the tool on the panel, N.
+        force_n: f64, 0.5..=500.0, required;
+        /// By so much that force may be off, 95 %, percent of it.
+        force_error_percent: f64, 0.0..=50.0, default 10.0;
+        /// Lowest feed that a schedule may ask for, mm/s; the highest is the path's.
+        min_feed_mm_s: f64, 0.5..=500.0, default 5.0;
+    }
+}
+
+/// The table, where the recipe has one; the outer `None` where it has problems.
+pub(in crate::recipe) fn take_removal(section: &Section<'_, '_>, path: Option<&Path>) -> Option<Option<Removal>> {
+    if !section.is_present() {
+        return Some(None);
+    }
+    let removal = Removal::take(section)?;
+    if removal.target_um() >= removal.max_um() {
+        let message =
+            format!("found {}, allowed is more than target_um, {}", removal.max_um(), removal.target_um());
+        section.problem("max_um", message);
+        return None;
+    }
+    if let Some(path) = path.filter(|path| removal.min_feed_mm_s() > path.feed_mm_s()) {
+        let (found, most) = (removal.min_feed_mm_s(), path.feed_mm_s());
+        section.problem("min_feed_mm_s", format!("found {found}, allowed is at most path.feed_mm_s, {most}"));
+        return None;
+    }
+    Some(Some(removal))
+}

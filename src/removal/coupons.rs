@@ -1,0 +1,90 @@
+//! Measured depths on test coupons, and what the model says of each.
+//!
+//! A coupon is flat and is treated with straight lines. One line over its middle, measured there, has been under the disc
+//! for the disc's chord: per pass and per k
+//!     X = F / (π R²) · c · v(f)/f,   c = 2 R · (2/π) E((e/R)²),
+//! e the radius of the orbit, which carries the rim with it. In a field of rows that lie s apart, measured in its middle as the mean
+//! over a row's width, every mm² has borne the same: X = F · v(f)/f / s. Then h = k X, and ln h − ln X = ln k₀ − b w.
+
+use super::pad::Pad;
+use super::speed::{Orbit, elliptic_e};
+use std::f64::consts::PI;
+
+/// How a coupon was treated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Lines {
+    /// One line, again and again; measured in its middle.
+    One,
+    /// Rows so far apart, mm, over more than the disc's diameter; measured as the mean in the middle.
+    Rows(f64),
+}
+
+/// One measured place.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Coupon {
+    /// Its line in the table.
+    pub line: u64,
+    /// The coupon, and the place on it.
+    pub name: String,
+    /// Force, N.
+    pub force_n: f64,
+    /// Feed, mm/s.
+    pub feed_mm_s: f64,
+    /// How often.
+    pub passes: f64,
+    /// The lines of a pass.
+    pub lines: Lines,
+    /// What the disc had swept when it came to the place, mm².
+    pub worn_mm2: f64,
+    /// What is gone, µm.
+    pub depth_um: f64,
+}
+
+/// The tool that treated them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CouponTool {
+    /// Disc and pad.
+    pub pad: Pad,
+    /// Its orbit.
+    pub orbit: Orbit,
+}
+
+impl Coupon {
+    /// X: the depth in mm for a k of 1 mm²/N.
+    pub fn exposure_n_mm(&self, tool: &CouponTool) -> f64 {
+        let (radius_mm, area_mm2) = (tool.pad.radius_mm, tool.pad.area_mm2());
+        let per_pass = match self.lines {
+            Lines::One => {
+                let share = (tool.orbit.diameter_mm / 2.0 / radius_mm).min(1.0);
+                2.0 * radius_mm * 2.0 / PI * elliptic_e(share * share) / area_mm2
+            }
+            Lines::Rows(apart_mm) => 1.0 / apart_mm,
+        };
+        self.passes * self.force_n * tool.orbit.rubbed_per_mm(self.feed_mm_s) * per_pass
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    pub(in crate::removal) const TOOL: CouponTool = CouponTool {
+        pad: Pad { radius_mm: 15.0, stiffness_n_mm3: 0.05 },
+        orbit: Orbit { diameter_mm: 5.0, speed_rev_min: 10_000.0 },
+    };
+
+    pub(in crate::removal) fn coupon(lines: Lines) -> Coupon {
+        let (force_n, feed_mm_s, passes, worn_mm2, depth_um) = (20.0, 60.0, 2.0, 0.0, 30.0);
+        Coupon { line: 2, name: "A1".to_owned(), force_n, feed_mm_s, passes, lines, worn_mm2, depth_um }
+    }
+
+    /// By hand: v/f = 2618.34/60 = 43.639. One line: 2 · 20 N / 706.86 mm² · 30 mm · 0.993 · 43.639 = 73.57 N/mm; rows of
+    /// 12 mm: 2 · 20 · 43.639 / 12 = 145.46 N/mm.
+    #[test]
+    fn what_a_coupon_has_borne() {
+        let one = coupon(Lines::One).exposure_n_mm(&TOOL);
+        assert!((one - 74.085 * (1.0 - 1.0 / 144.0)).abs() < 0.01, "{one}");
+        let rows = coupon(Lines::Rows(12.0)).exposure_n_mm(&TOOL);
+        assert!((rows - 145.463).abs() < 0.001, "{rows}");
+    }
+}

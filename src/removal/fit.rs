@@ -1,0 +1,292 @@
+//! What coupons say of k and of the disc's wear, with how well they say it.
+//!
+//!     yᵢ = ln hᵢ − ln Xᵢ = ln k₀ − b wᵢ + eᵢ                                                              (7)
+//! by least squares: every coupon counts by its relative error. With A's rows (1, −wᵢ), σ_r² = Σ eᵢ² / (n − 2) and the covariance is
+//! σ_r² (AᵀA)⁻¹. Each coupon is foretold by the others; one that lies farther off than Student's distribution lets one of n be with
+//! 95 % is named. Whether depth goes with X at all is asked by a third unknown, the power of X, which is 1 where Preston holds.
+//! Source: Draper & Smith, Applied Regression Analysis, 1998, 8.1.
+
+use super::coupons::{Coupon, CouponTool};
+use super::fit_error::{CONTRADICTORY, LEVELS, WORN_LEVELS_MM2};
+pub use super::fit_error::{FitError, MIN_COUPONS};
+use super::least_squares::{Line, line};
+use super::model::{MM2_PER_M2, student, student_95};
+use nalgebra::{DMatrix, DVector, Matrix2};
+
+/// A coupon as the others foretell it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LeftOut {
+    /// Expected depth, µm.
+    pub foretold_um: f64,
+    /// Lowest and highest depth that the others allow it, 95 %, µm.
+    pub interval_um: [f64; 2],
+    /// Found over foretold, as a share of it: 0.1 is a tenth deeper.
+    pub off: f64,
+    /// Farther off than one of so many may be.
+    pub is_outlier: bool,
+}
+
+/// What the coupons say.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fitted {
+    /// k₀, mm²/N.
+    pub preston_mm2_per_n: f64,
+    /// b, 1/mm².
+    pub decay_per_mm2: f64,
+    /// Covariance of ln k₀ and b.
+    pub covariance: Matrix2<f64>,
+    /// σ_r.
+    pub coupon_deviation: f64,
+    /// Found over modelled depth of each coupon, less 1.
+    pub residuals: Vec<f64>,
+    /// Each coupon by the others; none where the others hold no model.
+    pub left_out: Vec<Option<LeftOut>>,
+    /// The power of X by which the depth grows, and its 95 %.
+    pub power: [f64; 2],
+}
+
+impl Fitted {
+    /// n − 2.
+    pub fn redundancy(&self) -> f64 {
+        self.residuals.len().saturating_sub(2).max(1) as f64
+    }
+
+    /// 95 % of k at what the disc had swept, mm², as a share of it.
+    pub fn preston_share_95(&self, worn_mm2: f64) -> f64 {
+        let cov = &self.covariance;
+        let variance = cov[(0, 0)] - 2.0 * worn_mm2 * cov[(0, 1)] + worn_mm2 * worn_mm2 * cov[(1, 1)];
+        student_95(self.redundancy()) * variance.max(0.0).sqrt()
+    }
+
+    /// 95 % of b, 1/mm².
+    pub fn decay_95_per_mm2(&self) -> f64 {
+        student_95(self.redundancy()) * self.covariance[(1, 1)].sqrt()
+    }
+
+    /// Rms of the coupons against what the others foretell, as a share.
+    pub fn left_out_rms(&self) -> f64 {
+        let off: Vec<f64> = self.left_out.iter().flatten().map(|one| one.off).collect();
+        (off.iter().map(|off| off * off).sum::<f64>() / off.len().max(1) as f64).sqrt()
+    }
+}
+
+/// The model that fits the coupons best.
+///
+/// # Errors
+/// Where they cannot hold one.
+pub fn fit(coupons: &[Coupon], tool: &CouponTool) -> Result<Fitted, FitError> {
+    refuse(coupons, tool)?;
+    let exposure: Vec<f64> = coupons.iter().map(|coupon| coupon.exposure_n_mm(tool).ln()).collect();
+    let depth: Vec<f64> = coupons.iter().map(|coupon| (coupon.depth_um / 1_000.0).ln()).collect();
+    let y = DVector::from_iterator(coupons.len(), depth.iter().zip(&exposure).map(|(depth, load)| depth - load));
+    let worn = |index: usize| coupons[index].worn_mm2 / MM2_PER_M2;
+    let rows = DMatrix::from_fn(coupons.len(), 2, |row, column| if column == 0 { 1.0 } else { -worn(row) });
+    // Different wears were asked for: the matrix is regular.
+    let one_wear = || FitError::OneWear { least_m2: worn(0), most_m2: worn(0) };
+    let found = line(&rows, &y).ok_or_else(one_wear)?;
+    let left = &y - &rows * &found.solution;
+    contradictory(coupons, &left, &found)?;
+    let scale = Matrix2::new(1.0, 1.0 / MM2_PER_M2, 1.0 / MM2_PER_M2, 1.0 / MM2_PER_M2.powi(2));
+    let inverse = Matrix2::from_fn(|row, column| found.inverse[(row, column)]);
+    Ok(Fitted {
+        preston_mm2_per_n: found.solution[0].exp(),
+        decay_per_mm2: found.solution[1] / MM2_PER_M2,
+        covariance: inverse.component_mul(&scale) * found.deviation.powi(2),
+        coupon_deviation: found.deviation,
+        residuals: left.iter().map(|left| left.exp_m1()).collect(),
+        left_out: (0..coupons.len()).map(|index| left_out(coupons, (&rows, &y), (index, &exposure))).collect(),
+        power: power(&rows, (&exposure, &depth)),
+    })
+}
+
+fn refuse(coupons: &[Coupon], tool: &CouponTool) -> Result<(), FitError> {
+    if coupons.len() < MIN_COUPONS {
+        return Err(FitError::TooFew { found: coupons.len() });
+    }
+    let extent = |of: &dyn Fn(&Coupon) -> f64| {
+        coupons
+            .iter()
+            .map(of)
+            .fold([f64::INFINITY, 0.0], |[low, high], value| [low.min(value), f64::max(high, value)])
+    };
+    let [low, high] = extent(&|coupon| coupon.exposure_n_mm(tool));
+    if high < LEVELS * low {
+        return Err(FitError::OneLoad { ratio: high / low });
+    }
+    let [least_mm2, most_mm2] = extent(&|coupon| coupon.worn_mm2);
+    if most_mm2 - least_mm2 < WORN_LEVELS_MM2 {
+        let [least_m2, most_m2] = [least_mm2, most_mm2].map(|mm2| mm2 / MM2_PER_M2);
+        return Err(FitError::OneWear { least_m2, most_m2 });
+    }
+    Ok(())
+}
+
+fn contradictory(coupons: &[Coupon], left: &DVector<f64>, found: &Line) -> Result<(), FitError> {
+    if found.deviation > CONTRADICTORY || !found.deviation.is_finite() {
+        let farthest = &coupons[left.iamax()];
+        let (name, line) = (farthest.name.clone(), farthest.line);
+        return Err(FitError::Contradictory { percent: 100.0 * found.deviation, name, line });
+    }
+    let known_m2 = student_95((coupons.len() - 2) as f64) * found.deviation * found.inverse[(1, 1)].sqrt();
+    let per_m2 = -found.solution[1];
+    if per_m2 > known_m2 { Err(FitError::GrowsWithWear { per_m2, known_m2 }) } else { Ok(()) }
+}
+
+/// One coupon by the others.
+fn left_out(
+    coupons: &[Coupon],
+    (rows, y): (&DMatrix<f64>, &DVector<f64>),
+    (index, exposure): (usize, &[f64]),
+) -> Option<LeftOut> {
+    let others = line(&rows.clone().remove_row(index), &y.clone().remove_row(index))?;
+    let row = rows.row(index).transpose();
+    let expected = row.dot(&others.solution);
+    let spread = others.deviation * (1.0 + row.dot(&(&others.inverse * &row))).sqrt();
+    let redundancy = (coupons.len() - 3) as f64;
+    // One of all of them, on either side, by Bonferroni.
+    let most = student(redundancy, 1.0 - 0.05 / (2.0 * coupons.len() as f64));
+    let half = student_95(redundancy) * spread;
+    let depth_um = |ln: f64| 1_000.0 * (ln + exposure[index]).exp();
+    let away = y[index] - expected;
+    Some(LeftOut {
+        foretold_um: depth_um(expected),
+        interval_um: [depth_um(expected - half), depth_um(expected + half)],
+        off: away.exp_m1(),
+        is_outlier: away.abs() > most * spread,
+    })
+}
+
+/// The power of X, with its 95 %.
+fn power(rows: &DMatrix<f64>, (exposure, depth): (&[f64], &[f64])) -> [f64; 2] {
+    let mean = exposure.iter().sum::<f64>() / exposure.len() as f64;
+    let more = rows.clone().insert_column(2, 0.0);
+    let more = DMatrix::from_fn(more.nrows(), 3, |row, column| match column {
+        2 => exposure[row] - mean,
+        _ => more[(row, column)],
+    });
+    let found = line(&more, &DVector::from_column_slice(depth));
+    found.map_or([f64::NAN; 2], |found| {
+        let known = student_95((exposure.len() - 3) as f64) * found.deviation * found.inverse[(2, 2)].sqrt();
+        [found.solution[2], known]
+    })
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::super::coupons::Lines;
+    use super::super::coupons::tests::{TOOL, coupon};
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Coupons of k₀ = 4·10⁻⁴ mm²/N and b = 0.8/m², each off by such a share.
+    pub(in crate::removal) fn coupons(off: &[f64]) -> Vec<Coupon> {
+        let one = |(index, off): (usize, &f64)| {
+            let (passes, worn_mm2) = ([1.0, 2.0, 4.0][index % 3], [0.0, 1e5, 2e5, 4e5][index / 3 % 4]);
+            let mut made = Coupon {
+                passes,
+                worn_mm2,
+                name: format!("A{index}"),
+                line: index as u64 + 2,
+                ..coupon(Lines::One)
+            };
+            made.depth_um = 1_000.0 * 4e-4 * (-0.8e-6 * worn_mm2).exp() * made.exposure_n_mm(&TOOL) * (1.0 + off);
+            made
+        };
+        off.iter().enumerate().map(one).collect()
+    }
+
+    #[test]
+    fn exact_coupons_give_the_exact_model() {
+        let found = fit(&coupons(&[0.0; 12]), &TOOL).expect("a model");
+        assert!(
+            (found.preston_mm2_per_n / 4e-4 - 1.0).abs() < 1e-9
+                && (found.decay_per_mm2 / 0.8e-6 - 1.0).abs() < 1e-6
+        );
+        assert!(found.coupon_deviation < 1e-9 && (found.power[0] - 1.0).abs() < 1e-9);
+    }
+
+    /// By hand: of two coupons each at 0 and 1 m² … with ±e the mean is 0: six places 0, 0, 0, 1, 1, 1 m² and errors
+    /// (e, −e, 0) twice leave Σe² = 4 e², σ_r = √(4 e²/4) = e, var(ln k₀) = e²/3, var(b) = e² (1/3 + 1/3), and
+    /// cov = e²/3.
+    #[test]
+    fn the_covariance_is_that_of_a_line() {
+        let e: f64 = 0.02;
+        let mut made = coupons(&[0.0; 6]);
+        for (index, own) in made.iter_mut().enumerate() {
+            own.worn_mm2 = if index < 3 { 0.0 } else { 1e6 };
+            let off = [e, -e, 0.0][index % 3];
+            own.depth_um = 1_000.0 * 4e-4 * (-0.8e-6 * own.worn_mm2 + off).exp() * own.exposure_n_mm(&TOOL);
+        }
+        let found = fit(&made, &TOOL).expect("a model");
+        assert!((found.coupon_deviation - e).abs() < 1e-9, "{}", found.coupon_deviation);
+        let expected = [e * e / 3.0, e * e / 3.0 / 1e6, e * e * 2.0 / 3.0 / 1e12];
+        let own = [found.covariance[(0, 0)], found.covariance[(0, 1)], found.covariance[(1, 1)]];
+        assert!(own.iter().zip(expected).all(|(own, expected)| (own / expected - 1.0).abs() < 1e-6), "{own:?}");
+        // Student's 97.5 % of four degrees is 2.776.
+        assert!((found.preston_share_95(0.0) - 2.776 * e / 3.0_f64.sqrt()).abs() < 1e-4);
+    }
+
+    /// The fourth is a half deeper than the others say, all of which agree within a few percent.
+    #[test]
+    fn an_outlier_is_named() {
+        let mut off = [0.02, -0.01, 0.0, 0.01, -0.02, 0.015, 0.0, -0.015, 0.01, 0.0, -0.01, 0.005];
+        let outliers = |off: &[f64]| -> Vec<usize> {
+            let found = fit(&coupons(off), &TOOL).expect("a model");
+            let all = found.left_out.iter().enumerate();
+            all.filter(|(_, one)| one.is_some_and(|one| one.is_outlier)).map(|(index, _)| index).collect()
+        };
+        assert_eq!(outliers(&off), Vec::<usize>::new());
+        off[3] = 0.5;
+        assert_eq!(outliers(&off), [3]);
+        let found = fit(&coupons(&off), &TOOL).expect("a model").left_out[3].expect("the others hold a model");
+        assert!((found.off - 0.5).abs() < 0.02, "{found:?}");
+    }
+
+    #[test]
+    fn what_cannot_hold_a_model_is_refused() {
+        assert_eq!(fit(&coupons(&[0.0; 5]), &TOOL), Err(FitError::TooFew { found: 5 }));
+        let with = |change: &dyn Fn(&mut Coupon)| {
+            let mut made = coupons(&[0.0; 12]);
+            made.iter_mut().for_each(change);
+            fit(&made, &TOOL)
+        };
+        let alike = with(&|own| own.passes = 1.0);
+        assert!(matches!(alike, Err(FitError::OneLoad { .. })), "{alike:?}");
+        assert!(
+            FitError::OneLoad { ratio: 1.299_9 }.to_string().contains("only 1.2999 times"),
+            "differs from its limit"
+        );
+        let new = with(&|own| own.worn_mm2 = 5_000.0);
+        assert_eq!(new, Err(FitError::OneWear { least_m2: 0.005, most_m2: 0.005 }));
+        let grows = with(&|own| own.depth_um *= (2.0e-6 * own.worn_mm2).exp());
+        assert!(
+            matches!(grows, Err(FitError::GrowsWithWear { per_m2, .. }) if (per_m2 - 1.2).abs() < 1e-6),
+            "{grows:?}"
+        );
+        let wild = fit(&coupons(&[1.5, -0.7, 0.0, 2.0, -0.6, 0.3, -0.5, 1.0, 0.0, -0.8, 0.9, 0.0]), &TOOL);
+        assert!(matches!(wild, Err(FitError::Contradictory { .. })), "{wild:?}");
+    }
+
+    /// Depths that go with the root of the load are another law.
+    #[test]
+    fn another_law_shows_in_the_power() {
+        let mut made = coupons(&[0.0; 12]);
+        for own in &mut made {
+            own.depth_um = own.depth_um.sqrt();
+        }
+        // The wear is halved with it.
+        let found = fit(&made, &TOOL).expect("a model");
+        assert!((found.power[0] - 0.5).abs() < 1e-6, "{:?}", found.power);
+    }
+
+    proptest! {
+        /// With errors the truth lies within what is stated in about 95 % of draws; here never farther than three times that.
+        #[test]
+        fn what_is_stated_is_held(off in prop::collection::vec(-0.06..0.06f64, 12)) {
+            let found = fit(&coupons(&off), &TOOL).expect("a model");
+            let share = (found.preston_mm2_per_n / 4e-4).ln().abs() / found.preston_share_95(0.0);
+            prop_assert!(share < 3.0, "{share}");
+            prop_assert!(found.left_out.iter().all(Option::is_some));
+        }
+    }
+}

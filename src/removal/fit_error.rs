@@ -1,0 +1,71 @@
+//! What coupons must be, so that they can hold a model, and why some cannot.
+
+use crate::words::{apart, fixed};
+
+/// Coupons at least: two numbers, and four more to tell how well.
+pub const MIN_COUPONS: usize = 6;
+/// The largest exposure must be so many times the smallest, to see that depth goes with it.
+pub(super) const LEVELS: f64 = 1.3;
+/// What the discs had swept must differ by so much, mm², to see the wear: a fiftieth of a square metre.
+pub(super) const WORN_LEVELS_MM2: f64 = 20_000.0;
+/// Coupons that differ more than this among themselves, σ of ln h, contradict each other.
+pub(super) const CONTRADICTORY: f64 = 0.5;
+
+/// Why coupons hold no model.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum FitError {
+    /// Too few.
+    #[error(
+        "{found} measured places, at least {MIN_COUPONS} are needed: two numbers are sought, and how well they are known"
+    )]
+    TooFew {
+        /// Places found.
+        found: usize,
+    },
+    /// One level of load.
+    #[error(
+        "all coupons were loaded alike, the most only {} times as long and hard as the least; at least {} times is needed to see \
+         that depth goes with it: change passes, feed_mm_s or force_n",
+        apart(*ratio, LEVELS, 2)[0], apart(*ratio, LEVELS, 2)[1]
+    )]
+    OneLoad {
+        /// Largest exposure over the smallest.
+        ratio: f64,
+    },
+    /// One level of wear.
+    #[error(
+        "the discs had swept {} to {} m² (worn_mm2), at least 0.02 m² between them is needed to see the wear: measure a coupon by a \
+         new disc and one by a used one",
+        fixed(*least_m2, 3), fixed(*most_m2, 3)
+    )]
+    OneWear {
+        /// Least swept, m².
+        least_m2: f64,
+        /// Most swept, m².
+        most_m2: f64,
+    },
+    /// They do not agree.
+    #[error(
+        "the coupons contradict each other: depths differ from the best model by {percent:.0} % rms; the farthest is {name} \
+         (line {line})"
+    )]
+    Contradictory {
+        /// Rms, percent.
+        percent: f64,
+        /// The farthest.
+        name: String,
+        /// Its line.
+        line: u64,
+    },
+    /// Worn discs remove more.
+    #[error(
+        "worn discs removed more than new ones, {per_m2:.2} ± {known_m2:.2} of ln k more on a square metre: worn_mm2 and the \
+         depths are perhaps of different coupons"
+    )]
+    GrowsWithWear {
+        /// Growth, 1/m².
+        per_m2: f64,
+        /// Its 95 %, 1/m².
+        known_m2: f64,
+    },
+}

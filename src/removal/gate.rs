@@ -1,0 +1,167 @@
+//! The gate: may a removal model be used, must a person look, or is it refused?
+
+use super::coupons::Coupon;
+use super::fit::Fitted;
+use super::model::MM2_PER_M2;
+use crate::verdict::{Check, SetBy};
+use crate::words::{apart, fixed};
+
+/// Beyond the first a person must look, beyond the second it is rejected.
+type Bounds = [f64; 2];
+
+/// 95 % of k where it is known worst, among what the coupons' discs had swept, percent.
+const KNOWN_PERCENT: Bounds = [12.0, 40.0];
+/// σ of a coupon, percent.
+const COUPON_PERCENT: Bounds = [10.0, 30.0];
+/// Left-out coupons, rms, percent.
+const LEFT_OUT_PERCENT: Bounds = [12.0, 40.0];
+/// The power of the load may be off by so much.
+const POWER_OFF: f64 = 0.15;
+/// Fewer coupons than this are few.
+const FEW: f64 = 8.0;
+
+/// Every number that is judged.
+pub fn checks(found: &Fitted, coupons: &[Coupon]) -> Vec<Check> {
+    let known = |coupon: &Coupon| 100.0 * found.preston_share_95(coupon.worn_mm2);
+    let known_percent = coupons.iter().map(known).fold(0.0, f64::max);
+    vec![
+        few(coupons.len()),
+        bounded(
+            ("uncertainty of k, 95 %, at the worst wear measured", known_percent),
+            KNOWN_PERCENT,
+            ("k_uncertain", "k is known to percent"),
+        ),
+        bounded(
+            ("a coupon differs from the model, σ", 100.0 * found.coupon_deviation),
+            COUPON_PERCENT,
+            ("coupons_differ", "coupons differ from the model by percent"),
+        ),
+        bounded(
+            ("left-out coupons, rms", 100.0 * found.left_out_rms()),
+            LEFT_OUT_PERCENT,
+            ("left_out", "coupons that were left out differ from what the others foretell by percent"),
+        ),
+        outliers(found, coupons),
+        power(found),
+        wear(found),
+    ]
+}
+
+/// A number that a person must look at beyond one bound, and that rejects beyond another.
+fn bounded(
+    (name, percent): (&'static str, f64),
+    [review, reject]: Bounds,
+    (code, words): (&'static str, &str),
+) -> Check {
+    let is_refused = percent.is_nan() || percent > reject;
+    let limit = if is_refused { reject } else { review };
+    let check = Check::new(name, "%", percent).at_most(limit, SetBy::Program);
+    let message = || {
+        let [found, allowed] = apart(percent, limit, 1);
+        format!(
+            "{words}: {found}, allowed is {allowed}; measure more coupons, or look for what differed between them"
+        )
+    };
+    if is_refused { check.rejects(code, message) } else { check.reviews(code, message) }
+}
+
+fn few(count: usize) -> Check {
+    Check::new("measured places", "", count as f64)
+        .at_least(FEW, SetBy::Program)
+        .reviews("few_coupons", || format!("{count} places were measured; take {FEW} or more"))
+}
+
+fn outliers(found: &Fitted, coupons: &[Coupon]) -> Check {
+    let named = found.left_out.iter().zip(coupons).filter_map(|(one, coupon)| Some((one.as_ref()?, coupon)));
+    let out: Vec<String> = named
+        .filter(|(one, _)| one.is_outlier)
+        .map(|(one, coupon)| {
+            let [low, high] = one.interval_um.map(|um| fixed(um, 1));
+            format!(
+                "{} (line {}): {} µm, the others say {low} to {high} µm",
+                coupon.name,
+                coupon.line,
+                fixed(coupon.depth_um, 1)
+            )
+        })
+        .collect();
+    Check::new("coupons that the others contradict", "", out.len() as f64)
+        .at_most(0.0, SetBy::Program)
+        .reviews("outliers", || {
+            format!("{}; measure again, or take the line out where you know what was wrong", out.join("; "))
+        })
+}
+
+fn power(found: &Fitted) -> Check {
+    let [power, known] = found.power;
+    let is_off = (power - 1.0).abs() > POWER_OFF && (power - 1.0).abs() > known || power.is_nan();
+    Check::new("power by which the depth goes with the load", "", power).broken(
+        is_off,
+        crate::verdict::Severity::Review,
+        "not_preston",
+        || {
+            format!(
+                "depth goes with the {} ± {} power of force times rubbed way, by Preston's law with the first; the model \
+                 is right near the coupons' own loads alone",
+                fixed(power, 2),
+                fixed(known, 2)
+            )
+        },
+    )
+}
+
+fn wear(found: &Fitted) -> Check {
+    let [per_m2, known_m2] = [found.decay_per_mm2, found.decay_95_per_mm2()].map(|per_mm2| per_mm2 * MM2_PER_M2);
+    Check::new("decay of k by what the disc swept", "1/m²", per_m2).broken(
+        per_m2 < known_m2,
+        crate::verdict::Severity::Review,
+        "wear_not_told",
+        || {
+            format!(
+                "the wear, {} ± {} on a square metre, is not told from none; measure coupons by discs nearer to the end of \
+                 their life",
+                fixed(per_m2, 2),
+                fixed(known_m2, 2)
+            )
+        },
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::coupons::tests::TOOL;
+    use super::super::fit::{fit, tests::coupons};
+    use super::*;
+    use crate::verdict::{Judgement, Verdict};
+
+    fn judged(off: &[f64]) -> (Verdict, Vec<String>) {
+        let made = coupons(off);
+        let judgement = Judgement::of_checks(&checks(&fit(&made, &TOOL).expect("a model"), &made));
+        (judgement.verdict, judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect())
+    }
+
+    const GOOD: [f64; 12] = [0.02, -0.01, 0.0, 0.01, -0.02, 0.015, 0.0, -0.015, 0.01, 0.0, -0.01, 0.005];
+
+    #[test]
+    fn good_coupons_are_accepted_and_doubtful_ones_are_for_a_person() {
+        assert_eq!(judged(&GOOD), (Verdict::Accept, vec![]));
+        assert_eq!(judged(&GOOD[..7]), (Verdict::Review, vec!["few_coupons".to_owned()]));
+        let mut one_off = GOOD;
+        one_off[4] = 0.4;
+        let (verdict, codes) = judged(&one_off);
+        assert!(verdict == Verdict::Review && codes.contains(&"outliers".to_owned()), "{codes:?}");
+        let (verdict, codes) = judged(&GOOD.map(|off| 30.0 * off));
+        assert!(verdict == Verdict::Reject && codes.contains(&"coupons_differ".to_owned()), "{codes:?}");
+    }
+
+    #[test]
+    fn an_outlier_is_told_by_name_and_line() {
+        let mut one_off = GOOD;
+        one_off[4] = 0.4;
+        let made = coupons(&one_off);
+        let all = checks(&fit(&made, &TOOL).expect("a model"), &made);
+        let words =
+            all.iter().find_map(|check| check.message.clone().filter(|words| words.contains("A4 (line 6)")));
+        assert!(words.is_some(), "{all:?}");
+    }
+}

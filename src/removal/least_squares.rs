@@ -1,0 +1,22 @@
+//! A linear model by least squares, with what its covariance follows from.
+
+use nalgebra::{DMatrix, DVector};
+
+/// What fits best.
+pub(super) struct Line {
+    /// The unknowns.
+    pub solution: DVector<f64>,
+    /// (AᵀA)⁻¹.
+    pub inverse: DMatrix<f64>,
+    /// Standard deviation of one y from it.
+    pub deviation: f64,
+}
+
+/// The x that minimises |A x − y|², A's rows being these; `None` where they leave x open.
+pub(super) fn line(rows: &DMatrix<f64>, y: &DVector<f64>) -> Option<Line> {
+    let inverse = (rows.transpose() * rows).try_inverse()?;
+    let solution = &inverse * rows.transpose() * y;
+    let left = y - rows * &solution;
+    let redundancy = rows.nrows().saturating_sub(rows.ncols()).max(1) as f64;
+    Some(Line { solution, inverse, deviation: (left.norm_squared() / redundancy).sqrt() })
+}

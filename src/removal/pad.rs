@@ -1,0 +1,223 @@
+//! The pressure below a disc: an elastic pad on a curved surface, loaded by a force, at a given tilt, cut off where the
+//! panel ends.
+//!
+//!     p = s · max(c, 0),   c = δ + t·x − ½ xᵀ K x,   ∫ p dA = F                                           (4), (5)
+//! F grows with δ, ever steeper, so Newton's steps from a δ that is too large come down to the root without passing it.
+//! Where all of the disc is on the panel and in contact the integral is closed: the mean of t·x over a disc is 0, that of
+//! ½ xᵀ K x is R² tr K / 8, so δ = F / (π R² s) + R² tr K / 8. Else it is a sum over places of equal area, rings and
+//! spokes, which keeps the disc's own edge exact.
+//!
+//! Beyond the panel's edge there is nothing to press on: the rest of the disc bears the force, and no place pulls. The
+//! attitude is given (see the room's head).
+
+use nalgebra::{Matrix2, Vector2};
+use std::f64::consts::{PI, TAU};
+
+/// Rings of equal area, and places on each.
+const RINGS: usize = 28;
+const SPOKES: usize = 44;
+/// Newton's steps at most; some four are the rule.
+const STEPS: usize = 60;
+/// The force is met to this share.
+const EXACT: f64 = 1e-9;
+
+/// A pad with the disc on it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pad {
+    /// Radius of the disc, mm.
+    pub radius_mm: f64,
+    /// The pad's modulus over its thickness, N/mm³.
+    pub stiffness_n_mm3: f64,
+}
+
+/// How the surface lies below the disc, in the tangent plane at the disc's middle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seat {
+    /// How much deeper the disc reaches per mm along x and y.
+    pub tilt: Vector2<f64>,
+    /// Curvature of the surface, 1/mm, positive where it bends away.
+    pub curvature_per_mm: Matrix2<f64>,
+}
+
+/// Is there panel at this offset from the disc's middle, mm?
+pub type Below<'a> = &'a dyn Fn(Vector2<f64>) -> bool;
+
+/// A disc in contact.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Contact {
+    /// The pad.
+    pub pad: Pad,
+    /// What it lies on.
+    pub seat: Seat,
+    /// Compression in the disc's middle, δ, mm; below 0 where a tilted disc does not touch there.
+    pub depth_mm: f64,
+}
+
+impl Seat {
+    /// A level place of a plane.
+    pub fn level() -> Self {
+        Seat { tilt: Vector2::zeros(), curvature_per_mm: Matrix2::zeros() }
+    }
+
+    /// By how much the disc reaches deeper at an offset than in its middle, mm.
+    fn deeper_mm(&self, x: Vector2<f64>) -> f64 {
+        self.tilt.dot(&x) - 0.5 * x.dot(&(self.curvature_per_mm * x))
+    }
+}
+
+impl Pad {
+    /// Area of the disc, mm².
+    pub fn area_mm2(&self) -> f64 {
+        PI * self.radius_mm * self.radius_mm
+    }
+
+    /// The contact that bears this force, N; `below` says where there is panel, nothing says everywhere. `None` where
+    /// there is none below the disc, or no force.
+    pub fn under(&self, force_n: f64, seat: Seat, below: Option<Below<'_>>) -> Option<Contact> {
+        if !(force_n > 0.0 && force_n.is_finite()) {
+            return None;
+        }
+        let contact = |depth_mm| Some(Contact { pad: *self, seat, depth_mm });
+        let whole_mm = force_n / (self.area_mm2() * self.stiffness_n_mm3)
+            + self.radius_mm * self.radius_mm * seat.curvature_per_mm.trace() / 8.0;
+        match below {
+            None if self.is_whole(seat, whole_mm) => contact(whole_mm),
+            _ => contact(self.summed_depth_mm(force_n, seat, below)?),
+        }
+    }
+
+    /// Is all of the disc in contact at this depth? What tilt and bend take away at most is taken together: a safe bound.
+    fn is_whole(&self, seat: Seat, depth_mm: f64) -> bool {
+        let (radius_mm, bends) = (self.radius_mm, seat.curvature_per_mm.symmetric_eigenvalues());
+        let fall_mm = 0.5 * radius_mm * radius_mm * bends.max().max(0.0);
+        depth_mm - seat.tilt.norm() * radius_mm - fall_mm > 0.0
+    }
+
+    /// δ by the sum over the places that have panel below them.
+    fn summed_depth_mm(&self, force_n: f64, seat: Seat, below: Option<Below<'_>>) -> Option<f64> {
+        let deeper_mm: Vec<f64> = self
+            .places()
+            .filter(|place| below.is_none_or(|below| below(*place)))
+            .map(|place| seat.deeper_mm(place))
+            .collect();
+        if deeper_mm.is_empty() {
+            return None;
+        }
+        let each = self.stiffness_n_mm3 * self.area_mm2() / (RINGS * SPOKES) as f64;
+        let mean_mm = deeper_mm.iter().sum::<f64>() / deeper_mm.len() as f64;
+        // As if every place held, also by pulling: never less than what is sought.
+        let mut depth_mm = force_n / (each * deeper_mm.len() as f64) - mean_mm;
+        for _ in 0..STEPS {
+            let pressed = deeper_mm.iter().filter(|deeper| depth_mm + **deeper > 0.0);
+            let (sum_mm, count) = pressed.fold((0.0, 0_usize), |(sum, n), deeper| (sum + depth_mm + deeper, n + 1));
+            let over_n = each * sum_mm - force_n;
+            if over_n.abs() <= EXACT * force_n || count == 0 {
+                break;
+            }
+            depth_mm -= over_n / (each * count as f64);
+        }
+        Some(depth_mm)
+    }
+
+    /// Places of equal area over the disc, mm from its middle; every second ring is turned by half a spoke.
+    fn places(&self) -> impl Iterator<Item = Vector2<f64>> + use<> {
+        let radius_mm = self.radius_mm;
+        (0..RINGS * SPOKES).map(move |index| {
+            let (ring, spoke) = ((index / SPOKES) as f64, (index % SPOKES) as f64);
+            let angle = TAU * (spoke + 0.25 + 0.5 * (ring % 2.0)) / SPOKES as f64;
+            Vector2::new(angle.cos(), angle.sin()) * (radius_mm * ((ring + 0.5) / RINGS as f64).sqrt())
+        })
+    }
+}
+
+impl Contact {
+    /// Pressure at an offset from the disc's middle, N/mm², where there is panel.
+    pub fn pressure_n_mm2(&self, offset_mm: Vector2<f64>) -> f64 {
+        if offset_mm.norm_squared() > self.pad.radius_mm * self.pad.radius_mm {
+            return 0.0;
+        }
+        self.pad.stiffness_n_mm3 * (self.depth_mm + self.seat.deeper_mm(offset_mm)).max(0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const PAD: Pad = Pad { radius_mm: 15.0, stiffness_n_mm3: 0.05 };
+
+    /// ∫ p dA by a fine square net, N.
+    fn borne_n(contact: &Contact, below: impl Fn(Vector2<f64>) -> bool) -> f64 {
+        let (count, side) = (600, 2.0 * contact.pad.radius_mm / 600.0);
+        let at = |n: i32| (f64::from(n) + 0.5) * side - contact.pad.radius_mm;
+        let places = (0..count * count).map(|n| Vector2::new(at(n % count), at(n / count)));
+        places.filter(|place| below(*place)).map(|place| contact.pressure_n_mm2(place) * side * side).sum()
+    }
+
+    fn bent(k1: f64, k2: f64) -> Seat {
+        Seat { curvature_per_mm: Matrix2::new(k1, 0.0, 0.0, k2), ..Seat::level() }
+    }
+
+    /// By hand: 20 N over π · 15² = 706.86 mm² is 0.028 294 N/mm², which compresses a pad of 0.05 N/mm³ by 0.565 88 mm.
+    #[test]
+    fn a_level_disc_bears_its_force_evenly() {
+        let contact = PAD.under(20.0, Seat::level(), None).expect("contact");
+        assert!((contact.depth_mm - 0.565_884).abs() < 1e-6, "{}", contact.depth_mm);
+        for place in [Vector2::zeros(), Vector2::new(14.9, 0.0), Vector2::new(-8.0, 9.0)] {
+            assert!((contact.pressure_n_mm2(place) - 0.028_294_2).abs() < 1e-7);
+        }
+        assert_eq!(contact.pressure_n_mm2(Vector2::new(15.1, 0.0)), 0.0);
+    }
+
+    /// By hand: on a ball of 1000 mm, tr K = 0.002/mm, δ is more by 225 · 0.002 / 8 = 0.056 25 mm, and less at the rim by
+    /// 225 · 0.001 / 2 = 0.1125. A ball of 100 mm and 2 N touch in a circle of r⁴ = 4 F R / (π s): r = 8.452 mm, δ = r²/2R.
+    #[test]
+    fn a_ball_is_pressed_in_its_middle() {
+        let contact = PAD.under(20.0, bent(0.001, 0.001), None).expect("contact");
+        assert!((contact.depth_mm - 0.622_134).abs() < 1e-6, "{}", contact.depth_mm);
+        assert!((contact.pressure_n_mm2(Vector2::new(15.0, 0.0)) / 0.05 - (0.622_134 - 0.1125)).abs() < 1e-6);
+        let small = PAD.under(2.0, bent(0.01, 0.01), None).expect("contact");
+        let radius_mm = (4.0 * 2.0 * 100.0 / (PI * 0.05)).powf(0.25);
+        assert!((radius_mm - 8.447_5).abs() < 1e-3, "{radius_mm}");
+        assert!((small.depth_mm / (radius_mm * radius_mm / 200.0) - 1.0).abs() < 0.005, "{}", small.depth_mm);
+        assert_eq!(small.pressure_n_mm2(Vector2::new(9.0, 0.0)), 0.0, "the rim does not touch");
+    }
+
+    /// By hand: half of the disc beyond an edge doubles the pressure on the rest; nothing below it is no contact.
+    #[test]
+    fn what_hangs_over_bears_nothing() {
+        let half = PAD.under(20.0, Seat::level(), Some(&|place| place.x < 0.0)).expect("contact");
+        assert!((half.depth_mm / (2.0 * 0.565_884) - 1.0).abs() < 0.001, "{}", half.depth_mm);
+        assert_eq!(PAD.under(20.0, Seat::level(), Some(&|_| false)), None);
+        assert_eq!([0.0, -1.0, f64::NAN].map(|force_n| PAD.under(force_n, Seat::level(), None)), [None; 3]);
+    }
+
+    /// By hand: tilted by 0.1 the disc touches on one side only: with all of it pressed c would be 0.566 − 1.5 at the rim.
+    #[test]
+    fn a_tilted_disc_lifts_on_one_side_and_never_pulls() {
+        let seat = Seat { tilt: Vector2::new(0.1, 0.0), ..Seat::level() };
+        let contact = PAD.under(20.0, seat, None).expect("contact");
+        assert_eq!(contact.pressure_n_mm2(Vector2::new(-14.0, 0.0)), 0.0);
+        assert!(contact.pressure_n_mm2(Vector2::new(14.0, 0.0)) > 0.05);
+        assert!((borne_n(&contact, |_| true) / 20.0 - 1.0).abs() < 0.005);
+    }
+
+    proptest! {
+        /// Whatever the surface, tilt and edge: the force is borne, and nowhere pulled.
+        #[test]
+        fn the_force_is_borne(
+            force in 2.0..60.0f64, k1 in -0.004..0.01f64, k2 in -0.004..0.01f64, tilt in -0.05..0.05f64,
+            edge in -9.0..15.0f64, turn in 0.0..6.3f64,
+        ) {
+            let seat = Seat { tilt: Vector2::new(tilt, -0.5 * tilt), ..bent(k1, k2) };
+            let below = |place: Vector2<f64>| place.x * turn.cos() + place.y * turn.sin() < edge;
+            let contact = PAD.under(force, seat, Some(&below)).expect("contact");
+            let borne = borne_n(&contact, below);
+            prop_assert!((borne / force - 1.0).abs() < 0.03, "{} of {}", borne, force);
+            let free = PAD.under(force, seat, None).expect("contact");
+            prop_assert!((borne_n(&free, |_| true) / force - 1.0).abs() < 0.02);
+            prop_assert!(free.depth_mm <= contact.depth_mm + 0.2, "an edge never lessens the load of the rest");
+        }
+    }
+}

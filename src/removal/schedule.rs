@@ -1,0 +1,297 @@
+//! The feed on each move of a path, so that the removal is even over what is treated.
+//!
+//! A move that rubs x mm on each of its millimetres removes k p x of a place, so all places together are h = A x: linear in
+//! x, whatever the orbit. x falls with the feed (`speed`); the feeds' bounds are bounds of x, and `descent` finds the x
+//! that comes nearest to the target everywhere. Beyond what is treated nothing is asked for: there the removal tapers off
+//! with the disc's radius. The wear of the disc goes with its way alone, so it is known beforehand.
+//!
+//! The tool's point cannot jump in speed: from one move to the next the square of the feed changes by no more than the
+//! acceleration times the length of the slower one's neighbour, so half of that move at most is spent on it. Where that
+//! asks for a lower feed it is lowered, and the others are found again.
+//!
+//! Nothing is cut to fit: whether the result keeps the recipe's limits is judged by the map of it.
+
+use super::descent::{Columns, Sought, descend};
+use super::model::{Model, UM_PER_MM};
+use super::samples::Samples;
+use super::speed::Orbit;
+use super::track::{Ground, Stretch};
+use crate::panel::{GridId, Region};
+use crate::surface::BSplineSurface;
+use rayon::prelude::*;
+
+/// Distance between places that are looked at, in radii of the disc, and its bounds, mm.
+const SPACING_RADII: f64 = 0.2;
+const SPACING_MM: [f64; 2] = [1.0, 3.0];
+/// How much neighbours are kept alike.
+const ALIKE: f64 = 0.02;
+/// Times that all moves are gone through, at first and after feeds were lowered for the acceleration.
+const ROUNDS: [usize; 2] = [40, 12];
+
+/// A move of the path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Move {
+    /// The pose that it leads to, counted as the stretches count.
+    pub pose: usize,
+    /// Its length, mm.
+    pub length_mm: f64,
+    /// Lowest and highest feed, mm/s.
+    pub feeds_mm_s: [f64; 2],
+}
+
+/// What is asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Asked {
+    /// Depth, µm.
+    pub target_um: f64,
+    /// Acceleration of the tool's point, mm/s².
+    pub acceleration_mm_s2: f64,
+}
+
+/// The feeds of a path.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Schedule {
+    /// The feed on each of the moves, mm/s.
+    pub feeds_mm_s: Vec<f64>,
+    /// Mean depth of the treated grids at the lowest feed everywhere, and at the highest, µm.
+    pub reachable_um: [f64; 2],
+}
+
+impl Schedule {
+    /// Passes that the target takes at the lowest feeds.
+    pub fn passes(&self, target_um: f64) -> usize {
+        let [most_um, _] = self.reachable_um;
+        if most_um > 0.0 { (target_um / most_um).ceil().max(1.0) as usize } else { usize::MAX }
+    }
+}
+
+/// The feeds that bring the removal nearest to the target. `stretches` are those of the path at any feed.
+pub fn schedule(
+    (surface, region, ground): (&BSplineSurface, &Region, Ground<'_>),
+    treated: &[GridId],
+    (stretches, moves): (&[Stretch], &[Move]),
+    model: &Model,
+    asked: &Asked,
+) -> Schedule {
+    let radius_mm = stretches.first().map_or(1.0, |stretch| stretch.stroke.contact.pad.radius_mm);
+    let spacing_mm = (SPACING_RADII * radius_mm).clamp(SPACING_MM[0], SPACING_MM[1]);
+    let samples: Vec<Samples> =
+        treated.par_iter().filter_map(|id| Samples::of(surface, region, (*id, spacing_mm), ground)).collect();
+    let (columns, places) = columns(&samples, (stretches, moves), model, asked.target_um);
+    let rubbed = |feed_mm_s: f64| model.orbit.rubbed_per_mm(feed_mm_s);
+    let bounds: Vec<[f64; 2]> = moves.iter().map(|own| [1, 0].map(|end| rubbed(own.feeds_mm_s[end]))).collect();
+    let wanted: Vec<f64> = places.iter().map(|area| if *area > 0.0 { 1.0 } else { 0.0 }).collect();
+    let mut sought = Sought { wanted: &wanted, bounds: &bounds, alike: ALIKE, rounds: ROUNDS[0] };
+    let lowest: Vec<f64> = bounds.iter().map(|[low, _]| *low).collect();
+    let free = descend(&columns, lowest.clone(), &sought);
+    let slowed = slowed(&feeds(&model.orbit, moves, &free), moves, asked.acceleration_mm_s2);
+    // What was lowered for the acceleration stays so; the others make up for it.
+    let held: Vec<[f64; 2]> = slowed
+        .iter()
+        .zip(&free)
+        .zip(&bounds)
+        .map(|((feed_mm_s, free), [low, high])| {
+            let x = rubbed(*feed_mm_s);
+            if x > free * (1.0 + 1e-6) { [x.min(*high), *high] } else { [*low, *high] }
+        })
+        .collect();
+    sought = Sought { bounds: &held, rounds: ROUNDS[1], ..sought };
+    let start = free.iter().zip(&held).map(|(x, [low, high])| x.clamp(*low, *high)).collect();
+    let settled = descend(&columns, start, &sought);
+    let feeds_mm_s = self::slowed(&feeds(&model.orbit, moves, &settled), moves, asked.acceleration_mm_s2);
+    let mean_um = |x: &[f64]| {
+        let depths = columns.times(x, places.len());
+        let sum = depths.iter().zip(&places).fold(0.0, |sum, (depth, area)| sum + depth * area);
+        asked.target_um * sum / places.iter().sum::<f64>().max(f64::MIN_POSITIVE)
+    };
+    let slowest: Vec<f64> = bounds.iter().map(|[_, high]| *high).collect();
+    Schedule { feeds_mm_s, reachable_um: [mean_um(&slowest), mean_um(&lowest)] }
+}
+
+fn feeds(orbit: &Orbit, moves: &[Move], x: &[f64]) -> Vec<f64> {
+    moves.iter().zip(x).map(|(own, x)| orbit.feed_mm_s(*x, own.feeds_mm_s)).collect()
+}
+
+/// What each move removes of each place for each mm rubbed on a mm of its way, as a share of the target; and the places' area.
+fn columns(
+    samples: &[Samples],
+    (stretches, moves): (&[Stretch], &[Move]),
+    model: &Model,
+    target_um: f64,
+) -> (Columns, Vec<f64>) {
+    let starts: Vec<usize> = samples
+        .iter()
+        .scan(0, |next, own| {
+            let start = *next;
+            *next += own.count();
+            Some(start)
+        })
+        .collect();
+    let column = |own: &Move| {
+        let first = stretches.partition_point(|stretch| stretch.pose < own.pose);
+        let own = stretches[first..].iter().take_while(|stretch| stretch.pose == own.pose);
+        let mut column: Vec<(u32, f32)> = Vec::new();
+        for stretch in own {
+            let share = model.preston_at(stretch.swept_mm2) * stretch.length_mm * UM_PER_MM / target_um;
+            for (samples, start) in samples.iter().zip(&starts) {
+                samples.under(stretch, |place, pressure| {
+                    column.push(((start + place) as u32, (share * pressure) as f32));
+                });
+            }
+        }
+        merged(column)
+    };
+    let mut columns = Columns::default();
+    let each: Vec<Vec<(u32, f32)>> = moves.par_iter().map(column).collect();
+    each.into_iter().for_each(|column| columns.push(column));
+    (columns, samples.iter().flat_map(|own| own.area_mm2.iter().copied()).collect())
+}
+
+/// Entries of one row as one.
+fn merged(mut column: Vec<(u32, f32)>) -> Vec<(u32, f32)> {
+    column.sort_unstable_by_key(|(row, _)| *row);
+    let mut merged: Vec<(u32, f32)> = Vec::with_capacity(column.len());
+    for (row, value) in column {
+        match merged.last_mut() {
+            Some((last, sum)) if *last == row => *sum += value,
+            _ => merged.push((row, value)),
+        }
+    }
+    merged
+}
+
+/// The same feeds, lower where the next or the former one could not be come to.
+fn slowed(feeds_mm_s: &[f64], moves: &[Move], acceleration_mm_s2: f64) -> Vec<f64> {
+    let mut slowed = feeds_mm_s.to_vec();
+    let follows = |index: usize| moves[index].pose == moves[index - 1].pose + 1;
+    let most = |other: f64, length_mm: f64| (other * other + acceleration_mm_s2 * length_mm).sqrt();
+    for index in (1..slowed.len()).filter(|index| follows(*index)) {
+        slowed[index] = slowed[index].min(most(slowed[index - 1], moves[index].length_mm));
+    }
+    for index in (1..slowed.len()).rev().filter(|index| follows(*index)) {
+        slowed[index - 1] = slowed[index - 1].min(most(slowed[index], moves[index - 1].length_mm));
+    }
+    slowed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::figures::Figures;
+    use super::super::map::{RemovalMap, removed, tests::region};
+    use super::super::model::tests::MODEL;
+    use super::super::track::tests::{DISC, level, pose};
+    use super::super::track::{Disc, Force, stretches};
+    use super::*;
+    use crate::surface::dwell::Executed;
+
+    /// Rows 12 mm apart over a square of 60 mm in the middle of 100, from 6 mm beside it; moves of 6 mm.
+    fn rows() -> Vec<Executed> {
+        let mut path = Vec::new();
+        for row in 0..7 {
+            let y = 14.0 + 12.0 * f64::from(row);
+            for step in 0..=12 {
+                let along = 14.0 + 6.0 * f64::from(step);
+                let x = if row % 2 == 0 { along } else { 100.0 - along };
+                path.push(pose([x, y, 0.0], 0.1));
+            }
+        }
+        path
+    }
+
+    fn timed(path: &[Executed], feeds_mm_s: &[f64]) -> Vec<Executed> {
+        let mut timed = path.to_vec();
+        for (index, feed) in feeds_mm_s.iter().enumerate() {
+            let way = timed[index].panel_from_tool.origin().distance_mm(timed[index + 1].panel_from_tool.origin());
+            timed[index + 1].seconds = way / feed;
+        }
+        timed
+    }
+
+    /// The middle one of 5 × 5 grids of 20 mm and its neighbours are treated: 60 × 60 mm.
+    fn planned(target_um: f64, feeds: [f64; 2], swept_mm2: f64) -> (Schedule, RemovalMap, RemovalMap, Vec<Move>) {
+        let (surface, region) = (level(100.0), region(5, 5));
+        let inner = |id: &GridId| (2..=4).contains(&id.row) && (2..=4).contains(&id.column);
+        let treated: Vec<GridId> = region.ids().filter(inner).collect();
+        let disc = Disc { rim_orbits: true, swept_mm2, ..DISC };
+        let path = rows();
+        let all = stretches(&surface, &path, (&disc, Force::Nominal(20.0)), &|_| true);
+        let own = |index: usize| Move {
+            pose: index + 1,
+            length_mm: path[index].panel_from_tool.origin().distance_mm(path[index + 1].panel_from_tool.origin()),
+            feeds_mm_s: feeds,
+        };
+        let moves: Vec<Move> = (0..path.len() - 1).map(own).collect();
+        let on = (&surface, &region, &(|_| true) as Ground<'_>);
+        let asked = Asked { target_um, acceleration_mm_s2: 1_000.0 };
+        let found = schedule(on, &treated, (&all, &moves), &MODEL, &asked);
+        let map = |feeds_mm_s: &[f64]| {
+            let all = stretches(&surface, &timed(&path, feeds_mm_s), (&disc, Force::Nominal(20.0)), &|_| true);
+            removed(on, &treated, &all, (&MODEL, 0.1), 1.0)
+        };
+        let constant = vec![feeds[1]; moves.len()];
+        (found.clone(), map(&found.feeds_mm_s), map(&constant), moves)
+    }
+
+    #[test]
+    fn scheduled_feeds_remove_the_target_evenly() {
+        let (found, scheduled, constant, _) = planned(40.0, [5.0, 120.0], 0.0);
+        let [even, plain] = [&scheduled, &constant].map(|map| Figures::of(map, 40.0).expect("treated"));
+        assert!(even.within_percent < 10.0 && (even.mean_um / 40.0 - 1.0).abs() < 0.03, "{even:?}");
+        assert!(even.within_percent < 0.2 * plain.within_percent, "{even:?} {plain:?}");
+        assert_eq!(found.passes(40.0), 1);
+        // Beyond the treated grids it tapers off: nowhere deeper than inside.
+        assert!(even.largest_um < 1.3 * 40.0, "{even:?}");
+    }
+
+    #[test]
+    fn a_worn_disc_goes_slower() {
+        let seconds = |swept_mm2: f64| {
+            let (found, _, _, moves) = planned(40.0, [5.0, 120.0], swept_mm2);
+            moves.iter().zip(&found.feeds_mm_s).map(|(own, feed)| own.length_mm / feed).sum::<f64>()
+        };
+        // By hand: e^0.4 = 1.49 times as long.
+        let ratio = seconds(500_000.0) / seconds(0.0);
+        assert!((ratio - 1.49).abs() < 0.1, "{ratio}");
+    }
+
+    #[test]
+    fn feeds_keep_their_bounds_and_the_acceleration() {
+        for target_um in [10.0, 40.0, 400.0] {
+            let (found, _, _, moves) = planned(target_um, [20.0, 60.0], 0.0);
+            for (index, feed) in found.feeds_mm_s.iter().enumerate() {
+                assert!((20.0 - 1e-6..=60.0 + 1e-6).contains(feed), "{feed}");
+                if index > 0 {
+                    let change = (feed * feed - found.feeds_mm_s[index - 1].powi(2)).abs();
+                    assert!(change <= 1_000.0 * moves[index].length_mm.max(moves[index - 1].length_mm) + 1e-6);
+                }
+            }
+        }
+        let (found, map, ..) = planned(400.0, [20.0, 60.0], 0.0);
+        let [most_um, least_um] = found.reachable_um;
+        assert!(found.passes(400.0) == (400.0 / most_um).ceil() as usize && found.passes(400.0) > 1);
+        assert!(most_um > 2.5 * least_um, "the slowest feed removes three times as much");
+        let figures = Figures::of(&map, 400.0).expect("treated");
+        assert!((figures.mean_um / most_um - 1.0).abs() < 0.03, "all that one pass can: {figures:?}");
+    }
+
+    /// By hand: from 10 mm/s, on 6 mm at 100 mm/s², (10² + 600)^½ = 26.46 mm/s are reached, then 36.06.
+    #[test]
+    fn feeds_rise_as_the_acceleration_lets_them() {
+        let own = |pose| Move { pose, length_mm: 6.0, feeds_mm_s: [1.0, 60.0] };
+        let moves: Vec<Move> = (1..=4).map(own).collect();
+        let found = slowed(&[10.0, 60.0, 60.0, 20.0], &moves, 100.0);
+        let expected = [10.0, 26.457_5, 31.622_8, 20.0];
+        assert!(found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-3), "{found:?}");
+        // After a way through the air it begins anew.
+        let apart = [own(1), own(5)];
+        assert_eq!(slowed(&[10.0, 60.0], &apart, 100.0), [10.0, 60.0]);
+    }
+
+    #[test]
+    fn nothing_in_contact_has_no_feed() {
+        let (surface, region) = (level(100.0), region(1, 1));
+        let asked = Asked { target_um: 40.0, acceleration_mm_s2: 1_000.0 };
+        let found = schedule((&surface, &region, &|_| true), &[], (&[], &[]), &MODEL, &asked);
+        assert_eq!((found.feeds_mm_s.len(), found.passes(40.0)), (0, usize::MAX));
+    }
+}

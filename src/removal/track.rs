@@ -1,0 +1,209 @@
+//! The stretches of a path in contact: where the disc lies, how it presses, and how far a grain rubs meanwhile.
+//!
+//! A path is one of poses with their times, planned or as the robot reported them. Each way between two of them is cut
+//! into stretches of half of the disc's radius at most; on each the contact is that of its middle. A pose that is
+//! meant to be in contact is so where its point lies no higher above the surface than `dwell` says. What the disc has swept
+//! grows by its diameter on the way, as the store counts it.
+
+use super::pad::{Below, Pad, Seat};
+use super::place::Place;
+use super::speed::Orbit;
+use super::stroke::Stroke;
+use crate::geometry::{Panel, Point};
+use crate::surface::dwell::{CONTACT_MM, Executed, foot};
+use crate::surface::{BSplineSurface, Parameter};
+use nalgebra::Vector2;
+use std::f64::consts::TAU;
+
+/// Length of a stretch, at most, in radii of the disc.
+const STRETCH_RADII: f64 = 0.5;
+/// Places on the rim, and half-way to it, by which it is told whether the whole disc has panel below it.
+const LOOKS: usize = 16;
+
+/// Is there panel at this place of the surface?
+pub type Ground<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
+
+/// The force on the disc along the surface's normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Force<'a> {
+    /// The same everywhere, N.
+    Nominal(f64),
+    /// On the way to each pose, N, in their order; a pose beyond the list has none.
+    Measured(&'a [f64]),
+}
+
+impl Force<'_> {
+    fn at(&self, pose: usize) -> f64 {
+        match self {
+            Force::Nominal(force_n) => *force_n,
+            Force::Measured(forces_n) => forces_n.get(pose).copied().unwrap_or(0.0),
+        }
+    }
+}
+
+/// The disc of a tool.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Disc {
+    /// Disc and pad.
+    pub pad: Pad,
+    /// Its orbit.
+    pub orbit: Orbit,
+    /// Does its rim move with the orbit? Else the disc is taken as standing, as simpler models do.
+    pub rim_orbits: bool,
+    /// What it has swept before this path, mm².
+    pub swept_mm2: f64,
+}
+
+impl Disc {
+    /// Radius of the circle that the rim runs, mm.
+    fn rim_orbit_mm(&self) -> f64 {
+        if self.rim_orbits { self.orbit.diameter_mm / 2.0 } else { 0.0 }
+    }
+}
+
+/// A short straight way of the disc in contact.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stretch {
+    /// The surface at its middle.
+    pub place: Place,
+    /// The contact there, and the way.
+    pub stroke: Stroke,
+    /// Length of the way, mm.
+    pub length_mm: f64,
+    /// How far a grain rubs meanwhile, mm.
+    pub rubbed_mm: f64,
+    /// The pose that it leads to, counted from 0.
+    pub pose: usize,
+    /// What the disc has swept by its middle, mm².
+    pub swept_mm2: f64,
+}
+
+/// The stretches of a path.
+pub fn stretches(
+    surface: &BSplineSurface,
+    executed: &[Executed],
+    (disc, force): (&Disc, Force<'_>),
+    ground: Ground<'_>,
+) -> Vec<Stretch> {
+    let mut all = Vec::new();
+    let (mut guess, mut swept_mm2) = (Parameter { u: 0.5, v: 0.5 }, disc.swept_mm2);
+    for (index, pair) in executed.windows(2).enumerate().filter(|(_, pair)| pair[1].contact) {
+        let (from, to) = (pair[0].panel_from_tool.origin(), pair[1].panel_from_tool.origin());
+        let way_mm = from.distance_mm(to);
+        let count = (way_mm / (STRETCH_RADII * disc.pad.radius_mm)).ceil().max(1.0);
+        let (length_mm, seconds) = (way_mm / count, pair[1].seconds / count);
+        let at = |share: f64| from + (to - from) * (share / count);
+        for step in 0..count as usize {
+            swept_mm2 += length_mm * disc.pad.radius_mm;
+            let ends = [at(step as f64), at(step as f64 + 1.0)];
+            let Some(place) = touched(surface, &mut guess, at(step as f64 + 0.5)) else { continue };
+            let tool = pair[if 2 * step < count as usize { 0 } else { 1 }].panel_from_tool;
+            let seat = place.tilt(&tool).map(|tilt| Seat { tilt, curvature_per_mm: place.curvature_per_mm });
+            let pressed = seat.and_then(|seat| contact(&place, seat, (disc, force.at(index + 1)), ground));
+            if let Some(contact) = pressed {
+                let ends_mm = ends.map(|end| place.offset_mm(end));
+                let stroke = Stroke::new(contact, ends_mm, (disc.rim_orbit_mm(), all.len()));
+                let rubbed_mm = rubbed_mm(&disc.orbit, length_mm, seconds);
+                all.push(Stretch { place, stroke, length_mm, rubbed_mm, pose: index + 1, swept_mm2 });
+            }
+            swept_mm2 += length_mm * disc.pad.radius_mm;
+        }
+    }
+    all
+}
+
+/// How far a grain rubs in this time on this way, mm.
+fn rubbed_mm(orbit: &Orbit, length_mm: f64, seconds: f64) -> f64 {
+    // On no time at all the disc cannot have gone a way: a report that came twice.
+    if seconds > 0.0 { orbit.grain_mm_s(length_mm / seconds) * seconds } else { length_mm }
+}
+
+/// The place of the surface below a point in contact.
+fn touched(surface: &BSplineSurface, guess: &mut Parameter, point: Point<Panel>) -> Option<Place> {
+    let at = foot(surface, *guess, point)?;
+    *guess = at;
+    let normal = surface.normal(at)?;
+    let height_mm = normal.mm.dot(&(point - surface.point(at)).mm);
+    if height_mm > CONTACT_MM { None } else { Place::of(surface, at) }
+}
+
+/// The contact there; what hangs over bears nothing.
+fn contact(
+    place: &Place,
+    seat: Seat,
+    (disc, force_n): (&Disc, f64),
+    ground: Ground<'_>,
+) -> Option<super::pad::Contact> {
+    let has_panel = |offset: Vector2<f64>| ground(place.parameter(offset));
+    let look = |index: usize, share: f64| {
+        let angle = TAU * index as f64 / LOOKS as f64;
+        has_panel(Vector2::new(angle.cos(), angle.sin()) * (share * disc.pad.radius_mm))
+    };
+    let is_whole = has_panel(Vector2::zeros()) && (0..LOOKS).all(|index| look(index, 1.0) && look(index, 0.5));
+    let below: Below<'_> = &has_panel;
+    disc.pad.under(force_n, seat, (!is_whole).then_some(below))
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::super::model::tests::MODEL;
+    use super::*;
+    use crate::geometry::KukaPose;
+    use crate::surface::KnotVector;
+
+    pub(in crate::removal) const DISC: Disc = Disc {
+        pad: Pad { radius_mm: 15.0, stiffness_n_mm3: 0.05 },
+        orbit: MODEL.orbit,
+        rim_orbits: false,
+        swept_mm2: 0.0,
+    };
+
+    /// A level square of so many mm.
+    pub(in crate::removal) fn level(side_mm: f64) -> BSplineSurface {
+        let knots = || KnotVector::uniform(1, 1, 0.0..=1.0).expect("knots");
+        let corner = |(x, y): (f64, f64)| Point::at(x * side_mm, y * side_mm, 0.0);
+        let controls = [(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)].map(corner);
+        BSplineSurface::new([knots(), knots()], controls.to_vec(), Point::at(0.0, 0.0, 500.0)).expect("a surface")
+    }
+
+    /// The tool's point there, its pad down.
+    pub(in crate::removal) fn pose([x_mm, y_mm, z_mm]: [f64; 3], seconds: f64) -> Executed {
+        let tool = KukaPose { x_mm, y_mm, z_mm, c_deg: 180.0, ..KukaPose::default() };
+        Executed { panel_from_tool: tool.to_rigid(), seconds, contact: true }
+    }
+
+    /// By hand: 60 mm in 1 s are 8 stretches of 7.5 mm; a grain rubs 2618.3 mm meanwhile; the disc of 30 mm sweeps 1800 mm².
+    #[test]
+    fn a_line_is_cut_into_stretches() {
+        let line = [pose([20.0, 50.0, 0.0], 0.0), pose([80.0, 50.0, 0.0], 1.0)];
+        let all = stretches(&level(100.0), &line, (&DISC, Force::Nominal(20.0)), &|_| true);
+        assert_eq!((all.len(), all[0].pose), (8, 1));
+        let sum = |of: fn(&Stretch) -> f64| all.iter().map(of).sum::<f64>();
+        assert!((sum(|stretch| stretch.rubbed_mm) - 2_618.34).abs() < 0.01, "{}", sum(|s| s.rubbed_mm));
+        assert!((all[7].swept_mm2 - 1_800.0 * 7.5 / 8.0).abs() < 0.1, "{}", all[7].swept_mm2);
+        assert!((all[3].stroke.contact.depth_mm - 0.565_884).abs() < 1e-4);
+    }
+
+    #[test]
+    fn what_is_lifted_or_without_force_removes_nothing() {
+        let surface = level(100.0);
+        let count = |z: f64, force: Force<'_>| {
+            let line = [pose([20.0, 50.0, z], 0.0), pose([80.0, 50.0, z], 1.0)];
+            stretches(&surface, &line, (&DISC, force), &|_| true).len()
+        };
+        assert_eq!([count(1.5, Force::Nominal(20.0)), count(0.5, Force::Nominal(20.0))], [0, 8]);
+        assert_eq!([count(0.0, Force::Measured(&[0.0, 20.0])), count(0.0, Force::Measured(&[20.0]))], [8, 0]);
+    }
+
+    /// By hand: with its middle above the panel's edge, half of the disc bears it all.
+    #[test]
+    fn beyond_the_edge_the_rest_bears_the_force() {
+        let line = [pose([20.0, 50.0, 0.0], 0.0), pose([80.0, 50.0, 0.0], 1.0)];
+        let all = stretches(&level(100.0), &line, (&DISC, Force::Nominal(20.0)), &|at| at.v < 0.5);
+        assert!(
+            (all[0].stroke.contact.depth_mm / 1.131_768 - 1.0).abs() < 0.03,
+            "{}",
+            all[0].stroke.contact.depth_mm
+        );
+    }
+}

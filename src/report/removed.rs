@@ -1,0 +1,110 @@
+//! What a path removes, as a map of the unrolled region in µm.
+//!
+//! Depth runs from light to dark blue, which every eye tells apart by lightness alone, up to the deepest that is allowed; deeper places
+//! are vermillion and hatched, so that they are not told by colour alone. What is removed nowhere is white.
+
+use super::canvas::{Canvas, Ink, Pen};
+use super::unrolled::{Unrolled, painted};
+use crate::geometry::{ColorPicture, Pixel};
+use crate::imaging::ImagingError;
+use crate::panel::Region;
+use crate::surface::Field;
+use crate::words::fixed;
+
+/// Nothing, and as much as is allowed.
+const DEPTHS: [Ink; 2] = [Ink([222, 235, 247]), Ink([8, 48, 107])];
+const NOTHING: Ink = Ink::WHITE;
+const TOO_DEEP: Ink = Ink::VERMILLION;
+const NO_PANEL: Ink = Ink([225, 225, 225]);
+/// Distance of the hatch's lines, px.
+const HATCH_PX: usize = 6;
+/// Shares of the target that the legend explains.
+const EXPLAINED: [f64; 5] = [0.25, 0.5, 0.75, 1.0, 1.25];
+
+/// The map, against the target and what is allowed at most, µm.
+///
+/// # Errors
+/// Where OpenCV refuses to draw.
+pub fn removal_map(
+    field: &Field,
+    region: &Region,
+    [target_um, max_um]: [f64; 2],
+) -> Result<ColorPicture, ImagingError> {
+    let ink = |depth_um: f64| DEPTHS[0].mixed(DEPTHS[1], (depth_um / max_um).min(1.0));
+    let color = |grid: usize, sample: usize, (x, y): (usize, usize)| match field.grids[grid].values[sample] {
+        None => NO_PANEL,
+        Some(depth_um) if depth_um <= 0.0 => NOTHING,
+        Some(depth_um) if f64::from(depth_um) > max_um => {
+            if (x + y) % HATCH_PX < 2 {
+                Ink::RIM
+            } else {
+                TOO_DEEP
+            }
+        }
+        Some(depth_um) => ink(f64::from(depth_um)),
+    };
+    let sizes: Vec<_> = field.grids.iter().map(|grid| (grid.id, grid.columns, grid.values.len())).collect();
+    let unrolled = Unrolled::new(field.sides_mm);
+    let mut canvas = Canvas::on(&painted(&unrolled, (region, &sizes), NO_PANEL, color))?;
+    for grid in &field.grids {
+        let edge = unrolled.edge_px(region, grid.id);
+        canvas.polyline(&edge, true, Pen { ink: Ink::WHITE, width_px: 1 })?;
+        let corner = Pixel::at(edge[0].u + unrolled.text_px() * 0.4, edge[0].v + unrolled.text_px() * 1.3);
+        canvas.label(corner, &grid.id.to_string(), unrolled.text_px(), Ink::WHITE)?;
+    }
+    canvas.scale_bar_within(unrolled.px_per_mm)?;
+    let shown = EXPLAINED.map(|share| share * target_um).into_iter().filter(|depth_um| *depth_um < max_um);
+    let words: Vec<(Ink, String)> = shown
+        .map(|depth_um| {
+            let mark = if depth_um == target_um { ", the target" } else { "" };
+            (ink(depth_um), format!("{} µm{mark}", fixed(depth_um, 1)))
+        })
+        .chain([(ink(max_um), format!("{} µm, the most allowed", fixed(max_um, 1)))])
+        .collect();
+    // The font has no µ.
+    let words: Vec<(Ink, String)> = words.into_iter().map(|(ink, text)| (ink, text.replace("µm", "um"))).collect();
+    let mut legend: Vec<(Ink, &str)> = words.iter().map(|(ink, text)| (*ink, text.as_str())).collect();
+    legend.extend([
+        (TOO_DEEP, "more than that (hatched)"),
+        (NOTHING, "nothing removed"),
+        (NO_PANEL, "not looked at"),
+    ]);
+    canvas.with_legend(&legend)?.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::panel::GridId;
+    use crate::recipe::Recipe;
+    use crate::surface::GridField;
+
+    /// A square of 60 mm, one grid of 2 × 2 samples: 10, 30, none and 80 µm of 30 wanted and 60 allowed.
+    #[test]
+    fn each_depth_has_its_colour() {
+        let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [60, 0], [60, 60], [0, 60]]\nrows = 1\ncolumns = 1\n\
+                    [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
+        let recipe = Recipe::check("test.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
+        let region = Region::new(recipe.region()).expect("convex");
+        let values = vec![Some(10.0), Some(30.0), None, Some(80.0)];
+        let grid = GridField { id: GridId { row: 1, column: 1 }, columns: 2, values };
+        let field = Field { grids: vec![grid], sides_mm: [60.0, 60.0] };
+        let map = removal_map(&field, &region, [30.0, 60.0]).expect("drawn");
+        // By hand: 900 px for 60 mm below the legend; the middles of the four samples.
+        let top = map.height - 900;
+        let at = |x: usize, y: usize| map.rgb[(top + y) * map.width + x];
+        assert_eq!(at(225, 225), DEPTHS[0].mixed(DEPTHS[1], 1.0 / 6.0).0);
+        assert_eq!([at(675, 225), at(225, 675)], [DEPTHS[0].mixed(DEPTHS[1], 0.5).0, NO_PANEL.0]);
+        let deep: Vec<_> = (670..676).map(|x| at(x, 675)).collect();
+        assert!(deep.contains(&TOO_DEEP.0) && deep.contains(&Ink::RIM.0), "hatched");
+    }
+
+    /// Told apart by lightness alone.
+    #[test]
+    fn the_ramp_is_read_without_colour() {
+        let light =
+            |ink: Ink| 0.2126 * f64::from(ink.0[0]) + 0.7152 * f64::from(ink.0[1]) + 0.0722 * f64::from(ink.0[2]);
+        let at = |share: f64| light(DEPTHS[0].mixed(DEPTHS[1], share));
+        assert!((1..=4).all(|step| at(f64::from(step - 1) / 4.0) > at(f64::from(step) / 4.0) + 25.0));
+    }
+}

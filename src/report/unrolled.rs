@@ -1,0 +1,62 @@
+//! The unrolled region: grids as boxes over its unit square, as large as the panel is through its middle.
+
+use super::canvas::Ink;
+use crate::geometry::{ColorPicture, Pixel};
+use crate::panel::{GridId, Region};
+
+/// Pixels along the region's longer side.
+const PICTURE_PX: usize = 900;
+
+/// How large the region is drawn.
+pub(super) struct Unrolled {
+    pub px_per_mm: f64,
+    size_px: [f64; 2],
+}
+
+impl Unrolled {
+    /// Of a region so long along u and along v, mm.
+    pub fn new(sides_mm: [f64; 2]) -> Self {
+        let px_per_mm = PICTURE_PX as f64 / sides_mm[0].max(sides_mm[1]).max(1.0);
+        Unrolled { px_per_mm, size_px: sides_mm.map(|side_mm| side_mm * px_per_mm) }
+    }
+
+    /// Height of the labels, px.
+    pub fn text_px(&self) -> f64 {
+        (self.size_px[1] / 40.0).max(12.0)
+    }
+
+    /// The edge of a grid, px.
+    pub fn edge_px(&self, region: &Region, id: GridId) -> [Pixel; 4] {
+        let [low, high] = region.unit_box(id);
+        let place = |u: f64, v: f64| Pixel::at(u * self.size_px[0], v * self.size_px[1]);
+        [place(low.x, low.y), place(high.x, low.y), place(high.x, high.y), place(low.x, high.y)]
+    }
+}
+
+/// Paints each pixel of some grids in the colour of its sample; a grid is its name, its samples along u, and all of them.
+pub(super) fn painted(
+    unrolled: &Unrolled,
+    (region, grids): (&Region, &[(GridId, usize, usize)]),
+    ground: Ink,
+    color: impl Fn(usize, usize, (usize, usize)) -> Ink,
+) -> ColorPicture {
+    let [width, height] = unrolled.size_px.map(|size| (size as usize).max(1));
+    let mut picture = ColorPicture::filled(width, height, ground.0);
+    for (number, (id, columns, samples)) in grids.iter().enumerate() {
+        let [low, high] = region.unit_box(*id);
+        let rows = samples / (*columns).max(1);
+        let start = |low: f64, size: usize| (low * size as f64).round() as usize;
+        for y in start(low.y, height)..start(high.y, height).min(height) {
+            for x in start(low.x, width)..start(high.x, width).min(width) {
+                let index = |at: usize, size: usize, low: f64, high: f64, count: usize| {
+                    let share = ((at as f64 + 0.5) / size as f64 - low) / (high - low);
+                    ((share * count as f64).max(0.0) as usize).min(count.saturating_sub(1))
+                };
+                let row = index(y, height, low.y, high.y, rows);
+                let sample = row * columns + index(x, width, low.x, high.x, *columns);
+                picture.rgb[y * width + x] = color(number, sample, (x, y)).0;
+            }
+        }
+    }
+    picture
+}

@@ -1,0 +1,214 @@
+//! What a path removes, as it is planned and as it was executed; and the feeds by which it removes what the recipe asks for.
+
+mod checks;
+#[cfg(test)]
+mod tests;
+
+pub use checks::{RemovedBefore, unknown};
+
+use super::Drawing;
+use super::survey::ToolState;
+use crate::panel::{GridId, TaughtPanel};
+use crate::path::dwell::{self, Executed};
+use crate::path::{Plan, Waypoint};
+use crate::recipe::{self, Recipe, RemovalMethod};
+use crate::record::name;
+use crate::removal::figures::Figures;
+use crate::removal::ground::PanelGround;
+use crate::removal::map::{RemovalMap, removed};
+use crate::removal::model::Model;
+use crate::removal::pad::Pad;
+use crate::removal::schedule::{Asked, Move, schedule};
+use crate::removal::track::{Disc, Force, stretches};
+use crate::report::removal_map;
+use crate::surface::{Fit, Parameter};
+use crate::verdict::Check;
+use crate::words::{apart, fixed};
+
+/// Distance between the samples of a map, in radii of the disc, and its bounds, mm.
+const SPACING_RADII: f64 = 0.1;
+const SPACING_MM: [f64; 2] = [0.5, 1.5];
+
+/// Scheduled lines go so far beyond what is treated, in radii of the disc.
+const BEYOND_RADII: f64 = 0.4;
+
+/// What removal is computed with.
+#[derive(Debug, Clone, Copy)]
+pub struct Abrasive<'a> {
+    /// What was taught.
+    pub panel: &'a TaughtPanel,
+    /// Its surface.
+    pub fit: &'a Fit,
+    /// The recipe.
+    pub recipe: &'a Recipe,
+    /// The tool, with its removal model.
+    pub tool: ToolState,
+    /// What earlier paths of this cycle removed.
+    pub earlier: Option<&'a RemovalMap>,
+    /// And earlier cycles, of the same part.
+    pub before: RemovedBefore,
+}
+
+/// What a path removes, and what that comes to with earlier ones over the same part.
+#[derive(Debug, Clone)]
+pub struct Removed {
+    /// Place by place, with what earlier paths removed.
+    pub map: RemovalMap,
+    /// The numbers of the path, and the largest depths of the part; `None` where nothing is treated.
+    pub figures: Option<Figures>,
+    /// The same, judged.
+    pub checks: Vec<Check>,
+    limits_um: [f64; 2],
+}
+
+impl<'a> Abrasive<'a> {
+    /// The recipe's table with the model; `None` where either is not there.
+    fn known(&self) -> Option<(&'a recipe::Removal, Model)> {
+        Some((self.recipe.removal()?, self.tool.removal?))
+    }
+
+    /// The recipe's table with the model, where the recipe asks for scheduled feeds.
+    fn wanted(&self) -> Option<(&'a recipe::Removal, Model)> {
+        self.known().filter(|(asked, _)| asked.method() == RemovalMethod::Scheduled)
+    }
+
+    /// How far the lines of a plan go beyond what is treated, mm: feeds alone cannot make it even up to its border.
+    pub fn beyond_mm(&self) -> f64 {
+        let radius_mm = self.recipe.path().disc_diameter_mm() / 2.0;
+        self.wanted().map_or(0.0, |_| BEYOND_RADII * radius_mm)
+    }
+
+    /// The plan with the feeds that remove the target, where the recipe asks for that and the model is known.
+    #[must_use]
+    pub fn scheduled(&self, plan: Plan) -> Plan {
+        let Some((asked, model)) = self.wanted() else { return plan };
+        let (settings, all) = (self.recipe.path(), waypoints(&plan));
+        let moves = moves(&all, asked, settings);
+        let on_ground = self.ground();
+        let ground = |at: Parameter| on_ground(at);
+        let surface = (&self.fit.surface, &self.panel.region, &ground as &(dyn Fn(Parameter) -> bool + Sync));
+        let force = Force::Nominal(asked.force_n());
+        let all_stretches = stretches(surface.0, &dwell::planned(&plan), (&self.disc(&model), force), &ground);
+        let wanted = Asked { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
+        let found = schedule(surface, &treated(&plan), (&all_stretches, &moves), &model, &wanted);
+        let mut feeds_mm_s: Vec<f64> = all.iter().map(|waypoint| waypoint.feed_mm_s).collect();
+        for (own, feed_mm_s) in moves.iter().zip(&found.feeds_mm_s) {
+            feeds_mm_s[own.pose] = *feed_mm_s;
+        }
+        let fed = plan.fed(&feeds_mm_s, settings);
+        let radius_mm = settings.disc_diameter_mm() / 2.0;
+        let times = dwell::simulate(surface.0, surface.1, &treated(&fed), &dwell::planned(&fed), radius_mm);
+        fed.timed(&times)
+    }
+
+    /// What a plan removes; `None` where the recipe does not ask, or the model is not known.
+    pub fn planned(&self, plan: &Plan) -> Option<Removed> {
+        self.removed(&treated(plan), &dwell::planned(plan), Force::Nominal(self.recipe.removal()?.force_n()))
+    }
+
+    /// What was removed by these poses, of those grids; the force is the recipe's where none was measured.
+    pub fn executed(&self, grids: &[GridId], poses: &[Executed], forces_n: Option<&[f64]>) -> Option<Removed> {
+        let nominal = Force::Nominal(self.recipe.removal()?.force_n());
+        self.removed(grids, poses, forces_n.map_or(nominal, Force::Measured))
+    }
+
+    fn removed(&self, grids: &[GridId], poses: &[Executed], force: Force<'_>) -> Option<Removed> {
+        let (asked, model) = self.known()?;
+        let on_ground = self.ground();
+        let ground = |at: Parameter| on_ground(at);
+        let disc = self.disc(&model);
+        let all = stretches(&self.fit.surface, poses, (&disc, force), &ground);
+        let spacing_mm = (SPACING_RADII * disc.pad.radius_mm).clamp(SPACING_MM[0], SPACING_MM[1]);
+        let force_share = asked.force_error_percent() / 100.0;
+        let on = (&self.fit.surface, &self.panel.region, &ground as &(dyn Fn(Parameter) -> bool + Sync));
+        let own = removed(on, grids, &all, (&model, force_share), spacing_mm);
+        // The target is that of a pass; what no place may come to is that of the part.
+        let of_pass = Figures::of(&own, asked.target_um());
+        let map = match self.earlier {
+            Some(earlier) => own.and(earlier),
+            None => own,
+        };
+        let of_part = Figures::of(&map, asked.target_um());
+        let figures = of_pass.zip(of_part).map(|(of_pass, of_part)| Figures {
+            largest_um: of_part.largest_um + self.before.bound_um,
+            largest_bound_um: of_part.largest_bound_um + self.before.bound_um,
+            ..of_pass
+        });
+        let checks = [checks::checks(figures.as_ref(), asked), self.before.checks(asked)].concat();
+        Some(Removed { map, figures, checks, limits_um: [asked.target_um(), asked.max_um()] })
+    }
+
+    fn disc(&self, model: &Model) -> Disc {
+        let radius_mm = self.recipe.path().disc_diameter_mm() / 2.0;
+        let pad = Pad { radius_mm, stiffness_n_mm3: model.pad_n_mm3 };
+        Disc { pad, orbit: model.orbit, rim_orbits: true, swept_mm2: self.tool.worn_mm2 }
+    }
+
+    /// Is there panel at a place?
+    fn ground(&self) -> impl Fn(Parameter) -> bool + Sync + use<> {
+        let outline = PanelGround::of(&self.panel.region, &self.panel.outline_px);
+        let holes = self.fit.map.holes(&self.panel.region, self.recipe.path().lift_hole_mm());
+        move |at| outline.holds(at) && !holes.holds(at)
+    }
+}
+
+impl Removed {
+    /// The map in µm.
+    pub fn drawn(&self, panel: &TaughtPanel, (name, caption): (&str, &str)) -> Drawing {
+        Drawing::new(name, caption, removal_map(&self.map.field(), &panel.region, self.limits_um))
+    }
+
+    /// The checks of what was executed: what a path that was cut short leaves to do is no fault of it.
+    pub fn told_after(&self, is_whole: bool) -> Vec<Check> {
+        let told = |check: &Check| match is_whole || check.name == name::REMOVED_BOUND {
+            true => check.clone(),
+            false => check.clone().without_consequence(),
+        };
+        self.checks.iter().map(told).collect()
+    }
+
+    /// Lines for a person.
+    pub fn words(&self) -> Vec<String> {
+        let [target_um, max_um] = self.limits_um;
+        let Some(found) = &self.figures else { return vec!["removal            nothing is treated".to_owned()] };
+        let [largest, most] = apart(found.largest_bound_um, max_um, 1);
+        vec![
+            format!(
+                "removal            {:8} µm in the mean of {} µm wanted, ± {} % (95 %); {} µm at 5 % of the treated area, {} µm \
+                 at 95 %",
+                fixed(found.mean_um, 1),
+                fixed(target_um, 1),
+                fixed(found.uncertainty_percent, 0),
+                fixed(found.low_um, 1),
+                fixed(found.high_um, 1)
+            ),
+            format!(
+                "                   {:8} µm at most, with 95 % no more than {largest} µm of {most}; 95 % of the area within {} % \
+                 of the target",
+                fixed(found.largest_um, 1),
+                fixed(found.within_percent, 1)
+            ),
+        ]
+    }
+}
+
+fn treated(plan: &Plan) -> Vec<GridId> {
+    plan.grids.iter().map(|grid| grid.id).collect()
+}
+
+fn waypoints(plan: &Plan) -> Vec<Waypoint> {
+    plan.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect()
+}
+
+/// The moves in contact, with the feeds that recipe and controller allow on each.
+pub fn moves(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Vec<Move> {
+    let planning_s = settings.planning_time_ms() / 1_000.0;
+    let pairs = all.windows(2).enumerate().filter(|(_, pair)| pair[0].contact && pair[1].contact);
+    pairs
+        .map(|(index, pair)| {
+            let length_mm = pair[0].panel_from_tool.origin().distance_mm(pair[1].panel_from_tool.origin());
+            let high = settings.feed_mm_s().min(length_mm / planning_s);
+            Move { pose: index + 1, length_mm, feeds_mm_s: [asked.min_feed_mm_s().min(high), high] }
+        })
+        .collect()
+}

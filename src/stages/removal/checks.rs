@@ -1,0 +1,94 @@
+//! What a path removes, held against what the recipe allows.
+
+use super::super::survey::ToolState;
+use crate::recipe::{self, Recipe};
+use crate::record::name;
+use crate::removal::figures::Figures;
+use crate::verdict::{Check, SetBy};
+use crate::words::{apart, fixed};
+use serde::{Deserialize, Serialize};
+
+/// What earlier cycles removed of the same part.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct RemovedBefore {
+    /// The upper 95 % bound of it anywhere, µm; it counts everywhere, since the maps of earlier cycles are not kept.
+    pub bound_um: f64,
+    /// Earlier cycles that abraded the part, and of which nobody knows how deep.
+    pub unknown: usize,
+}
+
+impl RemovedBefore {
+    /// What earlier cycles come to, where there were any.
+    pub(super) fn checks(&self, asked: &recipe::Removal) -> Vec<Check> {
+        let before = Check::new("removed in earlier cycles of this part, upper 95 % bound", "µm", self.bound_um);
+        let unknown = Check::new("earlier cycles of this part of which nobody knows how deep", "", self.unknown as f64)
+            .at_most(0.0, SetBy::Program)
+            .reviews("earlier_unknown", || {
+                format!(
+                    "{} earlier cycles abraded this part, and nobody knows how deep: measure what is left, {} µm may be removed \
+                     in all",
+                    self.unknown,
+                    asked.max_um()
+                )
+            });
+        let is_told = *self != RemovedBefore::default();
+        [before, unknown].into_iter().filter(|_| is_told).collect()
+    }
+}
+
+/// The recipe asks for removal, and nobody knows what the disc takes off.
+pub fn unknown(recipe: &Recipe, tool: ToolState) -> Option<Check> {
+    let stated = recipe.removal().filter(|_| tool.removal.is_none())?;
+    let check =
+        Check::new(name::REMOVED_BOUND, "µm", None).at_most(stated.max_um(), SetBy::recipe("removal.max_um"));
+    Some(check.broken(true, crate::verdict::Severity::Reject, "removal_unknown", || {
+        "the recipe has [removal], and the cell's file names no [calibration] removal: nobody can say whether max_um is \
+         kept; measure coupons and name what `panelprep calibrate removal` writes"
+            .to_owned()
+    }))
+}
+
+/// What a path removes, judged.
+pub(super) fn checks(figures: Option<&Figures>, asked: &recipe::Removal) -> Vec<Check> {
+    let of = |number: fn(&Figures) -> f64| figures.map(number);
+    let (target_um, max_um) = (asked.target_um(), asked.max_um());
+    let passes = of(|found| found.mean_um).map(|mean_um| (target_um / mean_um - TOLERATED).ceil().max(1.0));
+    let (bound_um, within) = (of(|found| found.largest_bound_um), of(|found| found.within_percent));
+    vec![
+        Check::new("expected removal, mean", "µm", of(|found| found.mean_um)),
+        Check::new("uncertainty of the removal, 95 %", "%", of(|found| found.uncertainty_percent)),
+        Check::new("expected removal, smallest 5 %", "µm", of(|found| found.low_um)),
+        Check::new("expected removal over all passes, largest", "µm", of(|found| found.largest_um)),
+        Check::new(name::REMOVED_BOUND, "µm", bound_um).at_most(max_um, SetBy::recipe("removal.max_um")).rejects(
+            "removal_too_deep",
+            || {
+                let [found, allowed] = apart(bound_um.unwrap_or(f64::NAN), max_um, 1);
+                format!(
+                    "over all passes the deepest place may come to {found} µm (95 %), allowed is max_um, {allowed}; a lower \
+                     target_um or force_n, a higher feed_mm_s, or coupons that tell k better"
+                )
+            },
+        ),
+        Check::new("passes that the target takes", "", passes).at_most(1.0, SetBy::Program).reviews("more_passes", || {
+            format!(
+                "one pass removes {} µm in the mean, the target is {} µm and takes {} passes",
+                fixed(of(|found| found.mean_um).unwrap_or(f64::NAN), 1),
+                fixed(target_um, 1),
+                fixed(passes.unwrap_or(f64::NAN), 0)
+            )
+        }),
+        Check::new("even within", "%", within).at_most(asked.even_percent(), SetBy::recipe("removal.even_percent")).reviews(
+            "removal_uneven",
+            || {
+                let [found, allowed] = apart(within.unwrap_or(f64::NAN), asked.even_percent(), 1);
+                format!(
+                    "95 % of the treated area is expected within {found} % of the target, allowed is even_percent, {allowed}; \
+                     method = \"scheduled\", a smaller step_over_mm or a larger disc make it more even"
+                )
+            },
+        ),
+    ]
+}
+
+/// A mean that is short of the target by this share takes no second pass.
+const TOLERATED: f64 = 0.1;

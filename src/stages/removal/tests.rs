@@ -1,0 +1,94 @@
+//! What a taught panel's plan removes, through the same functions as command and loop.
+
+use super::*;
+use crate::record::name;
+use crate::stages::plan::{self, Reach};
+use crate::surface::examine;
+use crate::surface::scene::{Shape, Spoil, recipe, taught};
+use crate::verdict::Verdict;
+use nalgebra::Matrix2;
+
+fn tool(removal: Option<Model>) -> ToolState {
+    ToolState { error_mm: None, worn_mm2: 0.0, removal }
+}
+
+/// k = 4·10⁻⁴ mm²/N known to 2 %, coupons of 3 %.
+fn model() -> Model {
+    Model {
+        preston_mm2_per_n: 4e-4,
+        decay_per_mm2: 0.0,
+        covariance: Matrix2::new(4e-4, 0.0, 0.0, 0.0),
+        coupon_deviation: 0.03,
+        redundancy: 10.0,
+        orbit: crate::removal::speed::Orbit { diameter_mm: 5.0, speed_rev_min: 10_000.0 },
+        pad_n_mm3: 0.05,
+    }
+}
+
+/// The verdict's codes and the number of a check, of a plan over the middle grid of a ball's inside.
+fn planned(removal: &str, known: Option<Model>, before: RemovedBefore) -> (Verdict, Vec<String>, Vec<Check>) {
+    let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{removal}"));
+    let panel = taught(Shape::Sphere, Spoil::default(), &recipe);
+    let fit = examine(&panel, recipe.surface()).expect("a surface");
+    let (on, tool) = ((&panel, &fit), tool(known));
+    let grids = [GridId { row: 2, column: 3 }];
+    let plan = plan::lay(on, &grids, (&recipe, tool)).expect("a path");
+    let found = plan::judge(plan, on, Reach::Unknown, (&recipe, tool), (None, before));
+    let codes = found.judgement.reasons.iter().map(|reason| reason.code.to_string()).collect();
+    (found.judgement.verdict, codes, found.checks)
+}
+
+fn value(checks: &[Check], name: &str) -> f64 {
+    checks.iter().find(|check| check.name == name).and_then(|check| check.value).expect("it was measured")
+}
+
+const TABLE: &str = "[removal]\ntarget_um = 30\nmax_um = 50\nforce_n = 20\n";
+
+#[test]
+fn scheduled_feeds_remove_the_target() {
+    let (verdict, codes, checks) =
+        planned(&format!("{TABLE}method = \"scheduled\"\n"), Some(model()), RemovedBefore::default());
+    assert_eq!((verdict, codes), (Verdict::Accept, vec![]));
+    assert!((value(&checks, "expected removal, mean") / 30.0 - 1.0).abs() < 0.03);
+    assert!(value(&checks, "even within") < 20.0 && value(&checks, name::REMOVED_BOUND) < 50.0);
+}
+
+/// By hand: e^(2.228 · √(0.02² + 0.03² + 0.0510²)) = 1.149 of what is expected, the force being known to 10 %.
+#[test]
+fn what_may_be_too_deep_is_rejected_and_never_cut() {
+    let (verdict, codes, checks) = planned(
+        &format!("{}method = \"scheduled\"\n", TABLE.replace("50", "34")),
+        Some(model()),
+        RemovedBefore::default(),
+    );
+    assert_eq!((verdict, codes), (Verdict::Reject, vec!["removal_too_deep".to_owned()]));
+    let ratio = value(&checks, name::REMOVED_BOUND) / value(&checks, "expected removal over all passes, largest");
+    assert!((ratio - 1.149_4).abs() < 0.000_5, "{ratio}");
+}
+
+/// What earlier cycles removed counts everywhere.
+#[test]
+fn earlier_cycles_count() {
+    let scheduled = format!("{TABLE}method = \"scheduled\"\n");
+    let alone = planned(&scheduled, Some(model()), RemovedBefore::default());
+    let after = planned(&scheduled, Some(model()), RemovedBefore { bound_um: 12.5, unknown: 0 });
+    let bounds = [&alone.2, &after.2].map(|checks| value(checks, name::REMOVED_BOUND));
+    assert!((bounds[1] - bounds[0] - 12.5).abs() < 1e-9);
+    assert_eq!(after.1, ["removal_too_deep"]);
+    let unknown = planned(&scheduled, Some(model()), RemovedBefore { bound_um: 0.0, unknown: 1 });
+    assert_eq!((unknown.0, unknown.1), (Verdict::Review, vec!["earlier_unknown".to_owned()]));
+}
+
+/// By hand: at 120 mm/s and rows of 12 mm about 4·10⁻⁴ · 20 · 2618 / (120 · 12) = 14.5 µm.
+#[test]
+fn today_s_feed_stays_and_its_removal_is_told() {
+    let (_, codes, checks) = planned(TABLE, Some(model()), RemovedBefore::default());
+    assert!(codes.contains(&"more_passes".to_owned()), "{codes:?}");
+    assert!(
+        value(&checks, "expected removal, mean") < 25.0 && value(&checks, "passes that the target takes") == 2.0
+    );
+    let (verdict, codes, _) = planned(TABLE, None, RemovedBefore::default());
+    assert_eq!((verdict, codes), (Verdict::Reject, vec!["removal_unknown".to_owned()]));
+    let (verdict, _, checks) = planned("", Some(model()), RemovedBefore::default());
+    assert!(verdict == Verdict::Accept && !checks.iter().any(|check| check.name.contains("remov")));
+}

@@ -1,0 +1,23 @@
+//! A number at each place of some grids, such as a depth, ready to be drawn.
+
+use crate::panel::GridId;
+
+/// One grid, sample by sample, row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GridField {
+    /// The grid.
+    pub id: GridId,
+    /// Samples along u.
+    pub columns: usize,
+    /// The number at each sample; none where there is no panel.
+    pub values: Vec<Option<f32>>,
+}
+
+/// Some grids of a region.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Field {
+    /// Grid by grid.
+    pub grids: Vec<GridField>,
+    /// How long the region is along u and along v, through its middle, mm.
+    pub sides_mm: [f64; 2],
+}

@@ -1,0 +1,40 @@
+//! How long the scheduling of 48 grids takes: stretches, matrix and descent.
+
+use super::held;
+use super::panels::{beyond, path_recipe};
+use super::scene::{FORCE_N, bent, disc, exact_model};
+use panelprep::geometry::median;
+use panelprep::panel::{GridId, Region};
+use panelprep::path::dwell;
+use panelprep::removal::schedule::{Asked, schedule};
+use panelprep::removal::track::{Force, stretches};
+use panelprep::stages::removal::moves;
+use panelprep::surface::Parameter;
+use std::time::Instant;
+
+const MOST_MS: f64 = 100.0;
+const RUNS: usize = 9;
+
+pub fn measure() -> usize {
+    let recipe = path_recipe("");
+    let region = Region::new(recipe.region()).expect("convex");
+    let surface = bent([320.0, 240.0], [1.0 / 800.0, -1.0 / 1_500.0]);
+    let grids: Vec<GridId> = region.ids().collect();
+    let laid = beyond(&surface, &region, &grids, &recipe);
+    let (settings, asked) = (recipe.path(), recipe.removal().expect("stated"));
+    let all: Vec<_> = laid.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect();
+    let (moves, ground, model) = (moves(&all, asked, settings), |_: Parameter| true, exact_model());
+    let wanted = Asked { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
+    let mut times_ms: Vec<f64> = (0..RUNS)
+        .map(|_| {
+            let started = Instant::now();
+            let on = stretches(&surface, &dwell::planned(&laid), (&disc(true), Force::Nominal(FORCE_N)), &ground);
+            let found = schedule((&surface, &region, &ground), &grids, (&on, &moves), &model, &wanted);
+            std::hint::black_box(found);
+            1e3 * started.elapsed().as_secs_f64()
+        })
+        .collect();
+    let found_ms = median(&mut times_ms).expect("runs");
+    println!("   {} moves over {} grids", moves.len(), grids.len());
+    held("scheduling of 48 grids, median", found_ms, MOST_MS, "ms")
+}
