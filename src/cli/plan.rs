@@ -59,7 +59,8 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let kinematics = Kinematics::new(files.cell.arm());
     let (reach, from) = reach(&kinematics, (&files, common), &taught, base_from_panel, &recipe)?;
     let worn_mm2 = files.store()?.disc_worn_mm2().map_err(Fault::stage)?;
-    let tool = ToolState { error_mm: files.cell.limits().tool_error_mm(), worn_mm2 };
+    let stroke_mm = files.cell.tool().compliant().map(|tool| tool.stroke_mm);
+    let tool = ToolState { error_mm: files.cell.limits().tool_error_mm(), worn_mm2, stroke_mm };
     let is_looked_at = !matches!(reach, Reach::Unknown);
     let mut stage = plan::judge(plan, on, reach, &recipe, tool);
     if files.cell.limits().workspace().is_some() || program.is_some() {

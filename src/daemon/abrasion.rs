@@ -238,7 +238,8 @@ impl Abrasion {
     }
 
     fn tool(&self, cycle: &CycleSetup) -> ToolState {
-        ToolState { error_mm: cycle.cell.limits.tool_error_mm(), worn_mm2: self.worn_mm2 }
+        let stroke_mm = cycle.cell.tool.as_ref().map(|tool| tool.stroke_mm);
+        ToolState { error_mm: cycle.cell.limits.tool_error_mm(), worn_mm2: self.worn_mm2, stroke_mm }
     }
 
     /// Keeps a plan: its number, and its waypoints after the air point of the approach.

@@ -72,7 +72,9 @@ pub enum CalibrationError {
         most: f64,
     },
     /// One of them does not fit.
-    #[error("reading {index} lies {off_n:.1} N off the others, allowed are {MOST_RESIDUAL_N} N; did the tool touch something?")]
+    #[error(
+        "reading {index} lies {off_n:.1} N off the others, allowed are {MOST_RESIDUAL_N} N; did the tool touch something?"
+    )]
     Outlier {
         /// Which, from 1.
         index: usize,
@@ -80,7 +82,9 @@ pub enum CalibrationError {
         off_n: f64,
     },
     /// A payload that nothing has.
-    #[error("the readings say a payload of {payload_kg:.2} kg; are force and attitude of each reading its own, and the sign right?")]
+    #[error(
+        "the readings say a payload of {payload_kg:.2} kg; are force and attitude of each reading its own, and the sign right?"
+    )]
     Negative {
         /// What they say, kg.
         payload_kg: f64,
@@ -105,7 +109,8 @@ pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, Calib
     if most - least < LEAST_SPREAD {
         return Err(CalibrationError::Alike { least, most });
     }
-    let (mean_x, mean_n) = (all().sum::<f64>() / n, readings.iter().map(|reading| reading.force_n).sum::<f64>() / n);
+    let (mean_x, mean_n) =
+        (all().sum::<f64>() / n, readings.iter().map(|reading| reading.force_n).sum::<f64>() / n);
     let spread: f64 = all().map(|x| (x - mean_x).powi(2)).sum();
     let product: f64 = readings.iter().map(|read| (read.downwards - mean_x) * (read.force_n - mean_n)).sum();
     let slope_n = product / spread;

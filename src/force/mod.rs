@@ -30,5 +30,7 @@ pub use gravity::{STANDARD_GRAVITY_M_S2, Weight, downwards};
 pub use press::{Press, Ramp};
 pub use session::{Loss, Session, SessionLimits, State};
 pub use stroke::{MIDDLE_SHARE, TOOL_STROKE, check_stroke};
-pub use telegram::{Command, ErrorBits, LOGIN_ECHO_MOST_BYTES, Reading, TERMINATOR, TelegramError, login, parse_reply};
+pub use telegram::{
+    Command, ErrorBits, LOGIN_ECHO_MOST_BYTES, Reading, TERMINATOR, TelegramError, login, parse_reply,
+};
 pub use watch::{Expected, Watch, WatchLimits, unready};

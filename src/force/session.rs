@@ -274,7 +274,10 @@ mod tests {
         let says = |bytes: &'static [u8]| move |session: &mut Session| session.received(bytes, Time::at_ms(9));
         assert_eq!(ends(&|session| drop(session.tick(Time::at_ms(103)))), "it has not answered for 100 ms");
         assert!(ends(&says(b"1041 1 2 1 0k")).starts_with("id 1041 answered, and id 1040 was asked"));
-        assert_eq!(ends(&says(b"hellok")), "what it said is no reply: 1 fields, a reply has five: id, force, position, contact, error");
+        assert_eq!(
+            ends(&says(b"hellok")),
+            "what it said is no reply: 1 fields, a reply has five: id, force, position, contact, error"
+        );
         assert_eq!(ends(&says(b"1040 1 2 1 0k1040 1 2 1 0k")), "it spoke without having been asked");
         assert!(ends(&says(&[b'1'; 200])).contains("bytes without an end"));
         let mut session = session();

@@ -188,8 +188,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const COMMAND: Command =
-        Command { id: 1040, force_n: 20.0, no_contact_n: -5.0, ramp_s: 0.25, payload_kg: 1.3 };
+    const COMMAND: Command = Command { id: 1040, force_n: 20.0, no_contact_n: -5.0, ramp_s: 0.25, payload_kg: 1.3 };
 
     /// By hand, from the driver's format.
     #[test]

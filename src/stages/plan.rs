@@ -72,14 +72,16 @@ pub fn judge(
     let disc = DiscUse::of(&plan, settings, tool.worn_mm2);
     let (of_path, path_judgement) = path::judged(&plan, settings);
     let (pad, worn) = (check_pad(settings, tool.error_mm), disc.check("worn of the disc afterwards", "this path"));
+    let stroke = tool.check_stroke(fit, settings);
     let judgement = Judgement::of_checks([&room])
         .and(path_judgement)
         .and(Judgement::of_checks(&pad))
+        .and(Judgement::of_checks(&stroke))
         .and(Judgement::of_checks([&worn]));
     let spin_deg = reached.as_ref().map(|reached| reached.spin.0);
     let spin = Check::new("turn of the tool about its axis, for reach", "°", spin_deg);
     let swept = Check::new("swept by the disc", "mm²", disc.swept_mm2);
-    let of_arm = [spin, room].into_iter().chain(pad).chain([swept, worn]);
+    let of_arm = [spin, room].into_iter().chain(pad).chain(stroke).chain([swept, worn]);
     let checks = of_path.into_iter().chain(sizes(&plan)).chain(of_arm).collect();
     let plan = match &reached {
         Some(reached) => panel_reach::turned(&plan, reached.spin),

@@ -47,7 +47,7 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
     let stand = job.tour().stand(&kinematics, &panel_stands).expect("in reach");
     let fit = crate::surface::fit(panel, recipe.surface()).expect("a surface");
     let laid = plan::lay((panel, &fit), &grids, recipe).expect("a path");
-    let tool = ToolState { error_mm: job.cell.limits.tool_error_mm(), worn_mm2: 0.0 };
+    let tool = ToolState { error_mm: job.cell.limits.tool_error_mm(), worn_mm2: 0.0, stroke_mm: None };
     let by_command = plan::judge(laid, (panel, &fit), plan::Reach::From(stand), recipe, tool);
     assert!(!grids.is_empty() && by_command.checks.len() > 10);
     assert_eq!(by_loop.checks, by_command.checks);

