@@ -8,6 +8,7 @@ use super::deadlines::seconds;
 use super::error::DaemonError;
 use super::pending::Waits;
 use super::ports::{News, RecordCommand, RecordPort, RequestPort, RobotPort, ToolPort};
+use super::pressing::Pressing;
 use super::request::{PreparedCycle, Request, What};
 use super::running::{Outside, Running};
 use super::setup::{CellSetup, CycleSetup};
@@ -259,7 +260,8 @@ impl Running<'_> {
         }
         self.cycle = Some(Arc::new(prepared.setup));
         (self.sight, self.abrasion, self.verdict) = (Sight::default(), Abrasion::default(), None);
-        (self.trace, self.sent) = (Trace::default(), None);
+        // What was heard of the tool before is no part of this cycle's recording: it is heard and told anew.
+        (self.trace, self.sent, self.pressing) = (Trace::default(), None, Pressing::default());
         Some(event)
     }
 

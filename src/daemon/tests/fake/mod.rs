@@ -38,8 +38,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 struct World {
     /// The fault that the tool has once so many lines of the contact path are executed.
     tool_fault: Option<(u32, ToolFault)>,
-    /// When it began, and when the disc rubbed first after that, ms.
-    tool_broke_ms: [Option<u64>; 2],
+    /// Since when the disc rubs without a break under that fault, ms.
+    rubs_since_ms: Option<u64>,
     /// When the tool was switched off by the end of an epoch, ms.
     tool_off_ms: Option<u64>,
     /// The line executed last ends on the panel.
@@ -190,7 +190,7 @@ impl Cell {
         let sim = sim::Cell::new(3, scene, 4);
         let world = World {
             tool_fault: None,
-            tool_broke_ms: [None; 2],
+            rubs_since_ms: None,
             tool_off_ms: None,
             rubs: false,
             base_from_flange: Arm::kr6_r700_2().base_from_flange(&START),

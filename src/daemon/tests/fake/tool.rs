@@ -41,12 +41,11 @@ impl Surroundings for FakePanel {
         }
         // The mock has it for all of the time since it was last looked at.
         let since_ms = world.time_ms - 100;
-        let [broke_ms, rubbed_ms] = &mut world.tool_broke_ms.clone();
-        broke_ms.get_or_insert(since_ms);
-        if world.rubs && world.outputs.get(&5) == Some(&true) {
-            rubbed_ms.get_or_insert(since_ms);
+        // Once the disc has left the panel, a later touch counts from then on.
+        let rubs = world.rubs && world.outputs.get(&5) == Some(&true);
+        if world.tool_off_ms.is_none() {
+            world.rubs_since_ms = rubs.then(|| world.rubs_since_ms.unwrap_or(since_ms));
         }
-        world.tool_broke_ms = [*broke_ms, *rubbed_ms];
         Some(fault)
     }
 }
@@ -100,7 +99,7 @@ impl AtContact {
     /// Runs a cycle up to there.
     pub fn of(cell: Cell) -> Self {
         let setup = Arc::new(cell.setup());
-        let mut record = Memory::default_of(&cell.world);
+        let mut record = Memory { fails_at: usize::MAX, ..Memory::default_of(&cell.world) };
         let (mut robot, mut tool) = (FakeRobot { world: cell.world.clone(), by_the_wall: false }, cell.tool());
         let mut asks = Asks::one_cycle();
         let computing = Computing::inline(Box::new(FakeCameras::new(cell.world.clone())), true);
@@ -131,7 +130,7 @@ impl AtContact {
         let mut world = World { tool_fault: fault.map(|fault| (from, fault)), ..self.world.clone() };
         world.time_ms += 100;
         let world = Shared(Arc::new(Mutex::new(world)));
-        let mut record = Memory::default_of(&world);
+        let mut record = Memory { fails_at: usize::MAX, ..Memory::default_of(&world) };
         let (mut robot, mut asks) = (FakeRobot { world: world.clone(), by_the_wall: false }, Asks::one_cycle());
         // It has been connected for long.
         let mut tool = simulated(&self.cell, &world).expect("a compliant tool");
@@ -165,9 +164,8 @@ impl AtContact {
         let state = running.state;
         drop(running);
         let world = world.borrow();
-        let [broke_ms, rubbed_ms] = world.tool_broke_ms;
-        let took_ms = rubbed_ms.or(broke_ms).zip(world.tool_off_ms).map(|(from_ms, off_ms)| off_ms - from_ms);
+        let took_ms = world.rubs_since_ms.zip(world.tool_off_ms).map(|(from_ms, off_ms)| off_ms - from_ms);
         let done = record.intents.iter().find_map(|(_, end)| end.map(|(_, done)| done));
-        Ended { state, took_ms: rubbed_ms.and(took_ms), done, findings: record.findings }
+        Ended { state, took_ms, done, findings: record.findings }
     }
 }
