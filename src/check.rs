@@ -11,7 +11,7 @@ mod text;
 
 use crate::cell::{
     CELL_KEYS, Camera, Cell, FlangeCameraMount, Gige, Intrinsics, Mount, MountedPose, RobotCorrection, RobotKind,
-    ScannerMount, TargetMount, ToolMount, ZividCamera, ZividSettings,
+    ScannerMount, TargetMount, Tool, ToolMount, ZividCamera, ZividSettings,
 };
 use crate::config::{self, Problem, Problems};
 use crate::geometry::{Degrees, Frame, Vector, polygon};
@@ -212,6 +212,16 @@ fn say_camera<Device>(camera: &Camera<Device>, device: impl Fn(&Device) -> Strin
     }
 }
 
+fn say_tool(tool: &Tool) -> String {
+    let Some(tool) = tool.compliant() else { return "a spring; nothing is told to it".to_owned() };
+    let place = match &tool.address {
+        Some(address) => format!("compliant, at {} port {}", address.host, address.port),
+        None => "compliant, simulated".to_owned(),
+    };
+    let (stroke_mm, least_n, most_n, band_n) = (tool.stroke_mm, tool.min_force_n, tool.max_force_n, tool.band_n);
+    format!("{place}; stroke {stroke_mm} mm, {least_n} to {most_n} N, kept within {band_n} N")
+}
+
 fn say_cell(cell: &Cell) -> Vec<String> {
     let robot = cell.robot();
     let controller = match robot.kind() {
@@ -244,6 +254,7 @@ fn say_cell(cell: &Cell) -> Vec<String> {
             robot.command_port(),
             robot.state_port()
         ),
+        format!("tool: {}", say_tool(cell.tool())),
         format!("poses: {}", named(cell.poses().keys().map(String::as_str).collect())),
         format!("outputs: {}", named(cell.io().outputs().keys().map(String::as_str).collect())),
         format!("off after the end of an epoch: {}", say_off(cell.io().off_after_s())),
