@@ -400,7 +400,7 @@ mod tests {
         assert_eq!(
             says("a.toml", "x = 3"),
             ["not clear what this file is; its top would tell: \
-              cell (store, socket, scanner, flange_camera, robot, poses, io, calibration, limits, rough, arm, keep_out, page); \
+              cell (store, socket, scanner, flange_camera, robot, tool, poses, io, calibration, limits, rough, arm, keep_out, page); \
               recipe (panel, process, locate, corner, region, inspect, surface, path); \
               intrinsics (camera); base_from_camera (base_from_camera); \
               flange_from_camera (flange_from_camera); flange_from_tool (flange_from_tool); \
@@ -421,6 +421,7 @@ mod tests {
                 "scanner: Zivid, the only one found",
                 "flange camera: simulated",
                 "robot: KUKA controller at krc, commands on port 54600, state on port 54601",
+                "tool: a spring; nothing is told to it",
                 "poses: none",
                 "outputs: none",
                 "off after the end of an epoch: none",

@@ -10,8 +10,8 @@ use std::time::Duration;
 
 /// A reading that is older than the tool's deadlines by this much is none: the thread of its link does not work.
 const SLACK: Duration = Duration::from_millis(150);
-/// After a ramp the force may take so long to be within its band.
-const SETTLES: Duration = Duration::from_millis(100);
+/// The force may follow its set-point by so much later.
+const FOLLOWS: Duration = Duration::from_millis(100);
 /// The tool is told anew once its attitude changes its share of the weight by so much, N.
 const ATTITUDE_N: f64 = 0.2;
 
@@ -109,7 +109,7 @@ impl Pressing {
         }
         let (contact_n, (at, reading)) = (self.contact_n(tool, downwards)?, self.last?);
         let Contact { aim, ramp, watch, .. } = self.contact.as_mut()?;
-        let expected = Expected { aim: *aim, between_n: ramp.between_n(at, SETTLES) };
+        let expected = Expected { aim: *aim, between_n: ramp.between_n(at, FOLLOWS) };
         watch.see((&reading, contact_n), expected, &limits(tool), at)
     }
 

@@ -55,11 +55,13 @@ impl Ramp {
         from_n + (to.force_n - from_n) * share
     }
 
-    /// The forces between which it is at this time, lower first, N: while it ramps and for so long after it, all of the way.
-    pub fn between_n(&self, now: Time, settles: Duration) -> [f64; 2] {
-        let over = Duration::try_from_secs_f64(self.to.ramp_s).unwrap_or_default() + settles;
-        let from_n = if now.since(self.since) < over { self.from_n } else { self.to.force_n };
-        [from_n.min(self.to.force_n), from_n.max(self.to.force_n)]
+    /// The forces between which it was in so long a time before now, lower first, N: a tool follows with some delay.
+    pub fn between_n(&self, now: Time, delay: Duration) -> [f64; 2] {
+        let before = Time::after_start(now.since_start().saturating_sub(delay));
+        // The ramp is a straight line, and before its begin stood where it begins.
+        let (before_n, now_n) = (self.force_n(before), self.force_n(now));
+        let before_n = if before < self.since { self.from_n } else { before_n };
+        [before_n.min(now_n), before_n.max(now_n)]
     }
 }
 
@@ -76,11 +78,12 @@ mod tests {
         ramp.turn_to(Press { force_n: 20.0, no_contact_n: 5.0, ramp_s: 0.3 }, at(1_000));
         assert!((ramp.force_n(at(1_100)) - 10.0).abs() < 1e-9);
         assert_eq!(ramp.force_n(at(1_300)), 20.0);
-        let settles = Duration::from_millis(100);
-        assert_eq!(ramp.between_n(at(1_399), settles), [5.0, 20.0]);
-        assert_eq!(ramp.between_n(at(1_400), settles), [20.0, 20.0]);
+        let delay = Duration::from_millis(100);
+        assert_eq!(ramp.between_n(at(1_050), delay).map(f64::round), [5.0, 8.0]);
+        assert_eq!(ramp.between_n(at(1_200), delay).map(f64::round), [10.0, 15.0]);
+        assert_eq!(ramp.between_n(at(1_400), delay), [20.0, 20.0]);
         ramp.turn_to(Press::held_back(-30.0), at(1_100));
         assert_eq!(ramp.force_n(at(1_100)), -30.0);
-        assert_eq!(ramp.between_n(at(1_150), settles).map(f64::round), [-30.0, 10.0]);
+        assert_eq!(ramp.between_n(at(1_150), delay).map(f64::round), [-30.0, 10.0]);
     }
 }

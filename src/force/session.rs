@@ -158,9 +158,9 @@ impl Session {
     }
 
     fn command(&self, now: Time) -> Command {
-        let Press { no_contact_n, ramp_s, .. } = self.ramp.target();
-        // Gravity is taken out of the force already.
-        Command { id: self.limits.id, force_n: self.ramp.force_n(now), no_contact_n, ramp_s, payload_kg: 0.0 }
+        let Press { no_contact_n, .. } = self.ramp.target();
+        // Gravity is taken out of the force already, and the ramp is made here: the tool is to make neither a second time.
+        Command { id: self.limits.id, force_n: self.ramp.force_n(now), no_contact_n, ramp_s: 0.0, payload_kg: 0.0 }
     }
 
     /// These bytes came.
@@ -260,7 +260,7 @@ mod tests {
         assert_eq!(session.newest().map(|(at, read)| (at, read.force_n)), Some((Time::at_ms(7), -20.0)));
         session.press(Press { force_n: 10.0, no_contact_n: 5.0, ramp_s: 0.06 }, Time::at_ms(8));
         assert_eq!((session.tick(Time::at_ms(12)), session.due()), (None, Some(Time::at_ms(13))));
-        assert_eq!(text(session.tick(Time::at_ms(38))), "1040 -5.00 5.00 0.060 0.000 0k");
+        assert_eq!(text(session.tick(Time::at_ms(38))), "1040 -5.00 5.00 0.000 0.000 0k");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! Whatever is not as it must be counts from the reading that first shows it, and is told once it has lasted as long as the
 //! cell's file allows: a force out of its band around the set-point, no contact where the tool presses, a position outside of the
 //! middle two thirds of the stroke, a tool that does not go back. Error bits and a lost link count at once. While the set-point
-//! ramps, and for a moment after, the band reaches over the whole of the ramp.
+//! ramps, the band reaches over what it was in the last moment, by which the tool may follow later.
 
 use super::aims::Aim;
 use super::stroke::middle_mm;
