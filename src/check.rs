@@ -11,7 +11,7 @@ mod text;
 
 use crate::cell::{
     CELL_KEYS, Camera, Cell, FlangeCameraMount, Gige, Intrinsics, Mount, MountedPose, RemovalCalibration,
-    RobotCorrection, RobotKind, ScannerMount, TargetMount, ToolMount, ZividCamera, ZividSettings,
+    RobotCorrection, RobotKind, ScannerMount, TargetMount, Tool, ToolMount, ZividCamera, ZividSettings,
 };
 use crate::config::{self, Problem, Problems};
 use crate::geometry::{Degrees, Frame, Vector, polygon};
@@ -223,6 +223,16 @@ fn say_camera<Device>(camera: &Camera<Device>, device: impl Fn(&Device) -> Strin
     }
 }
 
+fn say_tool(tool: &Tool) -> String {
+    let Some(tool) = tool.compliant() else { return "a spring; nothing is told to it".to_owned() };
+    let place = match &tool.address {
+        Some(address) => format!("compliant, at {} port {}", address.host, address.port),
+        None => "compliant, simulated".to_owned(),
+    };
+    let (stroke_mm, least_n, most_n, band_n) = (tool.stroke_mm, tool.min_force_n, tool.max_force_n, tool.band_n);
+    format!("{place}; stroke {stroke_mm} mm, {least_n} to {most_n} N, kept within {band_n} N")
+}
+
 fn say_cell(cell: &Cell) -> Vec<String> {
     let robot = cell.robot();
     let controller = match robot.kind() {
@@ -256,6 +266,7 @@ fn say_cell(cell: &Cell) -> Vec<String> {
             robot.command_port(),
             robot.state_port()
         ),
+        format!("tool: {}", say_tool(cell.tool())),
         format!("poses: {}", named(cell.poses().keys().map(String::as_str).collect())),
         format!("outputs: {}", named(cell.io().outputs().keys().map(String::as_str).collect())),
         format!("off after the end of an epoch: {}", say_off(cell.io().off_after_s())),
@@ -428,7 +439,7 @@ mod tests {
         assert_eq!(
             says("a.toml", "x = 3"),
             ["not clear what this file is; its top would tell: \
-              cell (store, socket, scanner, flange_camera, robot, poses, io, calibration, limits, rough, arm, keep_out, page); \
+              cell (store, socket, socket_role, scanner, flange_camera, robot, tool, poses, io, calibration, limits, rough, arm, keep_out, page); \
               recipe (panel, process, locate, corner, region, inspect, surface, path, removal); \
               intrinsics (camera); base_from_camera (base_from_camera); \
               flange_from_camera (flange_from_camera); flange_from_tool (flange_from_tool); \
@@ -449,6 +460,7 @@ mod tests {
                 "scanner: Zivid, the only one found",
                 "flange camera: simulated",
                 "robot: KUKA controller at krc, commands on port 54600, state on port 54601",
+                "tool: a spring; nothing is told to it",
                 "poses: none",
                 "outputs: none",
                 "off after the end of an epoch: none",

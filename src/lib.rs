@@ -31,6 +31,7 @@ pub mod recipe;
 pub mod record;
 pub mod sim;
 
+pub mod force;
 pub mod history;
 pub mod panel;
 pub mod signing;

@@ -13,7 +13,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 /// What comes before what: what a command needs, an earlier one leaves. Others, of which nothing is known, come at `*`.
-const ORDER: [&str; 24] = [
+const ORDER: [&str; 25] = [
     "render",
     "check",
     "teach",
@@ -22,6 +22,7 @@ const ORDER: [&str; 24] = [
     "calibrate intrinsics",
     "calibrate hand-eye",
     "calibrate tcp",
+    "calibrate force",
     "locate",
     "refine",
     "inspect",

@@ -6,10 +6,18 @@ use crate::geometry::{Base, Board as BoardFrame, Pixel, Point, Rigid};
 use crate::verdict::{Judgement, Reason};
 use crate::words::{apart, fixed, percent_apart};
 
+/// The subject of a verification of a compliant tool's force without contact: its error and its limit are in N.
+pub const TOOL_FORCE: &str = "tool_force";
+
+/// The unit of a subject's error and limit.
+pub fn unit(subject: &str) -> &'static str {
+    if subject == TOOL_FORCE { "N" } else { "mm" }
+}
+
 /// One look at a fixed target, or one touch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Verification {
-    /// What was verified: `scanner`, `flange_camera` or `tool`.
+    /// What was verified: `scanner`, `flange_camera`, `tool`, or the force of a compliant tool, [`TOOL_FORCE`], whose numbers are in N.
     pub subject: String,
     /// Largest distance between where the target is known to be and where it was found, mm.
     pub error_mm: f64,
@@ -152,9 +160,9 @@ fn implausible(what: String) -> Reason {
 pub fn beyond(last: &Verification, demands: Demands) -> Option<Reason> {
     let (subject, found, allowed) = (&last.subject, last.error_mm, demands.limit_mm);
     (found.is_nan() || found > allowed).then(|| {
-        let [found, allowed] = apart(found, allowed, 3);
+        let ([found, allowed], unit) = (apart(found, allowed, 3), unit(subject));
         let message = format!(
-            "the last verification of {subject} was {found} mm off, allowed are {allowed} mm; look whether something \
+            "the last verification of {subject} was {found} {unit} off, allowed are {allowed} {unit}; look whether something \
              was bumped, calibrate {subject} again, and verify it"
         );
         Reason::new("verification_limit", message)
@@ -162,6 +170,9 @@ pub fn beyond(last: &Verification, demands: Demands) -> Option<Reason> {
 }
 
 fn advice(subject: &str) -> String {
+    if subject == TOOL_FORCE {
+        return "run `panelprep calibrate force --verify`".to_owned();
+    }
     format!("run `panelprep calibrate verify --camera {}`", subject.replace('_', "-"))
 }
 

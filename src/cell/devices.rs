@@ -138,7 +138,7 @@ impl Robot {
 }
 
 /// An address, or a host's name as RFC 1123 has it; underscores as some networks have them.
-fn is_host(host: &str) -> bool {
+pub(super) fn is_host(host: &str) -> bool {
     let is_label = |label: &str| {
         (1..=63).contains(&label.len())
             && label.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_')

@@ -19,6 +19,7 @@ mod provenance;
 mod removal;
 mod robot_correction;
 mod rough;
+mod tool;
 mod zivid;
 mod zivid_settings;
 
@@ -42,6 +43,7 @@ pub use provenance::Provenance;
 pub use removal::{RemovalCalibration, RemovalNumbers};
 pub use robot_correction::{CorrectionNumbers, GEOMETRY_NUMBERS, RobotCorrection, SMOOTH_NUMBERS};
 pub use rough::RoughMounts;
+pub use tool::{CompliantTool, Tool, ToolAddress};
 pub use zivid::ZividCamera;
 pub use zivid_settings::{Mains, ZividSettings, ZividUse};
 
@@ -116,6 +118,7 @@ pub struct Cell {
     scanner: Camera<ZividCamera>,
     flange_camera: Camera<Gige>,
     robot: Robot,
+    tool: Tool,
     poses: BTreeMap<String, Joints>,
     io: InputsOutputs,
     calibration: CalibrationFiles,
@@ -126,13 +129,14 @@ pub struct Cell {
 }
 
 /// The keys at the top of a cell's file, by which it is distinguished from other files.
-pub const CELL_KEYS: [&str; 14] = [
+pub const CELL_KEYS: [&str; 15] = [
     "store",
     "socket",
     "socket_role",
     "scanner",
     "flange_camera",
     "robot",
+    "tool",
     "poses",
     "io",
     "calibration",
@@ -160,6 +164,7 @@ impl Cell {
         let scanner = devices::take_camera(folder, &top.section("scanner"), zivid::kind(folder));
         let flange_camera = devices::take_camera(folder, &top.section("flange_camera"), gige::KIND);
         let robot = devices::take_robot(&top.section("robot"));
+        let tool = tool::take_tool(&top.section("tool"));
         let poses = names::take_poses(&top.section("poses"));
         let io = names::take_io(&top.section("io"));
         let calibration = CalibrationFiles::take(folder, &top.section("calibration"));
@@ -178,6 +183,7 @@ impl Cell {
             scanner: scanner?,
             flange_camera: flange_camera?,
             robot: robot?,
+            tool: tool?,
             poses: poses?,
             io: io?,
             calibration: calibration?,
@@ -226,6 +232,11 @@ impl Cell {
     /// The robot.
     pub fn robot(&self) -> &Robot {
         &self.robot
+    }
+
+    /// What presses the disc onto the panel.
+    pub fn tool(&self) -> &Tool {
+        &self.tool
     }
 
     /// Where the arm stands clear of the panel and of both cameras' view: a shot is taken only from there.

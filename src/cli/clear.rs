@@ -10,8 +10,8 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::cycle::{self, At, Robot, State};
 use crate::daemon::{
-    self, CellSetup, Computing, LoopStart, News, NoCameras, Ports, Request, Requester, StoreRecord, What,
-    whoever_runs_this,
+    self, CellSetup, Computing, LinkedTool, LoopStart, News, NoCameras, Ports, Request, Requester, StoreRecord,
+    What, whoever_runs_this,
 };
 use crate::supervision::{Supervisor, ThreadFault};
 use crate::tape::Begin;
@@ -48,6 +48,7 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
     let mut clears = Clears::new(supervisor);
     let ports = Ports {
         robot: &mut robot,
+        tool: &mut LinkedTool::default(),
         record: &mut record,
         requests: &mut clears,
         computing: Computing::inline(Box::new(NoCameras), lock_step),

@@ -180,6 +180,7 @@ pub fn one(
     };
     let ports = Ports {
         robot: &mut RecordedPort::new(&mut live.robot, recording.clone()),
+        tool: &mut RecordedPort::new(&mut live.tool, recording.clone()),
         record: &mut RecordedPort::new(&mut record, recording.clone()),
         requests: &mut RecordedPort::new(&mut once, recording.clone()),
         computing,

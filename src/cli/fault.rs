@@ -252,6 +252,18 @@ pub enum Fault {
     /// A simulated camera without a simulated world.
     #[error("a camera is simulated and there is no simulated world that it could look at")]
     NoWorld,
+    /// A force without a tool that has one.
+    #[error("the cell's [tool] is a spring: it has no force to be verified")]
+    NoCompliantTool,
+    /// A readings file without a reading.
+    #[error("the file has no [[readings]]")]
+    NoReadings,
+    /// A simulated tool without a simulated world.
+    #[error(
+        "[tool] kind = \"simulated\" and there is no simulated world that it could press on: nothing that is simulated may decide how a \
+         real arm moves"
+    )]
+    NoWorldForTool,
     /// A flange camera that this program cannot open.
     #[error(
         "[flange_camera] kind = \"gige\": this program was built without the cargo feature gige; use one that was built with \

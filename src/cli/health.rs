@@ -1,9 +1,9 @@
 //! The last verifications in the store, for the question whether a cycle may start on these calibrations.
 
-use super::calibrate::now_unix_s;
+use super::calibrate::{force, now_unix_s};
 use super::fault::Fault;
 use super::load::CellFiles;
-use crate::calib::health::{CameraHealth, Demands, may_start};
+use crate::calib::health::{CameraHealth, Demands, TOOL_FORCE, health, may_start};
 use crate::store::calibration_hash;
 use crate::verdict::Judgement;
 
@@ -22,5 +22,12 @@ pub fn judge(files: &CellFiles) -> Result<Judgement, Fault> {
         CameraHealth { subject: "flange_camera", last: last_flange.as_ref(), calibration_hash: &flange },
     ];
     let touch = files.last_touch(&files.flange_from_tool()?.text);
-    Ok(may_start(&cameras, touch.as_ref(), now_unix_s(), Demands::of(files.cell.limits())))
+    let start = may_start(&cameras, touch.as_ref(), now_unix_s(), Demands::of(files.cell.limits()));
+    // A simulated tool is as it is stated.
+    let tool = files.cell.tool().compliant().filter(|tool| tool.address.is_some());
+    let Some(tool) = tool else { return Ok(start) };
+    let last_force = last(TOOL_FORCE)?;
+    let of_force =
+        health(TOOL_FORCE, last_force.as_ref(), &force::hash(tool), now_unix_s(), force::demands(files, tool));
+    Ok(start.and(of_force))
 }

@@ -10,7 +10,8 @@ use super::fault::Fault;
 use super::load::calibrated_serial;
 use super::zivid;
 use crate::cell::{self, Cell, MockController, RobotKind};
-use crate::daemon::{AllCameras, Calibrations, Cameras, LinkedRobot};
+use crate::daemon::{AllCameras, Calibrations, Cameras, LinkedRobot, LinkedTool};
+use crate::devices::acf::{AcfLink, SimulatedAcf, SimulatedPanel};
 use crate::devices::cameras::{
     Arm, BayerFlangeCamera, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, SimulatedFlangeCamera,
     SimulatedScanner, simulated,
@@ -23,6 +24,7 @@ use crate::devices::world::{Follower, SimulatedWorld};
 use crate::eki::{CELLCMD, CELLSTAT, Pace};
 use crate::geometry::{Joints, PinholeCamera};
 use crate::sim;
+use crate::supervision::Watched;
 use serde_json::{Value, json};
 
 /// The cell's devices.
@@ -30,6 +32,10 @@ pub struct Live {
     // Dropped in this order: the link hangs up before its controller ends.
     /// The robot.
     pub robot: LinkedRobot,
+    /// The compliant tool; none where the tool is a spring.
+    pub tool: LinkedTool,
+    /// The thread of the tool's link, where it has one.
+    pub tool_watched: Option<Watched>,
     /// The cameras.
     pub cameras: AllCameras,
     /// The mock robot in this program.
@@ -77,15 +83,33 @@ impl Live {
             let simulated = Simulated::start(cell, world()?)?;
             let arm = Arm::Mock(simulated.server.handle());
             let cameras = cameras(cell, calibrations, Some((&simulated.world, &arm)))?;
+            let (tool, tool_watched) = tool(cell, calibrations, Some((&simulated.world, &arm)))?;
             let (robot, world) = (linked(cell, Some(&simulated))?, Some(simulated.world.clone()));
-            return Ok(Live { robot, cameras, simulated: Some(simulated), world, flange_link: None });
+            return Ok(Live {
+                robot,
+                tool,
+                tool_watched,
+                cameras,
+                simulated: Some(simulated),
+                world,
+                flange_link: None,
+            });
         }
         let robot = linked(cell, None)?;
         let looks = matches!(cell.scanner(), cell::Camera::Simulated)
             || matches!(cell.flange_camera(), cell::Camera::Simulated);
         if !looks {
             let cameras = cameras(cell, calibrations, None)?;
-            return Ok(Live { robot, cameras, simulated: None, world: None, flange_link: None });
+            let (tool, tool_watched) = tool(cell, calibrations, None)?;
+            return Ok(Live {
+                robot,
+                tool,
+                tool_watched,
+                cameras,
+                simulated: None,
+                world: None,
+                flange_link: None,
+            });
         }
         if simulation.arm_error_mm > 0.0 {
             return Err(Fault::ArmErrorInRehearsal);
@@ -94,8 +118,11 @@ impl Live {
         let follower = Follower::new(world.clone(), cell);
         let arm = Arm::Followed(follower.clone());
         let cameras = cameras(cell, calibrations, Some((&world, &arm)))?;
+        let (tool, tool_watched) = tool(cell, calibrations, Some((&world, &arm)))?;
         Ok(Live {
             robot: robot.followed(follower),
+            tool,
+            tool_watched,
             cameras,
             simulated: None,
             world: Some(world),
@@ -282,6 +309,23 @@ impl Simulated {
     pub fn cameras(&self) -> (SimulatedScanner, SimulatedFlangeCamera) {
         simulated(&self.world, &Arm::Mock(self.server.handle()))
     }
+}
+
+/// The compliant tool that the cell's file names, with the thread of its link.
+fn tool(
+    cell: &Cell,
+    calibrations: &Calibrations,
+    looks_at: Option<(&SimulatedWorld, &Arm)>,
+) -> Result<(LinkedTool, Option<Watched>), Fault> {
+    let Some(tool) = cell.tool().compliant() else { return Ok((LinkedTool::default(), None)) };
+    if let Some(address) = &tool.address {
+        let link = AcfLink::start(tool, address).map_err(Fault::stage)?;
+        let watched = link.watched();
+        return Ok((LinkedTool::new(link), Some(watched)));
+    }
+    let (world, arm) = looks_at.ok_or(Fault::NoWorldForTool)?;
+    let panel = SimulatedPanel::new((world.clone(), arm.clone()), calibrations.flange_from_tool, tool.stroke_mm);
+    Ok((LinkedTool::new(SimulatedAcf::new(tool, panel)), None))
 }
 
 fn cameras(

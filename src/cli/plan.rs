@@ -60,7 +60,8 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let (reach, from) = reach(&kinematics, (&files, common), &taught, base_from_panel, &recipe)?;
     let worn_mm2 = files.store()?.disc_worn_mm2().map_err(Fault::stage)?;
     let removal = files.removal()?.map(|(model, _)| model);
-    let tool = ToolState { error_mm: files.cell.limits().tool_error_mm(), worn_mm2, removal };
+    let stroke_mm = files.cell.tool().compliant().map(|tool| tool.stroke_mm);
+    let tool = ToolState { error_mm: files.cell.limits().tool_error_mm(), worn_mm2, removal, stroke_mm };
     let plan = plan::lay(on, &grids, (&recipe, tool)).map_err(Fault::stage)?;
     let is_looked_at = !matches!(reach, Reach::Unknown);
     let mut stage = plan::judge(plan, on, reach, (&recipe, tool), (None, RemovedBefore::default()));

@@ -155,6 +155,7 @@ pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &R
         }
         disk::write(&rendered.file("boards/touches.toml"), text)?;
     }
+    disk::write(&rendered.file("boards/force.toml"), FORCE_TEXT)?;
     disk::write(&rendered.file("boards/tip.toml"), tip_text(arm)?)
 }
 
@@ -287,6 +288,25 @@ fn touches_text(arm: Option<&RealArm>) -> Result<String, Fault> {
 
 const TURNS_DEG: [[f64; 3]; 5] =
     [[0.0, 0.0, 0.0], [30.0, 0.0, 20.0], [-30.0, 10.0, 0.0], [0.0, 35.0, -40.0], [10.0, -35.0, 60.0]];
+
+/// What a compliant tool reads without contact, pointing down, halfway, level and up: a payload of 1.5 kg and a zero of 0.4 N.
+const FORCE_TEXT: &str = "\
+[[readings]]
+base_from_flange = { x_mm = 520.0, y_mm = 30.0, z_mm = 450.0, a_deg = 0.0, b_deg = 180.0, c_deg = 0.0 }
+force_n = -14.31
+
+[[readings]]
+base_from_flange = { x_mm = 520.0, y_mm = 30.0, z_mm = 450.0, a_deg = 0.0, b_deg = 135.0, c_deg = 0.0 }
+force_n = -10.02
+
+[[readings]]
+base_from_flange = { x_mm = 520.0, y_mm = 30.0, z_mm = 450.0, a_deg = 0.0, b_deg = 90.0, c_deg = 0.0 }
+force_n = 0.43
+
+[[readings]]
+base_from_flange = { x_mm = 520.0, y_mm = 30.0, z_mm = 450.0, a_deg = 0.0, b_deg = 45.0, c_deg = 0.0 }
+force_n = 10.80
+";
 
 /// Poses that hold the simulated tool's tip at one spot, and two that hold a point 60 mm behind it there, as a teach
 /// pendant shows them: to a hundredth.

@@ -35,6 +35,7 @@ pub fn run(args: &Replay) -> Result<Outcome, Fault> {
     let player = Player::new(Entries::new(open(file)?, start.unix_ns), start.lock_step);
     let ports = Ports {
         robot: &mut player.clone(),
+        tool: &mut player.clone(),
         record: &mut player.clone(),
         requests: &mut player.clone(),
         computing: Computing::inline(Box::new(player.clone()), start.lock_step),

@@ -64,6 +64,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     recording.watched_by(&supervisor);
     let path = files.socket();
     supervisor.watch(live.robot.watched());
+    live.tool_watched.iter().for_each(|watched| supervisor.watch(watched.clone()));
     let loader = loader((files.clone(), common.clone()), (cell.clone(), taken_by), world.clone());
     let cameras = SharedCameras::new(live.cameras, live.robot.last_state());
     let lent = Some(cameras.clone());
@@ -101,6 +102,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         .map_err(Fault::of_loop)?;
     let ports = Ports {
         robot: &mut RecordedPort::new(&mut live.robot, recording.clone()),
+        tool: &mut RecordedPort::new(&mut live.tool, recording.clone()),
         record: &mut RecordedPort::new(&mut record, recording.clone()),
         requests: &mut RecordedPort::new(&mut person, recording.clone()),
         computing,

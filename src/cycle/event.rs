@@ -211,6 +211,8 @@ pub enum Trouble {
     Computing,
     /// A feedback is not what it should be: tool, extraction, water, lens, light (R21).
     Feedback,
+    /// The compliant tool: its link, force, contact or stroke is not as it should be.
+    Force,
     /// The robot ran out of waypoints (R6).
     Starved,
     /// The robot is far behind its plan (R5).
@@ -240,7 +242,7 @@ pub enum Trouble {
 impl Trouble {
     /// Whether the work may go on once a person has looked; what it is not for ends in Aborted.
     pub fn holds(self) -> bool {
-        use Trouble::{Camera, Computing, DiskFull, Feedback, Picture, Slow, Starved};
-        matches!(self, Camera | Picture | Computing | DiskFull | Feedback | Starved | Slow)
+        use Trouble::{Camera, Computing, DiskFull, Feedback, Force, Picture, Slow, Starved};
+        matches!(self, Camera | Picture | Computing | DiskFull | Feedback | Force | Starved | Slow)
     }
 }

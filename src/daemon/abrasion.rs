@@ -254,7 +254,8 @@ impl Abrasion {
 
     fn tool(&self, cycle: &CycleSetup) -> ToolState {
         let removal = cycle.calibrations.removal;
-        ToolState { error_mm: cycle.cell.limits.tool_error_mm(), worn_mm2: self.worn_mm2, removal }
+        let stroke_mm = cycle.cell.tool.as_ref().map(|tool| tool.stroke_mm);
+        ToolState { error_mm: cycle.cell.limits.tool_error_mm(), worn_mm2: self.worn_mm2, removal, stroke_mm }
     }
 
     /// Keeps a plan: its number, and its waypoints after the air point of the approach.

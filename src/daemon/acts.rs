@@ -116,7 +116,8 @@ impl Running<'_> {
         let robot = self.state.facts.robot;
         let unready = (robot != cycle::Robot::Ready).then(|| (Trouble::Refused, words::robot(robot)));
         let full = self.ports.record.check().into_iter().map(|reason| (Trouble::Store, reason));
-        let wrong: Vec<(Trouble, Reason)> = unready.into_iter().chain(found).chain(full).collect();
+        let wrong: Vec<(Trouble, Reason)> =
+            unready.into_iter().chain(found).chain(full).chain(self.tool_unfit()).collect();
         let answer = wrong.first().map_or(Answer::Done, |(trouble, _)| Answer::Failed(*trouble));
         if !wrong.is_empty() {
             self.note(Kind::SelfTest, wrong.into_iter().map(|(_, reason)| reason).collect())?;

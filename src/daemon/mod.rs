@@ -17,7 +17,8 @@
 //!
 //! What the loop works with is `setup`; what it remembers is `running` (with `pending`, the act that is under way, `sent`, the path that
 //! was sent, and `underway`, how far a contact path may go); `answers` turns what a phase found into the table's answer and the
-//! record's finding. `run`, `acts`, `moves`, `contacts` and `robot_reports` perform.
+//! record's finding; `pressing` is what is known of a compliant tool. `run`, `acts`, `moves`, `contacts`, `robot_reports` and
+//! `tool_reports` perform.
 //!
 //! A service, a single cycle and a replay are this same loop on other `ports`. Around the loop of the service stand `request`
 //! (the one request of every front) · `socket` (the front on this computer) · `protocol` (a line in, a line out) · `gateway` (a
@@ -43,6 +44,7 @@ mod live_view;
 mod moves;
 mod pending;
 mod ports;
+mod pressing;
 mod protocol;
 mod recording;
 mod replay;
@@ -60,6 +62,7 @@ mod sight;
 mod single;
 mod single_interlocks;
 mod socket;
+mod tool_reports;
 mod underway;
 mod web;
 mod wiring;
@@ -78,8 +81,9 @@ pub use lending::{AllCameras, BorrowedFlangeCamera, BorrowedScanner, LastState, 
 pub use live_view::{LiveFilm, LiveFrame, LiveView};
 pub use ports::{
     CameraAnswer, CameraCommand, CameraFault, CameraPort, Command, Figure, Finding, Keeper, Kept, LinkedRobot,
-    News, NoCameras, Note, Picture2d, Port, Record, RecordAnswer, RecordCommand, RecordError, RecordPort,
-    RequestAnswer, RequestCommand, RequestPort, Requester, RobotAnswer, RobotCommand, RobotPort,
+    LinkedTool, News, NoCameras, Note, Picture2d, Port, Record, RecordAnswer, RecordCommand, RecordError,
+    RecordPort, RequestAnswer, RequestCommand, RequestPort, Requester, RobotAnswer, RobotCommand, RobotPort,
+    ToolAnswer, ToolCommand, ToolPort,
 };
 pub use protocol::{MOST_BYTES, ProtocolError, read_request, request_line};
 pub use recording::{FLOOR_MB, StoreRecord, keeper};

@@ -28,6 +28,9 @@ impl Running<'_> {
     pub(super) fn begin_move(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
         // What is refused on its way was not executed, whatever the path before it was.
         self.sent = None;
+        if !self.tool_lets_go(id, motion.path)? {
+            return Ok(());
+        }
         if motion.path == Path::Park {
             let poses: Vec<Joints> = self.cell.ready.into_iter().chain([self.cell.park]).collect();
             return self.by_axes(id, motion, &poses);
@@ -189,6 +192,7 @@ impl Running<'_> {
             self.trace = Trace::default();
             let first = CommandId((last.0 + 1).saturating_sub(count));
             self.sent = Some(Sent { id, motion, first, last: *last, end, told: 0 });
+            self.begin_pressing(motion);
         }
         self.waits_or_fails(id, Act::Move(motion), sent.map(|_| Waits::PathEnd))
     }

@@ -4,7 +4,7 @@ use crate::cycle::{Act, Id};
 use crate::eki::CommandId;
 
 /// An act whose answer is still to come.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Pending {
     pub id: Id,
     pub act: Act,
@@ -12,7 +12,7 @@ pub(super) struct Pending {
 }
 
 /// What is waited for.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy)]
 pub(super) enum Waits {
     /// A robot that stands.
     Standing,

@@ -1,14 +1,15 @@
-//! What the loop needs from outside: a robot, cameras, a record, and somebody who requests something.
+//! What the loop needs from outside: a robot, a compliant tool where there is one, cameras, a record, and somebody who requests something.
 //!
 //! Each of them is a [`Port`]: it performs one command of its enum at a time and gives one answer of another enum. So what
 //! stands between the loop and a port (a recording, a replay, the correction of the arm) is written once for all commands.
-//! The traits `RobotPort`, `CameraPort`, `RecordPort` and `RequestPort` give the commands as functions.
+//! The traits `RobotPort`, `ToolPort`, `CameraPort`, `RecordPort` and `RequestPort` give the commands as functions.
 
 mod cameras;
 mod port;
 mod record;
 mod requests;
 mod robot;
+mod tool;
 
 pub use crate::record::Finding;
 pub use cameras::{CameraAnswer, CameraCommand, CameraFault, CameraPort, NoCameras, Picture2d};
@@ -16,3 +17,4 @@ pub use port::{Command, Port};
 pub use record::{Figure, Keeper, Kept, Note, Record, RecordAnswer, RecordCommand, RecordError, RecordPort};
 pub use requests::{News, RequestAnswer, RequestCommand, RequestPort, Requester};
 pub use robot::{LinkedRobot, RobotAnswer, RobotCommand, RobotPort};
+pub use tool::{LinkedTool, ToolAnswer, ToolCommand, ToolPort};

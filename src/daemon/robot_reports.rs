@@ -116,6 +116,7 @@ impl Running<'_> {
                 time_ms: state.time_ms,
                 tip: state.base_from_tcp,
                 done: sent.waypoints(state.done),
+                force_n: None,
             });
         }
     }

@@ -7,7 +7,8 @@ use super::corrected::Corrected;
 use super::deadlines::seconds;
 use super::error::DaemonError;
 use super::pending::Waits;
-use super::ports::{News, RecordCommand, RecordPort, RequestPort, RobotPort};
+use super::ports::{News, RecordCommand, RecordPort, RequestPort, RobotPort, ToolPort};
+use super::pressing::Pressing;
 use super::request::{PreparedCycle, Request, What};
 use super::running::{Outside, Running};
 use super::setup::{CellSetup, CycleSetup};
@@ -28,6 +29,8 @@ use std::time::Duration;
 pub struct Ports<'a> {
     /// The robot.
     pub robot: &'a mut dyn RobotPort,
+    /// The compliant tool; asked for nothing where the tool is a spring.
+    pub tool: &'a mut dyn ToolPort,
     /// The record.
     pub record: &'a mut dyn RecordPort,
     /// Where requests come from.
@@ -72,12 +75,12 @@ pub struct LoopOutcome {
 /// Where the record cannot be written, or a thread of the program failed: the robot is told to stop, and nothing more is done.
 pub fn run(start: LoopStart, ports: Ports<'_>) -> Result<LoopOutcome, DaemonError> {
     let LoopStart { cell, cycle, state, before } = start;
-    let Ports { robot, record, requests, computing, lock_step } = ports;
+    let Ports { robot, tool, record, requests, computing, lock_step } = ports;
     let mut robot = Corrected::new(robot, &cell.arm);
     if let Begin::Cycle { robot: Some(state), .. } = &before {
         robot.stands_at(state.joints);
     }
-    let ports = Outside { robot, record, requests };
+    let ports = Outside { robot, tool, record, requests };
     let mut running = Running::new((cell, cycle), computing, ports, (state, lock_step));
     running.remember(before);
     running.live()?;
@@ -111,7 +114,7 @@ impl Running<'_> {
     }
 
     /// One event: journal, step, effects.
-    fn take(&mut self, event: Event) -> Result<(), DaemonError> {
+    pub(super) fn take(&mut self, event: Event) -> Result<(), DaemonError> {
         self.ports.record.keep(RecordCommand::Event(event))?;
         tracing::debug!(?event);
         if let Event::Told(Report::Answered { id, .. }) = event {
@@ -148,7 +151,7 @@ impl Running<'_> {
     }
 
     /// The next thing that happened; `None` when it is time to leave.
-    fn next_event(&mut self) -> Result<Option<Event>, DaemonError> {
+    pub(super) fn next_event(&mut self) -> Result<Option<Event>, DaemonError> {
         loop {
             if let Some(event) = self.events.pop_front() {
                 return Ok(Some(event));
@@ -169,13 +172,17 @@ impl Running<'_> {
                     TakenUp::Leave => {}
                 }
             }
-            if let Some(report) = self.deadlines.over(self.ports.robot.now()) {
+            let now = self.ports.robot.now();
+            if let Some(report) = self.deadlines.over(now) {
                 return Ok(Some(Event::Told(report)));
             }
             let computes = self.pending.as_ref().is_some_and(|pending| matches!(pending.waits, Waits::Computing));
             if computes && self.lock_step {
                 // Time stands, so that how fast the machine is cannot matter.
                 self.comes_in(GLANCE)?;
+                continue;
+            }
+            if self.attend_tool(now)? {
                 continue;
             }
             if let Some(report) = self.ports.robot.next()? {
@@ -253,7 +260,8 @@ impl Running<'_> {
         }
         self.cycle = Some(Arc::new(prepared.setup));
         (self.sight, self.abrasion, self.verdict) = (Sight::default(), Abrasion::default(), None);
-        (self.trace, self.sent) = (Trace::default(), None);
+        // What was heard of the tool before is no part of this cycle's recording: it is heard and told anew.
+        (self.trace, self.sent, self.pressing) = (Trace::default(), None, Pressing::default());
         Some(event)
     }
 

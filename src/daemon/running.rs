@@ -5,13 +5,14 @@ use super::computing::Computing;
 use super::corrected::Corrected;
 use super::deadlines::Deadlines;
 use super::pending::Pending;
-use super::ports::{RecordPort, RequestPort};
+use super::ports::{RecordPort, RequestPort, RobotPort, ToolPort};
+use super::pressing::Pressing;
 use super::sent::Sent;
 use super::setup::{CellSetup, CycleSetup};
 use super::sight::Sight;
 use super::underway::Underway;
 use crate::cycle::{self, Event, Report, State};
-use crate::eki;
+use crate::eki::{self, Time};
 use crate::path::trace::Trace;
 use crate::record::{Front, Who};
 use crate::tape::Begin;
@@ -22,8 +23,16 @@ use std::sync::Arc;
 /// The ports but the cameras, which are where it is computed.
 pub(super) struct Outside<'a> {
     pub robot: Corrected<'a>,
+    pub tool: &'a mut dyn ToolPort,
     pub record: &'a mut dyn RecordPort,
     pub requests: &'a mut dyn RequestPort,
+}
+
+impl Outside<'_> {
+    /// What the robot's clock says.
+    pub fn robot_now(&mut self) -> Time {
+        self.robot.now()
+    }
 }
 
 /// The memory of the loop; that of the table is [`State`].
@@ -43,6 +52,7 @@ pub(super) struct Running<'p> {
     pub abrasion: Abrasion,
     pub trace: Trace,
     pub underway: Underway,
+    pub pressing: Pressing,
     pub pending: Option<Pending>,
     pub sent: Option<Sent>,
     pub robot_state: Option<eki::State>,
@@ -75,6 +85,7 @@ impl<'p> Running<'p> {
             abrasion: Abrasion::default(),
             trace: Trace::default(),
             underway: Underway::default(),
+            pressing: Pressing::default(),
             pending: None,
             sent: None,
             robot_state: None,

@@ -3,7 +3,7 @@
 use super::error::DaemonError;
 use super::wiring::Wiring;
 use crate::calib::health;
-use crate::cell::{Arm, Cell, LensExtent, Limits};
+use crate::cell::{Arm, Cell, CompliantTool, LensExtent, Limits};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};
 use crate::inspect::Demands;
 use crate::panel::{TaughtCorner, TaughtPanel};
@@ -43,6 +43,8 @@ pub struct CellSetup {
     pub arm: Arm,
     /// Outputs and feedbacks.
     pub wiring: Wiring,
+    /// The compliant tool, where the sanding tool is one.
+    pub tool: Option<CompliantTool>,
     /// Where the arm parks.
     pub park: Joints,
     /// `[poses.ready]`: on the way to and from the park pose, where the cell names one.
@@ -60,6 +62,7 @@ impl CellSetup {
             limits: cell.limits().clone(),
             arm: cell.arm().clone(),
             wiring: Wiring::of(cell.io())?,
+            tool: cell.tool().compliant().cloned(),
             park: cell.park().ok_or(DaemonError::NotStated { key: "poses.park" })?,
             ready: cell.pose("ready"),
         })
@@ -90,13 +93,15 @@ impl CycleSetup {
     /// camera's lens.
     ///
     /// # Errors
-    /// Where no corner was taught, or one where the lens is not known: the camera looks at it there again.
+    /// Where no corner was taught, or one where the lens is not known: the camera looks at it there again. Where the recipe
+    /// states a force and the tool has none, or the other way round.
     pub fn new(
         cell: Arc<CellSetup>,
         recipe: Recipe,
         (panel, corners): (TaughtPanel, Vec<TaughtCorner>),
         (calibrations, lens): (Calibrations, LensExtent),
     ) -> Result<Self, DaemonError> {
+        force_fits(cell.tool.as_ref(), &recipe)?;
         if corners.is_empty() {
             return Err(DaemonError::NoCorner);
         }
@@ -140,5 +145,19 @@ impl CycleSetup {
     /// What is asked of a film.
     pub fn demands(&self) -> Demands {
         Demands::of(&self.recipe, &self.cell.limits)
+    }
+}
+
+/// Whether recipe and tool agree on a force.
+fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), DaemonError> {
+    match (tool, recipe.path().force_n()) {
+        (None, None) => Ok(()),
+        (Some(_), None) => Err(DaemonError::NoForce),
+        (None, Some(found_n)) => Err(DaemonError::ForceOfSpring { found_n }),
+        (Some(tool), Some(found_n)) if found_n + tool.band_n > tool.max_force_n => {
+            let (band_n, most_n) = (tool.band_n, tool.max_force_n);
+            Err(DaemonError::TooMuchForce { found_n, band_n, most_n })
+        }
+        (Some(_), Some(_)) => Ok(()),
     }
 }

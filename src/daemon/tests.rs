@@ -1,5 +1,6 @@
 //! The loop on a scripted cell: a robot that executes at once, cameras that render, a record in memory.
 
+mod compliant;
 mod contact;
 mod fake;
 mod paths;

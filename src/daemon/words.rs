@@ -105,6 +105,11 @@ pub(super) fn trouble(trouble: Trouble) -> Reason {
         Trouble::Feedback => {
             ("feedback", "a feedback is not what it should be: tool, extraction, water, lens or light")
         }
+        Trouble::Force => (
+            "force",
+            "the compliant tool is not as it should be, so it was taken off the panel; the finding beside it says what, and `panelprep doctor` \
+             looks at it",
+        ),
         Trouble::Starved => ("starved", "the robot ran out of waypoints"),
         Trouble::Slow => ("slow", "the robot is far behind its plan"),
         Trouble::Gate => ("gate", "a path did not pass the gate, and none of it was sent"),

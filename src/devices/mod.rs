@@ -1,5 +1,6 @@
 //! The devices: the robot's controller and the cameras, real, simulated or recorded.
 //!
+//! - [`acf`]: the compliant tool, over TCP or simulated
 //! - [`cameras`]: what a shot is; simulated and recorded cameras
 //! - [`gige`]: GigE Vision cameras
 //! - [`mock`]: a mock of the robot's controller
@@ -7,6 +8,7 @@
 //! - [`world`]: the simulated world around the mock
 //! - [`zivid`]: the Zivid 3D camera, through its SDK in a process of its own
 
+pub mod acf;
 pub mod cameras;
 pub mod gige;
 pub mod mock;

@@ -17,6 +17,8 @@ pub struct PoseReport {
     pub tip: KukaPose,
     /// Waypoints executed, the first of the plan not counted: the arm stood there.
     pub done: u32,
+    /// The contact force that a compliant tool measured at that time, N.
+    pub force_n: Option<f64>,
 }
 
 /// All reports of one contact path.
@@ -42,13 +44,20 @@ impl Trace {
         self.0.push(told);
     }
 
+    /// What a compliant tool measured at the time of the last report, N; the first to come counts.
+    pub fn measured(&mut self, force_n: f64) {
+        if let Some(told) = self.0.last_mut() {
+            told.force_n.get_or_insert(force_n);
+        }
+    }
+
     /// The executed path; `done` waypoints of all were executed in the end.
     pub fn executed(&self, all: &[Waypoint], done: u32) -> ExecutedPath {
         let mut walked = ExecutedPath { reports: self.0.len(), ..ExecutedPath::default() };
         // The arm begins at the first waypoint.
         let (mut passed, mut time_ms) = (0_usize, self.0.first().map_or(0, |told| told.time_ms));
-        let last =
-            PoseReport { time_ms: self.0.last().map_or(0, |told| told.time_ms), tip: KukaPose::default(), done };
+        let time_of_last_ms = self.0.last().map_or(0, |told| told.time_ms);
+        let last = PoseReport { time_ms: time_of_last_ms, tip: KukaPose::default(), done, force_n: None };
         for (told, is_report) in self.0.iter().map(|told| (*told, true)).chain([(last, false)]) {
             let reached = (told.done as usize).min(all.len().saturating_sub(1));
             let missed = reached.saturating_sub(passed);
@@ -71,7 +80,7 @@ impl Trace {
                 let before = walked.poses.last().map(|last: &Executed| last.panel_from_tool.origin());
                 let step_mm = before.map_or(0.0, |before| before.distance_mm(panel_from_tool.origin()));
                 walked.contact_mm += if contact { step_mm } else { 0.0 };
-                walked.poses.push(Executed { panel_from_tool, seconds, contact });
+                walked.poses.push(Executed { panel_from_tool, seconds, contact, force_n: told.force_n });
             }
             (passed, time_ms) = (reached.max(passed), told.time_ms);
         }
@@ -106,7 +115,7 @@ mod tests {
     }
 
     fn told(time_ms: u32, x_mm: f64, y_mm: f64, done: u32) -> PoseReport {
-        PoseReport { time_ms, tip: KukaPose { x_mm, y_mm, ..KukaPose::default() }, done }
+        PoseReport { time_ms, tip: KukaPose { x_mm, y_mm, ..KukaPose::default() }, done, force_n: None }
     }
 
     fn ways(walked: &ExecutedPath) -> Vec<(f64, f64, bool)> {

@@ -107,6 +107,10 @@ fn each_mistake_is_named() {
             "removal = {target_um = 30, max_um = 60, force_n = 20, min_feed_mm_s = 61}",
             "removal.min_feed_mm_s: found 61, allowed is at most path.feed_mm_s, 60",
         ),
+        (
+            "path.force_n = 15\nremoval = {target_um = 30, max_um = 60, force_n = 20}",
+            "removal.force_n: found 20, allowed is path.force_n, 15: the tool presses with that",
+        ),
         ("removal = {target_um = 30, max_um = 60}", "removal.force_n: is missing; this key has no default"),
         (
             "removal = {target_um = 30, max_um = 60, force_n = 20, method = 'even'}",

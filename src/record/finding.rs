@@ -34,6 +34,8 @@ pub enum Kind {
     Robot,
     /// The self-test before a cycle.
     SelfTest,
+    /// What the compliant tool reported.
+    Tool,
 }
 
 impl Kind {
@@ -61,6 +63,12 @@ pub mod name {
     pub const EXECUTED: &str = "waypoints executed";
     /// What no place of the part may come to, by its upper 95 % bound, over all passes so far, µm.
     pub const REMOVED_BOUND: &str = "largest removal over all passes, upper 95 % bound";
+    /// Contact force of a compliant tool at the poses that the robot reported on the panel, mean, N.
+    pub const FORCE_MEAN: &str = "force in contact, mean";
+    /// The least of them, N.
+    pub const FORCE_LEAST: &str = "force in contact, least";
+    /// The most of them, N.
+    pub const FORCE_MOST: &str = "force in contact, most";
     /// Corners that were seen so far.
     pub const CORNERS: &str = "corners seen";
     /// What is worn of the disc in use after the largest grid.

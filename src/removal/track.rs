@@ -169,7 +169,7 @@ pub(super) mod tests {
     /// The tool's point there, its pad down.
     pub(in crate::removal) fn pose([x_mm, y_mm, z_mm]: [f64; 3], seconds: f64) -> Executed {
         let tool = KukaPose { x_mm, y_mm, z_mm, c_deg: 180.0, ..KukaPose::default() };
-        Executed { panel_from_tool: tool.to_rigid(), seconds, contact: true }
+        Executed { panel_from_tool: tool.to_rigid(), seconds, contact: true, force_n: None }
     }
 
     /// By hand: 60 mm in 1 s are 8 stretches of 7.5 mm; a grain rubs 2618.3 mm meanwhile; the disc of 30 mm sweeps 1800 mm².

@@ -99,6 +99,7 @@ mod tests {
             panel_from_tool: KukaPose { x_mm: x, y_mm: 15.0, c_deg: 180.0, ..KukaPose::default() }.to_rigid(),
             seconds: 2.0,
             contact: true,
+            force_n: None,
         };
         let grids: Vec<GridId> = region.ids().filter(|id| id.to_string() != "r2c2").collect();
         (simulate(&surface, &region, &grids, &[at(5.0), at(55.0), at(40.0)], 5.0), region)

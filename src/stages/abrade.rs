@@ -67,7 +67,7 @@ pub fn abraded(
     let (whole, begun) = covered(plan, &dwell, progress.done);
     // A rounded corner leaves the lines by less than its rounding.
     let off_limit_mm = OFF_PATH_MM + settings.blend_share() * settings.waypoint_spacing_mm();
-    let removed = removal.and_then(|removal| removal.executed(&planned, &walked.poses, None));
+    let removed = removal.and_then(|removal| removal.executed(&planned, &walked.poses));
     Abraded { whole, begun, swept_mm2: walked.contact_mm * disc_mm, removed, progress, walked, off_limit_mm, dwell }
 }
 
@@ -121,6 +121,21 @@ impl Abraded {
         ]
     }
 
+    /// What a compliant tool pressed with where it was meant to be on the panel; nothing of another tool.
+    fn forces(&self) -> Vec<Check> {
+        let on_panel = self.walked.poses.iter().filter(|pose| pose.contact);
+        let forces_n: Vec<f64> = on_panel.filter_map(|pose| pose.force_n).collect();
+        if forces_n.is_empty() {
+            return vec![];
+        }
+        let mean_n = forces_n.iter().sum::<f64>() / forces_n.len() as f64;
+        let least_n = forces_n.iter().copied().fold(f64::INFINITY, f64::min);
+        let most_n = forces_n.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        [(name::FORCE_MEAN, mean_n), (name::FORCE_LEAST, least_n), (name::FORCE_MOST, most_n)]
+            .map(|(name, force_n)| Check::new(name, "N", force_n))
+            .into()
+    }
+
     /// The result for the record; at most so many passes are allowed.
     pub fn finding(&self, pass: u8, most_passes: usize) -> Finding {
         let (walked, dwell, checks) = (&self.walked, &self.dwell, self.checks());
@@ -147,7 +162,7 @@ impl Abraded {
                 Check::new(format!("of {id} left"), "mm²", grid.left_mm2()),
             ]
         }));
-        let finding = finding.with(of_removal);
+        let finding = finding.with(of_removal).with(self.forces());
         if self.begun.is_empty() { finding } else { finding.detail("grids_in_part", names(&self.begun)) }
     }
 }

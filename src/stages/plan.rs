@@ -86,15 +86,17 @@ pub fn judge(
     let of_removal = removed.as_ref().map_or_else(Vec::new, |removed| removed.checks.clone());
     let of_removal: Vec<Check> = of_removal.into_iter().chain(removal::unknown(recipe, tool)).collect();
     let (pad, worn) = (check_pad(settings, tool.error_mm), disc.check("worn of the disc afterwards", "this path"));
+    let stroke = tool.check_stroke(fit, settings);
     let judgement = Judgement::of_checks([&room])
         .and(path_judgement)
         .and(Judgement::of_checks(&pad))
+        .and(Judgement::of_checks(&stroke))
         .and(Judgement::of_checks([&worn]))
         .and(Judgement::of_checks(&of_removal));
     let spin_deg = reached.as_ref().map(|reached| reached.spin.0);
     let spin = Check::new("turn of the tool about its axis, for reach", "°", spin_deg);
     let swept = Check::new("swept by the disc", "mm²", disc.swept_mm2);
-    let of_arm = [spin, room].into_iter().chain(pad).chain([swept, worn]);
+    let of_arm = [spin, room].into_iter().chain(pad).chain(stroke).chain([swept, worn]);
     let checks = of_path.into_iter().chain(sizes(&plan)).chain(of_arm).chain(of_removal).collect();
     let plan = match &reached {
         Some(reached) => panel_reach::turned(&plan, reached.spin),

@@ -106,10 +106,12 @@ impl<'a> Abrasive<'a> {
         self.removed(&treated(plan), &dwell::planned(plan), Force::Nominal(self.recipe.removal()?.force_n()))
     }
 
-    /// What was removed by these poses, of those grids; the force is the recipe's where none was measured.
-    pub fn executed(&self, grids: &[GridId], poses: &[Executed], forces_n: Option<&[f64]>) -> Option<Removed> {
-        let nominal = Force::Nominal(self.recipe.removal()?.force_n());
-        self.removed(grids, poses, forces_n.map_or(nominal, Force::Measured))
+    /// What was removed by these poses, of those grids, with the force that the tool measured; where it measured none, with the
+    /// recipe's.
+    pub fn executed(&self, grids: &[GridId], poses: &[Executed]) -> Option<Removed> {
+        let nominal_n = self.recipe.removal()?.force_n();
+        let forces_n: Vec<f64> = poses.iter().map(|pose| pose.force_n.unwrap_or(nominal_n)).collect();
+        self.removed(grids, poses, Force::Measured(&forces_n))
     }
 
     fn removed(&self, grids: &[GridId], poses: &[Executed], force: Force<'_>) -> Option<Removed> {

@@ -1,6 +1,7 @@
 //! The surface of the region, and what of it the arm reaches where the panel stands: known before any water runs.
 
 use super::{Drawing, names};
+use crate::force::check_stroke;
 use crate::panel::{GridId, TaughtPanel};
 use crate::path::check_pad;
 use crate::path::disc::DiscUse;
@@ -21,6 +22,16 @@ pub struct ToolState {
     pub worn_mm2: f64,
     /// What the disc takes off, where that is calibrated.
     pub removal: Option<Model>,
+    /// The stroke of a compliant tool, mm.
+    pub stroke_mm: Option<f64>,
+}
+
+impl ToolState {
+    /// Whether a compliant tool's stroke takes up what is not known of the way over this surface; none of another tool.
+    pub(super) fn check_stroke(&self, fit: &Fit, settings: &recipe::Path) -> Option<Check> {
+        let errors_mm = [self.error_mm, Some(fit.deviation.p95_mm), Some(settings.chord_error_mm())];
+        self.stroke_mm.map(|stroke_mm| check_stroke(stroke_mm, settings.press_in_mm(), errors_mm))
+    }
 }
 
 /// What of a panel the arm reaches, grid by grid.
@@ -58,7 +69,8 @@ pub fn survey(
     match panel_reach::of_grids(&fit.surface, around, &stand, settings) {
         Ok(grids) => {
             let (pad, disc) = (check_pad(settings, tool.error_mm), disc(&grids, settings, tool));
-            let of_tool: Vec<Check> = pad.into_iter().chain([disc]).collect();
+            let stroke = tool.check_stroke(fit, settings);
+            let of_tool: Vec<Check> = pad.into_iter().chain(stroke).chain([disc]).collect();
             let broken = panel_reach::broken_by_grids(&grids);
             let judgement = Judgement::of_checks(broken.iter().chain(&of_tool));
             Surveyed { grids, broken, of_tool, judgement }

@@ -32,6 +32,8 @@ pub struct Executed {
     pub seconds: f64,
     /// Was the tool meant to be on the panel on the way here, running?
     pub contact: bool,
+    /// The contact force that a compliant tool measured here, N; of a pose between two reports, that of the later one.
+    pub force_n: Option<f64>,
 }
 
 /// One grid, sample by sample.

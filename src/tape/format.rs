@@ -4,7 +4,8 @@
 ///
 /// 2: pictures have the camera's time, what was computed has its moment, a recording may begin with a service's cycle.
 /// 3: points have an alpha channel, and the lenses are there: both for those who look at it. What 2 says is read as before.
-pub const FORMAT: u32 = 3;
+/// 4: a compliant tool has a topic of its own. What 2 and 3 say is read as before.
+pub const FORMAT: u32 = 4;
 /// The oldest that is read.
 pub const OLDEST_FORMAT: u32 = 2;
 

@@ -12,6 +12,9 @@ pub enum Topic {
     /// What the robot is told, and what comes of it.
     #[strum(serialize = "/robot/command")]
     Command,
+    /// What the compliant tool is told, and what it says.
+    #[strum(serialize = "/tool")]
+    Tool,
     /// Readings of the clock that the loop runs by, where they differ from the one before.
     #[strum(serialize = "/clock")]
     Clock,

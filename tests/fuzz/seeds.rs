@@ -274,3 +274,14 @@ pub fn labels() -> Vec<Vec<u8>> {
         "breaks": [{"closes_s": null, "shapes": [{"from_s": 1.5, "corners_px": [[1.0, 2.0], [3.0, 4.0], [5.0, 0.5]]}]}]});
     vec![said.to_string().into_bytes()]
 }
+
+/// Replies of a compliant tool, and what is none.
+pub fn tools() -> Vec<Vec<u8>> {
+    texts(&[
+        "1040 19.7 17.25 1 0k",
+        "1040 -3 0.0 0 9k",
+        "1041 1 2 1 0k",
+        "1040 1e2 2 1 0k1040 1 2 1 0k",
+        "1040 nan 1 1 0k",
+    ])
+}

@@ -8,11 +8,13 @@ use panelprep::cell::{
 };
 use panelprep::daemon::{read_request, request_line};
 use panelprep::devices::zivid::{message, wire};
-use panelprep::eki::{ChannelFile, Framer, MAX_DOCUMENT_BYTES};
+use panelprep::eki::{ChannelFile, Framer, MAX_DOCUMENT_BYTES, Time};
+use panelprep::force::{Press, Session, SessionLimits};
 use panelprep::geometry::PinholeCamera;
 use panelprep::recipe::Recipe;
 use panelprep::{backup, files, krl, labels, tape};
 use std::io::Read;
+use std::time::Duration;
 
 /// A reader under test.
 pub struct Target {
@@ -25,7 +27,7 @@ pub struct Target {
 }
 
 /// All of them.
-pub const TARGETS: [Target; 20] = [
+pub const TARGETS: [Target; 21] = [
     Target { name: "framer", run: framer, seeds: seeds::messages },
     Target { name: "wire", run: messages, seeds: seeds::messages },
     Target { name: "channel", run: channel, seeds: seeds::channels },
@@ -46,6 +48,7 @@ pub const TARGETS: [Target; 20] = [
     Target { name: "backup", run: archive, seeds: seeds::archives },
     Target { name: "worker", run: worker, seeds: seeds::frames },
     Target { name: "labels", run: label, seeds: seeds::labels },
+    Target { name: "tool", run: tool, seeds: seeds::tools },
 ];
 
 /// The camera of the small pictures and clouds among the seeds.
@@ -62,6 +65,27 @@ pub const CAMERA: PinholeCamera = PinholeCamera {
     p2: 0.0,
     k3: 0.0,
 };
+
+/// What a compliant tool says, from its log-in on, in one piece and cut in two: the same comes of it.
+fn tool(bytes: &[u8]) {
+    let limits = SessionLimits {
+        login: "ferba".to_owned(),
+        id: 1040,
+        period: Duration::from_millis(10),
+        reply_within: Duration::from_millis(100),
+        at_rest: Press::held_back(-20.0),
+    };
+    let heard = |pieces: [&[u8]; 2]| {
+        let mut session = Session::new(limits.clone());
+        session.connected(Time::at_ms(0));
+        session.received(b"ferbak", Time::at_ms(1));
+        session.tick(Time::at_ms(1));
+        pieces.iter().for_each(|piece| session.received(piece, Time::at_ms(2)));
+        (session.state().clone(), session.newest())
+    };
+    let (first, rest) = bytes.split_at(bytes.len() / 2);
+    assert_eq!(heard([bytes, b""]), heard([first, rest]));
+}
 
 /// Documents and the first error of a stream that comes in these pieces.
 pub fn documents(pieces: &[&[u8]]) -> (Vec<String>, Option<String>) {

@@ -261,6 +261,7 @@ impl Running {
         let sees = Box::new(move |act| cameras::seen(&looks, act));
         let ports = Ports {
             robot: &mut robot,
+            tool: &mut daemon::LinkedTool::default(),
             record: &mut record,
             requests: &mut self.people,
             computing: Computing::inline(cameras, false).remembering(MEMORY.clone(), sees),

@@ -75,6 +75,14 @@ pub enum What {
         panelprep calibrate tcp --poses target/cell/boards/tip.toml --out target/cell/found/flange_from_tool.toml\n\
         With --live DIR it asks for one pose after the other at the terminal and reads each from the controller.")]
     Tcp(Tcp),
+    /// Payload and zero of a compliant tool, from its readings without contact; with --verify, whether they still hold.
+    #[command(
+        after_help = "The readings: [[readings]] with base_from_flange and force_n, at least three, with the tool pointing down, level and \
+        up as far as the arm allows. For --verify one is enough.\n\
+        Example, after `panelprep render --boards --out target/cell`:\n  \
+        panelprep calibrate force --cell target/cell/cell.toml --readings target/cell/boards/force.toml"
+    )]
+    Force(Force),
     /// Look at a board that stands still and compare with where it is known to be; kept in the store.
     #[command(after_help = "Examples, after `panelprep render --out target/cell`; a cycle needs both:\n  \
         panelprep calibrate verify --cell target/cell/cell.toml --camera scanner --board 5x4 --square-mm 40 \
@@ -369,6 +377,17 @@ pub struct Tcp {
     /// The file to write.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+}
+
+/// Options of the force of a compliant tool.
+#[derive(Debug, Clone, Args)]
+pub struct Force {
+    /// Readings without contact, each with the flange's pose.
+    #[arg(long, value_name = "FILE")]
+    pub readings: PathBuf,
+    /// Compare with payload_kg and zero_n of the cell's file, and keep that in the store: a cycle needs it each day.
+    #[arg(long)]
+    pub verify: bool,
 }
 
 /// Which camera.

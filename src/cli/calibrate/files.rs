@@ -9,6 +9,7 @@ use crate::geometry::{Base, Flange, Joints, KukaPose, Point, Rigid};
 const PLACE_MM: std::ops::RangeInclusive<f64> = -20_000.0..=20_000.0;
 const ANGLE_DEG: std::ops::RangeInclusive<f64> = -360.0..=360.0;
 const AXIS_DEG: std::ops::RangeInclusive<f64> = -720.0..=720.0;
+const FORCE_N: std::ops::RangeInclusive<f64> = -2_000.0..=2_000.0;
 const CORNER: std::ops::RangeInclusive<usize> = 0..=60;
 
 fn pose(section: &Section<'_, '_>) -> Option<KukaPose> {
@@ -24,6 +25,25 @@ fn like_radians(pose: &KukaPose) -> bool {
     let circle = [std::f64::consts::PI, std::f64::consts::FRAC_PI_2];
     angles.iter().all(|angle| angle.abs() < 3.15)
         && angles.iter().any(|angle| circle.iter().any(|turn| (angle.abs() - turn).abs() < 0.05))
+}
+
+/// Checks the text of a file with readings of a compliant tool: the flange and the force, N, of each.
+///
+/// # Errors
+/// Every problem with its line and key.
+pub fn force_readings(file: &str, text: &str) -> Result<Vec<(Rigid<Base, Flange>, f64)>, Problems> {
+    config::check(file, text, |top| {
+        let read = |section: Section<'_, '_>| {
+            let flange = pose(&section.section("base_from_flange"));
+            let force_n = section.take("force_n", FORCE_N, None);
+            section.done();
+            Some((flange?.to_rigid(), force_n?))
+        };
+        // Every table is read, so that every problem is told.
+        let all: Vec<_> = top.sections("readings").into_iter().map(read).collect();
+        top.done();
+        all.into_iter().collect()
+    })
 }
 
 /// What `--points` holds.

@@ -6,7 +6,7 @@ use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
 use super::args::StrikeOut;
 use super::date;
-use crate::calib::health::{Strike, Verification};
+use crate::calib::health::{self, Strike, TOOL_FORCE, Verification};
 use crate::cell::Date;
 use crate::store::Store;
 use crate::verdict::Judgement;
@@ -40,7 +40,11 @@ pub fn strike(args: &StrikeOut, common: &Common) -> Result<Outcome, Fault> {
     let (_, verification) = struck.map_err(Fault::stage)?;
     let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
     outcome.say(line(args.number, &verification));
-    let again = if verification.subject == "tool" { "calibrate touch" } else { "calibrate verify" };
+    let again = match verification.subject.as_str() {
+        "tool" => "calibrate touch",
+        TOOL_FORCE => "calibrate force --verify",
+        _ => "calibrate verify",
+    };
     outcome.say(format!("it stays in the store and counts no more; run `panelprep {again}` again"));
     outcome.put("verification", row(args.number, &verification));
     Ok(outcome)
@@ -54,7 +58,8 @@ fn line(number: i64, verification: &Verification) -> String {
     });
     let struck = struck.unwrap_or_default();
     let [off, limit] = apart(*error_mm, *limit_mm, 3);
-    format!("{number:5}  {day}  {subject:13}  {off} mm off, allowed were {limit} mm{struck}")
+    let unit = health::unit(subject);
+    format!("{number:5}  {day}  {subject:13}  {off} {unit} off, allowed were {limit} {unit}{struck}")
 }
 
 fn row(number: i64, verification: &Verification) -> Value {
@@ -62,6 +67,6 @@ fn row(number: i64, verification: &Verification) -> Value {
     let struck = struck.map(|it| json!({"by": it.by, "why": it.why, "at_unix_s": it.at_unix_s}));
     json!({
         "number": number, "subject": verification.subject, "error_mm": verification.error_mm,
-        "limit_mm": verification.limit_mm, "at_unix_s": verification.at_unix_s, "struck": struck,
+        "limit_mm": verification.limit_mm, "unit": health::unit(&verification.subject), "at_unix_s": verification.at_unix_s, "struck": struck,
     })
 }

@@ -6,6 +6,7 @@ pub mod args;
 mod boards;
 pub mod date;
 mod files;
+pub mod force;
 mod hand_eye;
 mod history;
 mod in_use;
@@ -51,6 +52,7 @@ pub fn run(args: &Calibrate, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
             Some(folder) => live::tool((args, folder), common),
             None => tcp::run(args, common),
         },
+        What::Force(args) => force::run(args, common),
         What::Verify(args) => match &args.live {
             Some(folder) => live::look((args, folder), common, progress),
             None => verify::run(args, common, progress),

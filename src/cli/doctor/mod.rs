@@ -2,7 +2,7 @@
 //!
 //! It moves nothing and writes nothing. Where something above rests on something below that is not right, it is said to
 //! be not looked at, which counts as not right. `judge` turns facts into words, `machine` finds those of the computer,
-//! `cell` those of the cell's files, and `devices` and `zivid` those of what is connected.
+//! `cell` those of the cell's files, and `devices`, `tool` and `zivid` those of what is connected.
 
 mod borrowed;
 mod cell;
@@ -10,9 +10,11 @@ mod check;
 mod devices;
 mod judge;
 mod machine;
+mod tool;
 mod zivid;
 
 use super::args::{Common, Doctor};
+use super::asking;
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
@@ -54,6 +56,7 @@ fn of_cell(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> {
     checks.extend(programs.checks);
     checks.extend(devices::cameras(files, args.warm_up));
     checks.extend(devices::robot_and_service(files, programs.sum));
+    checks.extend(tool::check(&files.cell, asking::state_of(&files.socket()).is_some()));
     checks
 }
 

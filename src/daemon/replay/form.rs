@@ -5,6 +5,7 @@ mod record;
 mod recordable;
 mod requests;
 mod robot;
+mod tool;
 
 pub(super) use cameras::of_film;
 #[cfg(test)]

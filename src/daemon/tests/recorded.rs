@@ -101,3 +101,18 @@ fn by_the_wall_clock_results_come_when_they_came() {
     let told = entries[scan..*located].iter().filter(|entry| entry.topic == Topic::Report).count();
     assert!(told > 0, "{scan} {located}");
 }
+
+/// What the compliant tool is told and says is part of what passed; with it the cycle comes to the same again.
+#[test]
+fn a_cycle_with_a_compliant_tool_replays_without_a_difference() {
+    let mut fake = Fake::new(Scene::Good).step_by_step();
+    (fake.more_recipe, fake.more_cell) =
+        ("[path]\nforce_n = 20\n", "tool_error_mm = 1.0\n[tool]\nkind = 'simulated'\n");
+    let (entries, verdict) = recorded(fake, |script, plain, taped| {
+        script.reset().start(plain).reset().start(taped).leave_when(complete)
+    });
+    assert_eq!(verdict, Some(Verdict::Pass));
+    let of_tool = entries.iter().filter(|entry| entry.topic == Topic::Tool);
+    let (told, heard): (Vec<_>, Vec<_>) = of_tool.partition(|entry| !entry.said.is_null());
+    assert!(told.len() > 4 && heard.len() > 100, "{} {}", told.len(), heard.len());
+}

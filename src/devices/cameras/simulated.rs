@@ -23,6 +23,11 @@ impl Arm {
         }
     }
 
+    /// The same for whoever takes no picture; none where nothing was heard of it yet.
+    pub(in crate::devices) fn moment_now(&self) -> Option<Moment> {
+        self.moment(Which::Flange).ok()
+    }
+
     /// Where the tool was, up to that moment.
     fn trace(&self, until_ms: u64) -> Vec<Sample> {
         match self {

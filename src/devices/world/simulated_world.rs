@@ -63,6 +63,11 @@ impl Moment {
         self.time_ms
     }
 
+    /// Where its flange is.
+    pub fn base_from_flange(&self) -> Rigid<Base, Flange> {
+        self.base_from_flange
+    }
+
     /// The controller as it stands now.
     pub fn of(controller: &Controller) -> Self {
         Moment {

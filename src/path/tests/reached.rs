@@ -81,7 +81,7 @@ fn every_pattern_covers_the_region() {
 fn dwell_by_hand() {
     let (surface, region) = (rectangle(50.0, 50.0), one_grid());
     let pose = |x: f64| KukaPose { x_mm: x, y_mm: 25.0, c_deg: 180.0, ..KukaPose::default() }.to_rigid();
-    let at = |x: f64| dwell::Executed { panel_from_tool: pose(x), seconds: 2.0, contact: true };
+    let at = |x: f64| dwell::Executed { panel_from_tool: pose(x), seconds: 2.0, contact: true, force_n: None };
     let grids: Vec<GridId> = region.ids().collect();
     let once = dwell::simulate(&surface, &region, &grids, &[at(15.0), at(35.0)], 5.0);
     let sample = |dwell: &dwell::Dwell, x: usize, y: usize| {

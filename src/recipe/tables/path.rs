@@ -100,6 +100,12 @@ settings! {
         press_in_mm: f64, 0.0..=50.0, default 0.0;
         /// What the pad can be compressed, mm; a press-in needs it stated.
         pad_stroke_mm: Option<f64>, 0.5..=100.0, default None;
+        /// Force with which a compliant tool presses, N; it needs one, and no other tool has one.
+        force_n: Option<f64>, 1.0..=500.0, default None;
+        /// Force with which it comes down and leaves, N; a third of force_n where unstated.
+        landing_force_n: Option<f64>, 0.5..=500.0, default None;
+        /// From one of these forces to the other, s.
+        force_ramp_s: f64, 0.0..=2.0, default 0.2;
         /// Lean of the tool along its spin axis X, degrees.
         lead_deg: f64, -20.0..=20.0, default 0.0;
         /// Lean of the tool across that axis, degrees.
@@ -138,6 +144,9 @@ pub(in crate::recipe) fn take_path(section: &Section<'_, '_>) -> Option<Path> {
         }
         _ => {}
     }
+    if !is_force_right(section, &path) {
+        return None;
+    }
     if path.landing_height_mm() > path.approach_mm() {
         let message =
             format!("found {}, allowed is at most approach_mm, {}", path.landing_height_mm(), path.approach_mm());
@@ -154,4 +163,21 @@ pub(in crate::recipe) fn take_path(section: &Section<'_, '_>) -> Option<Path> {
         return None;
     }
     Some(path)
+}
+
+/// Whether the keys of a compliant tool's force go together.
+fn is_force_right(section: &Section<'_, '_>, path: &Path) -> bool {
+    let Some(force_n) = path.force_n() else {
+        let lonely: Vec<&str> =
+            ["landing_force_n", "force_ramp_s"].into_iter().filter(|key| section.has(key)).collect();
+        lonely.iter().for_each(|key| section.problem(key, "has no effect without force_n"));
+        return lonely.is_empty();
+    };
+    match path.landing_force_n().filter(|landing_n| *landing_n > force_n) {
+        Some(landing_n) => {
+            section.problem("landing_force_n", format!("found {landing_n}, allowed is at most force_n, {force_n}"));
+            false
+        }
+        None => true,
+    }
 }

@@ -28,7 +28,7 @@ settings! {
         max_um: f64, 0.1..=10_000.0, required;
         /// By so much of the target 95 % of the treated area may differ from it, percent.
         even_percent: f64, 1.0..=100.0, default 20.0;
-        /// Force of the tool on the panel, N.
+        /// Force of the tool on the panel, N; of a compliant tool that of `[path]`.
         force_n: f64, 0.5..=500.0, required;
         /// By so much that force may be off, 95 %, percent of it.
         force_error_percent: f64, 0.0..=50.0, default 10.0;
@@ -47,6 +47,14 @@ pub(in crate::recipe) fn take_removal(section: &Section<'_, '_>, path: Option<&P
         let message =
             format!("found {}, allowed is more than target_um, {}", removal.max_um(), removal.target_um());
         section.problem("max_um", message);
+        return None;
+    }
+    if let Some(pressed_n) = path.and_then(Path::force_n).filter(|pressed_n| *pressed_n != removal.force_n()) {
+        let found = removal.force_n();
+        section.problem(
+            "force_n",
+            format!("found {found}, allowed is path.force_n, {pressed_n}: the tool presses with that"),
+        );
         return None;
     }
     if let Some(path) = path.filter(|path| removal.min_feed_mm_s() > path.feed_mm_s()) {

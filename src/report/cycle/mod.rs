@@ -113,6 +113,7 @@ fn section(finding: &Finding, pictures: &BTreeMap<String, Vec<u8>>, times: Times
         Kind::Gate => "The gate before a motion",
         Kind::Robot => "The robot",
         Kind::SelfTest => "The self-test",
+        Kind::Tool => "The compliant tool",
     };
     let pass = match finding.pass {
         0 => String::new(),

@@ -89,6 +89,7 @@ fn kind_word(kind: Kind) -> &'static str {
         Kind::Gate => "gate before a motion",
         Kind::Robot => "robot",
         Kind::SelfTest => "self-test",
+        Kind::Tool => "compliant tool",
     }
 }
 

@@ -9,7 +9,7 @@ use crate::verdict::Verdict;
 use nalgebra::Matrix2;
 
 fn tool(removal: Option<Model>) -> ToolState {
-    ToolState { error_mm: None, worn_mm2: 0.0, removal }
+    ToolState { error_mm: None, worn_mm2: 0.0, removal, stroke_mm: None }
 }
 
 /// k = 4·10⁻⁴ mm²/N known to 2 %, coupons of 3 %.

@@ -96,6 +96,7 @@ impl Served {
                 Computing::on_thread(parts_of_computing, false, &watched, LiveView::default()).expect("a thread");
             let ports = Ports {
                 robot: &mut robot,
+                tool: &mut daemon::LinkedTool::default(),
                 record: &mut record,
                 requests: &mut RequestHandler::new(queue, None, parts),
                 computing,

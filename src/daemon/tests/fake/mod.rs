@@ -4,6 +4,7 @@ mod asks;
 mod cameras;
 mod record;
 mod robot;
+mod tool;
 
 pub use robot::standing_state;
 
@@ -11,10 +12,12 @@ pub use asks::Asks;
 pub use cameras::FakeCameras;
 pub use record::Memory;
 use robot::FakeRobot;
+pub use tool::AtContact;
 
 use super::super::*;
 use crate::cell::{self, LensExtent};
 use crate::cycle::{self, Event, Motion, Outcome, Path, Refusal, State};
+use crate::devices::acf::ToolFault;
 use crate::devices::mock::Arm;
 use crate::eki::{Command, Report, SetTcp};
 use crate::geometry::{Base, ColorPicture, Flange, Joints, KukaPose, Rigid};
@@ -31,7 +34,17 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// What is true of the cell.
+#[derive(Clone)]
 struct World {
+    /// The fault that the tool has once so many lines of the contact path are executed.
+    tool_fault: Option<(u32, ToolFault)>,
+    /// Since when the disc rubs without a break under that fault, ms.
+    rubs_since_ms: Option<u64>,
+    /// When the tool was switched off by the end of an epoch, ms.
+    tool_off_ms: Option<u64>,
+    /// The line executed last ends on the panel.
+    rubs: bool,
+
     sim: sim::Cell,
     time_ms: u64,
     epoch: u32,
@@ -176,6 +189,10 @@ impl Cell {
     pub fn new(scene: Scene) -> Self {
         let sim = sim::Cell::new(3, scene, 4);
         let world = World {
+            tool_fault: None,
+            rubs_since_ms: None,
+            tool_off_ms: None,
+            rubs: false,
             base_from_flange: Arm::kr6_r700_2().base_from_flange(&START),
             sim,
             time_ms: 0,
@@ -314,9 +331,11 @@ impl Cell {
         let lock_step = !self.by_the_wall;
         let recording = RecordingSwitch::new("store".as_ref(), lock_step);
         let mut robot = FakeRobot { world: self.world.clone(), by_the_wall: self.by_the_wall };
+        let mut tool = self.tool();
         let cameras = RecordedPort::new(Box::new(cameras(FakeCameras::new(self.world.clone()))), recording.clone());
         let ports = Ports {
             robot: &mut RecordedPort::new(&mut robot, recording.clone()),
+            tool: &mut RecordedPort::new(&mut tool, recording.clone()),
             record: &mut RecordedPort::new(&mut record, recording.clone()),
             requests: &mut RecordedPort::new(asks, recording.clone()),
             computing: computing(Box::new(cameras), readable, lock_step),
@@ -352,6 +371,7 @@ impl Cell {
         let player = Player::new(Entries::new(&bytes[..], start.unix_ns), start.lock_step);
         let ports = Ports {
             robot: &mut player.clone(),
+            tool: &mut player.clone(),
             record: &mut player.clone(),
             requests: &mut player.clone(),
             computing: Computing::inline(Box::new(player.clone()), start.lock_step),
@@ -388,6 +408,7 @@ impl Cell {
         let mut record = Memory { fails_at, worn_mm2, earlier, ..Memory::default_of(&self.world) };
         let ports = Ports {
             robot: &mut robot,
+            tool: &mut self.tool(),
             record: &mut record,
             requests: &mut asks,
             computing: Computing::inline(Box::new(cameras), true),

@@ -46,6 +46,7 @@ impl World {
                 }
                 self.feeds_m_s.extend(speed_m_s);
                 self.blends_mm.extend(speed_m_s.map(|_| blend_mm));
+                self.rubs = contact;
                 if self.outputs.get(&5) == Some(&true) {
                     self.waypoints += 1;
                     self.rubbed += usize::from(contact);
@@ -83,7 +84,9 @@ impl World {
         (self.base, self.tool) = (None, None);
         self.queue.clear();
         self.let_go = None;
-        self.outputs.insert(5, false);
+        if self.outputs.insert(5, false) == Some(true) {
+            self.tool_off_ms = Some(self.time_ms);
+        }
         self.epoch += 1;
         done
     }

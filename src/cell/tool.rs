@@ -1,0 +1,232 @@
+//! `[tool]`: whether the sanding tool presses by a spring or by a force of its own, and what a compliant one must be told.
+
+use super::devices::is_host;
+use crate::config::{Choice, Section};
+
+/// What presses the disc onto the panel.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum Tool {
+    /// `kind = "spring"`: a pad on a tool that is fixed to the flange; nothing is told to it.
+    #[default]
+    Spring,
+    /// A tool that presses with a force of its own.
+    Compliant(CompliantTool),
+}
+
+impl Tool {
+    /// The compliant tool, where it is one.
+    pub fn compliant(&self) -> Option<&CompliantTool> {
+        match self {
+            Tool::Spring => None,
+            Tool::Compliant(tool) => Some(tool),
+        }
+    }
+}
+
+/// A compliant tool.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CompliantTool {
+    /// Where it is; none for the simulated one, inside the program.
+    pub address: Option<ToolAddress>,
+    /// The log-in word.
+    pub login: String,
+    /// Its number.
+    pub id: u16,
+    /// Its stroke, mm; the tool centre point is calibrated at half of it.
+    pub stroke_mm: f64,
+    /// The actuator's strongest pull, N, negative: it holds the tool back in the air.
+    pub min_force_n: f64,
+    /// The actuator's strongest push, N.
+    pub max_force_n: f64,
+    /// What hangs on the actuator, kg.
+    pub payload_kg: f64,
+    /// What its sensor says of no force, N.
+    pub zero_n: f64,
+    /// From one command to the next, ms.
+    pub period_ms: u16,
+    /// How long a reply may take, ms.
+    pub reply_ms: u16,
+    /// How far the force may be from its set-point, N.
+    pub band_n: f64,
+    /// For how long it may be farther from it, ms.
+    pub band_ms: u16,
+    /// For how long the tool may press without contact, ms.
+    pub contact_ms: u16,
+}
+
+/// Where a tool listens.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ToolAddress {
+    /// Name or address.
+    pub host: String,
+    /// TCP port.
+    pub port: u16,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Spring,
+    Simulated,
+    Acf,
+}
+
+impl Choice for Kind {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("spring", Kind::Spring), ("simulated", Kind::Simulated), ("acf", Kind::Acf)];
+}
+
+/// Keys of every compliant tool, and those of one at the end of a cable.
+const OF_COMPLIANT: [&str; 10] = [
+    "stroke_mm",
+    "min_force_n",
+    "max_force_n",
+    "payload_kg",
+    "zero_n",
+    "period_ms",
+    "reply_ms",
+    "band_n",
+    "band_ms",
+    "contact_ms",
+];
+const OF_ACF: [&str; 4] = ["host", "port", "login", "id"];
+/// What a tool at the end of a cable must state: nobody else knows it.
+const REQUIRED: [(&str, &str); 5] = [
+    ("host", "kind = \"acf\" needs the address of its controller"),
+    ("stroke_mm", "kind = \"acf\" needs its stroke, in mm, from its data sheet"),
+    ("min_force_n", "kind = \"acf\" needs its strongest pull, in N, as a negative number"),
+    ("max_force_n", "kind = \"acf\" needs its strongest push, in N"),
+    ("payload_kg", "kind = \"acf\" needs what hangs on it, in kg; `panelprep calibrate force` measures it"),
+];
+/// Weight of 1 kg, N.
+const WEIGHT_OF_1_KG_N: f64 = 9.806_65;
+
+pub(super) fn take_tool(section: &Section<'_, '_>) -> Option<Tool> {
+    let kind = section.take("kind", (), Some(Kind::Spring));
+    let host = section.take::<Option<String>>("host", (), Some(None));
+    let port = section.take("port", 1..=65_535, Some(7_070_u16));
+    let login = section.take::<String>("login", (), Some("ferba".to_owned()));
+    let id = section.take("id", 0..=65_535, Some(1_040_u16));
+    // The simulated one's own; a real one must state its own.
+    let stroke_mm = section.take("stroke_mm", 2.0..=200.0, Some(30.0));
+    let min_force_n = section.take("min_force_n", -1_000.0..=-1.0, Some(-60.0));
+    let max_force_n = section.take("max_force_n", 1.0..=1_000.0, Some(100.0));
+    let payload_kg = section.take("payload_kg", 0.0..=50.0, Some(1.5));
+    let zero_n = section.take("zero_n", -50.0..=50.0, Some(0.0));
+    let period_ms = section.take("period_ms", 4..=50, Some(10_u16));
+    let reply_ms = section.take("reply_ms", 10..=150, Some(100_u16));
+    let band_n = section.take("band_n", 0.5..=100.0, Some(5.0));
+    let band_ms = section.take("band_ms", 20..=200, Some(150_u16));
+    let contact_ms = section.take("contact_ms", 20..=250, Some(200_u16));
+    section.done();
+    let (kind, host, login) = (kind?, host?, login?);
+    if !is_right(section, kind, (host.as_deref(), &login)) {
+        return None;
+    }
+    let tool = CompliantTool {
+        address: host
+            .filter(|_| kind == Kind::Acf)
+            .map(|host| ToolAddress { host, port: port.unwrap_or_default() }),
+        login,
+        id: id?,
+        stroke_mm: stroke_mm?,
+        min_force_n: min_force_n?,
+        max_force_n: max_force_n?,
+        payload_kg: payload_kg?,
+        zero_n: zero_n?,
+        period_ms: period_ms?,
+        reply_ms: reply_ms?,
+        band_n: band_n?,
+        band_ms: band_ms?,
+        contact_ms: contact_ms?,
+    };
+    if kind == Kind::Spring {
+        return Some(Tool::Spring);
+    }
+    let weighs_n = tool.payload_kg * WEIGHT_OF_1_KG_N;
+    if -tool.min_force_n <= weighs_n {
+        let (found, key) = (tool.min_force_n, "min_force_n");
+        let message = format!(
+            "found {found}, allowed is below {:.1}, the weight of payload_kg: it holds the tool back in the air, whichever way it points",
+            -weighs_n
+        );
+        section.problem(key, message);
+        return None;
+    }
+    Some(Tool::Compliant(tool))
+}
+
+/// Whether every key has an effect, none is missing, and address and word are some.
+fn is_right(section: &Section<'_, '_>, kind: Kind, (host, login): (Option<&str>, &str)) -> bool {
+    let mut right = true;
+    let mut wrong = |key: &str, message: String| {
+        section.problem(key, message);
+        right = false;
+    };
+    let word = Kind::WORDS.iter().find(|(_, known)| *known == kind).map_or("", |(word, _)| word);
+    let of_compliant =
+        OF_COMPLIANT.iter().filter(|_| kind == Kind::Spring).map(|key| (*key, "\"simulated\" or \"acf\""));
+    let of_acf = OF_ACF.iter().filter(|_| kind != Kind::Acf).map(|key| (*key, "\"acf\""));
+    for (key, needs) in of_compliant.chain(of_acf).filter(|(key, _)| section.has(key)) {
+        wrong(key, format!("has no effect with kind = \"{word}\"; it is for kind = {needs}"));
+    }
+    for (key, what_to_do) in REQUIRED.iter().filter(|(key, _)| kind == Kind::Acf && !section.has(key)) {
+        wrong(key, format!("is missing; {what_to_do}"));
+    }
+    if let Some(host) = host.filter(|host| !is_host(host)) {
+        wrong("host", format!("found \"{host}\", allowed is an address such as 172.31.1.150, or a host's name"));
+    }
+    let is_word =
+        (1..=32).contains(&login.len()) && login.bytes().all(|byte| byte.is_ascii_graphic() && byte != b'k');
+    if !is_word {
+        wrong(
+            "login",
+            format!("found \"{login}\", allowed are 1 to 32 letters and digits but k, which ends a telegram"),
+        );
+    }
+    right
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Cell;
+    use super::*;
+
+    fn tool(text: &str) -> Tool {
+        Cell::check("f", text).unwrap_or_else(|problems| panic!("{problems}")).tool().clone()
+    }
+
+    const ACF: &str = "[tool]\nkind = 'acf'\nhost = '172.31.1.150'\nstroke_mm = 35.5\nmin_force_n = -100\nmax_force_n = 100\n\
+                       payload_kg = 2.1\n";
+
+    #[test]
+    fn a_spring_is_the_default_and_a_compliant_tool_is_whole() {
+        assert_eq!((tool(""), tool("[tool]\nkind = 'spring'")), (Tool::Spring, Tool::Spring));
+        let acf = tool(ACF);
+        let acf = acf.compliant().expect("compliant");
+        assert_eq!(acf.address, Some(ToolAddress { host: "172.31.1.150".to_owned(), port: 7_070 }));
+        assert_eq!((acf.login.as_str(), acf.id, acf.stroke_mm, acf.payload_kg), ("ferba", 1_040, 35.5, 2.1));
+        assert_eq!(tool("[tool]\nkind = 'simulated'").compliant().map(|tool| tool.address.clone()), Some(None));
+        // A lost link or a force out of its band leaves time for the retract.
+        assert!(acf.reply_ms <= 150 && acf.band_ms <= 200 && acf.contact_ms <= 250);
+    }
+
+    #[test]
+    fn what_is_missing_or_has_no_effect_is_told() {
+        let says = |text: &str| Cell::check("f", text).expect_err("refused").to_string();
+        let told = says("[tool]\nstroke_mm = 30\nhost = 'a'");
+        assert!(told.contains("f:2: tool.stroke_mm: has no effect with kind = \"spring\""), "{told}");
+        assert!(
+            told.contains("f:3: tool.host: has no effect with kind = \"spring\"; it is for kind = \"acf\""),
+            "{told}"
+        );
+        let told = says("[tool]\nkind = 'acf'");
+        for key in ["host", "stroke_mm", "min_force_n", "max_force_n", "payload_kg"] {
+            assert!(told.contains(&format!("tool.{key}: is missing; kind = \"acf\" needs")), "{told}");
+        }
+        assert!(says("[tool]\nkind = 'acff'").contains("acf"));
+        assert!(says(&format!("{ACF}login = 'kuka'")).contains("tool.login: found \"kuka\""));
+        assert!(says(&ACF.replace("-100", "-20")).contains("allowed is below -20.6, the weight of payload_kg"));
+        assert!(says(&ACF.replace("172.31.1.150", "172.31.1")).contains("tool.host: found"));
+        assert!(says(&format!("{ACF}reply_ms = 400")).contains("10 to 150"));
+    }
+}

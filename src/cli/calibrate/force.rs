@@ -1,0 +1,91 @@
+//! `panelprep calibrate force`: payload and zero of a compliant tool, and whether they still hold.
+
+use super::super::args::Common;
+use super::super::disk;
+use super::super::fault::Fault;
+use super::super::load::CellFiles;
+use super::super::outcome::Outcome;
+use super::args::Force as Args;
+use super::{date, files};
+use crate::calib::health::{self, Demands, TOOL_FORCE, Verification};
+use crate::cell::CompliantTool;
+use crate::force::{AttitudeReading, Weight, calibrate, downwards};
+use crate::store::{Store, calibration_hash};
+use crate::verdict::Judgement;
+use crate::words::apart;
+use serde_json::json;
+
+/// Share of the tool's band by which a reading without contact may be off.
+const OF_BAND: f64 = 0.5;
+
+/// Measures, or with `--verify` compares with what the cell's file states and keeps that in the store.
+///
+/// # Errors
+/// Where the readings file has problems or holds no result, the tool's axis is not known, or with `--verify` the cell has no
+/// compliant tool.
+pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
+    let text = disk::read_text(&args.readings)?;
+    let cell = CellFiles::read(common)?;
+    let flange_from_tool = cell.flange_from_tool()?.value;
+    let readings = files::force_readings(&args.readings.display().to_string(), &text)?;
+    let readings: Vec<AttitudeReading> = readings
+        .into_iter()
+        .map(|(flange, force_n)| AttitudeReading { downwards: downwards(&(flange * flange_from_tool)), force_n })
+        .collect();
+    if args.verify { verify(&cell, &readings) } else { measure(&readings) }
+}
+
+fn measure(readings: &[AttitudeReading]) -> Result<Outcome, Fault> {
+    let found = calibrate(readings).map_err(Fault::stage)?;
+    let Weight { payload_kg, zero_n } = found.weight;
+    let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
+    outcome.put("payload_kg", json!(payload_kg));
+    outcome.put("payload_95_kg", json!(found.payload_95_kg));
+    outcome.put("zero_n", json!(zero_n));
+    outcome.put("zero_95_n", json!(found.zero_95_n));
+    outcome.put("rms_n", json!(found.rms_n));
+    outcome.say(format!(
+        "payload {payload_kg:.3} ± {:.3} kg, zero {zero_n:.2} ± {:.2} N (95 %)",
+        found.payload_95_kg, found.zero_95_n
+    ));
+    outcome.say(format!("{} readings, {:.2} N rms off the line", found.readings, found.rms_n));
+    outcome.say(format!(
+        "[tool] of the cell's file: payload_kg = {payload_kg:.3} and zero_n = {zero_n:.2}; then verify them"
+    ));
+    Ok(outcome)
+}
+
+fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fault> {
+    let tool = files.cell.tool().compliant().ok_or(Fault::NoCompliantTool)?;
+    let weight = Weight { payload_kg: tool.payload_kg, zero_n: tool.zero_n };
+    let off_n = |read: &AttitudeReading| weight.contact_n(read.force_n, read.downwards).abs();
+    let error_n = readings.iter().map(off_n).reduce(f64::max).ok_or(Fault::NoReadings)?;
+    let demands = demands(files, tool);
+    let verification = Verification {
+        subject: TOOL_FORCE.to_owned(),
+        error_mm: error_n,
+        limit_mm: demands.limit_mm,
+        calibration_hash: hash(tool),
+        at_unix_s: date::now_unix_s(),
+        struck: None,
+    };
+    let (_, number) = Store::keep_verification_in(files.store_folder(), &verification).map_err(Fault::stage)?;
+    let reject = health::beyond(&verification, demands);
+    let mut outcome = Outcome::of(&Judgement::of(reject.into_iter().collect(), vec![]));
+    outcome.put("error_n", json!(error_n));
+    outcome.put("limit_n", json!(demands.limit_mm));
+    outcome.put("number", json!(number));
+    let [off, allowed] = apart(error_n, demands.limit_mm, 2);
+    outcome.say(format!("force without contact: {off} N off, allowed are {allowed} N; kept as number {number}"));
+    Ok(outcome)
+}
+
+/// What is demanded of the last verification of a tool's force, in N.
+pub fn demands(files: &CellFiles, tool: &CompliantTool) -> Demands {
+    Demands { limit_mm: OF_BAND * tool.band_n, ..Demands::of(files.cell.limits()) }
+}
+
+/// What a verification of the force speaks of: payload and zero as the cell's file states them.
+pub fn hash(tool: &CompliantTool) -> String {
+    calibration_hash(&[&format!("payload_kg {} zero_n {}", tool.payload_kg, tool.zero_n)])
+}

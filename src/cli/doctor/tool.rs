@@ -1,0 +1,105 @@
+//! The compliant tool: does it answer, and does it say that all is right? It is held back, and nothing is pressed.
+
+use super::check::Check;
+use crate::cell::{Cell, CompliantTool};
+use crate::devices::acf::{AcfLink, ConnectedTool as _, ToolNews};
+use crate::force::{Loss, Reading, unready};
+use crate::words::fixed;
+use std::time::{Duration, Instant};
+
+const NAME: &str = "compliant tool";
+/// How long it may take to answer and to go back.
+const WITHIN: Duration = Duration::from_secs(3);
+
+/// The tool of a cell; none where it is a spring. `served` says that the service runs, and has it.
+pub(super) fn check(cell: &Cell, served: bool) -> Option<Check> {
+    let tool = cell.tool().compliant()?;
+    Some(match &tool.address {
+        None => Check::right(NAME, "simulated: it presses on the simulated panel"),
+        Some(_) if served => Check::right(NAME, "held by the service, which says at a reset whether it is ready"),
+        Some(address) => match AcfLink::start(tool, address) {
+            Ok(link) => looked_at(tool, link),
+            Err(error) => Check::wrong(NAME, error.to_string(), "end what takes the computer's threads"),
+        },
+    })
+}
+
+/// Waits until it is ready, or for as long as that may take.
+fn looked_at(tool: &CompliantTool, mut link: AcfLink) -> Check {
+    let began = Instant::now();
+    let (mut last, mut lost): (Option<Reading>, Option<Loss>) = (None, None);
+    while began.elapsed() < WITHIN {
+        match link.news() {
+            Some(ToolNews::Reading { reading, .. }) => (last, lost) = (Some(reading), None),
+            Some(ToolNews::Lost(loss)) => lost = Some(loss),
+            None => std::thread::sleep(Duration::from_millis(5)),
+        }
+        if last.is_some_and(|reading| unready(&reading, tool.stroke_mm).is_none()) {
+            break;
+        }
+    }
+    found(tool, last, lost)
+}
+
+/// What was found, in words.
+fn found(tool: &CompliantTool, last: Option<Reading>, lost: Option<Loss>) -> Check {
+    let place =
+        tool.address.as_ref().map_or(String::new(), |address| format!("{}, port {}", address.host, address.port));
+    let Some(reading) = last.filter(|_| lost.is_none()) else {
+        let why = lost.map_or("it says nothing".to_owned(), |loss| loss.to_string());
+        let advice = "look at its power, cable and address (`ping`), end whoever else is connected to it, and hold [tool] against its \
+                      settings";
+        return Check::wrong(NAME, format!("{place}: {why}"), advice);
+    };
+    let says = format!(
+        "{place}: speaks; reads {} N, is {} mm out of {} mm",
+        fixed(reading.force_n, 1),
+        fixed(reading.position_mm, 1),
+        fixed(tool.stroke_mm, 1)
+    );
+    match unready(&reading, tool.stroke_mm) {
+        None => Check::right(NAME, says),
+        Some(why) => {
+            Check::wrong(NAME, format!("{says}; {}", why.message), "mend what it says; no cycle begins before")
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::devices::acf::{MockAcfServer, ToolFault};
+
+    fn cell(port: u16) -> Cell {
+        let text = format!(
+            "[tool]\nkind = 'acf'\nhost = '127.0.0.1'\nport = {port}\nstroke_mm = 30\nmin_force_n = -60\nmax_force_n = 100\n\
+             payload_kg = 1.5\n"
+        );
+        Cell::check("f", &text).unwrap_or_else(|problems| panic!("{problems}"))
+    }
+
+    /// A spring is not looked at; a tool that answers is right, one that is broken or away is told with what to do.
+    #[test]
+    fn the_tool_is_looked_at() {
+        let spring = Cell::check("f", "").unwrap_or_else(|problems| panic!("{problems}"));
+        assert_eq!(check(&spring, false), None);
+        let tool = cell(1);
+        let server = MockAcfServer::start(tool.tool().compliant().expect("one"), 15.0).expect("a port");
+        let there = cell(server.address().port());
+        let right = check(&there, false).expect("looked at");
+        assert!(
+            right.ok && right.found.contains("speaks; reads") && right.found.contains("out of 30.0 mm"),
+            "{right:?}"
+        );
+        assert!(check(&there, true).is_some_and(|check| check.ok && check.found.contains("held by the service")));
+        server.breaks(Some(ToolFault::Errors(2)));
+        let wrong = check(&there, false).expect("looked at");
+        assert!(!wrong.ok && wrong.found.contains("its sensor has an error"), "{wrong:?}");
+        drop(server);
+        let away = check(&there, false).expect("looked at");
+        assert!(
+            !away.ok && away.found.contains("it cannot be connected") && away.advice.contains("ping"),
+            "{away:?}"
+        );
+    }
+}

@@ -1,0 +1,69 @@
+//! The compliant tool as the loop sees it. No command waits for it.
+
+use super::port::{Command, Port};
+use crate::devices::acf::{ConnectedTool, ToolNews};
+use crate::force::Press;
+use serde::Serialize;
+
+/// What is asked of the tool.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ToolCommand {
+    /// Presses with this from now on.
+    Press(Press),
+    /// Tells what is newly known.
+    News,
+}
+
+/// What the tool answers.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ToolAnswer {
+    /// To `Press`.
+    Told,
+    /// To `News`: a reading or the loss of its link; none where nothing is new.
+    News(Option<ToolNews>),
+}
+
+impl Command for ToolCommand {
+    type Answer = ToolAnswer;
+}
+
+/// The tool's commands as functions.
+pub trait ToolPort: Port<ToolCommand> {
+    /// See [`ToolCommand::Press`].
+    fn press(&mut self, press: Press) {
+        self.perform(ToolCommand::Press(press));
+    }
+
+    /// See [`ToolCommand::News`].
+    fn news(&mut self) -> Option<ToolNews> {
+        let ToolAnswer::News(news) = self.perform(ToolCommand::News) else { return None };
+        news
+    }
+}
+
+impl<P: Port<ToolCommand> + ?Sized> ToolPort for P {}
+
+/// A tool at the end of a link; none where the tool is a spring.
+#[derive(Default)]
+pub struct LinkedTool(Option<Box<dyn ConnectedTool>>);
+
+impl LinkedTool {
+    /// This tool.
+    pub fn new(tool: impl ConnectedTool + 'static) -> Self {
+        LinkedTool(Some(Box::new(tool)))
+    }
+}
+
+impl Port<ToolCommand> for LinkedTool {
+    fn perform(&mut self, command: ToolCommand) -> ToolAnswer {
+        match (command, &mut self.0) {
+            (ToolCommand::Press(press), Some(tool)) => {
+                tool.press(press);
+                ToolAnswer::Told
+            }
+            (ToolCommand::Press(_), None) => ToolAnswer::Told,
+            (ToolCommand::News, tool) => ToolAnswer::News(tool.as_mut().and_then(|tool| tool.news())),
+        }
+    }
+}

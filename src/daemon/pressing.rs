@@ -1,0 +1,192 @@
+//! What the loop knows of the compliant tool: its last reading, what it was told, and the contact path under way.
+
+use crate::cell::CompliantTool;
+use crate::devices::acf::ToolNews;
+use crate::eki::Time;
+use crate::force::{Aim, Expected, Loss, Press, Ramp, Reading, Watch, WatchLimits, Weight, aim_of_leg, unready};
+use crate::recipe;
+use crate::verdict::Reason;
+use std::time::Duration;
+
+/// A reading that is older than the tool's deadlines by this much is none: the thread of its link does not work.
+const SLACK: Duration = Duration::from_millis(150);
+/// The force may follow its set-point by so much later.
+const FOLLOWS: Duration = Duration::from_millis(100);
+/// The tool is told anew once its attitude changes its share of the weight by so much, N.
+const ATTITUDE_N: f64 = 0.2;
+
+/// Memory of the tool.
+#[derive(Debug, Default)]
+pub(super) struct Pressing {
+    last: Option<(Time, Reading)>,
+    loss: Option<Loss>,
+    told: Option<Press>,
+    contact: Option<Contact>,
+}
+
+/// A contact path under way.
+#[derive(Debug)]
+struct Contact {
+    /// Of each waypoint of the plan, whether it is on the panel.
+    on_panel: Vec<bool>,
+    force_n: f64,
+    landing_n: f64,
+    ramp_s: f64,
+    aim: Aim,
+    /// The contact force that the tool was told, N.
+    ramp: Ramp,
+    watch: Watch,
+}
+
+impl Pressing {
+    /// A contact path begins: of each waypoint whether it is on the panel.
+    pub fn begin(&mut self, on_panel: Vec<bool>, settings: &recipe::Path, tool: &CompliantTool) {
+        let force_n = settings.force_n().unwrap_or_default();
+        self.contact = Some(Contact {
+            on_panel,
+            force_n,
+            landing_n: settings.landing_force_n().unwrap_or(force_n / 3.0),
+            ramp_s: settings.force_ramp_s(),
+            aim: Aim::HeldBack,
+            ramp: Ramp::at(Press::held_back(tool.min_force_n)),
+            watch: Watch::default(),
+        });
+    }
+
+    /// What the tool is to be told now, where that is something else than it was told last. `under_way` is how many waypoints
+    /// the arm has reached on a contact path.
+    pub fn wanted(
+        &mut self,
+        tool: &CompliantTool,
+        (under_way, downwards): (Option<usize>, f64),
+        now: Time,
+    ) -> Option<Press> {
+        let held = Press::held_back(tool.min_force_n);
+        let wanted = match (under_way, &mut self.contact) {
+            (Some(reached), Some(contact)) => contact.press(reached, (tool, downwards), now),
+            _ => {
+                self.contact = None;
+                held
+            }
+        };
+        let is_same = |told: Press| {
+            let forces = [(told.force_n, wanted.force_n), (told.no_contact_n, wanted.no_contact_n)];
+            forces.into_iter().all(|(told_n, wanted_n)| (told_n - wanted_n).abs() < ATTITUDE_N)
+        };
+        if self.told.is_some_and(is_same) {
+            return None;
+        }
+        self.told = Some(wanted);
+        Some(wanted)
+    }
+
+    /// Takes what is new; a lost link is given back.
+    pub fn hear(&mut self, news: Option<ToolNews>, now: Time) -> Option<Reason> {
+        match news? {
+            ToolNews::Reading { reading, age_ms } => {
+                let age = Duration::from_millis(u64::from(age_ms));
+                let at = Time::after_start(now.since_start().saturating_sub(age));
+                (self.last, self.loss) = (Some((at, reading)), None);
+                None
+            }
+            ToolNews::Lost(loss) => {
+                // Whoever connects again is held back, and must be told anew.
+                (self.last, self.told) = (None, None);
+                Some(lost(self.loss.insert(loss)))
+            }
+        }
+    }
+
+    /// The contact force of the last reading, N.
+    pub fn contact_n(&self, tool: &CompliantTool, downwards: f64) -> Option<f64> {
+        self.last.map(|(_, reading)| weight(tool).contact_n(reading.force_n, downwards))
+    }
+
+    /// Why the contact path under way must end now.
+    pub fn ends(&mut self, tool: &CompliantTool, downwards: f64, now: Time) -> Option<Reason> {
+        if let Some(why) = self.is_not_there(tool, now) {
+            return Some(why);
+        }
+        let (contact_n, (at, reading)) = (self.contact_n(tool, downwards)?, self.last?);
+        let Contact { aim, ramp, watch, .. } = self.contact.as_mut()?;
+        let expected = Expected { aim: *aim, between_n: ramp.between_n(at, FOLLOWS) };
+        watch.see((&reading, contact_n), expected, &limits(tool), at)
+    }
+
+    /// Why no motion towards the panel may begin.
+    pub fn refuses(&self, tool: &CompliantTool, now: Time) -> Option<Reason> {
+        let unready = || self.last.and_then(|(_, reading)| unready(&reading, tool.stroke_mm));
+        self.is_not_there(tool, now).or_else(unready)
+    }
+
+    /// The path under way is over.
+    pub fn is_over(&mut self) {
+        self.contact = None;
+    }
+
+    fn is_not_there(&self, tool: &CompliantTool, now: Time) -> Option<Reason> {
+        if let Some(loss) = &self.loss {
+            return Some(lost(loss));
+        }
+        let Some((at, _)) = self.last else {
+            let words = "nothing was heard of the compliant tool yet; is it on, and its cable in? `panelprep doctor` looks at it";
+            return Some(Reason::new("tool_link", words));
+        };
+        let longest = Duration::from_millis(u64::from(tool.reply_ms + tool.period_ms)) + SLACK;
+        let age = now.since(at);
+        let words = || {
+            format!(
+                "the compliant tool has told nothing for {} ms; `panelprep doctor` looks at it",
+                age.as_millis()
+            )
+        };
+        (age > longest).then(|| Reason::new("tool_link", words()))
+    }
+}
+
+impl Contact {
+    /// What the tool is to press with where the arm has reached so many waypoints.
+    fn press(&mut self, reached: usize, (tool, downwards): (&CompliantTool, f64), now: Time) -> Press {
+        let aim = aim_of_leg(&self.on_panel, reached);
+        let target_n = match aim {
+            Aim::HeldBack => tool.min_force_n,
+            Aim::Landing => self.landing_n,
+            Aim::Pressing => self.force_n,
+        };
+        // Out of the air it comes at once, with the landing force; back into it likewise.
+        let was_held = self.aim == Aim::HeldBack;
+        let ramp_s = if aim == Aim::HeldBack || was_held && aim == Aim::Landing { 0.0 } else { self.ramp_s };
+        if aim != self.aim {
+            self.aim = aim;
+            self.ramp.turn_to(Press { force_n: target_n, no_contact_n: self.landing_n, ramp_s }, now);
+        }
+        if aim == Aim::HeldBack {
+            return Press::held_back(tool.min_force_n);
+        }
+        let actuator_n = |contact_n: f64| {
+            weight(tool).actuator_n(contact_n, downwards).clamp(tool.min_force_n, tool.max_force_n)
+        };
+        Press { force_n: actuator_n(target_n), no_contact_n: actuator_n(self.landing_n), ramp_s }
+    }
+}
+
+fn weight(tool: &CompliantTool) -> Weight {
+    Weight { payload_kg: tool.payload_kg, zero_n: tool.zero_n }
+}
+
+fn limits(tool: &CompliantTool) -> WatchLimits {
+    let span = |ms: u16| Duration::from_millis(u64::from(ms));
+    WatchLimits {
+        stroke_mm: tool.stroke_mm,
+        band_n: tool.band_n,
+        band_within: span(tool.band_ms),
+        contact_within: span(tool.contact_ms),
+    }
+}
+
+fn lost(loss: &Loss) -> Reason {
+    let words = format!(
+        "the link to the compliant tool is lost: {loss}; look at its power and cable, `panelprep doctor` looks at it"
+    );
+    Reason::new("tool_link", words)
+}

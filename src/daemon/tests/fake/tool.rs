@@ -1,0 +1,171 @@
+//! The compliant tool of the scripted cell, on its true panel, and a cell that stands before its contact path.
+
+use super::super::super::*;
+use super::{Asks, Cell, FakeCameras, FakeRobot, Memory, Shared, World};
+use crate::cycle::{Act, At, Event, Phase, State, Switch};
+use crate::daemon::{
+    self,
+    running::{Outside, Running},
+};
+use crate::devices::acf::{ConnectedTool as _, SimulatedAcf, Surrounding, Surroundings, ToolFault};
+use crate::force::downwards;
+use crate::geometry::{Flange, KukaPose, Rigid, Tool};
+use crate::tape::Armed;
+use std::sync::{Arc, Mutex};
+
+/// What is before the tool.
+struct FakePanel {
+    world: Shared,
+    stroke_mm: f64,
+}
+
+impl Surroundings for FakePanel {
+    fn now(&mut self) -> Option<Surrounding> {
+        let world = self.world.borrow();
+        let flange_from_tool: Rigid<Flange, Tool> = KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid();
+        let base_from_tool = world.base_from_flange * flange_from_tool;
+        let truth = world.sim.truth();
+        let height_mm = truth.distance_mm((truth.base_from_panel.inverse() * base_from_tool).origin());
+        Some(Surrounding {
+            time_ms: world.time_ms,
+            touches_at_mm: self.stroke_mm / 2.0 + height_mm,
+            downwards: downwards(&base_from_tool),
+        })
+    }
+
+    fn fault(&mut self) -> Option<ToolFault> {
+        let mut world = self.world.borrow_mut();
+        let (from, fault) = world.tool_fault?;
+        if world.in_contact < from {
+            return None;
+        }
+        // The mock has it for all of the time since it was last looked at.
+        let since_ms = world.time_ms - 100;
+        // Once the disc has left the panel, a later touch counts from then on.
+        let rubs = world.rubs && world.outputs.get(&5) == Some(&true);
+        if world.tool_off_ms.is_none() {
+            world.rubs_since_ms = rubs.then(|| world.rubs_since_ms.unwrap_or(since_ms));
+        }
+        Some(fault)
+    }
+}
+
+impl Cell {
+    /// Its tool, as its file says.
+    pub(super) fn tool(&self) -> LinkedTool {
+        linked(&self.files().0, &self.world)
+    }
+
+    /// One waypoint in 100 ms.
+    pub fn step_by_step(self) -> Self {
+        self.world.borrow_mut().pace = 1;
+        self
+    }
+}
+
+fn simulated(cell: &crate::cell::Cell, world: &Shared) -> Option<SimulatedAcf<FakePanel>> {
+    let tool = cell.tool().compliant()?;
+    Some(SimulatedAcf::new(tool, FakePanel { world: world.clone(), stroke_mm: tool.stroke_mm }))
+}
+
+fn linked(cell: &crate::cell::Cell, world: &Shared) -> LinkedTool {
+    simulated(cell, world).map(LinkedTool::new).unwrap_or_default()
+}
+
+/// A cycle whose tool is being switched on before contact; from here on it can be run any number of times.
+pub struct AtContact {
+    cell: crate::cell::Cell,
+    setup: Arc<CycleSetup>,
+    world: World,
+    state: State,
+    sight: daemon::sight::Sight,
+    abrasion: daemon::abrasion::Abrasion,
+    pending: daemon::pending::Pending,
+    armed: Vec<Armed>,
+    robot_state: Option<crate::eki::State>,
+}
+
+/// How a contact path ended.
+pub struct Ended {
+    pub state: State,
+    pub findings: Vec<Finding>,
+    /// From the fault, or the first touch after it, to the tool's end, ms; none where the disc did not touch any more.
+    pub took_ms: Option<u64>,
+    /// Waypoints executed, as the motion was closed with.
+    pub done: Option<u32>,
+}
+
+impl AtContact {
+    /// Runs a cycle up to there.
+    pub fn of(cell: Cell) -> Self {
+        let setup = Arc::new(cell.setup());
+        let mut record = Memory { fails_at: usize::MAX, ..Memory::default_of(&cell.world) };
+        let (mut robot, mut tool) = (FakeRobot { world: cell.world.clone(), by_the_wall: false }, cell.tool());
+        let mut asks = Asks::one_cycle();
+        let computing = Computing::inline(Box::new(FakeCameras::new(cell.world.clone())), true);
+        let robot = daemon::corrected::Corrected::new(&mut robot, &setup.cell.arm);
+        let ports = Outside { robot, tool: &mut tool, record: &mut record, requests: &mut asks };
+        let mut running = Running::new((setup.cell(), Some(setup.clone())), computing, ports, (State::NEW, true));
+        while let Some(event) = running.next_event().expect("no fault") {
+            running.take(event).expect("no fault");
+            let switches = running.state.due.is_some_and(|due| due.act == Act::Switch(Switch::ToolOn));
+            if running.state.at == At::Execute(Phase::Abrade) && switches {
+                break;
+            }
+        }
+        let Running { state, sight, abrasion, pending, deadlines, robot_state, .. } = running;
+        let pending = pending.unwrap_or_else(|| panic!("no contact: {:?}", state.at));
+        let armed = deadlines.told();
+        let world = cell.world.borrow().clone();
+        AtContact { cell: cell.files().0, setup, world, state, sight, abrasion, pending, armed, robot_state }
+    }
+
+    /// Waypoints of the path.
+    pub fn waypoints(&self) -> u32 {
+        self.state.job.waypoints
+    }
+
+    /// Runs the path with a tool that breaks so once that many of its lines are executed.
+    pub fn run(&self, from: u32, fault: Option<ToolFault>) -> Ended {
+        let mut world = World { tool_fault: fault.map(|fault| (from, fault)), ..self.world.clone() };
+        world.time_ms += 100;
+        let world = Shared(Arc::new(Mutex::new(world)));
+        let mut record = Memory { fails_at: usize::MAX, ..Memory::default_of(&world) };
+        let (mut robot, mut asks) = (FakeRobot { world: world.clone(), by_the_wall: false }, Asks::one_cycle());
+        // It has been connected for long.
+        let mut tool = simulated(&self.cell, &world).expect("a compliant tool");
+        for _ in 0..3 {
+            tool.news();
+            world.borrow_mut().time_ms += 10;
+        }
+        let mut tool = LinkedTool::new(tool);
+        let computing = Computing::inline(Box::new(FakeCameras::new(world.clone())), true);
+        let robot = daemon::corrected::Corrected::new(&mut robot, &self.setup.cell.arm);
+        let ports = Outside { robot, tool: &mut tool, record: &mut record, requests: &mut asks };
+        let cycle = (self.setup.cell(), Some(self.setup.clone()));
+        let mut running = Running::new(cycle, computing, ports, (self.state, true));
+        let robot = self.robot_state.map(Box::new);
+        running.remember(crate::tape::Begin::Cycle { robot, armed: self.armed.clone() });
+        (running.sight, running.abrasion) = (self.sight.clone(), self.abrasion.clone());
+        running.pending = Some(self.pending);
+        let goes_on = |state: &State| {
+            let last = state.due.is_some_and(
+                |due| matches!(due.act, Act::Move(motion) if motion.path == crate::cycle::Path::Retract),
+            );
+            !state.at.rests() && !last
+        };
+        while goes_on(&running.state)
+            && let Some(event) = running.next_event().expect("no fault")
+        {
+            let is_done = matches!(event, Event::Told(crate::cycle::Report::Boot));
+            assert!(!is_done, "it goes on");
+            running.take(event).expect("no fault");
+        }
+        let state = running.state;
+        drop(running);
+        let world = world.borrow();
+        let took_ms = world.rubs_since_ms.zip(world.tool_off_ms).map(|(from_ms, off_ms)| off_ms - from_ms);
+        let done = record.intents.iter().find_map(|(_, end)| end.map(|(_, done)| done));
+        Ended { state, took_ms, done, findings: record.findings }
+    }
+}

@@ -1,0 +1,89 @@
+//! The compliant tool in the loop: it is told what the arm's place asks for, and what it says may end a contact path.
+//!
+//! In each round of the loop what is new is taken, and held against what is expected where the arm is. What is not as it must be
+//! is kept as a finding, the tool is held back, and the table ends the path: tool off and retract by the robot's own program.
+
+use super::error::DaemonError;
+use super::pending::{Pending, Waits};
+use super::ports::{News, RecordError};
+use super::running::Running;
+use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
+use crate::eki::Time;
+use crate::force::{Press, downwards};
+use crate::geometry::{Base, Tool};
+use crate::path::routes::waypoints;
+use crate::record::Kind;
+use crate::verdict::Reason;
+
+impl Running<'_> {
+    /// Hears the tool and tells it what is due; true where something came of it.
+    pub(super) fn attend_tool(&mut self, now: Time) -> Result<bool, DaemonError> {
+        let Some(tool) = self.cell.tool.clone() else { return Ok(false) };
+        let lost = self.pressing.hear(self.ports.tool.news(), now);
+        let (under_way, downwards) = (self.contact_reached(), self.tool_downwards());
+        if let Some(press) = self.pressing.wanted(&tool, (under_way, downwards), now) {
+            self.ports.tool.press(press);
+        }
+        if under_way.is_none() {
+            if let Some(lost) = lost {
+                tracing::warn!("{}", lost.message);
+                self.ports.requests.tell(News::Noted(vec![lost]));
+            }
+            return Ok(false);
+        }
+        if let Some(contact_n) = self.pressing.contact_n(&tool, downwards) {
+            self.trace.measured(contact_n);
+        }
+        let Some(why) = lost.or_else(|| self.pressing.ends(&tool, downwards, now)) else { return Ok(false) };
+        self.pressing.is_over();
+        self.ports.tool.press(Press::held_back(tool.min_force_n));
+        self.note(Kind::Tool, vec![why])?;
+        self.events.push_back(Event::Told(Report::Trouble(Trouble::Force)));
+        Ok(true)
+    }
+
+    /// How many waypoints of a contact path the arm has reached; none where none is under way.
+    fn contact_reached(&self) -> Option<usize> {
+        let is_contact = |pending: &Pending| match (pending.act, &pending.waits) {
+            (Act::Move(motion), Waits::PathEnd) => motion.path == Path::Contact,
+            _ => false,
+        };
+        let sent = self.sent.filter(|_| self.pending.as_ref().is_some_and(is_contact))?;
+        Some(sent.waypoints(self.robot_state?.done) as usize)
+    }
+
+    /// How far the tool points down.
+    fn tool_downwards(&self) -> f64 {
+        let base_from_tool = self
+            .robot_state
+            .map(|state| state.active_base.to_rigid::<Base, Base>() * state.base_from_tcp.to_rigid::<Base, Tool>());
+        base_from_tool.map_or(0.0, |base_from_tool| downwards(&base_from_tool))
+    }
+
+    /// The set-points of a contact path that begins.
+    pub(super) fn begin_pressing(&mut self, motion: Motion) {
+        let (Some(tool), Some(cycle)) = (self.cell.tool.clone(), self.cycle.clone()) else { return };
+        if let (Path::Contact, Some(plan)) = (motion.path, self.abrasion.plan(motion.plan)) {
+            let on_panel = waypoints(plan).iter().map(|waypoint| waypoint.contact).collect();
+            self.pressing.begin(on_panel, cycle.recipe.path(), &tool);
+        }
+    }
+
+    /// Whether the tool lets the arm go towards the panel; else the act has failed, and why is kept.
+    pub(super) fn tool_lets_go(&mut self, id: Id, path: Path) -> Result<bool, RecordError> {
+        let Some(tool) = self.cell.tool.clone().filter(|_| matches!(path, Path::Approach | Path::Contact)) else {
+            return Ok(true);
+        };
+        let now = self.ports.robot_now();
+        let Some(why) = self.pressing.refuses(&tool, now) else { return Ok(true) };
+        self.note(Kind::Tool, vec![why])?;
+        self.answer(id, Answer::Failed(Trouble::Force));
+        Ok(false)
+    }
+
+    /// What the self-test finds wrong with the tool.
+    pub(super) fn tool_unfit(&mut self) -> Option<(Trouble, Reason)> {
+        let (tool, now) = (self.cell.tool.clone()?, self.ports.robot_now());
+        self.pressing.refuses(&tool, now).map(|why| (Trouble::Force, why))
+    }
+}

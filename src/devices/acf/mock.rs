@@ -1,0 +1,186 @@
+//! A mock of the tool: bytes in, bytes out, and an actuator between them. It shares nothing with the session but the format.
+//!
+//! The actuator goes out or back at a bounded speed, until its stroke or the panel ends it. In contact it presses with what it is
+//! told, with the weight of its payload added by its attitude. Its sensor says the actuator's force, off by a small zero, with
+//! noise that depends on the time alone, so that two runs are the same.
+
+use crate::cell::CompliantTool;
+
+/// How fast the actuator is, mm/s.
+const SPEED_MM_S: f64 = 250.0;
+/// Noise of the sensor, N, to either side.
+const NOISE_N: f64 = 0.2;
+/// Force for each millimetre that the panel pushes a tool farther than it goes back, or a stuck one, N/mm.
+const STIFF_N_MM: f64 = 40.0;
+/// Gravity, m/s².
+const GRAVITY_M_S2: f64 = 9.806_65;
+
+/// What is around the tool.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Surrounding {
+    /// The time, ms.
+    pub time_ms: u64,
+    /// So far out the disc touches, mm; infinite where nothing is before it, negative where the arm pushes it against its stop.
+    pub touches_at_mm: f64,
+    /// How far the tool points down, −1…1.
+    pub downwards: f64,
+}
+
+/// What the mock does wrong.
+#[derive(Debug, Clone, Copy, PartialEq, strum::Display)]
+pub enum ToolFault {
+    /// The connection is cut.
+    LinkCut,
+    /// It takes commands and does not answer.
+    Silent,
+    /// It answers, so many ms late.
+    Late(u64),
+    /// It answers with what is no reply.
+    Garbage,
+    /// It answers with another tool's number.
+    OtherId,
+    /// It says that this is wrong, as bits.
+    Errors(u8),
+    /// It presses with so much more, N, than it is told.
+    ForceOff(f64),
+    /// It says that there is no contact, whatever there is.
+    NoContact,
+    /// Its actuator does not move any more.
+    Stuck,
+}
+
+/// The mock.
+#[derive(Debug, Clone)]
+pub struct MockAcf {
+    tool: CompliantTool,
+    fault: Option<ToolFault>,
+    is_logged_in: bool,
+    heard: Vec<u8>,
+    /// What is to be sent, and when.
+    sends: Vec<(u64, Vec<u8>)>,
+    told_n: [f64; 2],
+    position_mm: f64,
+    time_ms: Option<u64>,
+    pub(super) contact: bool,
+    pub(super) sensor_n: f64,
+}
+
+impl MockAcf {
+    /// A tool as the cell's file has it.
+    pub fn new(tool: &CompliantTool) -> Self {
+        MockAcf {
+            tool: tool.clone(),
+            fault: None,
+            is_logged_in: false,
+            heard: Vec::new(),
+            sends: Vec::new(),
+            told_n: [tool.min_force_n; 2],
+            position_mm: 0.0,
+            time_ms: None,
+            contact: false,
+            sensor_n: 0.0,
+        }
+    }
+
+    /// Does this wrong from now on; nothing where there is none.
+    pub fn breaks(&mut self, fault: Option<ToolFault>) {
+        self.fault = fault;
+    }
+
+    /// Whether somebody can connect.
+    pub fn is_reachable(&self) -> bool {
+        self.fault != Some(ToolFault::LinkCut)
+    }
+
+    /// Somebody connects.
+    pub fn connect(&mut self) {
+        (self.is_logged_in, self.heard, self.sends) = (false, Vec::new(), Vec::new());
+    }
+
+    /// Time passes.
+    pub fn advance(&mut self, around: Surrounding) {
+        let Surrounding { time_ms, touches_at_mm, downwards } = around;
+        let passed_s = time_ms.saturating_sub(self.time_ms.unwrap_or(time_ms)) as f64 / 1_000.0;
+        self.time_ms = Some(time_ms);
+        let weight_n = self.tool.payload_kg * GRAVITY_M_S2 * downwards;
+        let off_n = if let Some(ToolFault::ForceOff(off_n)) = self.fault { off_n } else { 0.0 };
+        let actuator_n = self.told_n[usize::from(!self.contact)] + off_n;
+        let total_n = actuator_n + weight_n;
+        let is_stuck = self.fault == Some(ToolFault::Stuck);
+        if !is_stuck {
+            let most_mm = SPEED_MM_S * passed_s;
+            let goal_mm = if total_n > 0.0 { touches_at_mm.min(self.tool.stroke_mm) } else { 0.0 };
+            let step_mm = (goal_mm - self.position_mm).clamp(-most_mm, most_mm);
+            // The panel pushes it in as fast as the arm comes.
+            self.position_mm = (self.position_mm + step_mm).min(touches_at_mm).max(0.0);
+        }
+        let pushed_mm = self.position_mm - touches_at_mm;
+        let contact_n = match (is_stuck, pushed_mm >= -1e-9) {
+            (true, true) => STIFF_N_MM * pushed_mm,
+            (false, true) if pushed_mm > 1e-9 => total_n.max(0.0) + STIFF_N_MM * pushed_mm,
+            (false, true) => total_n,
+            (_, false) => 0.0,
+        };
+        self.contact = contact_n > 0.0;
+        self.sensor_n = self.tool.zero_n + contact_n.max(0.0) - weight_n + noise_n(time_ms);
+    }
+
+    /// These bytes came.
+    pub fn receive(&mut self, bytes: &[u8], now_ms: u64) {
+        self.heard.extend(bytes);
+        while let Some(end) = self.heard.iter().position(|byte| *byte == b'k') {
+            let telegram: Vec<u8> = self.heard.drain(..=end).collect();
+            self.answer(&telegram[..end], now_ms);
+        }
+    }
+
+    fn answer(&mut self, telegram: &[u8], now_ms: u64) {
+        if !self.is_logged_in {
+            self.is_logged_in = telegram == self.tool.login.as_bytes();
+            let echo = if self.is_logged_in { telegram } else { b"denied" };
+            self.sends.push((now_ms, [echo, b"k"].concat()));
+            return;
+        }
+        let text = String::from_utf8_lossy(telegram);
+        let fields: Vec<f64> = text.split(' ').filter_map(|field| field.parse().ok()).collect();
+        let [id, force_n, no_contact_n, _, _, _] = fields[..] else { return };
+        if id != f64::from(self.tool.id) {
+            return;
+        }
+        self.told_n = [force_n, no_contact_n];
+        let (at_ms, bytes) = match self.fault {
+            Some(ToolFault::Silent | ToolFault::LinkCut) => return,
+            Some(ToolFault::Late(late_ms)) => (now_ms + late_ms, self.reply(self.tool.id, 0)),
+            Some(ToolFault::Garbage) => (now_ms, b"1040 2o.1 \xff 1 0k".to_vec()),
+            Some(ToolFault::OtherId) => (now_ms, self.reply(self.tool.id.wrapping_add(1), 0)),
+            Some(ToolFault::Errors(bits)) => (now_ms, self.reply(self.tool.id, bits)),
+            _ => (now_ms, self.reply(self.tool.id, 0)),
+        };
+        self.sends.push((at_ms, bytes));
+    }
+
+    fn reply(&self, id: u16, errors: u8) -> Vec<u8> {
+        let contact = u8::from(self.contact && self.fault != Some(ToolFault::NoContact));
+        format!("{id} {:.2} {:.2} {contact} {errors}k", self.sensor_n, self.position_mm).into_bytes()
+    }
+
+    /// What it has sent by now; `None` where the connection is cut.
+    pub fn sent(&mut self, now_ms: u64) -> Option<Vec<u8>> {
+        if self.fault == Some(ToolFault::LinkCut) {
+            return None;
+        }
+        let due = self.sends.extract_if(.., |(at_ms, _)| *at_ms <= now_ms);
+        Some(due.flat_map(|(_, bytes)| bytes).collect())
+    }
+
+    /// How far it is out, mm.
+    pub fn position_mm(&self) -> f64 {
+        self.position_mm
+    }
+}
+
+/// Noise by the time alone.
+fn noise_n(time_ms: u64) -> f64 {
+    let mixed = time_ms.wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(17).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    NOISE_N * ((mixed >> 40) as f64 / f64::from(1_u32 << 23) - 1.0)
+}

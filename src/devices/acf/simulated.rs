@@ -1,0 +1,151 @@
+//! The tool of the simulated cell: session and mock in the world's time, which passes only while the loop waits.
+
+use super::{ConnectedTool, MockAcf, Surrounding, ToolFault, ToolNews, session_limits};
+use crate::cell::CompliantTool;
+use crate::devices::cameras::Arm;
+use crate::devices::world::SimulatedWorld;
+use crate::eki::Time;
+use crate::force::{Loss, Press, Session, State, downwards};
+use crate::geometry::{Flange, Rigid, Tool};
+
+/// So finely time passes between two looks, ms.
+const STEP_MS: u64 = 5;
+/// A lost link is tried again after this time, ms.
+const AGAIN_MS: u64 = 500;
+/// A disc that is farther beside the panel's outline than this has nothing before it, mm.
+const BESIDE_MM: f64 = 15.0;
+
+/// What says where the tool is.
+pub trait Surroundings: Send {
+    /// What is around it now; none where that is not known yet.
+    fn now(&mut self) -> Option<Surrounding>;
+    /// The fault that it has now.
+    fn fault(&mut self) -> Option<ToolFault> {
+        None
+    }
+}
+
+/// Session and mock.
+pub struct SimulatedAcf<S> {
+    around: S,
+    session: Session,
+    mock: MockAcf,
+    last: Option<Surrounding>,
+    pressed: Option<Press>,
+    told: Option<Time>,
+    is_lost: bool,
+    again_ms: u64,
+}
+
+impl<S: Surroundings> SimulatedAcf<S> {
+    /// A tool as the cell's file has it, in these surroundings.
+    pub fn new(tool: &CompliantTool, around: S) -> Self {
+        SimulatedAcf {
+            around,
+            session: Session::new(session_limits(tool)),
+            mock: MockAcf::new(tool),
+            last: None,
+            pressed: None,
+            told: None,
+            is_lost: false,
+            again_ms: 0,
+        }
+    }
+
+    /// Session and mock up to now.
+    fn pass(&mut self, now: Surrounding) {
+        let from = self.last.replace(now).unwrap_or(Surrounding { time_ms: now.time_ms, ..now });
+        let span_ms = now.time_ms.saturating_sub(from.time_ms);
+        let steps = span_ms.div_ceil(STEP_MS).max(1);
+        for step in 1..=steps {
+            let share = step as f64 / steps as f64;
+            let between = |from: f64, to: f64| {
+                if from.is_finite() && to.is_finite() { from + (to - from) * share } else { to }
+            };
+            self.step(Surrounding {
+                time_ms: from.time_ms + span_ms * step / steps,
+                touches_at_mm: between(from.touches_at_mm, now.touches_at_mm),
+                downwards: between(from.downwards, now.downwards),
+            });
+        }
+    }
+
+    fn step(&mut self, around: Surrounding) {
+        let (now, now_ms) = (Time::at_ms(around.time_ms), around.time_ms);
+        self.mock.advance(around);
+        if matches!(self.session.state(), State::Offline | State::Lost(_)) && now_ms >= self.again_ms {
+            self.again_ms = now_ms + AGAIN_MS;
+            if !self.mock.is_reachable() {
+                return self.session.lose(Loss::Unreachable { problem: "the connection is refused".to_owned() });
+            }
+            self.mock.connect();
+            let login = self.session.connected(now);
+            self.mock.receive(&login, now_ms);
+        }
+        if let Some(press) = self.pressed.take_if(|_| self.session.is_live()) {
+            self.session.press(press, now);
+        }
+        match self.mock.sent(now_ms) {
+            Some(bytes) => self.session.received(&bytes, now),
+            None => self.session.lose(Loss::Closed),
+        }
+        if let Some(bytes) = self.session.tick(now) {
+            self.mock.receive(&bytes, now_ms);
+        }
+    }
+}
+
+impl<S: Surroundings> ConnectedTool for SimulatedAcf<S> {
+    fn press(&mut self, press: Press) {
+        self.pressed = Some(press);
+    }
+
+    fn news(&mut self) -> Option<ToolNews> {
+        let now = self.around.now()?;
+        let fault = self.around.fault();
+        self.mock.breaks(fault);
+        if self.last.is_none_or(|last| now.time_ms > last.time_ms) {
+            self.pass(now);
+        }
+        if let State::Lost(loss) = self.session.state() {
+            let is_new = !std::mem::replace(&mut self.is_lost, true);
+            return is_new.then(|| ToolNews::Lost(loss.clone()));
+        }
+        let (at, reading) = self.session.newest().filter(|(at, _)| self.told != Some(*at))?;
+        (self.told, self.is_lost) = (Some(at), false);
+        let age_ms = u32::try_from(Time::at_ms(now.time_ms).since(at).as_millis()).unwrap_or(u32::MAX);
+        Some(ToolNews::Reading { reading, age_ms })
+    }
+}
+
+/// The true panel before the arm of the simulated world.
+pub struct SimulatedPanel {
+    world: SimulatedWorld,
+    arm: Arm,
+    flange_from_tool: Rigid<Flange, Tool>,
+    stroke_mm: f64,
+}
+
+impl SimulatedPanel {
+    /// A tool of this stroke, mounted so on this arm.
+    pub fn new((world, arm): (SimulatedWorld, Arm), flange_from_tool: Rigid<Flange, Tool>, stroke_mm: f64) -> Self {
+        SimulatedPanel { world, arm, flange_from_tool, stroke_mm }
+    }
+}
+
+impl Surroundings for SimulatedPanel {
+    fn now(&mut self) -> Option<Surrounding> {
+        let moment = self.arm.moment_now()?;
+        let truth = self.world.truth();
+        let base_from_tool = moment.base_from_flange() * self.flange_from_tool;
+        let tip = (truth.base_from_panel.inverse() * base_from_tool).origin();
+        let is_beside = truth.outline_distance_mm(tip) > BESIDE_MM;
+        // The disc is flat on the panel: along the tool's axis it is as far as along the normal.
+        let height_mm = if is_beside { f64::INFINITY } else { truth.distance_mm(tip) };
+        Some(Surrounding {
+            time_ms: moment.time_ms(),
+            touches_at_mm: self.stroke_mm / 2.0 + height_mm,
+            downwards: downwards(&base_from_tool),
+        })
+    }
+}

@@ -1,0 +1,88 @@
+//! The link over a real socket, with each fault; and the mock's actuator by hand.
+
+use super::*;
+use crate::cell::{Cell, ToolAddress};
+use std::time::Instant;
+
+fn tool() -> CompliantTool {
+    let cell = Cell::check("f", "[tool]\nkind = 'simulated'").unwrap_or_else(|problems| panic!("{problems}"));
+    cell.tool().compliant().expect("compliant").clone()
+}
+
+fn started(server: &MockAcfServer) -> AcfLink {
+    let address = ToolAddress { host: "127.0.0.1".to_owned(), port: server.address().port() };
+    AcfLink::start(&tool(), &address).expect("a thread")
+}
+
+/// What comes within two seconds that is asked for, and how long it took.
+fn wait(link: &mut AcfLink, wanted: impl Fn(&ToolNews) -> bool) -> (ToolNews, Duration) {
+    let began = Instant::now();
+    while began.elapsed() < Duration::from_secs(4) {
+        match link.news().filter(&wanted) {
+            Some(news) => return (news, began.elapsed()),
+            None => std::thread::sleep(Duration::from_millis(1)),
+        }
+    }
+    panic!("nothing came");
+}
+
+/// A tool that is told to press presses, with its force and position read back.
+#[test]
+fn a_tool_over_a_socket_presses_as_it_is_told() {
+    let server = MockAcfServer::start(&tool(), 15.0).expect("a port");
+    let mut link = started(&server);
+    let held = |news: &ToolNews| matches!(news, ToolNews::Reading { reading, .. } if !reading.contact);
+    wait(&mut link, held);
+    link.press(Press { force_n: 20.0, no_contact_n: 5.0, ramp_s: 0.1 });
+    let pressed =
+        |news: &ToolNews| matches!(news, ToolNews::Reading { reading, .. } if (reading.force_n - 20.0).abs() < 0.5);
+    let (news, _) = wait(&mut link, pressed);
+    let ToolNews::Reading { reading, age_ms } = news else { panic!("{news:?}") };
+    assert!(reading.contact && (reading.position_mm - 15.0).abs() < 0.1 && age_ms < 200, "{reading:?} {age_ms}");
+}
+
+/// Each fault of the link is told by its name within the reply's deadline and what a busy machine adds; the link comes back.
+#[test]
+fn each_fault_of_the_link_is_told_and_mended() {
+    let server = MockAcfServer::start(&tool(), 15.0).expect("a port");
+    let mut link = started(&server);
+    let reads = |news: &ToolNews| matches!(news, ToolNews::Reading { .. });
+    for (fault, word) in [
+        (ToolFault::LinkCut, "closed"),
+        (ToolFault::Silent, "has not answered for 1"),
+        (ToolFault::Late(140), "has not answered for 1"),
+        (ToolFault::Garbage, "is no reply"),
+        (ToolFault::OtherId, "id 1041 answered"),
+    ] {
+        server.breaks(None);
+        wait(&mut link, reads);
+        server.breaks(Some(fault));
+        let (news, took) = wait(&mut link, |news| matches!(news, ToolNews::Lost(_)));
+        let ToolNews::Lost(loss) = news else { panic!("{news:?}") };
+        assert!(loss.to_string().contains(word), "{fault}: {loss}");
+        assert!(took < Duration::from_millis(400), "{fault} took {took:?}");
+    }
+    server.breaks(None);
+    wait(&mut link, reads);
+}
+
+/// By hand: out at 250 mm/s, 15 mm take 60 ms; then it presses with 20 N and, pointing down, with its 1.5 kg: 34.7 N.
+#[test]
+fn the_mocks_actuator_goes_out_until_it_touches() {
+    let mut mock = MockAcf::new(&tool());
+    mock.receive(b"ferbak1040 20.00 20.00 0.000 0.000 0k", 0);
+    let at = |time_ms, downwards| Surrounding { time_ms, touches_at_mm: 15.0, downwards };
+    mock.advance(at(0, 0.0));
+    mock.advance(at(30, 0.0));
+    assert!((mock.position_mm() - 7.5).abs() < 1e-9 && !mock.contact);
+    mock.advance(at(70, 0.0));
+    assert!((mock.position_mm() - 15.0).abs() < 1e-9 && mock.contact);
+    mock.advance(at(80, 1.0));
+    // The sensor says the actuator's force.
+    assert!((mock.sensor_n - 20.0).abs() <= 0.2, "{}", mock.sensor_n);
+    mock.breaks(Some(ToolFault::ForceOff(12.0)));
+    mock.advance(at(90, 0.0));
+    assert!((mock.sensor_n - 32.0).abs() <= 0.2, "{}", mock.sensor_n);
+    mock.advance(Surrounding { time_ms: 100, touches_at_mm: -2.0, downwards: 0.0 });
+    assert!(mock.position_mm() == 0.0 && mock.sensor_n > 100.0, "pushed against its stop");
+}

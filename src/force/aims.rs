@@ -1,0 +1,58 @@
+//! Which force belongs to which part of a path.
+//!
+//! Waypoints are those of the plan, the first one in air; the robot tells how many of the others it has reached, and is then
+//! on the leg from that waypoint to the next. Through the air and over a hole the tool is held back. On the way down and up, one
+//! end of which is on the panel, it presses with the landing force, and so it does on the last leg before it leaves, so
+//! that the force has come down when the disc lifts off. Between, it presses with the recipe's force.
+
+use serde::{Deserialize, Serialize};
+
+/// What the tool is to do on a leg.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Aim {
+    /// It is held back.
+    HeldBack,
+    /// It comes down or leaves, with the landing force.
+    Landing,
+    /// It presses with the recipe's force.
+    Pressing,
+}
+
+/// The aim on the leg that begins at this waypoint; `contact` says of each waypoint whether it is on the panel.
+pub fn aim_of_leg(contact: &[bool], reached: usize) -> Aim {
+    let on = |index: usize| contact.get(index).copied().unwrap_or(false);
+    match (on(reached), on(reached + 1)) {
+        (false, false) => Aim::HeldBack,
+        (true, true) if on(reached + 2) => Aim::Pressing,
+        _ => Aim::Landing,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// By hand: air, low, four on the panel, low, air. Held back to the low one, landing on the way down, pressing on two
+    /// legs, landing force on the last one on the panel and on the way up, held back.
+    #[test]
+    fn forces_follow_the_path() {
+        let contact = [false, false, true, true, true, true, false, false];
+        use Aim::{HeldBack as H, Landing as L, Pressing as P};
+        let aims: Vec<Aim> = (0..9).map(|reached| aim_of_leg(&contact, reached)).collect();
+        assert_eq!(aims, [H, L, P, P, L, L, H, H, H]);
+        assert_eq!(aim_of_leg(&[], 0), H, "nothing is known of the plan");
+    }
+
+    proptest! {
+        /// Never the recipe's force where either end of the leg, or the next one's end, is off the panel.
+        #[test]
+        fn nothing_presses_beside_the_panel(contact in prop::collection::vec(any::<bool>(), 0..20), at in 0_usize..25) {
+            let on = |index: usize| contact.get(index) == Some(&true);
+            let presses = aim_of_leg(&contact, at) == Aim::Pressing;
+            prop_assert_eq!(presses, on(at) && on(at + 1) && on(at + 2));
+            prop_assert_eq!(aim_of_leg(&contact, at) == Aim::HeldBack, !on(at) && !on(at + 1));
+        }
+    }
+}

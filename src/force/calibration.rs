@@ -1,0 +1,183 @@
+//! Payload and zero of the tool, from its readings without contact at several attitudes.
+//!
+//! Without contact (1) to (3) of `gravity` leave, with x = a · d,
+//!
+//! ```text
+//! F_reading = zero − m g x                                                                       (1)
+//! ```
+//!
+//! a straight line over x, fitted by least squares. With n readings, residuals r and s² = Σr² / (n − 2), the slope's variance is
+//! s² / Σ(x − x̄)² and the zero's s² (1/n + x̄² / Σ(x − x̄)²); stated are 1.96 standard errors, of a scatter of at least what the sensor
+//! resolves. Readings whose attitudes do not differ enough say nothing of the payload and are refused.
+
+use super::gravity::{STANDARD_GRAVITY_M_S2, Weight};
+
+/// Readings at least.
+const LEAST: usize = 3;
+/// The attitudes must differ by this much of x at least: 60° about the horizontal.
+const LEAST_SPREAD: f64 = 0.5;
+/// What a sensor resolves at best, N.
+const RESOLUTION_N: f64 = 0.05;
+/// Farther than this from the line a reading was not taken without contact, N.
+const MOST_RESIDUAL_N: f64 = 3.0;
+
+/// A reading without contact.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AttitudeReading {
+    /// How far the tool points down, −1…1.
+    pub downwards: f64,
+    /// What it reads, N.
+    pub force_n: f64,
+}
+
+/// Payload and zero with what they leave.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ForceCalibration {
+    /// The result.
+    pub weight: Weight,
+    /// Uncertainty of the payload, 95 %, kg.
+    pub payload_95_kg: f64,
+    /// Uncertainty of the zero, 95 %, N.
+    pub zero_95_n: f64,
+    /// Residuals, rms, N.
+    pub rms_n: f64,
+    /// How many readings.
+    pub readings: usize,
+}
+
+/// Why readings hold no result.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CalibrationError {
+    /// Too few.
+    #[error("{found} readings, at least {LEAST} at different attitudes are needed")]
+    TooFew {
+        /// How many there are.
+        found: usize,
+    },
+    /// A number that is none.
+    #[error("reading {index} is not a number, or its attitude is none")]
+    NotFinite {
+        /// Which, from 1.
+        index: usize,
+    },
+    /// They are too much alike.
+    #[error(
+        "the tool points down by {least:.2} to {most:.2} in all readings, they must differ by {LEAST_SPREAD}: take one pointing down, \
+         one level and one pointing up, as far as the arm allows"
+    )]
+    Alike {
+        /// The least.
+        least: f64,
+        /// The most.
+        most: f64,
+    },
+    /// One of them does not fit.
+    #[error(
+        "reading {index} lies {off_n:.1} N off the others, allowed are {MOST_RESIDUAL_N} N; did the tool touch something?"
+    )]
+    Outlier {
+        /// Which, from 1.
+        index: usize,
+        /// How far off, N.
+        off_n: f64,
+    },
+    /// A payload that nothing has.
+    #[error(
+        "the readings say a payload of {payload_kg:.2} kg; are force and attitude of each reading its own, and the sign right?"
+    )]
+    Negative {
+        /// What they say, kg.
+        payload_kg: f64,
+    },
+}
+
+/// Fits (1).
+///
+/// # Errors
+/// Where the readings cannot hold a result.
+pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, CalibrationError> {
+    let n = readings.len() as f64;
+    if readings.len() < LEAST {
+        return Err(CalibrationError::TooFew { found: readings.len() });
+    }
+    let is_number = |reading: &AttitudeReading| reading.downwards.abs() <= 1.000_1 && reading.force_n.is_finite();
+    if let Some(index) = readings.iter().position(|reading| !is_number(reading)) {
+        return Err(CalibrationError::NotFinite { index: index + 1 });
+    }
+    let all = || readings.iter().map(|reading| reading.downwards);
+    let (least, most) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
+    if most - least < LEAST_SPREAD {
+        return Err(CalibrationError::Alike { least, most });
+    }
+    let (mean_x, mean_n) =
+        (all().sum::<f64>() / n, readings.iter().map(|reading| reading.force_n).sum::<f64>() / n);
+    let spread: f64 = all().map(|x| (x - mean_x).powi(2)).sum();
+    let product: f64 = readings.iter().map(|read| (read.downwards - mean_x) * (read.force_n - mean_n)).sum();
+    let slope_n = product / spread;
+    let zero_n = mean_n - slope_n * mean_x;
+    let off_n = |read: &AttitudeReading| read.force_n - zero_n - slope_n * read.downwards;
+    let farthest = readings.iter().map(|read| off_n(read).abs()).enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+    if let Some((index, off_n)) = farthest.filter(|(_, off_n)| *off_n > MOST_RESIDUAL_N) {
+        return Err(CalibrationError::Outlier { index: index + 1, off_n });
+    }
+    let payload_kg = -slope_n / STANDARD_GRAVITY_M_S2;
+    if payload_kg < 0.0 {
+        return Err(CalibrationError::Negative { payload_kg });
+    }
+    let squares: f64 = readings.iter().map(|read| off_n(read).powi(2)).sum();
+    let scatter_n = (squares / (n - 2.0)).sqrt().max(RESOLUTION_N);
+    Ok(ForceCalibration {
+        weight: Weight { payload_kg, zero_n },
+        payload_95_kg: 1.96 * scatter_n / spread.sqrt() / STANDARD_GRAVITY_M_S2,
+        zero_95_n: 1.96 * scatter_n * (1.0 / n + mean_x * mean_x / spread).sqrt(),
+        rms_n: (squares / n).sqrt(),
+        readings: readings.len(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn read(downwards: f64, force_n: f64) -> AttitudeReading {
+        AttitudeReading { downwards, force_n }
+    }
+
+    /// By hand: 1 kg and a zero of 2 N read −7.80665 N down, 2 N level, 11.80665 N up. Their spread is 2, so that 0.05 N of scatter
+    /// are 1.96 · 0.05 / √2 / 9.80665 = 0.00707 kg and 1.96 · 0.05 / √3 = 0.0566 N.
+    #[test]
+    fn payload_and_zero_are_found() {
+        let found = calibrate(&[read(1.0, -7.806_65), read(0.0, 2.0), read(-1.0, 11.806_65)]).expect("a result");
+        assert!((found.weight.payload_kg - 1.0).abs() < 1e-9 && (found.weight.zero_n - 2.0).abs() < 1e-9);
+        assert!((found.payload_95_kg - 0.007_07).abs() < 1e-5, "{found:?}");
+        assert!((found.zero_95_n - 0.056_6).abs() < 1e-4, "{found:?}");
+    }
+
+    #[test]
+    fn what_holds_no_result_is_refused() {
+        let says = |readings: &[AttitudeReading]| calibrate(readings).expect_err("refused").to_string();
+        assert!(says(&[read(1.0, 1.0), read(0.0, 2.0)]).starts_with("2 readings"));
+        assert!(says(&[read(1.0, 1.0), read(0.9, 2.0), read(0.8, 2.0)]).contains("0.80 to 1.00"));
+        assert!(says(&[read(1.0, 1.0), read(f64::NAN, 2.0), read(0.0, 2.0)]).starts_with("reading 2"));
+        let touched = [read(1.0, -8.0), read(0.5, -3.0), read(0.0, 22.0), read(-1.0, 12.0)];
+        assert!(says(&touched).starts_with("reading 3 lies"), "{}", says(&touched));
+        assert!(says(&[read(1.0, 12.0), read(0.0, 2.0), read(-1.0, -8.0)]).contains("payload of -1.0"));
+    }
+
+    proptest! {
+        /// With noise the truth lies within what is stated, three times over.
+        #[test]
+        fn the_truth_is_near(payload_kg in 0.2..8.0_f64, zero_n in -5.0..5.0_f64, noise in prop::collection::vec(-0.05..0.05_f64, 7)) {
+            let truth = Weight { payload_kg, zero_n };
+            let at = |(index, noise_n): (usize, &f64)| {
+                let downwards = 1.0 - index as f64 / 3.0;
+                read(downwards, truth.zero_n - truth.presses_n(downwards) + noise_n)
+            };
+            let readings: Vec<AttitudeReading> = noise.iter().enumerate().map(at).collect();
+            let found = calibrate(&readings).expect("a result");
+            prop_assert!((found.weight.payload_kg - payload_kg).abs() <= 3.0 * found.payload_95_kg);
+            prop_assert!((found.weight.zero_n - zero_n).abs() <= 3.0 * found.zero_95_n);
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! The weight of what hangs on the tool, by the tool's attitude.
+//!
+//! ```text
+//! F_contact = F_actuator + m g (a · d)                                                       (1)
+//! F_actuator = F_contact − m g (a · d)                                                       (2)
+//! F_actuator = F_reading − zero                                                              (3)
+//! ```
+//!
+//! `a` is the direction in which the tool presses, its own +Z, and `d` the direction of gravity, −Z of the robot's base, both of
+//! length 1: the base must stand level. Pointing down (`a · d` = 1) the weight presses too; pointing up it takes from the force. The
+//! tool is told a payload of 0 kg, so that nothing is compensated twice.
+
+use crate::geometry::{Base, Rigid, Tool, Vector};
+use nalgebra::Vector3;
+
+/// Standard gravity, m/s².
+pub const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
+
+/// What the actuator carries, and what its sensor says of nothing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Weight {
+    /// What hangs on the actuator: the sander with its disc, kg.
+    pub payload_kg: f64,
+    /// What the sensor says where the actuator has no force, N.
+    pub zero_n: f64,
+}
+
+impl Weight {
+    /// The share of the contact force that is weight, N, for a tool that points down by so much, −1…1.
+    pub fn presses_n(&self, downwards: f64) -> f64 {
+        self.payload_kg * STANDARD_GRAVITY_M_S2 * downwards
+    }
+
+    /// The contact force of a reading, N: (1) with (3).
+    pub fn contact_n(&self, reading_n: f64, downwards: f64) -> f64 {
+        reading_n - self.zero_n + self.presses_n(downwards)
+    }
+
+    /// The actuator's force for this contact force, N: (2).
+    pub fn actuator_n(&self, contact_n: f64, downwards: f64) -> f64 {
+        contact_n - self.presses_n(downwards)
+    }
+}
+
+/// How far a tool points down: the cosine between its +Z and gravity.
+pub fn downwards(base_from_tool: &Rigid<Base, Tool>) -> f64 {
+    -(*base_from_tool * Vector::<Tool>::new(Vector3::z())).mm.z
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::KukaPose;
+
+    fn turned(b_deg: f64) -> f64 {
+        downwards(&KukaPose { b_deg, ..KukaPose::default() }.to_rigid())
+    }
+
+    /// By hand: 2 kg weigh 19.6133 N. Down: 20 N of contact take 0.3867 N of the actuator. Up: 39.6133 N. Level: 20 N. By 60° from
+    /// down the half of it presses: 10.19335 N.
+    #[test]
+    fn weight_presses_by_the_attitude() {
+        let weight = Weight { payload_kg: 2.0, zero_n: 0.0 };
+        for (b_deg, actuator_n) in [(180.0, 0.3867), (0.0, 39.6133), (90.0, 20.0), (120.0, 10.193_35)] {
+            let found = weight.actuator_n(20.0, turned(b_deg));
+            assert!((found - actuator_n).abs() < 1e-9, "{b_deg}: {found}");
+        }
+    }
+
+    /// By hand: level, a reading of 21.5 N with a zero of 1.5 N is a contact of 20 N; pointing down it is 39.6133 N.
+    #[test]
+    fn a_reading_is_a_contact_force() {
+        let weight = Weight { payload_kg: 2.0, zero_n: 1.5 };
+        assert!((weight.contact_n(21.5, turned(90.0)) - 20.0).abs() < 1e-9);
+        assert!((weight.contact_n(21.5, turned(180.0)) - 39.6133).abs() < 1e-9);
+    }
+}

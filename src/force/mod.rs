@@ -1,0 +1,36 @@
+//! The compliant tool without sockets: its telegrams, its session, its set-points, and what is expected of its readings.
+//!
+//! A compliant tool presses the disc onto the panel with a force of its own, whatever the arm's distance, as far as its
+//! stroke reaches. The arm's tool centre point is calibrated at half the stroke. The arm moves along the plan as with any
+//! other tool; no force is controlled through the arm.
+//!
+//! ```text
+//! tool fully back            half the stroke               fully out
+//! 0 mm ├──────┬───────────────────┼───────────────────┬──────┤ stroke_mm
+//!             └─ middle two thirds: in contact the tool is here ─┘
+//! ```
+//!
+//! Forces are contact forces, N, positive where the disc presses onto the panel, unless they are said to be the actuator's;
+//! `gravity` has the formula between them. Read in this order: `telegram` · `session` · `press` (what the tool is told) ·
+//! `gravity` · `aims` (which force at which waypoint) · `watch` (readings against what is expected) · `stroke` (the gate before
+//! the motion) · `calibration` (payload and zero from readings without contact).
+
+mod aims;
+mod calibration;
+mod gravity;
+mod press;
+mod session;
+mod stroke;
+mod telegram;
+mod watch;
+
+pub use aims::{Aim, aim_of_leg};
+pub use calibration::{AttitudeReading, CalibrationError, ForceCalibration, calibrate};
+pub use gravity::{STANDARD_GRAVITY_M_S2, Weight, downwards};
+pub use press::{Press, Ramp};
+pub use session::{Loss, Session, SessionLimits, State};
+pub use stroke::{MIDDLE_SHARE, TOOL_STROKE, check_stroke};
+pub use telegram::{
+    Command, ErrorBits, LOGIN_ECHO_MOST_BYTES, Reading, TERMINATOR, TelegramError, login, parse_reply,
+};
+pub use watch::{Expected, Watch, WatchLimits, unready};

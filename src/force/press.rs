@@ -1,0 +1,89 @@
+//! What the tool is told, and the ramp from one set-point to the next.
+
+use crate::eki::Time;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// A set-point: forces of the actuator, gravity taken out already.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Press {
+    /// The actuator's force in contact, N; negative holds the tool back.
+    pub force_n: f64,
+    /// Its force where there is no contact, N.
+    pub no_contact_n: f64,
+    /// From the set-point before to this one, s.
+    pub ramp_s: f64,
+}
+
+impl Press {
+    /// Holds the tool back with this force of the actuator, N, at once.
+    pub fn held_back(force_n: f64) -> Self {
+        Press { force_n, no_contact_n: force_n, ramp_s: 0.0 }
+    }
+}
+
+/// A set-point that is come to in a straight line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ramp {
+    from_n: f64,
+    to: Press,
+    since: Time,
+}
+
+impl Ramp {
+    /// Stands at this set-point.
+    pub fn at(press: Press) -> Self {
+        Ramp { from_n: press.force_n, to: press, since: Time::default() }
+    }
+
+    /// From now on to this set-point.
+    pub fn turn_to(&mut self, press: Press, now: Time) {
+        *self = Ramp { from_n: self.force_n(now), to: press, since: now };
+    }
+
+    /// The set-point that it leads to.
+    pub fn target(&self) -> Press {
+        self.to
+    }
+
+    /// The actuator's force at this time, N.
+    pub fn force_n(&self, now: Time) -> f64 {
+        let Ramp { from_n, to, since } = self;
+        let passed_s = now.since(*since).as_secs_f64();
+        let share = if to.ramp_s > 0.0 { (passed_s / to.ramp_s).min(1.0) } else { 1.0 };
+        from_n + (to.force_n - from_n) * share
+    }
+
+    /// The forces between which it was in so long a time before now, lower first, N: a tool follows with some delay.
+    pub fn between_n(&self, now: Time, delay: Duration) -> [f64; 2] {
+        let before = Time::after_start(now.since_start().saturating_sub(delay));
+        // The ramp is a straight line, and before its begin stood where it begins.
+        let (before_n, now_n) = (self.force_n(before), self.force_n(now));
+        let before_n = if before < self.since { self.from_n } else { before_n };
+        [before_n.min(now_n), before_n.max(now_n)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: from 5 to 20 N in 0.3 s is 10 N after 0.1 s; turned there to 0 N at once.
+    #[test]
+    fn a_ramp_is_a_straight_line_from_where_it_is() {
+        let at = |ms| Time::at_ms(ms);
+        let mut ramp = Ramp::at(Press { force_n: 5.0, no_contact_n: 5.0, ramp_s: 0.0 });
+        assert_eq!(ramp.force_n(at(10)), 5.0);
+        ramp.turn_to(Press { force_n: 20.0, no_contact_n: 5.0, ramp_s: 0.3 }, at(1_000));
+        assert!((ramp.force_n(at(1_100)) - 10.0).abs() < 1e-9);
+        assert_eq!(ramp.force_n(at(1_300)), 20.0);
+        let delay = Duration::from_millis(100);
+        assert_eq!(ramp.between_n(at(1_050), delay).map(f64::round), [5.0, 8.0]);
+        assert_eq!(ramp.between_n(at(1_200), delay).map(f64::round), [10.0, 15.0]);
+        assert_eq!(ramp.between_n(at(1_400), delay), [20.0, 20.0]);
+        ramp.turn_to(Press::held_back(-30.0), at(1_100));
+        assert_eq!(ramp.force_n(at(1_100)), -30.0);
+        assert_eq!(ramp.between_n(at(1_150), delay).map(f64::round), [-30.0, 10.0]);
+    }
+}

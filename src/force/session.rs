@@ -1,0 +1,321 @@
+//! The session with the tool: log-in, then one command a period, each answered before its deadline. No sockets, no clock.
+//!
+//! Whoever has the connection says what came and what time it is, and sends what it is given. The first thing that is not as it must
+//! be ends the session with its [`Loss`]; a new connection begins with the tool held back. Nothing is ever skipped or guessed:
+//! a wrong byte ends it, since whatever follows could be the answer to something else.
+
+use super::press::{Press, Ramp};
+use super::telegram::{self, Command, LOGIN_ECHO_MOST_BYTES, Reading, TERMINATOR, TelegramError};
+use crate::eki::Time;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// How long the echo of the log-in may take.
+const LOGIN_WITHIN: Duration = Duration::from_millis(1_000);
+
+/// What a session works by.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SessionLimits {
+    /// The log-in word.
+    pub login: String,
+    /// The tool's number.
+    pub id: u16,
+    /// From one command to the next.
+    pub period: Duration,
+    /// How long a reply may take.
+    pub reply_within: Duration,
+    /// What the tool is told until it is told otherwise.
+    pub at_rest: Press,
+}
+
+/// Why the link to the tool is lost.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
+pub enum Loss {
+    /// Nothing connects.
+    #[error("it cannot be connected: {problem}")]
+    Unreachable {
+        /// What the system says.
+        problem: String,
+    },
+    /// The connection ended.
+    #[error("the connection was closed")]
+    Closed,
+    /// It refused the log-in.
+    #[error("it answered the log-in word with \"{found}\"; hold [tool] login against its settings")]
+    NotLoggedIn {
+        /// What it said.
+        found: String,
+    },
+    /// No answer in time.
+    #[error("it has not answered for {ms} ms")]
+    Silent {
+        /// How long, ms.
+        ms: u64,
+    },
+    /// What it said is no reply.
+    #[error("what it said is no reply: {problem}")]
+    Garbage {
+        /// Why.
+        problem: String,
+    },
+    /// Another tool answered.
+    #[error("{problem}; hold [tool] id against its settings")]
+    OtherId {
+        /// Which.
+        problem: String,
+    },
+    /// It spoke without having been asked.
+    #[error("it spoke without having been asked")]
+    Unasked,
+}
+
+/// Where a session stands.
+#[derive(Debug, Clone, PartialEq)]
+pub enum State {
+    /// There is no connection yet.
+    Offline,
+    /// The log-in was sent at this time.
+    LoggingIn(Time),
+    /// Nothing is asked; the next command is due at this time.
+    Ready(Time),
+    /// A command was sent at this time.
+    Asked(Time),
+    /// It has ended.
+    Lost(Loss),
+}
+
+/// A session.
+#[derive(Debug, Clone)]
+pub struct Session {
+    limits: SessionLimits,
+    state: State,
+    ramp: Ramp,
+    buffer: Vec<u8>,
+    newest: Option<(Time, Reading)>,
+}
+
+impl Session {
+    /// One that is not connected yet.
+    pub fn new(limits: SessionLimits) -> Self {
+        let ramp = Ramp::at(limits.at_rest);
+        Session { limits, state: State::Offline, ramp, buffer: Vec::new(), newest: None }
+    }
+
+    /// The connection stands: gives the log-in to be sent. The tool is held back until it is told otherwise.
+    pub fn connected(&mut self, now: Time) -> Vec<u8> {
+        *self = Session { state: State::LoggingIn(now), ..Session::new(self.limits.clone()) };
+        telegram::login(&self.limits.login)
+    }
+
+    /// What the tool is told from now on.
+    pub fn press(&mut self, press: Press, now: Time) {
+        self.ramp.turn_to(press, now);
+    }
+
+    /// Where it stands.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Whether replies come.
+    pub fn is_live(&self) -> bool {
+        matches!(self.state, State::Ready(_) | State::Asked(_)) && self.newest.is_some()
+    }
+
+    /// The last reading, and when it came.
+    pub fn newest(&self) -> Option<(Time, Reading)> {
+        self.newest
+    }
+
+    /// When it must be looked after at the latest.
+    pub fn due(&self) -> Option<Time> {
+        match self.state {
+            State::LoggingIn(since) => Some(since + LOGIN_WITHIN),
+            State::Ready(due) => Some(due),
+            State::Asked(since) => Some(since + self.limits.reply_within),
+            State::Offline | State::Lost(_) => None,
+        }
+    }
+
+    /// Time has passed: what is to be sent now. A deadline that is over ends the session.
+    pub fn tick(&mut self, now: Time) -> Option<Vec<u8>> {
+        match self.state {
+            State::Ready(due) if now >= due => {
+                self.state = State::Asked(now);
+                Some(self.command(now).bytes())
+            }
+            State::LoggingIn(since) if now.since(since) >= LOGIN_WITHIN => self.silent(since, now),
+            State::Asked(since) if now.since(since) >= self.limits.reply_within => self.silent(since, now),
+            _ => None,
+        }
+    }
+
+    fn silent(&mut self, since: Time, now: Time) -> Option<Vec<u8>> {
+        let ms = u64::try_from(now.since(since).as_millis()).unwrap_or(u64::MAX);
+        self.lose(Loss::Silent { ms });
+        None
+    }
+
+    fn command(&self, now: Time) -> Command {
+        let Press { no_contact_n, .. } = self.ramp.target();
+        // Gravity is taken out of the force already, and the ramp is made here: the tool is to make neither a second time.
+        Command { id: self.limits.id, force_n: self.ramp.force_n(now), no_contact_n, ramp_s: 0.0, payload_kg: 0.0 }
+    }
+
+    /// These bytes came.
+    pub fn received(&mut self, bytes: &[u8], now: Time) {
+        for byte in bytes {
+            match self.state {
+                State::Offline | State::Lost(_) => return,
+                State::Ready(_) => return self.lose(Loss::Unasked),
+                State::LoggingIn(_) => self.of_login(*byte, now),
+                State::Asked(since) => self.of_reply(*byte, since, now),
+            }
+        }
+    }
+
+    fn of_login(&mut self, byte: u8, now: Time) {
+        self.buffer.push(byte);
+        let expected = telegram::login(&self.limits.login);
+        if self.buffer == expected {
+            self.buffer.clear();
+            self.state = State::Ready(now);
+        } else if !expected.starts_with(&self.buffer) || self.buffer.len() >= LOGIN_ECHO_MOST_BYTES {
+            let found = String::from_utf8_lossy(&self.buffer).escape_debug().to_string();
+            self.lose(Loss::NotLoggedIn { found });
+        }
+    }
+
+    fn of_reply(&mut self, byte: u8, since: Time, now: Time) {
+        if byte != TERMINATOR {
+            self.buffer.push(byte);
+            if self.buffer.len() > LOGIN_ECHO_MOST_BYTES * 2 {
+                let problem = TelegramError::TooLong { bytes: self.buffer.len() }.to_string();
+                self.lose(Loss::Garbage { problem });
+            }
+            return;
+        }
+        let buffer = std::mem::take(&mut self.buffer);
+        match telegram::parse_reply(&buffer, self.limits.id) {
+            Ok(reading) => {
+                self.newest = Some((now, reading));
+                self.state = State::Ready((since + self.limits.period).max(now));
+            }
+            Err(error @ TelegramError::OtherId { .. }) => self.lose(Loss::OtherId { problem: error.to_string() }),
+            Err(error) => self.lose(Loss::Garbage { problem: error.to_string() }),
+        }
+    }
+
+    /// It ends here.
+    pub fn lose(&mut self, why: Loss) {
+        if !matches!(self.state, State::Lost(_)) {
+            self.state = State::Lost(why);
+            self.buffer.clear();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn session() -> Session {
+        Session::new(SessionLimits {
+            login: "ferba".to_owned(),
+            id: 1040,
+            period: Duration::from_millis(10),
+            reply_within: Duration::from_millis(100),
+            at_rest: Press::held_back(-20.0),
+        })
+    }
+
+    fn live() -> Session {
+        let mut session = session();
+        assert_eq!(session.connected(Time::at_ms(0)), b"ferbak");
+        session.received(b"ferbak", Time::at_ms(3));
+        session
+    }
+
+    fn text(bytes: Option<Vec<u8>>) -> String {
+        String::from_utf8(bytes.expect("a command")).expect("text")
+    }
+
+    fn lost(session: &Session) -> &Loss {
+        let State::Lost(loss) = session.state() else { panic!("{:?}", session.state()) };
+        loss
+    }
+
+    /// By hand: a command as soon as it is logged in, the next one 10 ms after the last; a ramp goes along.
+    #[test]
+    fn one_command_a_period_and_each_is_answered() {
+        let mut session = live();
+        assert!(!session.is_live(), "nothing is read yet");
+        assert_eq!(text(session.tick(Time::at_ms(3))), "1040 -20.00 -20.00 0.000 0.000 0k");
+        assert_eq!(session.tick(Time::at_ms(5)), None, "one at a time");
+        session.received(b"1040 -20.0 0.1", Time::at_ms(6));
+        session.received(b" 0 0k", Time::at_ms(7));
+        assert!(session.is_live());
+        assert_eq!(session.newest().map(|(at, read)| (at, read.force_n)), Some((Time::at_ms(7), -20.0)));
+        session.press(Press { force_n: 10.0, no_contact_n: 5.0, ramp_s: 0.06 }, Time::at_ms(8));
+        assert_eq!((session.tick(Time::at_ms(12)), session.due()), (None, Some(Time::at_ms(13))));
+        assert_eq!(text(session.tick(Time::at_ms(38))), "1040 -5.00 5.00 0.000 0.000 0k");
+    }
+
+    #[test]
+    fn each_fault_ends_it_by_its_name() {
+        let ends = |act: &dyn Fn(&mut Session)| {
+            let mut session = live();
+            session.tick(Time::at_ms(3));
+            act(&mut session);
+            lost(&session).to_string()
+        };
+        let says = |bytes: &'static [u8]| move |session: &mut Session| session.received(bytes, Time::at_ms(9));
+        assert_eq!(ends(&|session| drop(session.tick(Time::at_ms(103)))), "it has not answered for 100 ms");
+        assert!(ends(&says(b"1041 1 2 1 0k")).starts_with("id 1041 answered, and id 1040 was asked"));
+        assert_eq!(
+            ends(&says(b"hellok")),
+            "what it said is no reply: 1 fields, a reply has five: id, force, position, contact, error"
+        );
+        assert_eq!(ends(&says(b"1040 1 2 1 0k1040 1 2 1 0k")), "it spoke without having been asked");
+        assert!(ends(&says(&[b'1'; 200])).contains("bytes without an end"));
+        let mut session = session();
+        session.connected(Time::at_ms(0));
+        session.received(b"nok", Time::at_ms(1));
+        assert!(lost(&session).to_string().contains("log-in word with \"n\""), "{:?}", lost(&session));
+        session.connected(Time::at_ms(0));
+        session.tick(Time::at_ms(1_000));
+        assert_eq!(lost(&session), &Loss::Silent { ms: 1_000 });
+    }
+
+    /// A new connection forgets what the tool was told to press with.
+    #[test]
+    fn a_new_connection_holds_the_tool_back() {
+        let mut session = live();
+        session.press(Press { force_n: 30.0, no_contact_n: 5.0, ramp_s: 0.0 }, Time::at_ms(4));
+        session.lose(Loss::Closed);
+        session.connected(Time::at_ms(50));
+        session.received(b"ferbak", Time::at_ms(60));
+        assert_eq!(text(session.tick(Time::at_ms(60))), "1040 -20.00 -20.00 0.000 0.000 0k");
+    }
+
+    proptest! {
+        /// Whatever comes, in whatever pieces: never a panic, and cut anywhere it comes to the same.
+        #[test]
+        fn bytes_mean_the_same_however_they_are_cut(
+            bytes in prop::collection::vec(prop_oneof![Just(b'k'), Just(b' '), b'0'..=b'9', any::<u8>()], 0..150),
+            cut in 0_usize..150,
+        ) {
+            let (mut whole, mut parts) = (live(), live());
+            whole.tick(Time::at_ms(3));
+            parts.tick(Time::at_ms(3));
+            whole.received(&bytes, Time::at_ms(5));
+            let cut = cut.min(bytes.len());
+            parts.received(&bytes[..cut], Time::at_ms(5));
+            parts.received(&bytes[cut..], Time::at_ms(5));
+            prop_assert_eq!(whole.state(), parts.state());
+            prop_assert_eq!(whole.newest(), parts.newest());
+        }
+    }
+}

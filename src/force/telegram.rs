@@ -1,0 +1,254 @@
+//! Telegrams of the FerRobotics ACF over TCP: text in ASCII, fields separated by blanks, each ended by the letter k.
+//!
+//! ```text
+//! log-in   WORDk                                    echoed as it is
+//! command  id force f_zero t_ramp payload 0k        whole number, N, N, s, kg
+//! reply    id force position contact errork         whole number, N, mm, 0 or 1, eight bits as a number
+//! ```
+//!
+//! `force` of a command is what the actuator presses with once there is contact, `f_zero` what it presses with before,
+//! `t_ramp` the time from one to the other when contact begins. The tool answers each command once and says nothing unasked.
+//! Facts from the public driver `sam-xl/ferrobotics_acf` (its log-in word is `ferba`, its id 1040, its port 7070); the order of the
+//! bits is that of its table. A reply that is anything else is refused whole.
+//!
+//! Pure functions: bytes in, values out, and the other way round.
+
+use serde::{Deserialize, Serialize};
+
+/// The byte that ends each telegram.
+pub const TERMINATOR: u8 = b'k';
+
+/// The longest log-in word with its terminator, bytes.
+pub const LOGIN_ECHO_MOST_BYTES: usize = 64;
+
+/// The longest reply, bytes. The longest that the format needs is about 40.
+const MOST_BYTES: usize = 96;
+
+/// What a reply's numbers may be at most: no compliant tool has so much force, N, or stroke, mm.
+const MOST_FORCE_N: f64 = 2_000.0;
+const MOST_POSITION_MM: f64 = 500.0;
+
+/// The log-in telegram with this word.
+pub fn login(word: &str) -> Vec<u8> {
+    let mut bytes = word.as_bytes().to_vec();
+    bytes.push(TERMINATOR);
+    bytes
+}
+
+/// A command telegram.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Command {
+    /// The tool's number.
+    pub id: u16,
+    /// The actuator's force in contact, N.
+    pub force_n: f64,
+    /// Its force before there is contact, N.
+    pub no_contact_n: f64,
+    /// From one to the other when contact begins, s.
+    pub ramp_s: f64,
+    /// What the tool itself is to compensate, kg.
+    pub payload_kg: f64,
+}
+
+impl Command {
+    /// The telegram.
+    pub fn bytes(&self) -> Vec<u8> {
+        let Command { id, force_n, no_contact_n, ramp_s, payload_kg } = self;
+        // Without a signed zero, which is a number of its own in a text.
+        let (force_n, no_contact_n) = (force_n + 0.0, no_contact_n + 0.0);
+        format!("{id} {force_n:.2} {no_contact_n:.2} {ramp_s:.3} {payload_kg:.3} 0k").into_bytes()
+    }
+}
+
+/// What the tool says of itself.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reading {
+    /// The force that it measures, N: the actuator's, without the weight of what hangs on it.
+    pub force_n: f64,
+    /// How far it is out, mm: 0 is fully back.
+    pub position_mm: f64,
+    /// Whether it says that it is in contact.
+    pub contact: bool,
+    /// What it says is wrong.
+    pub errors: ErrorBits,
+}
+
+/// The eight error bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct ErrorBits(pub u8);
+
+/// What each bit means, from the lowest.
+const MEANINGS: [&str; 8] = [
+    "its valve has an error",
+    "its sensor has an error",
+    "its head and its controller do not fit each other",
+    "the force that it was told cannot be reached",
+    "the force before contact was set to 0",
+    "a value that it was told is out of range",
+    "its head does not answer its controller",
+    "its head's parameters were not read whole",
+];
+
+impl ErrorBits {
+    /// Whether there is none.
+    pub fn is_none(self) -> bool {
+        self.0 == 0
+    }
+
+    /// What is wrong, in words.
+    pub fn words(self) -> String {
+        let set = |(bit, meaning): (usize, &&'static str)| (self.0 >> bit & 1 == 1).then_some(*meaning);
+        MEANINGS.iter().enumerate().filter_map(set).collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// Why a reply is none.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum TelegramError {
+    /// More bytes than any reply has.
+    #[error("{bytes} bytes without an end, a reply has at most {MOST_BYTES}")]
+    TooLong {
+        /// How many came.
+        bytes: usize,
+    },
+    /// Bytes that are no printable ASCII.
+    #[error("bytes that are no text")]
+    NotText,
+    /// Another number of fields.
+    #[error("{found} fields, a reply has five: id, force, position, contact, error")]
+    Fields {
+        /// How many came.
+        found: usize,
+    },
+    /// A field that is not what it should be.
+    #[error("{field} is \"{found}\"")]
+    Field {
+        /// Which one.
+        field: &'static str,
+        /// What stands there.
+        found: String,
+    },
+    /// The reply of another tool.
+    #[error("id {found} answered, and id {expected} was asked")]
+    OtherId {
+        /// The one that answered.
+        found: u32,
+        /// The one that was asked.
+        expected: u16,
+    },
+}
+
+/// Reads a reply, without its terminator, of the tool with this number.
+///
+/// # Errors
+/// Where it is not exactly a reply of that tool.
+pub fn parse_reply(bytes: &[u8], expected: u16) -> Result<Reading, TelegramError> {
+    if bytes.len() > MOST_BYTES {
+        return Err(TelegramError::TooLong { bytes: bytes.len() });
+    }
+    let text = std::str::from_utf8(bytes).ok().filter(|text| text.bytes().all(is_text));
+    let fields: Vec<&str> = text.ok_or(TelegramError::NotText)?.split_ascii_whitespace().collect();
+    let [id, force, position, contact, errors] = fields[..] else {
+        return Err(TelegramError::Fields { found: fields.len() });
+    };
+    let found: u32 = id.parse().map_err(|_| wrong("id", id))?;
+    if found != u32::from(expected) {
+        return Err(TelegramError::OtherId { found, expected });
+    }
+    Ok(Reading {
+        force_n: number("force", force, -MOST_FORCE_N..=MOST_FORCE_N)?,
+        position_mm: number("position", position, -MOST_POSITION_MM..=MOST_POSITION_MM)?,
+        contact: match contact {
+            "0" => false,
+            "1" => true,
+            _ => return Err(wrong("contact", contact)),
+        },
+        errors: ErrorBits(errors.parse().map_err(|_| wrong("error", errors))?),
+    })
+}
+
+fn is_text(byte: u8) -> bool {
+    byte.is_ascii_graphic() || byte.is_ascii_whitespace()
+}
+
+fn number(field: &'static str, text: &str, allowed: std::ops::RangeInclusive<f64>) -> Result<f64, TelegramError> {
+    let value: f64 = text.parse().map_err(|_| wrong(field, text))?;
+    // Also refuses what is no number.
+    if allowed.contains(&value) { Ok(value) } else { Err(wrong(field, text)) }
+}
+
+fn wrong(field: &'static str, found: &str) -> TelegramError {
+    TelegramError::Field { field, found: found.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const COMMAND: Command = Command { id: 1040, force_n: 20.0, no_contact_n: -5.0, ramp_s: 0.25, payload_kg: 1.3 };
+
+    /// By hand, from the driver's format.
+    #[test]
+    fn telegrams_are_the_drivers() {
+        assert_eq!(login("ferba"), b"ferbak");
+        assert_eq!(COMMAND.bytes(), b"1040 20.00 -5.00 0.250 1.300 0k");
+        assert_eq!(Command { force_n: -0.0, ..COMMAND }.bytes(), b"1040 0.00 -5.00 0.250 1.300 0k");
+        let read = Reading { force_n: 19.7, position_mm: 17.25, contact: true, errors: ErrorBits(0) };
+        assert_eq!(parse_reply(b"1040 19.7 17.25 1 0", 1040), Ok(read));
+        let errors = parse_reply(b"1040 -3 0.0 0 9", 1040).expect("a reply").errors;
+        assert_eq!(errors.words(), "its valve has an error, the force that it was told cannot be reached");
+    }
+
+    #[test]
+    fn what_is_no_reply_is_refused_with_what_it_is() {
+        let says = |bytes: &[u8]| parse_reply(bytes, 7).expect_err("refused").to_string();
+        assert_eq!(says(b"7 1.0 2.0 1"), "4 fields, a reply has five: id, force, position, contact, error");
+        assert_eq!(says(b"8 1.0 2.0 1 0"), "id 8 answered, and id 7 was asked");
+        for (bytes, field) in [
+            (&b"7 nan 2 1 0"[..], "force"),
+            (b"7 inf 2 1 0", "force"),
+            (b"7 1,5 2 1 0", "force"),
+            (b"7 1 1e400 1 0", "position"),
+            (b"7 1 2 true 0", "contact"),
+            (b"7 1 2 1 256", "error"),
+            (b"7.0 1 2 1 0", "id"),
+        ] {
+            assert!(says(bytes).starts_with(field), "{}", says(bytes));
+        }
+        assert_eq!(says(b"7 1 2 1 \xc3\xa4"), "bytes that are no text");
+        assert!(says(&[b'1'; 97]).starts_with("97 bytes without an end"));
+    }
+
+    proptest! {
+        /// Never panics, and what it reads are numbers within bounds.
+        #[test]
+        fn any_bytes_are_a_reply_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..120)) {
+            if let Ok(reading) = parse_reply(&bytes, 1040) {
+                prop_assert!(reading.force_n.abs() <= MOST_FORCE_N && reading.position_mm.is_finite());
+            }
+        }
+
+        /// One byte of a reply changed: it is refused, or says another number, but never more than its format allows.
+        #[test]
+        fn a_changed_byte_is_no_other_tools_reply(at in 0_usize..19, to in any::<u8>()) {
+            let mut bytes = b"1040 19.7 17.25 1 0".to_vec();
+            bytes[at] = to;
+            if let Ok(reading) = parse_reply(&bytes, 1040) {
+                prop_assert!(bytes.starts_with(b"1040") || bytes[0].is_ascii_whitespace());
+                prop_assert!(reading.force_n.is_finite() && reading.position_mm.is_finite());
+            }
+        }
+
+        /// What is written is read back by a tool that splits at blanks, to two decimals.
+        #[test]
+        fn a_command_is_read_back(force_n in -500.0..500.0_f64, ramp_s in 0.0..10.0_f64) {
+            let text = String::from_utf8(Command { force_n, ramp_s, ..COMMAND }.bytes()).expect("text");
+            let fields: Vec<&str> = text.strip_suffix("0k").expect("ended").split(' ').collect();
+            prop_assert!((fields[1].parse::<f64>().expect("a number") - force_n).abs() <= 0.0051);
+            prop_assert!((fields[3].parse::<f64>().expect("a number") - ramp_s).abs() <= 0.00051);
+        }
+    }
+}

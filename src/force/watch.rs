@@ -1,0 +1,156 @@
+//! Readings while the arm is on a contact path, held against what is expected of them.
+//!
+//! Whatever is not as it must be counts from the reading that first shows it, and is told once it has lasted as long as the
+//! cell's file allows: a force out of its band around the set-point, no contact where the tool presses, a position outside of the
+//! middle two thirds of the stroke, a tool that does not go back. Error bits and a lost link count at once. While the set-point
+//! ramps, the band reaches over what it was in the last moment, by which the tool may follow later.
+
+use super::aims::Aim;
+use super::stroke::middle_mm;
+use super::telegram::Reading;
+use crate::eki::Time;
+use crate::verdict::Reason;
+use crate::words::fixed;
+use std::time::Duration;
+
+/// How far a tool that is held back may be out, as a share of its stroke.
+const BACK_SHARE: f64 = 1.0 / 6.0;
+/// A tool that is held back has gone back within this time: the longest stroke at the slowest tool.
+const GOES_BACK: Duration = Duration::from_millis(600);
+
+/// What the cell's file allows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WatchLimits {
+    /// The tool's stroke, mm.
+    pub stroke_mm: f64,
+    /// How far the force may be from its set-point, N.
+    pub band_n: f64,
+    /// For how long it may be farther from it, or the position outside.
+    pub band_within: Duration,
+    /// For how long the tool may press without contact.
+    pub contact_within: Duration,
+}
+
+/// What is expected of a reading.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Expected {
+    /// What the tool is to do.
+    pub aim: Aim,
+    /// The contact forces between which the set-point is, lower first, N.
+    pub between_n: [f64; 2],
+}
+
+/// What was not as expected so far, and since when.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Watch {
+    aim: Option<(Aim, Time)>,
+    out_of_band: Option<Time>,
+    out_of_stroke: Option<Time>,
+    without_contact: Option<Time>,
+}
+
+impl Watch {
+    /// Takes a reading and its contact force, N, that came at this time; why the path must end, where it must.
+    pub fn see(
+        &mut self,
+        (reading, contact_n): (&Reading, f64),
+        expected: Expected,
+        limits: &WatchLimits,
+        now: Time,
+    ) -> Option<Reason> {
+        if !reading.errors.is_none() {
+            return Some(of_errors(reading));
+        }
+        let since = match self.aim {
+            Some((aim, since)) if aim == expected.aim => since,
+            _ => self.aim.insert((expected.aim, now)).1,
+        };
+        let presses = expected.aim == Aim::Pressing;
+        let [low_n, high_n] = [expected.between_n[0] - limits.band_n, expected.between_n[1] + limits.band_n];
+        // Without contact there is no force to be judged, and too much of it is too much wherever the tool is.
+        let out = (presses && reading.contact && contact_n < low_n)
+            || (expected.aim != Aim::HeldBack && reading.contact && contact_n > high_n);
+        let [nearest_mm, farthest_mm] = middle_mm(limits.stroke_mm);
+        let outside = presses && reading.contact && !(nearest_mm..=farthest_mm).contains(&reading.position_mm);
+        let lasts = |began: &mut Option<Time>, is_so: bool, within: Duration| {
+            let first = is_so.then(|| began.unwrap_or(now));
+            *began = first;
+            first.is_some_and(|first| now.since(first) >= within)
+        };
+        let no_contact = lasts(&mut self.without_contact, presses && !reading.contact, limits.contact_within);
+        let out = lasts(&mut self.out_of_band, out, limits.band_within);
+        let outside = lasts(&mut self.out_of_stroke, outside, limits.band_within);
+        if no_contact {
+            let ms = limits.contact_within.as_millis();
+            let words = format!(
+                "the compliant tool has told no contact for {ms} ms where it presses; is the panel where it was found, and does the tool \
+                 move freely over its stroke?"
+            );
+            return Some(Reason::new("no_contact", words));
+        }
+        if out {
+            return Some(of_force(contact_n, expected, limits));
+        }
+        if outside {
+            let words = format!(
+                "the compliant tool is {} mm out, allowed in contact are {} to {} mm of its stroke of {} mm; look whether the panel \
+                 was moved, and touch a known target: `panelprep calibrate touch`",
+                fixed(reading.position_mm, 1),
+                fixed(nearest_mm, 1),
+                fixed(farthest_mm, 1),
+                fixed(limits.stroke_mm, 1)
+            );
+            return Some(Reason::new("tool_stroke", words));
+        }
+        let is_held = expected.aim == Aim::HeldBack && now.since(since) >= GOES_BACK;
+        if is_held { not_back(reading, limits.stroke_mm) } else { None }
+    }
+}
+
+/// Why a path may not begin with a tool that is held back and reads so; none where it may.
+pub fn unready(reading: &Reading, stroke_mm: f64) -> Option<Reason> {
+    if !reading.errors.is_none() {
+        return Some(of_errors(reading));
+    }
+    if reading.contact {
+        let words = "the compliant tool tells contact in the air; look what it touches, and at its own settings";
+        return Some(Reason::new("contact_in_air", words));
+    }
+    not_back(reading, stroke_mm)
+}
+
+fn of_errors(reading: &Reading) -> Reason {
+    let words = format!(
+        "the compliant tool says: {}; look at its controller, its air and its cable",
+        reading.errors.words()
+    );
+    Reason::new("tool_errors", words)
+}
+
+fn of_force(contact_n: f64, expected: Expected, limits: &WatchLimits) -> Reason {
+    let [low_n, high_n] = [expected.between_n[0] - limits.band_n, expected.between_n[1] + limits.band_n];
+    let words = format!(
+        "the compliant tool pressed with {} N for {} ms, allowed are {} to {} N; look at its air pressure and for what hinders it, and \
+         measure its zero: `panelprep calibrate force`",
+        fixed(contact_n, 1),
+        limits.band_within.as_millis(),
+        fixed(low_n, 1),
+        fixed(high_n, 1)
+    );
+    Reason::new("force_band", words)
+}
+
+fn not_back(reading: &Reading, stroke_mm: f64) -> Option<Reason> {
+    let allowed_mm = BACK_SHARE * stroke_mm;
+    let words = || {
+        format!(
+            "the compliant tool is held back and is still {} mm out, allowed are {} mm; does it move freely, and has it air?",
+            fixed(reading.position_mm, 1),
+            fixed(allowed_mm, 1)
+        )
+    };
+    (reading.position_mm > allowed_mm).then(|| Reason::new("tool_stuck", words()))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,84 @@
+//! Readings by hand.
+
+use super::super::telegram::ErrorBits;
+use super::*;
+
+const LIMITS: WatchLimits = WatchLimits {
+    stroke_mm: 30.0,
+    band_n: 5.0,
+    band_within: Duration::from_millis(150),
+    contact_within: Duration::from_millis(200),
+};
+
+const PRESSED: Reading = Reading { force_n: 20.0, position_mm: 15.0, contact: true, errors: ErrorBits(0) };
+
+fn pressing(low_n: f64, high_n: f64) -> Expected {
+    Expected { aim: Aim::Pressing, between_n: [low_n, high_n] }
+}
+
+/// The first reason, and when: one reading each 50 ms.
+fn told(readings: impl Fn(u64) -> (Reading, f64, Expected)) -> Option<(u64, String)> {
+    let mut watch = Watch::default();
+    (0..=2_000).step_by(50).find_map(|ms| {
+        let (reading, contact_n, expected) = readings(ms);
+        let reason = watch.see((&reading, contact_n), expected, &LIMITS, Time::at_ms(ms))?;
+        Some((ms, reason.code.to_string()))
+    })
+}
+
+fn at(ms: u64, code: &str) -> Option<(u64, String)> {
+    Some((ms, code.to_owned()))
+}
+
+/// By hand: a band of 5 N around 20 N holds 15 and 25; 25.1 N from 500 ms on is told at 650 ms.
+#[test]
+fn a_force_out_of_its_band_is_told_once_it_lasts() {
+    let force =
+        |contact_n: f64| told(|ms| (PRESSED, if ms < 500 { 20.0 } else { contact_n }, pressing(20.0, 20.0)));
+    assert_eq!((force(25.0), force(15.0)), (None, None));
+    assert_eq!((force(25.1), force(14.9)), (at(650, "force_band"), at(650, "force_band")));
+    // Short peaks are not told, however many.
+    assert_eq!(told(|ms| (PRESSED, if ms % 200 < 150 { 30.0 } else { 20.0 }, pressing(20.0, 20.0))), None);
+    // While it ramps from 5 N, all between is as it should be.
+    assert_eq!(told(|_| (PRESSED, 2.0, pressing(5.0, 20.0))), None);
+}
+
+#[test]
+fn contact_stroke_and_errors_are_told() {
+    let lost = Reading { contact: false, ..PRESSED };
+    let from_500 =
+        |reading: Reading| move |ms| (if ms < 500 { PRESSED } else { reading }, 20.0, pressing(20.0, 20.0));
+    assert_eq!(told(from_500(lost)), at(700, "no_contact"));
+    assert_eq!(told(|_| (lost, 0.0, pressing(20.0, 20.0))), at(200, "no_contact"), "a path that never touched");
+    // By hand: the middle two thirds of 30 mm are 5 to 25 mm.
+    for (position_mm, found) in
+        [(5.01, None), (24.99, None), (4.9, at(650, "tool_stroke")), (25.1, at(650, "tool_stroke"))]
+    {
+        assert_eq!(told(from_500(Reading { position_mm, ..PRESSED })), found, "{position_mm}");
+    }
+    assert_eq!(told(from_500(Reading { errors: ErrorBits(1), ..PRESSED })), at(500, "tool_errors"));
+}
+
+/// Landing: less than the set-point, and none, is on its way; too much is too much.
+#[test]
+fn landing_may_have_no_contact_yet_and_never_too_much() {
+    let landing = Expected { aim: Aim::Landing, between_n: [5.0, 5.0] };
+    let air = Reading { contact: false, ..PRESSED };
+    assert_eq!(told(|_| (air, 0.0, landing)), None);
+    assert_eq!(told(|_| (PRESSED, 10.1, landing)), at(150, "force_band"));
+    // By hand: a sixth of 30 mm is 5 mm; it has 600 ms to get there.
+    let held = Expected { aim: Aim::HeldBack, between_n: [-30.0, -30.0] };
+    let out = Reading { position_mm: 5.1, ..air };
+    assert_eq!(told(|_| (out, 0.0, held)), at(600, "tool_stuck"));
+    assert_eq!(told(|ms| (if ms < 500 { out } else { Reading { position_mm: 5.0, ..air } }, 0.0, held)), None);
+}
+
+#[test]
+fn a_path_begins_with_a_tool_that_is_back() {
+    let back = Reading { force_n: -30.0, position_mm: 0.2, contact: false, errors: ErrorBits(0) };
+    assert_eq!(unready(&back, 30.0), None);
+    let code = |reading: Reading| unready(&reading, 30.0).map(|reason| reason.code.to_string());
+    assert_eq!(code(Reading { contact: true, ..back }).as_deref(), Some("contact_in_air"));
+    assert_eq!(code(Reading { position_mm: 6.0, ..back }).as_deref(), Some("tool_stuck"));
+    assert_eq!(code(Reading { errors: ErrorBits(128), ..back }).as_deref(), Some("tool_errors"));
+}
