@@ -91,7 +91,7 @@ mutants: setup $(CARGO_MUTANTS)
 # each. What is found is written to target/fuzz/found; what leads on is kept in target/fuzz/corpus. All crates are built
 # with counters, in a folder of their own: the first build takes some ten minutes.
 SECONDS := 60
-FUZZ_TARGETS := framer wire channel session request recipe cell lens mounts pcd ply clip picture pose tape zivid_settings krl backup worker labels
+FUZZ_TARGETS := framer wire channel session request recipe cell lens mounts pcd ply clip picture pose tape zivid_settings krl backup worker labels tool
 FUZZ_HOST := $(shell rustc -vV 2>/dev/null | sed -n 's/^host: //p')
 FUZZ := target/fuzz/$(FUZZ_HOST)/fuzz/examples/fuzz
 FUZZ_FLAGS := --cfg fuzzing -Cpasses=sancov-module $(addprefix -Cllvm-args=-sanitizer-coverage-,level=4 inline-8bit-counters pc-table trace-compares)

@@ -122,7 +122,7 @@ fn from_files_to_waypoints_command_by_command() {
         .collect();
     assert!(!failed.is_empty() && folder.join("pictures/mask.png").exists());
     let page = std::fs::read_to_string(folder.join("pictures/inspection.html")).expect("the page to sign");
-    assert!(page.contains("<td>signature</td>") && page.contains("failed; ") && page.matches("<img").count() == 3);
+    assert!(page.contains("<td>signature</td>") && page.contains("failed; ") && page.matches("<img").count() == 4);
 
     let (exit, plan) = json(folder, &format!("{PLAN} --grids {}", failed.join(",")));
     assert_eq!((exit, plan["verdict"].as_str()), (0, Some("accept")), "{plan}");

@@ -2,6 +2,7 @@
 
 use super::devices::is_host;
 use crate::config::{Choice, Section};
+use crate::words::apart;
 
 /// What presses the disc onto the panel.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -88,7 +89,7 @@ const OF_COMPLIANT: [&str; 10] = [
     "band_ms",
     "contact_ms",
 ];
-const OF_ACF: [&str; 4] = ["host", "port", "login", "id"];
+const OF_ACF: [&str; 4] = ["host", "tcp_port", "login", "id"];
 /// What a tool at the end of a cable must state: nobody else knows it.
 const REQUIRED: [(&str, &str); 5] = [
     ("host", "kind = \"acf\" needs the address of its controller"),
@@ -103,7 +104,7 @@ const WEIGHT_OF_1_KG_N: f64 = 9.806_65;
 pub(super) fn take_tool(section: &Section<'_, '_>) -> Option<Tool> {
     let kind = section.take("kind", (), Some(Kind::Spring));
     let host = section.take::<Option<String>>("host", (), Some(None));
-    let port = section.take("port", 1..=65_535, Some(7_070_u16));
+    let port = section.take("tcp_port", 1..=65_535, Some(7_070_u16));
     let login = section.take::<String>("login", (), Some("ferba".to_owned()));
     let id = section.take("id", 0..=65_535, Some(1_040_u16));
     // The simulated one's own; a real one must state its own.
@@ -144,12 +145,11 @@ pub(super) fn take_tool(section: &Section<'_, '_>) -> Option<Tool> {
     }
     let weighs_n = tool.payload_kg * WEIGHT_OF_1_KG_N;
     if -tool.min_force_n <= weighs_n {
-        let (found, key) = (tool.min_force_n, "min_force_n");
+        let [found, allowed] = apart(tool.min_force_n, -weighs_n, 1);
         let message = format!(
-            "found {found}, allowed is below {:.1}, the weight of payload_kg: it holds the tool back in the air, whichever way it points",
-            -weighs_n
+            "found {found}, allowed is below {allowed}, the weight of payload_kg: it holds the tool back in the air, whichever way it points"
         );
-        section.problem(key, message);
+        section.problem("min_force_n", message);
         return None;
     }
     Some(Tool::Compliant(tool))

@@ -11,6 +11,7 @@
 //! resolves. Readings whose attitudes do not differ enough say nothing of the payload and are refused.
 
 use super::gravity::{STANDARD_GRAVITY_M_S2, Weight};
+use crate::words::apart;
 
 /// Readings at least.
 const LEAST: usize = 3;
@@ -73,7 +74,9 @@ pub enum CalibrationError {
     },
     /// One of them does not fit.
     #[error(
-        "reading {index} lies {off_n:.1} N off the others, allowed are {MOST_RESIDUAL_N} N; did the tool touch something?"
+        "reading {index} lies {} N off the others, allowed are {} N; did the tool touch something?",
+        apart(*off_n, MOST_RESIDUAL_N, 1)[0],
+        apart(*off_n, MOST_RESIDUAL_N, 1)[1]
     )]
     Outlier {
         /// Which, from 1.

@@ -72,7 +72,7 @@ mod tests {
 
     fn cell(port: u16) -> Cell {
         let text = format!(
-            "[tool]\nkind = 'acf'\nhost = '127.0.0.1'\nport = {port}\nstroke_mm = 30\nmin_force_n = -60\nmax_force_n = 100\n\
+            "[tool]\nkind = 'acf'\nhost = '127.0.0.1'\ntcp_port = {port}\nstroke_mm = 30\nmin_force_n = -60\nmax_force_n = 100\n\
              payload_kg = 1.5\n"
         );
         Cell::check("f", &text).unwrap_or_else(|problems| panic!("{problems}"))

@@ -1,6 +1,6 @@
 //! The link to a tool over TCP: a thread of its own, which nobody waits for.
 
-use super::{ConnectedTool, ToolNews, session_limits};
+use super::tool::{ConnectedTool, ToolNews, session_limits};
 use crate::cell::{CompliantTool, ToolAddress};
 use crate::eki::Time;
 use crate::force::{Loss, Press, Reading, Session, SessionLimits, State};

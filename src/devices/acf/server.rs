@@ -1,6 +1,6 @@
 //! The mock behind a TCP port of this machine, for tests of the link and of the doctor. One client at a time.
 
-use super::{MockAcf, Surrounding, ToolFault};
+use super::mock::{MockAcf, Surrounding, ToolFault};
 use crate::cell::CompliantTool;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};

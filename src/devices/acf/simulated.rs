@@ -1,6 +1,7 @@
 //! The tool of the simulated cell: session and mock in the world's time, which passes only while the loop waits.
 
-use super::{ConnectedTool, MockAcf, Surrounding, ToolFault, ToolNews, session_limits};
+use super::mock::{MockAcf, Surrounding, ToolFault};
+use super::tool::{ConnectedTool, ToolNews, session_limits};
 use crate::cell::CompliantTool;
 use crate::devices::cameras::Arm;
 use crate::devices::world::SimulatedWorld;

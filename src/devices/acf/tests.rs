@@ -1,7 +1,10 @@
 //! The link over a real socket, with each fault; and the mock's actuator by hand.
 
 use super::*;
+use crate::cell::CompliantTool;
 use crate::cell::{Cell, ToolAddress};
+use crate::force::Press;
+use std::time::Duration;
 use std::time::Instant;
 
 fn tool() -> CompliantTool {

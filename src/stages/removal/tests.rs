@@ -92,3 +92,25 @@ fn today_s_feed_stays_and_its_removal_is_told() {
     let (verdict, _, checks) = planned("", Some(model()), RemovedBefore::default());
     assert!(verdict == Verdict::Accept && !checks.iter().any(|check| check.name.contains("remov")));
 }
+
+/// By hand: k·p is proportional to the force, so that half of the force on the way takes off half; without a measurement the recipe's
+/// force counts.
+#[test]
+fn the_force_that_was_measured_counts() {
+    let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{TABLE}"));
+    let panel = taught(Shape::Sphere, Spoil::default(), &recipe);
+    let fit = examine(&panel, recipe.surface()).expect("a surface");
+    let tool = tool(Some(model()));
+    let grids = [GridId { row: 2, column: 3 }];
+    let plan = plan::lay((&panel, &fit), &grids, (&recipe, tool)).expect("a path");
+    let before = RemovedBefore::default();
+    let abrasive = Abrasive { panel: &panel, fit: &fit, recipe: &recipe, tool, earlier: None, before };
+    let mean_um = |force_n: Option<f64>| {
+        let poses: Vec<Executed> =
+            dwell::planned(&plan).into_iter().map(|pose| Executed { force_n, ..pose }).collect();
+        value(&abrasive.executed(&grids, &poses).expect("known").checks, "expected removal, mean")
+    };
+    let [unmeasured, as_asked, half] = [None, Some(20.0), Some(10.0)].map(mean_um);
+    assert!((unmeasured - as_asked).abs() < 1e-9, "{unmeasured} {as_asked}");
+    assert!((half / as_asked - 0.5).abs() < 0.02, "{half} of {as_asked}");
+}
