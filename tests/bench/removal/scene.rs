@@ -72,5 +72,5 @@ pub fn pose(at: [f64; 3], normal: [f64; 3], (lean_deg, seconds): (f64, f64)) -> 
         Translation3::new(at[0], at[1], at[2]),
         UnitQuaternion::from_rotation_matrix(&(lean * turn)),
     ));
-    Executed { panel_from_tool, seconds, contact: true }
+    Executed { panel_from_tool, seconds, contact: true, force_n: None }
 }
