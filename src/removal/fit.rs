@@ -176,7 +176,8 @@ pub(super) mod tests {
     use super::super::coupons::Lines;
     use super::super::coupons::tests::{TOOL, coupon};
     use super::*;
-    use proptest::prelude::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
 
     /// Coupons of k₀ = 4·10⁻⁴ mm²/N and b = 0.8/m², each off by such a share.
     pub(in crate::removal) fn coupons(off: &[f64]) -> Vec<Coupon> {
@@ -279,14 +280,18 @@ pub(super) mod tests {
         assert!((found.power[0] - 0.5).abs() < 1e-6, "{:?}", found.power);
     }
 
-    proptest! {
-        /// With errors the truth lies within what is stated in about 95 % of draws; here never farther than three times that.
-        #[test]
-        fn what_is_stated_is_held(off in prop::collection::vec(-0.06..0.06f64, 12)) {
+    /// Over 400 sets of coupons that are off by up to 6 %, the truth lies within what is stated in about 95 % of them.
+    #[test]
+    fn what_is_stated_is_held() {
+        let mut random = Pcg64Mcg::seed_from_u64(1);
+        let mut held = 0;
+        for _ in 0..400 {
+            let off: Vec<f64> = (0..12).map(|_| random.random_range(-0.06..0.06)).collect();
             let found = fit(&coupons(&off), &TOOL).expect("a model");
             let share = (found.preston_mm2_per_n / 4e-4).ln().abs() / found.preston_share_95(0.0);
-            prop_assert!(share < 3.0, "{share}");
-            prop_assert!(found.left_out.iter().all(Option::is_some));
+            held += usize::from(share <= 1.0);
+            assert!(found.left_out.iter().all(Option::is_some));
         }
+        assert!((368..=392).contains(&held), "{held} of 400");
     }
 }
