@@ -49,10 +49,11 @@ impl<'t> Document<'t> {
         Section::new(self, String::new(), Some(self.root.get_ref()), 1)
     }
 
-    fn meaning(&self, table: &str, key: &str) -> Meaning {
+    /// A number or a text under the name of a whole table is not meant for that table.
+    fn meaning(&self, table: &str, key: &str, is_table: bool) -> Meaning {
         let known = self.known.borrow();
         let homes = known.iter().filter(|(_, keys)| keys.contains(&key)).map(|(home, _)| path(home, key));
-        let homes: Vec<String> = homes.collect();
+        let homes: Vec<String> = homes.filter(|home| is_table || !known.contains_key(home)).collect();
         match known.get(table).and_then(|keys| nearest(key, keys)) {
             _ if !homes.is_empty() => Meaning::Elsewhere(homes),
             Some((name, unit)) => Meaning::Near(name, unit),
@@ -63,7 +64,7 @@ impl<'t> Document<'t> {
     fn misspelt_names(&self) -> BTreeMap<String, String> {
         let findings = self.findings.borrow();
         let misspelt = findings.iter().filter_map(|finding| match finding {
-            Finding::Unknown { table, key, .. } => match self.meaning(table, key) {
+            Finding::Unknown { table, key, is_table, .. } => match self.meaning(table, key, *is_table) {
                 Meaning::Near(name, _) => Some((path(table, name), key.clone())),
                 _ => None,
             },
@@ -83,8 +84,8 @@ impl<'t> Document<'t> {
                     explained.insert(problem.key.clone());
                     list.push(problem);
                 }
-                Finding::Unknown { line, table, key } => {
-                    let (message, names) = self.unknown(&table, &key);
+                Finding::Unknown { line, table, key, is_table } => {
+                    let (message, names) = self.unknown(&table, &key, is_table);
                     list.push(Problem { line, key: path(&table, &key), message });
                     explained.extend(names);
                 }
@@ -104,8 +105,8 @@ impl<'t> Document<'t> {
     }
 
     /// The message for an unknown key, and the keys that it may stand for.
-    fn unknown(&self, table: &str, key: &str) -> (String, Vec<String>) {
-        match self.meaning(table, key) {
+    fn unknown(&self, table: &str, key: &str, is_table: bool) -> (String, Vec<String>) {
+        match self.meaning(table, key, is_table) {
             Meaning::Near(name, None) => (format!("unknown key; did you mean {name}?"), vec![path(table, name)]),
             Meaning::Near(name, Some(unit)) => {
                 (format!("unknown key; {unit}: write {name}"), vec![path(table, name)])

@@ -9,7 +9,7 @@ use toml::de::DeTable;
 /// What a reading found. Only when the whole file is read is it known what an unknown key may have meant.
 pub(super) enum Finding {
     Wrong(Problem),
-    Unknown { line: usize, table: String, key: String },
+    Unknown { line: usize, table: String, key: String, is_table: bool },
     Missing { line: usize, table: String, key: &'static str, table_is_there: bool },
 }
 

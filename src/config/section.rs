@@ -140,8 +140,9 @@ impl<'d, 't> Section<'d, 't> {
     pub fn done(&self) {
         let known = self.known.take();
         for key in self.names().filter(|name| !known.contains(name)) {
-            let line = self.entry(key).map_or(self.line, |(line, _)| line);
-            self.note(Finding::Unknown { line, table: self.path.clone(), key: key.to_owned() });
+            let (line, value) = self.entry(key).map_or((self.line, None), |(line, value)| (line, Some(value)));
+            let is_table = matches!(value, Some(DeValue::Table(_) | DeValue::Array(_)));
+            self.note(Finding::Unknown { line, table: self.path.clone(), key: key.to_owned(), is_table });
         }
         self.document.known.borrow_mut().insert(self.path.clone(), known);
     }
