@@ -12,7 +12,7 @@ use super::piece::Piece;
 use crate::geometry::{Panel, Point};
 use crate::panel::{GridId, Region};
 use crate::recipe;
-use crate::surface::{BSplineSurface, Parameter, Patch, Spread};
+use crate::surface::{BSplineSurface, Net, Parameter, Patch, Spread};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -104,9 +104,7 @@ fn lines(surface: &BSplineSurface, piece: &Piece, radius_mm: f64) -> Vec<Option<
 
 /// Places spread evenly over a grid.
 struct Places {
-    patch: Patch,
-    columns: usize,
-    rows: usize,
+    net: Net,
     points: Vec<Point<Panel>>,
     /// Surface of each, mm².
     area_mm2: Vec<f64>,
@@ -114,37 +112,24 @@ struct Places {
 
 impl Places {
     fn of(surface: &BSplineSurface, patch: Patch, spacing_mm: f64) -> Self {
-        let middle = surface.tangents(patch.at(Parameter { u: 0.5, v: 0.5 }));
-        let (size_u, size_v) = (patch.high.u - patch.low.u, patch.high.v - patch.low.v);
-        let count = |length_mm: f64| (length_mm / spacing_mm).ceil().max(1.0) as usize;
-        let (columns, rows) = (count(middle.s_u.mm.norm() * size_u), count(middle.s_v.mm.norm() * size_v));
-        let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
-        let cell = size_u * size_v / (columns * rows) as f64;
+        let net = Net::over(surface, patch, spacing_mm);
         let place = |index: usize| {
-            let at = Parameter { u: share(index % columns, columns), v: share(index / columns, rows) };
-            let tangents = surface.tangents(patch.at(at));
-            (tangents.point, tangents.area_mm2() * cell)
+            let tangents = surface.tangents(net.at(index));
+            (tangents.point, tangents.area_mm2() * net.cell())
         };
-        let (points, area_mm2) = (0..columns * rows).map(place).unzip();
-        Places { patch, columns, rows, points, area_mm2 }
+        let (points, area_mm2) = (0..net.count()).map(place).unzip();
+        Places { net, points, area_mm2 }
     }
 
     /// Tells each place that the disc passes on a line, with the length of the line that lies within the radius of it, mm.
     fn under(&self, line: &Line, radius_mm: f64, mut tell: impl FnMut(usize, f64)) {
-        let range = |ends: [f64; 2], reach: f64, [low, high]: [f64; 2], count: usize| {
-            let index = |at: f64| ((at - low) / (high - low) * count as f64).clamp(0.0, count as f64) as usize;
-            let (first, last) = (ends[0].min(ends[1]) - reach, ends[0].max(ends[1]) + reach);
-            if last < low || first > high { 0..0 } else { index(first)..(index(last) + 1).min(count) }
-        };
-        let (low, high) = (self.patch.low, self.patch.high);
-        let across = range(line.ends.map(|end| end.u), line.reach[0], [low.u, high.u], self.columns);
-        for row in range(line.ends.map(|end| end.v), line.reach[1], [low.v, high.v], self.rows) {
-            for column in across.clone() {
-                let place = row * self.columns + column;
-                let chord_mm = chord_mm(line, self.points[place], radius_mm);
-                if chord_mm > 0.0 {
-                    tell(place, chord_mm);
-                }
+        let ([from, to], [reach_u, reach_v]) = (line.ends, line.reach);
+        let least = Parameter { u: from.u.min(to.u) - reach_u, v: from.v.min(to.v) - reach_v };
+        let most = Parameter { u: from.u.max(to.u) + reach_u, v: from.v.max(to.v) + reach_v };
+        for place in self.net.around(least, most) {
+            let chord_mm = chord_mm(line, self.points[place], radius_mm);
+            if chord_mm > 0.0 {
+                tell(place, chord_mm);
             }
         }
     }

@@ -117,4 +117,9 @@ impl Recipe {
     pub fn removal(&self) -> Option<&Removal> {
         self.removal.as_ref()
     }
+
+    /// Force of the tool on the panel, N: of a compliant tool `[path] force_n`, of a spring what `[removal]` states.
+    pub fn force_n(&self) -> Option<f64> {
+        self.path.force_n().or_else(|| self.removal.as_ref()?.force_n())
+    }
 }

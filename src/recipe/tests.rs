@@ -109,9 +109,12 @@ fn each_mistake_is_named() {
         ),
         (
             "path.force_n = 15\nremoval = {target_um = 30, max_um = 60, force_n = 20}",
-            "removal.force_n: found 20, allowed is path.force_n, 15: the tool presses with that",
+            "removal.force_n: has no effect: the tool presses with path.force_n, 15; take it out",
         ),
-        ("removal = {target_um = 30, max_um = 60}", "removal.force_n: is missing; this key has no default"),
+        (
+            "removal = {target_um = 30, max_um = 60}",
+            "removal.force_n: is missing; state the force of the tool on the panel, N, or for a compliant tool path.force_n",
+        ),
         (
             "removal = {target_um = 30, max_um = 60, force_n = 20, method = 'even'}",
             "removal.method: found the text \"even\", allowed is \"constant\" or \"scheduled\"",

@@ -1,6 +1,7 @@
 //! The numbers of a removal map, which are judged.
 
 use super::map::{GridRemoval, RemovalMap};
+use crate::surface::ByArea;
 
 /// Shares of the treated area at which depths are read.
 const SHARES: [f64; 2] = [0.05, 0.95];
@@ -35,22 +36,23 @@ impl Figures {
         let mean = |of: &dyn Fn(f64, f64) -> f64| {
             treated().map(|(depth_um, deviation, area)| area * of(depth_um, deviation)).sum::<f64>() / area
         };
-        let quantile = |of: &dyn Fn(f64) -> f64, share: f64| {
-            quantile(treated().map(|(depth_um, _, area)| (of(depth_um), area)).collect(), share * area)
-        };
+        let by_area =
+            |of: &dyn Fn(f64) -> f64| ByArea::of(treated().map(|(depth_um, _, area)| (of(depth_um), area)));
         let most = |of: &dyn Fn(f64, f64) -> f64| {
             let all = map.grids.iter().flat_map(places);
             all.fold(0.0, |most, (depth_um, deviation, _)| f64::max(most, of(depth_um, deviation)))
         };
         let upper = |deviation: f64| (map.quantile_95 * deviation).exp();
-        let [low_um, high_um] = SHARES.map(|share| quantile(&|depth_um| depth_um, share));
+        let depths = by_area(&|depth_um| depth_um);
+        let off = by_area(&|depth_um| (depth_um / target_um - 1.0).abs());
+        let [low_um, high_um] = SHARES.map(|share| depths.at(share));
         Some(Figures {
             mean_um: mean(&|depth_um, _| depth_um),
-            low_um,
-            high_um,
+            low_um: low_um?,
+            high_um: high_um?,
             largest_um: most(&|depth_um, _| depth_um),
             largest_bound_um: most(&|depth_um, deviation| depth_um * upper(deviation)),
-            within_percent: 100.0 * quantile(&|depth_um| (depth_um / target_um - 1.0).abs(), SHARES[1]),
+            within_percent: 100.0 * off.at(SHARES[1])?,
             uncertainty_percent: 100.0 * mean(&|_, deviation| upper(deviation) - 1.0),
         })
     }
@@ -72,16 +74,6 @@ fn places(grid: &GridRemoval) -> impl Iterator<Item = (f64, f64, f64)> + '_ {
     numbers
         .map(|((depth, deviation), area)| (f64::from(*depth), f64::from(*deviation), f64::from(*area)))
         .filter(|(_, _, area)| *area > 0.0)
-}
-
-/// The value below which so much of the area lies.
-fn quantile(mut values: Vec<(f64, f64)>, mut area: f64) -> f64 {
-    values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    let found = values.iter().find(|(_, own)| {
-        area -= own;
-        area <= 0.0
-    });
-    found.or(values.last()).map_or(0.0, |(value, _)| *value)
 }
 
 #[cfg(test)]

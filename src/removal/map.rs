@@ -8,7 +8,7 @@ use super::model::{Model, UM_PER_MM, Worn};
 use super::samples::Samples;
 use super::track::{Ground, Stretch};
 use crate::panel::{GridId, Region};
-use crate::surface::{BSplineSurface, Field, GridField, Parameter};
+use crate::surface::{BSplineSurface, Field, GridField, sides_mm};
 use rayon::prelude::*;
 
 /// One grid, sample by sample, row by row.
@@ -52,9 +52,8 @@ pub fn removed(
         let grid = grid(&samples, treated.contains(id), stretches, (model, force_share_95));
         (grid.is_treated || grid.depth_um.iter().any(|depth_um| *depth_um > 0.0)).then_some(grid)
     };
-    let point = |u: f64, v: f64| surface.point(Parameter { u, v });
-    let sides_mm = [point(0.0, 0.5).distance_mm(point(1.0, 0.5)), point(0.5, 0.0).distance_mm(point(0.5, 1.0))];
-    RemovalMap { grids: ids.par_iter().filter_map(of_grid).collect(), quantile_95: model.quantile_95(), sides_mm }
+    let grids = ids.par_iter().filter_map(of_grid).collect();
+    RemovalMap { grids, quantile_95: model.quantile_95(), sides_mm: sides_mm(surface) }
 }
 
 fn grid(
@@ -79,7 +78,7 @@ fn grid(
     GridRemoval {
         id: samples.id,
         is_treated,
-        columns: samples.columns,
+        columns: samples.columns(),
         deviation: depth_mm.iter().zip(&swept).map(deviation).collect(),
         depth_um: depth_mm.iter().map(|depth_mm| (depth_mm * UM_PER_MM) as f32).collect(),
         area_mm2: samples.area_mm2.iter().map(|area| *area as f32).collect(),
@@ -142,9 +141,10 @@ impl GridRemoval {
 pub(super) mod tests {
     use super::super::model::tests::MODEL;
     use super::super::track::tests::{DISC, level, pose};
-    use super::super::track::{Disc, Force, stretches};
+    use super::super::track::{Disc, stretches};
     use super::*;
     use crate::recipe::Recipe;
+    use crate::surface::Parameter;
 
     /// A region of one or more grids.
     pub(in crate::removal) fn region(rows: usize, columns: usize) -> Region {
@@ -159,7 +159,7 @@ pub(super) mod tests {
     fn line(swept_mm2: f64) -> RemovalMap {
         let surface = level(100.0);
         let path = [pose([-30.0, 50.0, 0.0], 0.0), pose([130.0, 50.0, 0.0], 160.0 / 60.0)];
-        let all = stretches(&surface, &path, (&Disc { swept_mm2, ..DISC }, Force::Nominal(20.0)), &|_| true);
+        let all = stretches(&surface, &path, (&Disc { swept_mm2, ..DISC }, 20.0), &|_| true);
         let on = (&surface, &region(1, 1), &(|_| true) as Ground<'_>);
         let first = Model { decay_per_mm2: 0.0, ..MODEL };
         let model = if swept_mm2 > 0.0 { MODEL } else { first };
@@ -206,7 +206,7 @@ pub(super) mod tests {
         let surface = level(100.0);
         let path = [pose([10.0, 50.0, 0.0], 0.0), pose([90.0, 50.0, 0.0], 1.0)];
         let ground: Ground<'_> = &|at: Parameter| at.v < 0.55;
-        let all = stretches(&surface, &path, (&DISC, Force::Nominal(20.0)), ground);
+        let all = stretches(&surface, &path, (&DISC, 20.0), ground);
         let map = removed((&surface, &region(2, 2), ground), &[], &all, (&MODEL, 0.1), 2.0);
         assert_eq!(map.grids.len(), 4, "the disc laps over all of them");
         assert!(map.grids.iter().all(|grid| !grid.is_treated));

@@ -180,7 +180,7 @@ mod tests {
     use super::super::map::{RemovalMap, removed, tests::region};
     use super::super::model::tests::MODEL;
     use super::super::track::tests::{DISC, level, pose};
-    use super::super::track::{Disc, Force, stretches};
+    use super::super::track::{Disc, stretches};
     use super::*;
     use crate::surface::dwell::Executed;
 
@@ -214,7 +214,7 @@ mod tests {
         let treated: Vec<GridId> = region.ids().filter(inner).collect();
         let disc = Disc { rim_orbits: true, swept_mm2, ..DISC };
         let path = rows();
-        let all = stretches(&surface, &path, (&disc, Force::Nominal(20.0)), &|_| true);
+        let all = stretches(&surface, &path, (&disc, 20.0), &|_| true);
         let own = |index: usize| Move {
             pose: index + 1,
             length_mm: path[index].panel_from_tool.origin().distance_mm(path[index + 1].panel_from_tool.origin()),
@@ -225,7 +225,7 @@ mod tests {
         let asked = Asked { target_um, acceleration_mm_s2: 1_000.0 };
         let found = schedule(on, &treated, (&all, &moves), &MODEL, &asked);
         let map = |feeds_mm_s: &[f64]| {
-            let all = stretches(&surface, &timed(&path, feeds_mm_s), (&disc, Force::Nominal(20.0)), &|_| true);
+            let all = stretches(&surface, &timed(&path, feeds_mm_s), (&disc, 20.0), &|_| true);
             removed(on, &treated, &all, (&MODEL, 0.1), 1.0)
         };
         let constant = vec![feeds[1]; moves.len()];

@@ -23,24 +23,6 @@ const LOOKS: usize = 16;
 /// Is there panel at this place of the surface?
 pub type Ground<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
 
-/// The force on the disc along the surface's normal.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Force<'a> {
-    /// The same everywhere, N.
-    Nominal(f64),
-    /// On the way to each pose, N, in their order; a pose beyond the list has none.
-    Measured(&'a [f64]),
-}
-
-impl Force<'_> {
-    fn at(&self, pose: usize) -> f64 {
-        match self {
-            Force::Nominal(force_n) => *force_n,
-            Force::Measured(forces_n) => forces_n.get(pose).copied().unwrap_or(0.0),
-        }
-    }
-}
-
 /// The disc of a tool.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Disc {
@@ -78,11 +60,11 @@ pub struct Stretch {
     pub swept_mm2: f64,
 }
 
-/// The stretches of a path.
+/// The stretches of a path. Where nobody measured the force on the way to a pose, the tool presses with `nominal_n`, N.
 pub fn stretches(
     surface: &BSplineSurface,
     executed: &[Executed],
-    (disc, force): (&Disc, Force<'_>),
+    (disc, nominal_n): (&Disc, f64),
     ground: Ground<'_>,
 ) -> Vec<Stretch> {
     let mut all = Vec::new();
@@ -92,6 +74,7 @@ pub fn stretches(
         let way_mm = from.distance_mm(to);
         let count = (way_mm / (STRETCH_RADII * disc.pad.radius_mm)).ceil().max(1.0);
         let (length_mm, seconds) = (way_mm / count, pair[1].seconds / count);
+        let force_n = pair[1].force_n.unwrap_or(nominal_n);
         let at = |share: f64| from + (to - from) * (share / count);
         for step in 0..count as usize {
             swept_mm2 += length_mm * disc.pad.radius_mm;
@@ -99,7 +82,7 @@ pub fn stretches(
             let Some(place) = touched(surface, &mut guess, at(step as f64 + 0.5)) else { continue };
             let tool = pair[if 2 * step < count as usize { 0 } else { 1 }].panel_from_tool;
             let seat = place.tilt(&tool).map(|tilt| Seat { tilt, curvature_per_mm: place.curvature_per_mm });
-            let pressed = seat.and_then(|seat| contact(&place, seat, (disc, force.at(index + 1)), ground));
+            let pressed = seat.and_then(|seat| contact(&place, seat, (disc, force_n), ground));
             if let Some(contact) = pressed {
                 let ends_mm = ends.map(|end| place.offset_mm(end));
                 let stroke = Stroke::new(contact, ends_mm, (disc.rim_orbit_mm(), all.len()));
@@ -176,7 +159,7 @@ pub(super) mod tests {
     #[test]
     fn a_line_is_cut_into_stretches() {
         let line = [pose([20.0, 50.0, 0.0], 0.0), pose([80.0, 50.0, 0.0], 1.0)];
-        let all = stretches(&level(100.0), &line, (&DISC, Force::Nominal(20.0)), &|_| true);
+        let all = stretches(&level(100.0), &line, (&DISC, 20.0), &|_| true);
         assert_eq!((all.len(), all[0].pose), (8, 1));
         let sum = |of: fn(&Stretch) -> f64| all.iter().map(of).sum::<f64>();
         assert!((sum(|stretch| stretch.rubbed_mm) - 2_618.34).abs() < 0.01, "{}", sum(|s| s.rubbed_mm));
@@ -187,19 +170,21 @@ pub(super) mod tests {
     #[test]
     fn what_is_lifted_or_without_force_removes_nothing() {
         let surface = level(100.0);
-        let count = |z: f64, force: Force<'_>| {
+        let count = |z: f64, forces_n: [Option<f64>; 2]| {
             let line = [pose([20.0, 50.0, z], 0.0), pose([80.0, 50.0, z], 1.0)];
-            stretches(&surface, &line, (&DISC, force), &|_| true).len()
+            let line = [0, 1].map(|index| Executed { force_n: forces_n[index], ..line[index] });
+            stretches(&surface, &line, (&DISC, 20.0), &|_| true).len()
         };
-        assert_eq!([count(1.5, Force::Nominal(20.0)), count(0.5, Force::Nominal(20.0))], [0, 8]);
-        assert_eq!([count(0.0, Force::Measured(&[0.0, 20.0])), count(0.0, Force::Measured(&[20.0]))], [8, 0]);
+        assert_eq!([count(1.5, [None; 2]), count(0.5, [None; 2])], [0, 8]);
+        // The force on the way to a pose is the pose's own.
+        assert_eq!([count(0.0, [Some(0.0), Some(20.0)]), count(0.0, [Some(20.0), Some(0.0)])], [8, 0]);
     }
 
     /// By hand: with its middle above the panel's edge, half of the disc bears it all.
     #[test]
     fn beyond_the_edge_the_rest_bears_the_force() {
         let line = [pose([20.0, 50.0, 0.0], 0.0), pose([80.0, 50.0, 0.0], 1.0)];
-        let all = stretches(&level(100.0), &line, (&DISC, Force::Nominal(20.0)), &|at| at.v < 0.5);
+        let all = stretches(&level(100.0), &line, (&DISC, 20.0), &|at| at.v < 0.5);
         assert!(
             (all[0].stroke.contact.depth_mm / 1.131_768 - 1.0).abs() < 0.03,
             "{}",

@@ -19,7 +19,7 @@ use crate::removal::map::{RemovalMap, removed};
 use crate::removal::model::Model;
 use crate::removal::pad::Pad;
 use crate::removal::schedule::{Asked, Move, schedule};
-use crate::removal::track::{Disc, Force, stretches};
+use crate::removal::track::{Disc, Ground, stretches};
 use crate::report::removal_map;
 use crate::surface::{Fit, Parameter};
 use crate::verdict::Check;
@@ -62,14 +62,14 @@ pub struct Removed {
 }
 
 impl<'a> Abrasive<'a> {
-    /// The recipe's table with the model; `None` where either is not there.
-    fn known(&self) -> Option<(&'a recipe::Removal, Model)> {
-        Some((self.recipe.removal()?, self.tool.removal?))
+    /// The recipe's table with its force, N, and the model; `None` where one of them is not there.
+    fn known(&self) -> Option<(&'a recipe::Removal, f64, Model)> {
+        Some((self.recipe.removal()?, self.recipe.force_n()?, self.tool.removal?))
     }
 
-    /// The recipe's table with the model, where the recipe asks for scheduled feeds.
-    fn wanted(&self) -> Option<(&'a recipe::Removal, Model)> {
-        self.known().filter(|(asked, _)| asked.method() == RemovalMethod::Scheduled)
+    /// The same where the recipe asks for scheduled feeds.
+    fn wanted(&self) -> Option<(&'a recipe::Removal, f64, Model)> {
+        self.known().filter(|(asked, ..)| asked.method() == RemovalMethod::Scheduled)
     }
 
     /// How far the lines of a plan go beyond what is treated, mm: feeds alone cannot make it even up to its border.
@@ -81,14 +81,12 @@ impl<'a> Abrasive<'a> {
     /// The plan with the feeds that remove the target, where the recipe asks for that and the model is known.
     #[must_use]
     pub fn scheduled(&self, plan: Plan) -> Plan {
-        let Some((asked, model)) = self.wanted() else { return plan };
+        let Some((asked, force_n, model)) = self.wanted() else { return plan };
         let (settings, all) = (self.recipe.path(), waypoints(&plan));
         let moves = moves(&all, asked, settings);
-        let on_ground = self.ground();
-        let ground = |at: Parameter| on_ground(at);
-        let surface = (&self.fit.surface, &self.panel.region, &ground as &(dyn Fn(Parameter) -> bool + Sync));
-        let force = Force::Nominal(asked.force_n());
-        let all_stretches = stretches(surface.0, &dwell::planned(&plan), (&self.disc(&model), force), &ground);
+        let ground = self.ground();
+        let surface = (&self.fit.surface, &self.panel.region, &ground as Ground<'_>);
+        let all_stretches = stretches(surface.0, &dwell::planned(&plan), (&self.disc(&model), force_n), &ground);
         let wanted = Asked { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
         let found = schedule(surface, &treated(&plan), (&all_stretches, &moves), &model, &wanted);
         let mut feeds_mm_s: Vec<f64> = all.iter().map(|waypoint| waypoint.feed_mm_s).collect();
@@ -103,26 +101,19 @@ impl<'a> Abrasive<'a> {
 
     /// What a plan removes; `None` where the recipe does not ask, or the model is not known.
     pub fn planned(&self, plan: &Plan) -> Option<Removed> {
-        self.removed(&treated(plan), &dwell::planned(plan), Force::Nominal(self.recipe.removal()?.force_n()))
+        self.executed(&treated(plan), &dwell::planned(plan))
     }
 
-    /// What was removed by these poses, of those grids, with the force that the tool measured; where it measured none, with the
+    /// What is removed by these poses, of those grids, with the force that the tool measured; where it measured none, with the
     /// recipe's.
     pub fn executed(&self, grids: &[GridId], poses: &[Executed]) -> Option<Removed> {
-        let nominal_n = self.recipe.removal()?.force_n();
-        let forces_n: Vec<f64> = poses.iter().map(|pose| pose.force_n.unwrap_or(nominal_n)).collect();
-        self.removed(grids, poses, Force::Measured(&forces_n))
-    }
-
-    fn removed(&self, grids: &[GridId], poses: &[Executed], force: Force<'_>) -> Option<Removed> {
-        let (asked, model) = self.known()?;
-        let on_ground = self.ground();
-        let ground = |at: Parameter| on_ground(at);
+        let (asked, force_n, model) = self.known()?;
+        let ground = self.ground();
         let disc = self.disc(&model);
-        let all = stretches(&self.fit.surface, poses, (&disc, force), &ground);
+        let all = stretches(&self.fit.surface, poses, (&disc, force_n), &ground);
         let spacing_mm = (SPACING_RADII * disc.pad.radius_mm).clamp(SPACING_MM[0], SPACING_MM[1]);
         let force_share = asked.force_error_percent() / 100.0;
-        let on = (&self.fit.surface, &self.panel.region, &ground as &(dyn Fn(Parameter) -> bool + Sync));
+        let on = (&self.fit.surface, &self.panel.region, &ground as Ground<'_>);
         let own = removed(on, grids, &all, (&model, force_share), spacing_mm);
         // The target is that of a pass; what no place may come to is that of the part.
         let of_pass = Figures::of(&own, asked.target_um());

@@ -8,6 +8,7 @@
 
 use super::bspline::BSplineSurface;
 use super::derivatives::Parameter;
+use super::net::{Net, sides_mm};
 use super::patch::Patch;
 use super::spread::Spread;
 use crate::geometry::{Panel, Point, Rigid, Tool};
@@ -133,9 +134,7 @@ pub fn simulate(
     let known = grids.iter().filter_map(|id| Patch::of_grid(region, *id).map(|patch| (*id, patch)));
     let known: Vec<(GridId, Patch)> = known.collect();
     let of_grid = |(id, patch): &(GridId, Patch)| grid_dwell(surface, (*id, patch), &steps, radius_mm);
-    let point = |u: f64, v: f64| surface.point(Parameter { u, v });
-    let sides_mm = [point(0.0, 0.5).distance_mm(point(1.0, 0.5)), point(0.5, 0.0).distance_mm(point(0.5, 1.0))];
-    Dwell { grids: known.par_iter().map(of_grid).collect(), sides_mm }
+    Dwell { grids: known.par_iter().map(of_grid).collect(), sides_mm: sides_mm(surface) }
 }
 
 /// The path in contact, step by step, each on the surface below.
@@ -190,45 +189,34 @@ fn grid_dwell(
     steps: &[Step],
     radius_mm: f64,
 ) -> GridDwell {
-    let middle = surface.tangents(patch.at(Parameter { u: 0.5, v: 0.5 }));
-    let (size_u, size_v) = (patch.high.u - patch.low.u, patch.high.v - patch.low.v);
-    let count = |length_mm: f64| (length_mm / SAMPLE_MM).ceil().max(1.0) as usize;
-    let (columns, rows) = (count(middle.s_u.mm.norm() * size_u), count(middle.s_v.mm.norm() * size_v));
-    let cell = size_u * size_v / (columns * rows) as f64;
-    let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
-    let mut points = Vec::with_capacity(columns * rows);
+    let net = Net::over(surface, *patch, SAMPLE_MM);
+    let mut points = Vec::with_capacity(net.count());
     let mut found = GridDwell {
         id,
-        columns,
-        dwell_s: vec![0.0; columns * rows],
-        passes: vec![0; columns * rows],
-        area_mm2: Vec::with_capacity(columns * rows),
+        columns: net.columns,
+        dwell_s: vec![0.0; net.count()],
+        passes: vec![0; net.count()],
+        area_mm2: Vec::with_capacity(net.count()),
     };
-    for sample in 0..columns * rows {
-        let at = Parameter { u: share(sample % columns, columns), v: share(sample / columns, rows) };
-        let tangents = surface.tangents(patch.at(at));
+    for sample in 0..net.count() {
+        let tangents = surface.tangents(net.at(sample));
         points.push(tangents.point);
-        found.area_mm2.push((tangents.area_mm2() * cell) as f32);
+        found.area_mm2.push((tangents.area_mm2() * net.cell()) as f32);
     }
-    let mut last_step = vec![usize::MAX - 1; columns * rows];
+    let mut last_step = vec![usize::MAX - 1; net.count()];
     for (index, step) in steps.iter().enumerate() {
         let tangents = surface.tangents(step.at);
         // Slanted parameters reach farther than the radius: the height of a rhombus is its side times the sine.
         let sine = tangents.area_mm2() / (tangents.s_u.mm.norm() * tangents.s_v.mm.norm());
         let reach = |per_unit: f64| 1.1 * radius_mm / (per_unit * sine);
         let (reach_u, reach_v) = (reach(tangents.s_u.mm.norm()), reach(tangents.s_v.mm.norm()));
-        let range = |at: f64, reach: f64, low: f64, size: f64, count: usize| {
-            let index = |at: f64| ((at - low) / size * count as f64).clamp(0.0, count as f64) as usize;
-            index(at - reach)..(index(at + reach) + 1).min(count)
-        };
-        for row in range(step.at.v, reach_v, patch.low.v, size_v, rows) {
-            for column in range(step.at.u, reach_u, patch.low.u, size_u, columns) {
-                let sample = row * columns + column;
-                if points[sample].distance_mm(step.point) <= radius_mm {
-                    found.dwell_s[sample] += step.seconds as f32;
-                    found.passes[sample] += u16::from(last_step[sample].wrapping_add(1) != index);
-                    last_step[sample] = index;
-                }
+        let least = Parameter { u: step.at.u - reach_u, v: step.at.v - reach_v };
+        let most = Parameter { u: step.at.u + reach_u, v: step.at.v + reach_v };
+        for sample in net.around(least, most) {
+            if points[sample].distance_mm(step.point) <= radius_mm {
+                found.dwell_s[sample] += step.seconds as f32;
+                found.passes[sample] += u16::from(last_step[sample].wrapping_add(1) != index);
+                last_step[sample] = index;
             }
         }
     }

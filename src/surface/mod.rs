@@ -15,6 +15,7 @@ mod error;
 mod field;
 mod fit;
 mod map;
+mod net;
 mod patch;
 mod samples;
 #[cfg(test)]
@@ -32,5 +33,7 @@ pub use error::FitError;
 pub use field::{Field, GridField};
 pub use fit::{Deviation, Fit, Refusal, examine, fit};
 pub use map::{DeviationMap, Holes, MapPixel};
+pub use net::Net;
+pub(crate) use net::sides_mm;
 pub use patch::Patch;
-pub use spread::Spread;
+pub use spread::{ByArea, Spread};

@@ -3,6 +3,30 @@
 /// Shares of the treated area at which the times are read.
 const SHARES: [f64; 2] = [0.05, 0.95];
 
+/// Numbers, each with the area that it holds for, in their order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ByArea(Vec<(f64, f64)>);
+
+impl ByArea {
+    /// Of numbers with their areas.
+    pub fn of(numbers: impl Iterator<Item = (f64, f64)>) -> Self {
+        let mut sorted: Vec<(f64, f64)> = numbers.collect();
+        sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        ByArea(sorted)
+    }
+
+    /// The number that this share of the area has at most; `None` where there is no number.
+    pub fn at(&self, share: f64) -> Option<f64> {
+        let mut left = share * self.0.iter().map(|(_, area)| area).sum::<f64>();
+        let found = self.0.iter().find(|(_, area)| {
+            left -= area;
+            left <= 0.0
+        });
+        // What rounding leaves over belongs to the largest one.
+        found.or(self.0.last()).map(|(number, _)| *number)
+    }
+}
+
 /// The time under the disc that 5 % of the treated area has at most, and 95 %. Treated is what the disc reaches; what it
 /// leaves out the coverage tells.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,18 +40,9 @@ pub struct Spread {
 impl Spread {
     /// Of times in s, each with its area; `None` where nothing was under the disc.
     pub fn of(times: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
-        let mut treated: Vec<(f64, f64)> = times.filter(|(time_s, _)| *time_s > 0.0).collect();
-        treated.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-        let whole: f64 = treated.iter().map(|(_, area)| area).sum();
-        let at = |share: f64| {
-            let mut left = share * whole;
-            treated.iter().find(|(_, area)| {
-                left -= area;
-                left <= 0.0
-            })
-        };
-        let [low, high] = SHARES.map(at);
-        Some(Spread { low_s: low?.0, high_s: high.or(treated.last())?.0 })
+        let treated = ByArea::of(times.filter(|(time_s, _)| *time_s > 0.0));
+        let [low_s, high_s] = SHARES.map(|share| treated.at(share));
+        Some(Spread { low_s: low_s?, high_s: high_s? })
     }
 
     /// How many times longer the long time is.

@@ -28,8 +28,8 @@ settings! {
         max_um: f64, 0.1..=10_000.0, required;
         /// By so much of the target 95 % of the treated area may differ from it, percent.
         even_percent: f64, 1.0..=100.0, default 20.0;
-        /// Force of the tool on the panel, N; of a compliant tool that of `[path]`.
-        force_n: f64, 0.5..=500.0, required;
+        /// Force of the tool on the panel, N, where the tool is a spring; that of a compliant one stands in `[path]`.
+        force_n: Option<f64>, 0.5..=500.0, default None;
         /// By so much that force may be off, 95 %, percent of it.
         force_error_percent: f64, 0.0..=50.0, default 10.0;
         /// Lowest feed that a schedule may ask for, mm/s; the highest is the path's.
@@ -49,13 +49,22 @@ pub(in crate::recipe) fn take_removal(section: &Section<'_, '_>, path: Option<&P
         section.problem("max_um", message);
         return None;
     }
-    if let Some(pressed_n) = path.and_then(Path::force_n).filter(|pressed_n| *pressed_n != removal.force_n()) {
-        let found = removal.force_n();
-        section.problem(
-            "force_n",
-            format!("found {found}, allowed is path.force_n, {pressed_n}: the tool presses with that"),
-        );
-        return None;
+    match (path.and_then(Path::force_n), removal.force_n()) {
+        (Some(pressed_n), Some(_)) => {
+            section.problem(
+                "force_n",
+                format!("has no effect: the tool presses with path.force_n, {pressed_n}; take it out"),
+            );
+            return None;
+        }
+        (None, None) => {
+            section.problem(
+                "force_n",
+                "is missing; state the force of the tool on the panel, N, or for a compliant tool path.force_n",
+            );
+            return None;
+        }
+        _ => {}
     }
     if let Some(path) = path.filter(|path| removal.min_feed_mm_s() > path.feed_mm_s()) {
         let (found, most) = (removal.min_feed_mm_s(), path.feed_mm_s());

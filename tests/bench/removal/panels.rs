@@ -13,7 +13,7 @@ use panelprep::removal::fit::fit;
 use panelprep::removal::map::{RemovalMap, removed};
 use panelprep::removal::model::Model;
 use panelprep::removal::schedule::{Asked, schedule};
-use panelprep::removal::track::{Disc, Force, stretches};
+use panelprep::removal::track::{Disc, stretches};
 use panelprep::stages::removal::moves;
 use panelprep::surface::{BSplineSurface, Holes, Parameter};
 use rand::{RngExt, SeedableRng};
@@ -67,14 +67,14 @@ pub fn measure() -> usize {
         let model = by_coupons(&truth, &mut random);
         let run = |plan: &Plan, random: &mut Pcg64Mcg| {
             let poses = dwell::planned(plan);
-            let expected = map((&surface, &region), plan, &poses, (&model, truth.worn_mm2), None);
-            let forces_n = forces_n(poses.len(), random);
+            let expected = map((&surface, &region), plan, &poses, (&model, truth.worn_mm2));
+            let pressed = pressed(&poses, random);
             let exact = Model {
                 preston_mm2_per_n: truth.preston_mm2_per_n * truth.piece,
                 decay_per_mm2: truth.decay_per_mm2,
                 ..model
             };
-            (expected, map((&surface, &region), plan, &poses, (&exact, truth.worn_mm2), Some(&forces_n)))
+            (expected, map((&surface, &region), plan, &pressed, (&exact, truth.worn_mm2)))
         };
         let by_schedule =
             run(&scheduled_plan((&surface, &region), &settings, (&model, truth.worn_mm2)), &mut random);
@@ -139,7 +139,7 @@ pub fn scheduled_plan(
     let moves = moves(&all, asked, settings);
     let ground = |_: Parameter| true;
     let disc = Disc { swept_mm2: worn_mm2, ..disc(true) };
-    let on = stretches(surface, &dwell::planned(&laid), (&disc, Force::Nominal(FORCE_N)), &ground);
+    let on = stretches(surface, &dwell::planned(&laid), (&disc, FORCE_N), &ground);
     let wanted = Asked { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
     let found = schedule((surface, region, &ground), &grids, (&on, &moves), model, &wanted);
     let mut feeds_mm_s: Vec<f64> = all.iter().map(|waypoint| waypoint.feed_mm_s).collect();
@@ -159,7 +159,7 @@ fn constant_plan((surface, region): (&BSplineSurface, &Region), model: &Model, t
     let grids: Vec<GridId> = region.ids().collect();
     let recipe = path_recipe("");
     let laid = plan(surface, region, &grids, &outline(), recipe.path()).expect("a plan");
-    let map = map((surface, region), &laid, &dwell::planned(&laid), (model, truth.worn_mm2), None);
+    let map = map((surface, region), &laid, &dwell::planned(&laid), (model, truth.worn_mm2));
     let depths = map.grids.iter().flat_map(|grid| &grid.depth_um);
     let mean = depths.clone().map(|depth| f64::from(*depth)).sum::<f64>() / depths.count() as f64;
     let all = laid.paths.iter().flat_map(|path| &path.waypoints);
@@ -200,16 +200,15 @@ fn normal(random: &mut Pcg64Mcg) -> f64 {
     (-2.0 * a.ln()).sqrt() * b.cos()
 }
 
-/// A bias for the panel, and noise that lasts some poses.
-fn forces_n(count: usize, random: &mut Pcg64Mcg) -> Vec<f64> {
+/// The same poses, pressed with a force that has a bias for the panel, and noise that lasts some poses.
+fn pressed(poses: &[Executed], random: &mut Pcg64Mcg) -> Vec<Executed> {
     let bias = FORCE_BIAS * normal(random);
     let (mut slow, keep) = (0.0, 0.8_f64);
-    (0..count)
-        .map(|_| {
-            slow = keep * slow + (1.0 - keep * keep).sqrt() * FORCE_NOISE * normal(random);
-            FORCE_N * (1.0 + bias + slow)
-        })
-        .collect()
+    let mut press = |pose: &Executed| {
+        slow = keep * slow + (1.0 - keep * keep).sqrt() * FORCE_NOISE * normal(random);
+        Executed { force_n: Some(FORCE_N * (1.0 + bias + slow)), ..*pose }
+    };
+    poses.iter().map(&mut press).collect()
 }
 
 fn map(
@@ -217,13 +216,11 @@ fn map(
     plan: &Plan,
     poses: &[Executed],
     (model, worn_mm2): (&Model, f64),
-    forces_n: Option<&[f64]>,
 ) -> RemovalMap {
     let grids: Vec<GridId> = plan.grids.iter().map(|grid| grid.id).collect();
     let ground = |_: Parameter| true;
     let disc = Disc { swept_mm2: worn_mm2, ..disc(true) };
-    let all =
-        stretches(surface, poses, (&disc, forces_n.map_or(Force::Nominal(FORCE_N), Force::Measured)), &ground);
+    let all = stretches(surface, poses, (&disc, FORCE_N), &ground);
     removed((surface, region, &ground), &grids, &all, (model, FORCE_SHARE_95), 2.0)
 }
 

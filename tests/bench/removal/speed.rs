@@ -7,7 +7,7 @@ use panelprep::geometry::median;
 use panelprep::panel::{GridId, Region};
 use panelprep::path::dwell;
 use panelprep::removal::schedule::{Asked, schedule};
-use panelprep::removal::track::{Force, stretches};
+use panelprep::removal::track::stretches;
 use panelprep::stages::removal::moves;
 use panelprep::surface::Parameter;
 use std::time::Instant;
@@ -28,7 +28,7 @@ pub fn measure() -> usize {
     let mut times_ms: Vec<f64> = (0..RUNS)
         .map(|_| {
             let started = Instant::now();
-            let on = stretches(&surface, &dwell::planned(&laid), (&disc(true), Force::Nominal(FORCE_N)), &ground);
+            let on = stretches(&surface, &dwell::planned(&laid), (&disc(true), FORCE_N), &ground);
             let found = schedule((&surface, &region, &ground), &grids, (&on, &moves), &model, &wanted);
             std::hint::black_box(found);
             1e3 * started.elapsed().as_secs_f64()
