@@ -1,7 +1,7 @@
 //! The 95 % radius of an error: quantiles for covariances that were estimated from few residuals.
 
 use nalgebra::Matrix3;
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+use statrs::distribution::{ContinuousCDF, FisherSnedecor, StudentsT};
 
 /// The value that an F-distributed number with these degrees of freedom stays below with this probability.
 ///
@@ -9,6 +9,16 @@ use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 pub(super) fn f_quantile(numerator: f64, denominator: f64, probability: f64) -> f64 {
     FisherSnedecor::new(numerator.max(1.0), denominator.clamp(1.0, 1e5))
         .map_or(f64::INFINITY, |f| f.inverse_cdf(probability))
+}
+
+/// The value that a number with Student's distribution stays below with this probability. Redundancies below 1 count as 1, as above.
+pub fn student_quantile(redundancy: f64, probability: f64) -> f64 {
+    StudentsT::new(0.0, 1.0, redundancy.clamp(1.0, 1e5)).map_or(f64::INFINITY, |t| t.inverse_cdf(probability))
+}
+
+/// So many standard errors of this redundancy hold 95 % to both sides.
+pub fn student_95(redundancy: f64) -> f64 {
+    student_quantile(redundancy, 0.975)
 }
 
 /// Radius of the sphere that holds a normally distributed error with 95 %; the covariance, mm², was estimated with
@@ -32,6 +42,7 @@ mod tests {
     fn radii_from_tables() {
         assert!((radius_95(&Matrix3::identity(), 1e5) - 7.815_f64.sqrt()).abs() < 0.003);
         assert!((f_quantile(3.0, 12.0, 0.95) - 3.490).abs() < 0.002);
+        assert!((student_95(10.0) - 2.228).abs() < 1e-3 && (student_95(1.0) - 12.706).abs() < 1e-3);
         let line = Matrix3::from_diagonal(&nalgebra::Vector3::new(4.0, 0.0, 0.0));
         assert!((radius_95(&line, 1e5) - 2.0 * 1.96).abs() < 0.01);
         assert_eq!(radius_95(&Matrix3::zeros(), 10.0), 0.0);

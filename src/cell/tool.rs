@@ -2,6 +2,7 @@
 
 use super::devices::is_host;
 use crate::config::{Choice, Section};
+use crate::geometry::STANDARD_GRAVITY_M_S2;
 use crate::words::apart;
 
 /// What presses the disc onto the panel.
@@ -98,8 +99,6 @@ const REQUIRED: [(&str, &str); 5] = [
     ("max_force_n", "kind = \"acf\" needs its strongest push, in N"),
     ("payload_kg", "kind = \"acf\" needs what hangs on it, in kg; `panelprep calibrate force` measures it"),
 ];
-/// Weight of 1 kg, N.
-const WEIGHT_OF_1_KG_N: f64 = 9.806_65;
 
 pub(super) fn take_tool(section: &Section<'_, '_>) -> Option<Tool> {
     let kind = section.take("kind", (), Some(Kind::Spring));
@@ -143,7 +142,7 @@ pub(super) fn take_tool(section: &Section<'_, '_>) -> Option<Tool> {
     if kind == Kind::Spring {
         return Some(Tool::Spring);
     }
-    let weighs_n = tool.payload_kg * WEIGHT_OF_1_KG_N;
+    let weighs_n = tool.payload_kg * STANDARD_GRAVITY_M_S2;
     if -tool.min_force_n <= weighs_n {
         let [found, allowed] = apart(tool.min_force_n, -weighs_n, 1);
         let message = format!(

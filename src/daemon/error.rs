@@ -2,6 +2,7 @@
 
 use super::ports::RecordError;
 use crate::supervision::ThreadFault;
+use crate::words::fixed;
 
 /// Why a cycle cannot begin, or had to end where no verdict is possible.
 #[derive(Debug, thiserror::Error)]
@@ -40,13 +41,17 @@ pub enum DaemonError {
     },
     /// More than the tool has.
     #[error(
-        "the recipe states [path] force_n = {found_n}; with its band of {band_n} N it exceeds [tool] max_force_n, {most_n}"
+        "the recipe states [path] force_n = {found_n}; with its band of {band_n} N and the weight of its payload, {} N, which \
+         a tool that points up lifts as well, it exceeds [tool] max_force_n, {most_n}",
+        fixed(*weight_n, 1)
     )]
     TooMuchForce {
         /// What is stated, N.
         found_n: f64,
         /// The band, N.
         band_n: f64,
+        /// The weight of what hangs on it, N.
+        weight_n: f64,
         /// The tool's strongest push, N.
         most_n: f64,
     },

@@ -41,11 +41,11 @@ struct Contact {
 impl Pressing {
     /// A contact path begins: of each waypoint whether it is on the panel.
     pub fn begin(&mut self, on_panel: Vec<bool>, settings: &recipe::Path, tool: &CompliantTool) {
-        let force_n = settings.force_n().unwrap_or_default();
+        let (Some(force_n), Some(landing_n)) = (settings.force_n(), settings.landing_n()) else { return };
         self.contact = Some(Contact {
             on_panel,
             force_n,
-            landing_n: settings.landing_force_n().unwrap_or(force_n / 3.0),
+            landing_n,
             ramp_s: settings.force_ramp_s(),
             aim: Aim::HeldBack,
             ramp: Ramp::at(Press::held_back(tool.min_force_n)),
@@ -99,7 +99,7 @@ impl Pressing {
 
     /// The contact force of the last reading, N.
     pub fn contact_n(&self, tool: &CompliantTool, downwards: f64) -> Option<f64> {
-        self.last.map(|(_, reading)| weight(tool).contact_n(reading.force_n, downwards))
+        self.last.map(|(_, reading)| Weight::from(tool).contact_n(reading.force_n, downwards))
     }
 
     /// Why the contact path under way must end now.
@@ -163,15 +163,10 @@ impl Contact {
         if aim == Aim::HeldBack {
             return Press::held_back(tool.min_force_n);
         }
-        let actuator_n = |contact_n: f64| {
-            weight(tool).actuator_n(contact_n, downwards).clamp(tool.min_force_n, tool.max_force_n)
-        };
+        // Within the tool's forces at every attitude: else neither cell nor cycle had been taken.
+        let actuator_n = |contact_n: f64| Weight::from(tool).actuator_n(contact_n, downwards);
         Press { force_n: actuator_n(target_n), no_contact_n: actuator_n(self.landing_n), ramp_s }
     }
-}
-
-fn weight(tool: &CompliantTool) -> Weight {
-    Weight { payload_kg: tool.payload_kg, zero_n: tool.zero_n }
 }
 
 fn limits(tool: &CompliantTool) -> WatchLimits {

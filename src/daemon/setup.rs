@@ -4,6 +4,7 @@ use super::error::DaemonError;
 use super::wiring::Wiring;
 use crate::calib::health;
 use crate::cell::{Arm, Cell, CompliantTool, LensExtent, Limits};
+use crate::force::Weight;
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};
 use crate::inspect::Demands;
 use crate::panel::{TaughtCorner, TaughtPanel};
@@ -154,10 +155,13 @@ fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), Daemo
         (None, None) => Ok(()),
         (Some(_), None) => Err(DaemonError::NoForce),
         (None, Some(found_n)) => Err(DaemonError::ForceOfSpring { found_n }),
-        (Some(tool), Some(found_n)) if found_n + tool.band_n > tool.max_force_n => {
-            let (band_n, most_n) = (tool.band_n, tool.max_force_n);
-            Err(DaemonError::TooMuchForce { found_n, band_n, most_n })
+        (Some(tool), Some(found_n)) => {
+            // Pointing up it lifts its payload as well.
+            let (band_n, weight_n, most_n) = (tool.band_n, Weight::from(tool).presses_n(1.0), tool.max_force_n);
+            match found_n + band_n + weight_n > most_n {
+                true => Err(DaemonError::TooMuchForce { found_n, band_n, weight_n, most_n }),
+                false => Ok(()),
+            }
         }
-        (Some(_), Some(_)) => Ok(()),
     }
 }

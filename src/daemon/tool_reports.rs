@@ -18,10 +18,11 @@ use crate::verdict::Reason;
 impl Running<'_> {
     /// Hears the tool and tells it what is due; true where something came of it.
     pub(super) fn attend_tool(&mut self, now: Time) -> Result<bool, DaemonError> {
-        let Some(tool) = self.cell.tool.clone() else { return Ok(false) };
+        let cell = self.cell.clone();
+        let Some(tool) = &cell.tool else { return Ok(false) };
         let lost = self.pressing.hear(self.ports.tool.news(), now);
         let (under_way, downwards) = (self.contact_reached(), self.tool_downwards());
-        if let Some(press) = self.pressing.wanted(&tool, (under_way, downwards), now) {
+        if let Some(press) = self.pressing.wanted(tool, (under_way, downwards), now) {
             self.ports.tool.press(press);
         }
         if under_way.is_none() {
@@ -31,10 +32,10 @@ impl Running<'_> {
             }
             return Ok(false);
         }
-        if let Some(contact_n) = self.pressing.contact_n(&tool, downwards) {
+        if let Some(contact_n) = self.pressing.contact_n(tool, downwards) {
             self.trace.measured(contact_n);
         }
-        let Some(why) = lost.or_else(|| self.pressing.ends(&tool, downwards, now)) else { return Ok(false) };
+        let Some(why) = lost.or_else(|| self.pressing.ends(tool, downwards, now)) else { return Ok(false) };
         self.pressing.is_over();
         self.ports.tool.press(Press::held_back(tool.min_force_n));
         self.note(Kind::Tool, vec![why])?;
@@ -62,20 +63,22 @@ impl Running<'_> {
 
     /// The set-points of a contact path that begins.
     pub(super) fn begin_pressing(&mut self, motion: Motion) {
-        let (Some(tool), Some(cycle)) = (self.cell.tool.clone(), self.cycle.clone()) else { return };
+        let (cell, Some(cycle)) = (self.cell.clone(), self.cycle.clone()) else { return };
+        let Some(tool) = &cell.tool else { return };
         if let (Path::Contact, Some(plan)) = (motion.path, self.abrasion.plan(motion.plan)) {
             let on_panel = waypoints(plan).iter().map(|waypoint| waypoint.contact).collect();
-            self.pressing.begin(on_panel, cycle.recipe.path(), &tool);
+            self.pressing.begin(on_panel, cycle.recipe.path(), tool);
         }
     }
 
     /// Whether the tool lets the arm go towards the panel; else the act has failed, and why is kept.
     pub(super) fn tool_lets_go(&mut self, id: Id, path: Path) -> Result<bool, RecordError> {
-        let Some(tool) = self.cell.tool.clone().filter(|_| matches!(path, Path::Approach | Path::Contact)) else {
+        let cell = self.cell.clone();
+        let Some(tool) = cell.tool.as_ref().filter(|_| matches!(path, Path::Approach | Path::Contact)) else {
             return Ok(true);
         };
         let now = self.ports.robot_now();
-        let Some(why) = self.pressing.refuses(&tool, now) else { return Ok(true) };
+        let Some(why) = self.pressing.refuses(tool, now) else { return Ok(true) };
         self.note(Kind::Tool, vec![why])?;
         self.answer(id, Answer::Failed(Trouble::Force));
         Ok(false)
@@ -83,7 +86,7 @@ impl Running<'_> {
 
     /// What the self-test finds wrong with the tool.
     pub(super) fn tool_unfit(&mut self) -> Option<(Trouble, Reason)> {
-        let (tool, now) = (self.cell.tool.clone()?, self.ports.robot_now());
-        self.pressing.refuses(&tool, now).map(|why| (Trouble::Force, why))
+        let (cell, now) = (self.cell.clone(), self.ports.robot_now());
+        self.pressing.refuses(cell.tool.as_ref()?, now).map(|why| (Trouble::Force, why))
     }
 }

@@ -10,11 +10,9 @@
 //! length 1: the base must stand level. Pointing down (`a · d` = 1) the weight presses too; pointing up it takes from the force. The
 //! tool is told a payload of 0 kg, so that nothing is compensated twice.
 
-use crate::geometry::{Base, Rigid, Tool, Vector};
+use crate::cell::CompliantTool;
+use crate::geometry::{Base, Rigid, STANDARD_GRAVITY_M_S2, Tool, Vector};
 use nalgebra::Vector3;
-
-/// Standard gravity, m/s².
-pub const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
 
 /// What the actuator carries, and what its sensor says of nothing.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,6 +37,12 @@ impl Weight {
     /// The actuator's force for this contact force, N: (2).
     pub fn actuator_n(&self, contact_n: f64, downwards: f64) -> f64 {
         contact_n - self.presses_n(downwards)
+    }
+}
+
+impl From<&CompliantTool> for Weight {
+    fn from(tool: &CompliantTool) -> Self {
+        Weight { payload_kg: tool.payload_kg, zero_n: tool.zero_n }
     }
 }
 

@@ -13,10 +13,9 @@
 //! Forces are contact forces, N, positive where the disc presses onto the panel, unless they are said to be the actuator's;
 //! `gravity` has the formula between them. Read in this order: `telegram` · `session` · `press` (what the tool is told) ·
 //! `gravity` · `aims` (which force at which waypoint) · `watch` (readings against what is expected) · `stroke` (the gate before
-//! the motion) · `calibration` (payload and zero from readings without contact).
+//! the motion). Payload and zero are calibrated in `calib::force`.
 
 mod aims;
-mod calibration;
 mod gravity;
 mod press;
 mod session;
@@ -25,8 +24,7 @@ mod telegram;
 mod watch;
 
 pub use aims::{Aim, aim_of_leg};
-pub use calibration::{AttitudeReading, CalibrationError, ForceCalibration, calibrate};
-pub use gravity::{STANDARD_GRAVITY_M_S2, Weight, downwards};
+pub use gravity::{Weight, downwards};
 pub use press::{Press, Ramp};
 pub use session::{Loss, Session, SessionLimits, State};
 pub use stroke::{MIDDLE_SHARE, TOOL_STROKE, check_stroke};

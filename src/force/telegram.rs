@@ -22,7 +22,7 @@ pub const TERMINATOR: u8 = b'k';
 pub const LOGIN_ECHO_MOST_BYTES: usize = 64;
 
 /// The longest reply, bytes. The longest that the format needs is about 40.
-const MOST_BYTES: usize = 96;
+pub const REPLY_MOST_BYTES: usize = 96;
 
 /// What a reply's numbers may be at most: no compliant tool has so much force, N, or stroke, mm.
 const MOST_FORCE_N: f64 = 2_000.0;
@@ -108,7 +108,7 @@ impl ErrorBits {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TelegramError {
     /// More bytes than any reply has.
-    #[error("{bytes} bytes without an end, a reply has at most {MOST_BYTES}")]
+    #[error("{bytes} bytes without an end, a reply has at most {REPLY_MOST_BYTES}")]
     TooLong {
         /// How many came.
         bytes: usize,
@@ -145,7 +145,7 @@ pub enum TelegramError {
 /// # Errors
 /// Where it is not exactly a reply of that tool.
 pub fn parse_reply(bytes: &[u8], expected: u16) -> Result<Reading, TelegramError> {
-    if bytes.len() > MOST_BYTES {
+    if bytes.len() > REPLY_MOST_BYTES {
         return Err(TelegramError::TooLong { bytes: bytes.len() });
     }
     let text = std::str::from_utf8(bytes).ok().filter(|text| text.bytes().all(is_text));

@@ -26,4 +26,4 @@ pub use picture::{ColorPicture, GrayPicture, Mask};
 pub use plane::{Plane, local_plane, local_plane_of};
 pub use raster::{AROUND, BESIDE, Raster};
 pub use rigid::{Point, Rigid, Vector};
-pub use units::{Degrees, Pixel};
+pub use units::{Degrees, Pixel, STANDARD_GRAVITY_M_S2};

@@ -5,6 +5,9 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Standard gravity, m/s²: with it 1 kg weighs 9.80665 N.
+pub const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
+
 /// An angle in degrees.
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Default, Serialize, Deserialize)]
 #[serde(transparent)]

@@ -10,7 +10,8 @@ use super::coupons::{Coupon, CouponTool};
 use super::fit_error::{CONTRADICTORY, LEVELS, WORN_LEVELS_MM2};
 pub use super::fit_error::{FitError, MIN_COUPONS};
 use super::least_squares::{Line, line};
-use super::model::{MM2_PER_M2, student, student_95};
+use super::model::MM2_PER_M2;
+use crate::calib::{student_95, student_quantile};
 use nalgebra::{DMatrix, DVector, Matrix2};
 
 /// A coupon as the others foretell it.
@@ -144,7 +145,7 @@ fn left_out(
     let spread = others.deviation * (1.0 + row.dot(&(&others.inverse * &row))).sqrt();
     let redundancy = (coupons.len() - 3) as f64;
     // One of all of them, on either side, by Bonferroni.
-    let most = student(redundancy, 1.0 - 0.05 / (2.0 * coupons.len() as f64));
+    let most = student_quantile(redundancy, 1.0 - 0.05 / (2.0 * coupons.len() as f64));
     let half = student_95(redundancy) * spread;
     let depth_um = |ln: f64| 1_000.0 * (ln + exposure[index]).exp();
     let away = y[index] - expected;

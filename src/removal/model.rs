@@ -7,16 +7,14 @@
 //! Student's for as many coupons less two.
 
 use super::speed::Orbit;
+use crate::calib::student_95;
 use crate::cell::RemovalNumbers;
 use nalgebra::Matrix2;
-use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Square millimetres of a square metre.
 pub const MM2_PER_M2: f64 = 1e6;
 /// Micrometres of a millimetre.
 pub const UM_PER_MM: f64 = 1_000.0;
-/// Quantile of a two-sided 95 %.
-const TWO_SIDED: f64 = 0.975;
 /// What fits a line takes of the coupons' redundancy.
 const FITTED: usize = 2;
 /// Two standard deviations are what people call 95 % of a force.
@@ -84,16 +82,6 @@ impl Model {
     pub fn quantile_95(&self) -> f64 {
         student_95(self.redundancy)
     }
-}
-
-/// Two-sided 95 % of Student's distribution; below one degree of freedom that of one.
-pub fn student_95(redundancy: f64) -> f64 {
-    student(redundancy, TWO_SIDED)
-}
-
-/// A quantile of Student's distribution.
-pub(super) fn student(redundancy: f64, probability: f64) -> f64 {
-    StudentsT::new(0.0, 1.0, redundancy.clamp(1.0, 1e5)).map_or(f64::INFINITY, |t| t.inverse_cdf(probability))
 }
 
 #[cfg(test)]

@@ -7,11 +7,13 @@ use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
 use super::args::Force as Args;
 use super::{date, files};
+use crate::calib::force::{AttitudeReading, ForceCalibration, calibrate};
 use crate::calib::health::{self, Demands, TOOL_FORCE, Verification};
 use crate::cell::CompliantTool;
-use crate::force::{AttitudeReading, Weight, calibrate, downwards};
+use crate::force::{Weight, downwards};
+use crate::geometry::STANDARD_GRAVITY_M_S2;
 use crate::store::{Store, calibration_hash};
-use crate::verdict::Judgement;
+use crate::verdict::{Check, Judgement, SetBy};
 use crate::words::apart;
 use serde_json::json;
 
@@ -32,13 +34,15 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
         .into_iter()
         .map(|(flange, force_n)| AttitudeReading { downwards: downwards(&(flange * flange_from_tool)), force_n })
         .collect();
-    if args.verify { verify(&cell, &readings) } else { measure(&readings) }
+    if args.verify { verify(&cell, &readings) } else { measure(&cell, &readings) }
 }
 
-fn measure(readings: &[AttitudeReading]) -> Result<Outcome, Fault> {
+fn measure(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fault> {
     let found = calibrate(readings).map_err(Fault::stage)?;
     let Weight { payload_kg, zero_n } = found.weight;
-    let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
+    let known = known(&found, files.cell.tool().compliant());
+    let mut outcome = Outcome::of(&Judgement::of_checks([&known]));
+    outcome.put_checks(&[known]);
     outcome.put("payload_kg", json!(payload_kg));
     outcome.put("payload_95_kg", json!(found.payload_95_kg));
     outcome.put("zero_n", json!(zero_n));
@@ -55,9 +59,21 @@ fn measure(readings: &[AttitudeReading]) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
+/// How well the force is known by payload and zero, held against what a verification allows.
+fn known(found: &ForceCalibration, tool: Option<&CompliantTool>) -> Check {
+    let known_n = found.zero_95_n + STANDARD_GRAVITY_M_S2 * found.payload_95_kg;
+    let check = Check::new("force by payload and zero, 95 %, at the worst attitude", "N", known_n);
+    let Some(tool) = tool else { return check };
+    let allowed_n = OF_BAND * tool.band_n;
+    check.at_most(allowed_n, SetBy::cell("tool.band_n")).reviews("force_uncertain", || {
+        let [found, allowed] = apart(known_n, allowed_n, 1);
+        format!("the force is known to {found} N, allowed are {allowed} N; take more readings, at attitudes that differ more")
+    })
+}
+
 fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fault> {
     let tool = files.cell.tool().compliant().ok_or(Fault::NoCompliantTool)?;
-    let weight = Weight { payload_kg: tool.payload_kg, zero_n: tool.zero_n };
+    let weight = Weight::from(tool);
     let off_n = |read: &AttitudeReading| weight.contact_n(read.force_n, read.downwards).abs();
     let error_n = readings.iter().map(off_n).reduce(f64::max).ok_or(Fault::NoReadings)?;
     let demands = demands(files, tool);

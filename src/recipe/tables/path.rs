@@ -165,6 +165,13 @@ pub(in crate::recipe) fn take_path(section: &Section<'_, '_>) -> Option<Path> {
     Some(path)
 }
 
+impl Path {
+    /// Force with which a compliant tool comes down and leaves, N; `None` where no force is stated.
+    pub fn landing_n(&self) -> Option<f64> {
+        Some(self.landing_force_n().unwrap_or(self.force_n()? / 3.0))
+    }
+}
+
 /// Whether the keys of a compliant tool's force go together.
 fn is_force_right(section: &Section<'_, '_>, path: &Path) -> bool {
     let Some(force_n) = path.force_n() else {

@@ -1,24 +1,26 @@
 //! Payload and zero of the tool, from its readings without contact at several attitudes.
 //!
-//! Without contact (1) to (3) of `gravity` leave, with x = a · d,
+//! Without contact (1) to (3) of `force::gravity` leave, with x = a · d,
 //!
 //! ```text
 //! F_reading = zero − m g x                                                                       (1)
 //! ```
 //!
 //! a straight line over x, fitted by least squares. With n readings, residuals r and s² = Σr² / (n − 2), the slope's variance is
-//! s² / Σ(x − x̄)² and the zero's s² (1/n + x̄² / Σ(x − x̄)²); stated are 1.96 standard errors, of a scatter of at least what the sensor
-//! resolves. Readings whose attitudes do not differ enough say nothing of the payload and are refused.
+//! s² / Σ(x − x̄)² and the zero's s² (1/n + x̄² / Σ(x − x̄)²). Stated are so many standard errors as hold 95 % by Student's distribution
+//! for n − 2, at least those of a sensor whose resolution is all that scatters. Readings whose attitudes do not differ enough say nothing of the payload and are refused.
 
-use super::gravity::{STANDARD_GRAVITY_M_S2, Weight};
+use super::quantile::student_95;
+use crate::force::Weight;
+use crate::geometry::STANDARD_GRAVITY_M_S2;
 use crate::words::apart;
 
 /// Readings at least.
 const LEAST: usize = 3;
 /// The attitudes must differ by this much of x at least: 60° about the horizontal.
 const LEAST_SPREAD: f64 = 0.5;
-/// What a sensor resolves at best, N.
-const RESOLUTION_N: f64 = 0.05;
+/// What a sensor resolves at best, 95 %, N: 1.96 · 0.05.
+const RESOLVED_95_N: f64 = 0.098;
 /// Farther than this from the line a reading was not taken without contact, N.
 const MOST_RESIDUAL_N: f64 = 3.0;
 
@@ -128,11 +130,11 @@ pub fn calibrate(readings: &[AttitudeReading]) -> Result<ForceCalibration, Calib
         return Err(CalibrationError::Negative { payload_kg });
     }
     let squares: f64 = readings.iter().map(|read| off_n(read).powi(2)).sum();
-    let scatter_n = (squares / (n - 2.0)).sqrt().max(RESOLUTION_N);
+    let half_n = (student_95(n - 2.0) * (squares / (n - 2.0)).sqrt()).max(RESOLVED_95_N);
     Ok(ForceCalibration {
         weight: Weight { payload_kg, zero_n },
-        payload_95_kg: 1.96 * scatter_n / spread.sqrt() / STANDARD_GRAVITY_M_S2,
-        zero_95_n: 1.96 * scatter_n * (1.0 / n + mean_x * mean_x / spread).sqrt(),
+        payload_95_kg: half_n / spread.sqrt() / STANDARD_GRAVITY_M_S2,
+        zero_95_n: half_n * (1.0 / n + mean_x * mean_x / spread).sqrt(),
         rms_n: (squares / n).sqrt(),
         readings: readings.len(),
     })
@@ -155,6 +157,14 @@ mod tests {
         assert!((found.weight.payload_kg - 1.0).abs() < 1e-9 && (found.weight.zero_n - 2.0).abs() < 1e-9);
         assert!((found.payload_95_kg - 0.007_07).abs() < 1e-5, "{found:?}");
         assert!((found.zero_95_n - 0.056_6).abs() < 1e-4, "{found:?}");
+    }
+
+    /// By hand: 0.3 N off in the middle of three readings, they lie −0.1, 0.2 and −0.1 N off their line, s² = 0.06 / 1; Student's
+    /// quantile for 1 is 12.706, so that the zero is known to 12.706 · 0.24495 / √3 = 1.797 N.
+    #[test]
+    fn three_readings_that_scatter_tell_little() {
+        let found = calibrate(&[read(1.0, -7.806_65), read(0.0, 2.3), read(-1.0, 11.806_65)]).expect("a result");
+        assert!((found.zero_95_n - 1.797).abs() < 1e-3, "{found:?}");
     }
 
     #[test]
