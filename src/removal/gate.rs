@@ -27,19 +27,22 @@ pub fn checks(found: &Fitted, coupons: &[Coupon]) -> Vec<Check> {
     vec![
         few(coupons.len()),
         bounded(
+            "k_uncertain",
             ("uncertainty of k, 95 %, at the worst wear measured", known_percent),
             KNOWN_PERCENT,
-            ("k_uncertain", "k is known to percent"),
+            "k is known to percent",
         ),
         bounded(
+            "coupons_differ",
             ("a coupon differs from the model, σ", 100.0 * found.coupon_deviation),
             COUPON_PERCENT,
-            ("coupons_differ", "coupons differ from the model by percent"),
+            "coupons differ from the model by percent",
         ),
         bounded(
+            "left_out",
             ("left-out coupons, rms", 100.0 * found.left_out_rms()),
             LEFT_OUT_PERCENT,
-            ("left_out", "coupons that were left out differ from what the others foretell by percent"),
+            "coupons that were left out differ from what the others foretell by percent",
         ),
         outliers(found, coupons),
         power(found),
@@ -49,9 +52,10 @@ pub fn checks(found: &Fitted, coupons: &[Coupon]) -> Vec<Check> {
 
 /// A number that a person must look at beyond one bound, and that rejects beyond another.
 fn bounded(
+    code: &'static str,
     (name, percent): (&'static str, f64),
     [review, reject]: Bounds,
-    (code, words): (&'static str, &str),
+    words: &str,
 ) -> Check {
     let is_refused = percent.is_nan() || percent > reject;
     let limit = if is_refused { reject } else { review };

@@ -1,5 +1,5 @@
 //! Each grid that failed as a close picture: the film as it was in the end, a line around what broke, and in words how much broke
-//! and after how long.
+//! and after how long. Each has its own scale.
 
 use super::canvas::{Canvas, Ink, Pen, crop, resized, sheet};
 use super::closeup::bounds;
@@ -48,14 +48,14 @@ impl View<'_> {
         let mut pictures = Vec::with_capacity(failed.len());
         for one in failed {
             if let Some(part) = part(&whole, &self.pixels(&one.grid.edge)) {
-                pictures.push(titled(&resized(&part, WIDTH_PX)?, &format!("{}: {}", one.grid.id, one.words))?);
+                let px_per_mm = self.px_per_mm(one.grid.corners[0]) * WIDTH_PX as f64 / part.width as f64;
+                pictures.push(close(&part, px_per_mm, &format!("{}: {}", one.grid.id, one.words))?);
             }
         }
-        let tallest = pictures.iter().map(|picture| picture.height).max();
-        Ok(tallest.map(|height| {
-            let even: Vec<ColorPicture> = pictures.iter().map(|picture| heightened(picture, height)).collect();
-            sheet(&even, COLUMNS)
-        }))
+        let Some(height) = pictures.iter().map(|picture| picture.height).max() else { return Ok(None) };
+        let even: Vec<ColorPicture> = pictures.iter().map(|picture| heightened(picture, height)).collect();
+        let legend = [(Ink::YELLOW, "broken film"), (Ink::VERMILLION, "failed grid")];
+        Canvas::on(&sheet(&even, COLUMNS))?.with_legend(&legend)?.finish().map(Some)
     }
 }
 
@@ -68,8 +68,11 @@ fn part(whole: &ColorPicture, edge: &[Pixel]) -> Option<ColorPicture> {
     Some(crop(whole, left, top, (width + 2 * margin, height + 2 * margin)))
 }
 
-/// The picture below a dark band with its title.
-fn titled(picture: &ColorPicture, title: &str) -> Result<ColorPicture, ImagingError> {
+/// The part enlarged, with a scale bar, below a dark band with its title; `px_per_mm` once it is enlarged.
+fn close(part: &ColorPicture, px_per_mm: f64, title: &str) -> Result<ColorPicture, ImagingError> {
+    let mut canvas = Canvas::on(&resized(part, WIDTH_PX)?)?;
+    canvas.scale_bar_within(px_per_mm)?;
+    let picture = canvas.finish()?;
     let mut rgb = vec![Ink::RIM.0; BAND_PX * picture.width];
     rgb.extend_from_slice(&picture.rgb);
     let mut canvas = Canvas::on(&ColorPicture { width: picture.width, height: picture.height + BAND_PX, rgb })?;
@@ -99,7 +102,7 @@ mod tests {
         let edge = [(30.0, 20.0), (70.0, 20.0), (70.0, 40.0), (30.0, 40.0)].map(|(u, v)| Pixel::at(u, v));
         let part = part(&whole, &edge).expect("in the picture");
         assert_eq!((part.width, part.height), (50, 30));
-        let close = titled(&resized(&part, WIDTH_PX).expect("enlarged"), "r1c1: 41.3 mm²").expect("drawn");
+        let close = close(&part, 12.8, "r1c1: 41.3 mm²").expect("drawn");
         assert_eq!((close.width, close.height), (320, 192 + BAND_PX));
         let white = |row: usize| close.rgb[row * 320..][..320].iter().filter(|pixel| pixel[0] > 160).count();
         assert!((23..=29).contains(&white(BAND_PX + 96)), "{}", white(BAND_PX + 96));

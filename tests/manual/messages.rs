@@ -58,7 +58,7 @@ const TABLES: [(&str, &str); 4] = [
 ];
 
 /// Calls whose first word is a code, in all files or in those that end so.
-const CALLS: [(&str, &str); 10] = [
+const CALLS: [(&str, &str); 11] = [
     (".rs", "Reason::new("),
     (".rs", ".bound("),
     (".rs", ".doubt("),
@@ -67,6 +67,7 @@ const CALLS: [(&str, &str); 10] = [
     (".rs", "refused("),
     (".rs", ".rejects("),
     (".rs", ".reviews("),
+    ("removal/gate.rs", " bounded("),
     ("locate/refine/judge.rs", "beyond(refined"),
     (".rs", ".broken("),
 ];
