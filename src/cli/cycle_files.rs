@@ -152,7 +152,7 @@ impl TaughtRecipe {
     /// Where the part cannot be written as a text.
     pub fn start(&self, calibrated: &Calibrated) -> Result<CycleStart, Fault> {
         let part = self.part.as_ref().map(part::text).transpose()?.map(|text| (PartNames::FILE, text));
-        let before = self.removed_before_text();
+        let before = self.removed_before_text()?;
         let texts = calibrated.texts.iter().chain(&part).chain(&before);
         Ok(CycleStart {
             panel: self.recipe.panel().to_owned(),
@@ -180,9 +180,10 @@ impl TaughtRecipe {
     }
 
     /// The same as a text that is kept with the cycle, and by which a replay knows it; none where there is nothing.
-    fn removed_before_text(&self) -> Option<(&'static str, String)> {
-        let found = Some(self.removed_before()).filter(|found| *found != RemovedBefore::default())?;
-        Some((REMOVED_BEFORE, serde_json::to_string(&found).ok()?))
+    fn removed_before_text(&self) -> Result<Option<(&'static str, String)>, Fault> {
+        let found = Some(self.removed_before()).filter(|found| *found != RemovedBefore::default());
+        let text = found.map(|found| toml::to_string(&found)).transpose().map_err(Fault::stage)?;
+        Ok(text.map(|text| (REMOVED_BEFORE, text)))
     }
 
     fn passes_before(&self) -> usize {

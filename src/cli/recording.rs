@@ -239,7 +239,7 @@ impl Parts<'_> {
         if !self.checked.files.contains_key(&name) {
             return Ok(RemovedBefore::default());
         }
-        serde_json::from_str(self.text(&name)?).map_err(|error| Fault::file(self.file, error))
+        toml::from_str(self.text(&name)?).map_err(|error| Fault::file(self.file, error))
     }
 
     /// What the disc took off, where the cell knew it.

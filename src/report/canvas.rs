@@ -69,7 +69,12 @@ pub(super) fn drawn<T>(result: opencv::Result<T>) -> Result<T, ImagingError> {
 
 /// OpenCV's own letters are ASCII's; any other would be question marks.
 fn ascii(text: &str) -> String {
-    text.replace('²', "2").replace('°', " deg").replace('≥', ">=").replace('≤', "<=").replace('–', "-")
+    text.replace('²', "2")
+        .replace('µ', "u")
+        .replace('°', " deg")
+        .replace('≥', ">=")
+        .replace('≤', "<=")
+        .replace('–', "-")
 }
 
 /// Scale and weight of letters of this height.

@@ -2,9 +2,9 @@
 //!
 //! Time runs from light to dark blue, which every eye tells apart by lightness alone; what was not reached is vermillion.
 
-use super::canvas::{Canvas, Ink, Pen};
+use super::canvas::Ink;
 use super::unrolled::{Unrolled, painted};
-use crate::geometry::{ColorPicture, Pixel};
+use crate::geometry::ColorPicture;
 use crate::imaging::ImagingError;
 use crate::panel::Region;
 use crate::surface::dwell::{Dwell, GridDwell};
@@ -64,16 +64,8 @@ fn drawn(
     let unrolled = Unrolled::new(dwell.sides_mm());
     let sizes: Vec<_> = dwell.grids.iter().map(|grid| (grid.id, grid.columns, grid.dwell_s.len())).collect();
     let of_sample = |number: usize, sample: usize, _| color(&dwell.grids[number], sample);
-    let mut canvas = Canvas::on(&painted(&unrolled, (region, &sizes), UNASKED, of_sample))?;
-    let text_px = unrolled.text_px();
-    for grid in &dwell.grids {
-        let edge = unrolled.edge_px(region, grid.id);
-        canvas.polyline(&edge, true, Pen { ink: Ink::WHITE, width_px: 1 })?;
-        let corner = Pixel::at(edge[0].u + text_px * 0.4, edge[0].v + text_px * 1.3);
-        canvas.label(corner, &grid.id.to_string(), text_px, Ink::WHITE)?;
-    }
-    canvas.scale_bar_within(unrolled.px_per_mm)?;
-    canvas.with_legend(legend)?.finish()
+    let painted = painted(&unrolled, (region, &sizes), UNASKED, of_sample);
+    unrolled.finished(&painted, (region, &sizes), legend)
 }
 
 #[cfg(test)]

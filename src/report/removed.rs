@@ -3,9 +3,9 @@
 //! Depth runs from light to dark blue, which every eye tells apart by lightness alone, up to the deepest that is allowed; deeper places
 //! are vermillion and hatched, so that they are not told by colour alone. What is removed nowhere is white.
 
-use super::canvas::{Canvas, Ink, Pen};
+use super::canvas::Ink;
 use super::unrolled::{Unrolled, painted};
-use crate::geometry::{ColorPicture, Pixel};
+use crate::geometry::ColorPicture;
 use crate::imaging::ImagingError;
 use crate::panel::Region;
 use crate::surface::Field;
@@ -45,14 +45,7 @@ pub fn removal_map(
     };
     let sizes: Vec<_> = field.grids.iter().map(|grid| (grid.id, grid.columns, grid.values.len())).collect();
     let unrolled = Unrolled::new(field.sides_mm);
-    let mut canvas = Canvas::on(&painted(&unrolled, (region, &sizes), NO_PANEL, color))?;
-    for grid in &field.grids {
-        let edge = unrolled.edge_px(region, grid.id);
-        canvas.polyline(&edge, true, Pen { ink: Ink::WHITE, width_px: 1 })?;
-        let corner = Pixel::at(edge[0].u + unrolled.text_px() * 0.4, edge[0].v + unrolled.text_px() * 1.3);
-        canvas.label(corner, &grid.id.to_string(), unrolled.text_px(), Ink::WHITE)?;
-    }
-    canvas.scale_bar_within(unrolled.px_per_mm)?;
+    let painted = painted(&unrolled, (region, &sizes), NO_PANEL, color);
     let shown = EXPLAINED.map(|share| share * target_um).into_iter().filter(|depth_um| *depth_um < max_um);
     let words: Vec<(Ink, String)> = shown
         .map(|depth_um| {
@@ -61,15 +54,13 @@ pub fn removal_map(
         })
         .chain([(ink(max_um), format!("{} µm, the most allowed", fixed(max_um, 1)))])
         .collect();
-    // The font has no µ.
-    let words: Vec<(Ink, String)> = words.into_iter().map(|(ink, text)| (ink, text.replace("µm", "um"))).collect();
     let mut legend: Vec<(Ink, &str)> = words.iter().map(|(ink, text)| (*ink, text.as_str())).collect();
     legend.extend([
         (TOO_DEEP, "more than that (hatched)"),
         (NOTHING, "nothing removed"),
         (NO_PANEL, "not looked at"),
     ]);
-    canvas.with_legend(&legend)?.finish()
+    unrolled.finished(&painted, (region, &sizes), &legend)
 }
 
 #[cfg(test)]

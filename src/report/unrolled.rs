@@ -1,7 +1,8 @@
 //! The unrolled region: grids as boxes over its unit square, as large as the panel is through its middle.
 
-use super::canvas::Ink;
+use super::canvas::{Canvas, Ink, Pen};
 use crate::geometry::{ColorPicture, Pixel};
+use crate::imaging::ImagingError;
 use crate::panel::{GridId, Region};
 
 /// Pixels along the region's longer side.
@@ -9,7 +10,7 @@ const PICTURE_PX: usize = 900;
 
 /// How large the region is drawn.
 pub(super) struct Unrolled {
-    pub px_per_mm: f64,
+    px_per_mm: f64,
     size_px: [f64; 2],
 }
 
@@ -20,13 +21,26 @@ impl Unrolled {
         Unrolled { px_per_mm, size_px: sides_mm.map(|side_mm| side_mm * px_per_mm) }
     }
 
-    /// Height of the labels, px.
-    pub fn text_px(&self) -> f64 {
-        (self.size_px[1] / 40.0).max(12.0)
+    /// The picture with the edges and names of these grids, a scale bar and a legend.
+    pub fn finished(
+        &self,
+        picture: &ColorPicture,
+        (region, grids): (&Region, &[(GridId, usize, usize)]),
+        legend: &[(Ink, &str)],
+    ) -> Result<ColorPicture, ImagingError> {
+        let mut canvas = Canvas::on(picture)?;
+        let text_px = (self.size_px[1] / 40.0).max(12.0);
+        for (id, ..) in grids {
+            let edge = self.edge_px(region, *id);
+            canvas.polyline(&edge, true, Pen { ink: Ink::WHITE, width_px: 1 })?;
+            let corner = Pixel::at(edge[0].u + text_px * 0.4, edge[0].v + text_px * 1.3);
+            canvas.label(corner, &id.to_string(), text_px, Ink::WHITE)?;
+        }
+        canvas.scale_bar_within(self.px_per_mm)?;
+        canvas.with_legend(legend)?.finish()
     }
 
-    /// The edge of a grid, px.
-    pub fn edge_px(&self, region: &Region, id: GridId) -> [Pixel; 4] {
+    fn edge_px(&self, region: &Region, id: GridId) -> [Pixel; 4] {
         let [low, high] = region.unit_box(id);
         let place = |u: f64, v: f64| Pixel::at(u * self.size_px[0], v * self.size_px[1]);
         [place(low.x, low.y), place(high.x, low.y), place(high.x, high.y), place(low.x, high.y)]
