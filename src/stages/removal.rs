@@ -1,10 +1,12 @@
 //! What a path removes, as it is planned and as it was executed; and the feeds by which it removes what the recipe asks for.
 
 mod checks;
+mod feeds;
 #[cfg(test)]
 mod tests;
 
 pub use checks::{RemovedBefore, unknown};
+pub use feeds::moves;
 
 use super::Drawing;
 use super::survey::ToolState;
@@ -18,12 +20,13 @@ use crate::removal::ground::PanelGround;
 use crate::removal::map::{RemovalMap, removed};
 use crate::removal::model::Model;
 use crate::removal::pad::Pad;
-use crate::removal::schedule::{Asked, Move, schedule};
+use crate::removal::schedule::{Asked, schedule};
 use crate::removal::track::{Disc, Ground, stretches};
 use crate::report::removal_map;
 use crate::surface::{Fit, Parameter};
 use crate::verdict::Check;
 use crate::words::{apart, fixed};
+use feeds::AtBounds;
 
 /// Distance between the samples of a map, in radii of the disc, and its bounds, mm.
 const SPACING_RADII: f64 = 0.1;
@@ -90,7 +93,7 @@ impl<'a> Abrasive<'a> {
         let wanted = Asked { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
         let found = schedule(surface, &treated(&plan), (&all_stretches, &moves), &model, &wanted);
         let mut feeds_mm_s: Vec<f64> = all.iter().map(|waypoint| waypoint.feed_mm_s).collect();
-        for (own, feed_mm_s) in moves.iter().zip(&found.feeds_mm_s) {
+        for (own, feed_mm_s) in moves.iter().zip(&found) {
             feeds_mm_s[own.pose] = *feed_mm_s;
         }
         let fed = plan.fed(&feeds_mm_s, settings);
@@ -101,12 +104,18 @@ impl<'a> Abrasive<'a> {
 
     /// What a plan removes; `None` where the recipe does not ask, or the model is not known.
     pub fn planned(&self, plan: &Plan) -> Option<Removed> {
-        self.executed(&treated(plan), &dwell::planned(plan))
+        let asked = self.recipe.removal()?;
+        let bounded = AtBounds::of(&waypoints(plan), asked, self.recipe.path());
+        self.removed((&treated(plan), &dwell::planned(plan)), bounded)
     }
 
     /// What is removed by these poses, of those grids, with the force that the tool measured; where it measured none, with the
     /// recipe's.
     pub fn executed(&self, grids: &[GridId], poses: &[Executed]) -> Option<Removed> {
+        self.removed((grids, poses), AtBounds::default())
+    }
+
+    fn removed(&self, (grids, poses): (&[GridId], &[Executed]), bounded: AtBounds) -> Option<Removed> {
         let (asked, force_n, model) = self.known()?;
         let ground = self.ground();
         let disc = self.disc(&model);
@@ -127,7 +136,7 @@ impl<'a> Abrasive<'a> {
             largest_bound_um: of_part.largest_bound_um + self.before.bound_um,
             ..of_pass
         });
-        let checks = [checks::checks(figures.as_ref(), asked), self.before.checks(asked)].concat();
+        let checks = [checks::checks(figures.as_ref(), (asked, bounded)), self.before.checks(asked)].concat();
         Some(Removed { map, figures, checks, limits_um: [asked.target_um(), asked.max_um()] })
     }
 
@@ -191,17 +200,4 @@ fn treated(plan: &Plan) -> Vec<GridId> {
 
 fn waypoints(plan: &Plan) -> Vec<Waypoint> {
     plan.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect()
-}
-
-/// The moves in contact, with the feeds that recipe and controller allow on each.
-pub fn moves(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Vec<Move> {
-    let planning_s = settings.planning_time_ms() / 1_000.0;
-    let pairs = all.windows(2).enumerate().filter(|(_, pair)| pair[0].contact && pair[1].contact);
-    pairs
-        .map(|(index, pair)| {
-            let length_mm = pair[0].panel_from_tool.origin().distance_mm(pair[1].panel_from_tool.origin());
-            let high = settings.feed_mm_s().min(length_mm / planning_s);
-            Move { pose: index + 1, length_mm, feeds_mm_s: [asked.min_feed_mm_s().min(high), high] }
-        })
-        .collect()
 }

@@ -1,7 +1,8 @@
 //! What a path removes, held against what the recipe allows.
 
 use super::super::survey::ToolState;
-use crate::recipe::{self, Recipe};
+use super::feeds::AtBounds;
+use crate::recipe::{self, Recipe, RemovalMethod};
 use crate::record::name;
 use crate::removal::figures::Figures;
 use crate::verdict::{Check, SetBy};
@@ -49,7 +50,7 @@ pub fn unknown(recipe: &Recipe, tool: ToolState) -> Option<Check> {
 }
 
 /// What a path removes, judged.
-pub(super) fn checks(figures: Option<&Figures>, asked: &recipe::Removal) -> Vec<Check> {
+pub(super) fn checks(figures: Option<&Figures>, (asked, bounded): (&recipe::Removal, AtBounds)) -> Vec<Check> {
     let of = |number: fn(&Figures) -> f64| figures.map(number);
     let (target_um, max_um) = (asked.target_um(), asked.max_um());
     let passes = of(|found| found.mean_um).map(|mean_um| (target_um / mean_um - TOLERATED).ceil().max(1.0));
@@ -71,10 +72,15 @@ pub(super) fn checks(figures: Option<&Figures>, asked: &recipe::Removal) -> Vec<
         ),
         Check::new("passes that the target takes", "", passes).at_most(1.0, SetBy::Program).reviews("more_passes", || {
             format!(
-                "one pass removes {} µm in the mean, the target is {} µm and takes {} passes",
+                "one pass removes {} µm in the mean, the target is {} µm and takes {} passes; with a lower {} or a higher force_n \
+                 one is enough",
                 fixed(of(|found| found.mean_um).unwrap_or(f64::NAN), 1),
                 fixed(target_um, 1),
-                fixed(passes.unwrap_or(f64::NAN), 0)
+                fixed(passes.unwrap_or(f64::NAN), 0),
+                match asked.method() {
+                    RemovalMethod::Constant => "feed_mm_s",
+                    RemovalMethod::Scheduled => "min_feed_mm_s",
+                }
             )
         }),
         Check::new("even within", "%", within).at_most(asked.even_percent(), SetBy::recipe("removal.even_percent")).reviews(
@@ -82,13 +88,33 @@ pub(super) fn checks(figures: Option<&Figures>, asked: &recipe::Removal) -> Vec<
             || {
                 let [found, allowed] = apart(within.unwrap_or(f64::NAN), asked.even_percent(), 1);
                 format!(
-                    "95 % of the treated area is expected within {found} % of the target, allowed is even_percent, {allowed}; \
-                     method = \"scheduled\", a smaller step_over_mm or a larger disc make it more even"
+                    "95 % of the treated area is expected within {found} % of the target, allowed is even_percent, {allowed}; {}",
+                    more_even(asked, bounded)
                 )
             },
         ),
     ]
 }
+
+/// What would make it more even.
+fn more_even(asked: &recipe::Removal, bounded: AtBounds) -> String {
+    let percent = |share: f64| fixed(100.0 * share, 0);
+    match asked.method() {
+        RemovalMethod::Constant => "method = \"scheduled\" makes it more even".to_owned(),
+        RemovalMethod::Scheduled if bounded.highest > MANY => format!(
+            "{} % of the way in contact already has the highest feed: a higher feed_mm_s or a lower force_n makes it more even",
+            percent(bounded.highest)
+        ),
+        RemovalMethod::Scheduled if bounded.lowest > MANY => format!(
+            "{} % of the way in contact already has the lowest feed: a lower min_feed_mm_s or a higher force_n makes it more even",
+            percent(bounded.lowest)
+        ),
+        RemovalMethod::Scheduled => "a smaller step_over_mm or a larger disc makes it more even".to_owned(),
+    }
+}
+
+/// From this share of the way on, its feed is what hinders an even removal.
+const MANY: f64 = 0.1;
 
 /// A mean that is short of the target by this share takes no second pass.
 const TOLERATED: f64 = 0.1;

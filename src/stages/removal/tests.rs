@@ -53,6 +53,25 @@ fn scheduled_feeds_remove_the_target() {
     assert!(value(&checks, "even within") < 20.0 && value(&checks, name::REMOVED_BOUND) < 50.0);
 }
 
+/// A highest feed that removes more than the target by itself is what a person is told to change, and so is a lowest one.
+#[test]
+fn the_feed_that_hinders_is_named() {
+    let told = |feed_mm_s: f64, lowest_mm_s: f64| {
+        let table = format!("{TABLE}method = \"scheduled\"\nmin_feed_mm_s = {lowest_mm_s}\n");
+        let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = {feed_mm_s}\n{table}"));
+        let panel = taught(Shape::Sphere, Spoil::default(), &recipe);
+        let fit = examine(&panel, recipe.surface()).expect("a surface");
+        let (on, tool) = ((&panel, &fit), tool(Some(model())));
+        let plan = plan::lay(on, &[GridId { row: 2, column: 3 }], (&recipe, tool)).expect("a path");
+        let found = plan::judge(plan, on, Reach::Unknown, (&recipe, tool), (None, RemovedBefore::default()));
+        let uneven = found.judgement.reasons.into_iter().find(|reason| reason.code == "removal_uneven");
+        uneven.map(|reason| reason.message).unwrap_or_default()
+    };
+    let [fast, slow] = [told(30.0, 5.0), told(120.0, 100.0)];
+    assert!(fast.contains("the highest feed: a higher feed_mm_s or a lower force_n"), "{fast}");
+    assert!(slow.contains("the lowest feed: a lower min_feed_mm_s or a higher force_n"), "{slow}");
+}
+
 /// By hand: e^(2.228 · √(0.02² + 0.03² + 0.0510²)) = 1.149 of what is expected, the force being known to 10 %.
 #[test]
 fn what_may_be_too_deep_is_rejected_and_never_cut() {

@@ -143,7 +143,7 @@ pub fn scheduled_plan(
     let wanted = Asked { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
     let found = schedule((surface, region, &ground), &grids, (&on, &moves), model, &wanted);
     let mut feeds_mm_s: Vec<f64> = all.iter().map(|waypoint| waypoint.feed_mm_s).collect();
-    moves.iter().zip(&found.feeds_mm_s).for_each(|(own, feed)| feeds_mm_s[own.pose] = *feed);
+    moves.iter().zip(&found).for_each(|(own, feed)| feeds_mm_s[own.pose] = *feed);
     laid.fed(&feeds_mm_s, settings)
 }
 

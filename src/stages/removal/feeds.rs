@@ -1,0 +1,74 @@
+//! The feeds that recipe and controller allow on each move of a path, and how much of a scheduled path is at their bounds.
+
+use crate::path::Waypoint;
+use crate::recipe;
+use crate::removal::schedule::Move;
+
+/// The moves in contact, with the feeds that recipe and controller allow on each.
+pub fn moves(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Vec<Move> {
+    let planning_s = settings.planning_time_ms() / 1_000.0;
+    let pairs = all.windows(2).enumerate().filter(|(_, pair)| pair[0].contact && pair[1].contact);
+    pairs
+        .map(|(index, pair)| {
+            let length_mm = pair[0].panel_from_tool.origin().distance_mm(pair[1].panel_from_tool.origin());
+            let high = settings.feed_mm_s().min(length_mm / planning_s);
+            Move { pose: index + 1, length_mm, feeds_mm_s: [asked.min_feed_mm_s().min(high), high] }
+        })
+        .collect()
+}
+
+/// Shares of the way in contact whose feed could not be scheduled as it was wanted, 0…1.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct AtBounds {
+    /// At `min_feed_mm_s`.
+    pub(super) lowest: f64,
+    /// At `feed_mm_s`.
+    pub(super) highest: f64,
+}
+
+impl AtBounds {
+    /// Of a plan's waypoints. A move that is short for the controller is not counted: its highest feed is not the recipe's.
+    pub(super) fn of(all: &[Waypoint], asked: &recipe::Removal, settings: &recipe::Path) -> Self {
+        let moves = moves(all, asked, settings);
+        let way_mm: f64 = moves.iter().map(|own| own.length_mm).sum();
+        let share = |is_at: &dyn Fn(f64) -> bool| {
+            let at = moves.iter().filter(|own| is_at(all[own.pose].feed_mm_s));
+            at.map(|own| own.length_mm).sum::<f64>() / way_mm.max(f64::MIN_POSITIVE)
+        };
+        AtBounds {
+            lowest: share(&|feed_mm_s| feed_mm_s <= asked.min_feed_mm_s() * (1.0 + SAME_FEED)),
+            highest: share(&|feed_mm_s| feed_mm_s >= settings.feed_mm_s() * (1.0 - SAME_FEED)),
+        }
+    }
+}
+
+/// Feeds that differ by less than this share are the same.
+const SAME_FEED: f64 = 1e-3;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::KukaPose;
+    use crate::surface::scene::{Shape, recipe};
+
+    fn waypoint(x_mm: f64) -> Waypoint {
+        let pose = KukaPose { x_mm, y_mm: 0.0, z_mm: 0.0, a_deg: 0.0, b_deg: 0.0, c_deg: 0.0 };
+        Waypoint { panel_from_tool: pose.to_rigid(), contact: true, feed_mm_s: 60.0, blend_mm: 2.0 }
+    }
+
+    /// By hand: of four moves of 10 mm the first is at 5 mm/s, the lowest, the last two at 60, the highest.
+    #[test]
+    fn the_shares_of_the_way_at_its_bounds() {
+        let recipe = recipe(
+            Shape::Sphere,
+            "[path]\nfeed_mm_s = 60\n[removal]\ntarget_um = 30\nmax_um = 50\nforce_n = 20\nmin_feed_mm_s = 5\n",
+        );
+        let asked = recipe.removal().expect("stated");
+        let feeds = [30.0, 5.0, 30.0, 60.0, 60.0];
+        let at = |index: usize| Waypoint { feed_mm_s: feeds[index], ..waypoint(10.0 * index as f64) };
+        let all: Vec<Waypoint> = (0..5).map(at).collect();
+        let found = AtBounds::of(&all, asked, recipe.path());
+        assert_eq!(found, AtBounds { lowest: 0.25, highest: 0.5 });
+        assert_eq!(AtBounds::of(&[], asked, recipe.path()), AtBounds::default());
+    }
+}
