@@ -4,7 +4,9 @@
 //!     p = s · max(c, 0),   c = δ + t·x − ½ xᵀ K x,   ∫ p dA = F                                           (4), (5)
 //! F grows with δ, ever steeper, so Newton's steps from a δ that is too large come down to the root without passing it.
 //! Where all of the disc is on the panel and in contact the integral is closed: the mean of t·x over a disc is 0, that of
-//! ½ xᵀ K x is R² tr K / 8, so δ = F / (π R² s) + R² tr K / 8. Else it is a sum over places of equal area, rings and
+//! ½ xᵀ K x is R² tr K / 8, so δ = F / (π R² s) + R² tr K / 8. It is closed, too, where K bends away in both directions and the
+//! contact is an ellipse wholly inside of the disc: with x₀ = K⁻¹ t its middle and c₀ = δ + ½ t·x₀ the compression there, the
+//! paraboloid above it holds π c₀² / √det K, so c₀² = F √det K / (π s). Else it is a sum over places of equal area, rings and
 //! spokes, which keeps the disc's own edge exact.
 //!
 //! Beyond the panel's edge there is nothing to press on: the rest of the disc bears the force, and no place pulls. The
@@ -12,6 +14,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 use std::f64::consts::{PI, TAU};
+use std::sync::LazyLock;
 
 /// Rings of equal area, and places on each.
 const RINGS: usize = 28;
@@ -82,8 +85,21 @@ impl Pad {
             + self.radius_mm * self.radius_mm * seat.curvature_per_mm.trace() / 8.0;
         match below {
             None if self.is_whole(seat, whole_mm) => contact(whole_mm),
+            None => {
+                contact(self.inner_depth_mm(force_n, seat).or_else(|| self.summed_depth_mm(force_n, seat, None))?)
+            }
             _ => contact(self.summed_depth_mm(force_n, seat, below)?),
         }
+    }
+
+    /// δ where the contact is an ellipse inside of the disc; `None` where it is not.
+    fn inner_depth_mm(&self, force_n: f64, seat: Seat) -> Option<f64> {
+        let bend = seat.curvature_per_mm;
+        let least_bend = bend.symmetric_eigenvalues().min();
+        let middle_mm = if least_bend > 0.0 { bend.try_inverse()? * seat.tilt } else { return None };
+        let peak_mm = (force_n * bend.determinant().sqrt() / (PI * self.stiffness_n_mm3)).sqrt();
+        let reach_mm = middle_mm.norm() + (2.0 * peak_mm / least_bend).sqrt();
+        (reach_mm <= self.radius_mm).then(|| peak_mm - 0.5 * seat.tilt.dot(&middle_mm))
     }
 
     /// Is all of the disc in contact at this depth? What tilt and bend take away at most is taken together: a safe bound.
@@ -119,16 +135,22 @@ impl Pad {
         Some(depth_mm)
     }
 
-    /// Places of equal area over the disc, mm from its middle; every second ring is turned by half a spoke.
+    /// Places of equal area over the disc, mm from its middle.
     fn places(&self) -> impl Iterator<Item = Vector2<f64>> + use<> {
         let radius_mm = self.radius_mm;
-        (0..RINGS * SPOKES).map(move |index| {
-            let (ring, spoke) = ((index / SPOKES) as f64, (index % SPOKES) as f64);
-            let angle = TAU * (spoke + 0.25 + 0.5 * (ring % 2.0)) / SPOKES as f64;
-            Vector2::new(angle.cos(), angle.sin()) * (radius_mm * ((ring + 0.5) / RINGS as f64).sqrt())
-        })
+        UNIT_PLACES.iter().map(move |place| place * radius_mm)
     }
 }
+
+/// Places of equal area over a disc of radius 1; every second ring is turned by half a spoke.
+static UNIT_PLACES: LazyLock<Vec<Vector2<f64>>> = LazyLock::new(|| {
+    let place = |index: usize| {
+        let (ring, spoke) = ((index / SPOKES) as f64, (index % SPOKES) as f64);
+        let angle = TAU * (spoke + 0.25 + 0.5 * (ring % 2.0)) / SPOKES as f64;
+        Vector2::new(angle.cos(), angle.sin()) * ((ring + 0.5) / RINGS as f64).sqrt()
+    };
+    (0..RINGS * SPOKES).map(place).collect()
+});
 
 impl Contact {
     /// Pressure at an offset from the disc's middle, N/mm², where there is panel.
@@ -182,6 +204,19 @@ mod tests {
         assert!((radius_mm - 8.447_5).abs() < 1e-3, "{radius_mm}");
         assert!((small.depth_mm / (radius_mm * radius_mm / 200.0) - 1.0).abs() < 0.005, "{}", small.depth_mm);
         assert_eq!(small.pressure_n_mm2(Vector2::new(9.0, 0.0)), 0.0, "the rim does not touch");
+    }
+
+    /// By hand: leant by 0.02 on a bend of 1/80 by 1/60 mm, 5 N: c₀ = (5 · 0.014 434 / (π · 0.05))^½ = 0.677 8 mm, 1.6 mm aside;
+    /// the ellipse reaches (2 · 0.677 8 · 80)^½ = 10.41 mm from there. δ = c₀ − ½ · 0.02 · 1.6. It is what the sum finds, too.
+    #[test]
+    fn an_ellipse_inside_of_the_disc_is_closed() {
+        let seat = Seat { tilt: Vector2::new(0.02, 0.0), ..bent(1.0 / 80.0, 1.0 / 60.0) };
+        let found_mm = PAD.inner_depth_mm(5.0, seat).expect("inside");
+        assert!((found_mm - 0.661_8).abs() < 1e-4, "{found_mm}");
+        let summed_mm = PAD.summed_depth_mm(5.0, seat, None).expect("a sum");
+        assert!((summed_mm / found_mm - 1.0).abs() < 0.005, "{summed_mm} {found_mm}");
+        // Pressed on by 40 N it would reach beyond the disc, and on a cylinder it always does.
+        assert_eq!([PAD.inner_depth_mm(40.0, seat), PAD.inner_depth_mm(5.0, bent(0.01, 0.0))], [None, None]);
     }
 
     /// By hand: half of the disc beyond an edge doubles the pressure on the rest; nothing below it is no contact.
