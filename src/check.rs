@@ -3,23 +3,24 @@
 //! The kind is decided by the names at the top of the file, so that a file may have any name; what begins with `<` or is
 //! called `.xml` is an EthernetKRL file. Several of those are checked for clashes with each other. What is called `.src`,
 //! `.sub` or `.dat` is KRL; such files are checked as one program. What is called `.yml` or `.yaml` is a Zivid's settings.
+//! Recipes that are checked together with one cell are held against it.
 
 mod eki;
 mod krl;
 mod report;
+mod says;
 mod text;
 
 use crate::cell::{
-    CELL_KEYS, Camera, Cell, FlangeCameraMount, Gige, Intrinsics, Mount, MountedPose, RemovalCalibration,
-    RobotCorrection, RobotKind, ScannerMount, TargetMount, Tool, ToolMount, ZividCamera, ZividSettings,
+    CELL_KEYS, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RemovalCalibration, RobotCorrection,
+    ScannerMount, TargetMount, ToolMount, ZividSettings,
 };
 use crate::config::{self, Problem, Problems};
-use crate::geometry::{Degrees, Frame, Vector, polygon};
 use crate::krl::{Kss, LOWEST_KSS};
 use crate::recipe::{RECIPE_KEYS, Recipe};
+use crate::requirements::recipe_fits::unfit;
 use crate::requirements::{Purpose, Unmet, unmet};
-use crate::words::{fixed, list};
-use std::collections::BTreeMap;
+use says::{say_cell, say_correction, say_intrinsics, say_mount, say_recipe, say_removal};
 
 pub use report::FileReport;
 pub use text::{NotText, decode};
@@ -34,7 +35,7 @@ struct Kind {
 const KINDS: [Kind; 9] = [
     Kind { name: CELL, keys: &CELL_KEYS, check: |name, text| Cell::check(name, text).map(|cell| say_cell(&cell)) },
     Kind {
-        name: "recipe",
+        name: RECIPE,
         keys: &RECIPE_KEYS,
         check: |name, text| Recipe::check(name, text).map(|recipe| say_recipe(&recipe)),
     },
@@ -102,7 +103,27 @@ pub fn check_files_for(files: &[(&str, &str)], purpose: Option<Purpose>, kss: Ks
     for (place, report) in krl::check(&programs, kss) {
         reports[place] = report;
     }
+    hold_recipes_against_the_cell(files, &mut reports);
     reports
+}
+
+/// What recipes ask for and the cell cannot do, where one cell is among the files.
+fn hold_recipes_against_the_cell(files: &[(&str, &str)], reports: &mut [FileReport]) {
+    let of_kind = |kind: &'static str, reports: &[FileReport]| -> Vec<usize> {
+        (0..files.len()).filter(|place| reports[*place].kind == Some(kind)).collect()
+    };
+    let [cell] = of_kind(CELL, reports)[..] else { return };
+    let Ok(cell) = Cell::check(files[cell].0, files[cell].1) else { return };
+    for place in of_kind(RECIPE, reports) {
+        let (name, text) = files[place];
+        let Ok(recipe) = Recipe::check(name, text) else { continue };
+        reports[place].problems.extend(unfit(&cell, &recipe).into_iter().map(|unmet| problem(text, unmet)));
+    }
+}
+
+/// At the line of its key.
+fn problem(text: &str, Unmet { key, message }: Unmet) -> Problem {
+    Problem { line: config::line_of_key(text, &key), key, message }
 }
 
 /// Checks the text of any configuration file by itself, for no purpose; `name` is the file's name in messages.
@@ -145,16 +166,17 @@ fn check_ours(name: &str, text: &str, purpose: Option<Purpose>) -> FileReport {
 
 /// The kind that is checked for a purpose.
 const CELL: &str = "cell";
+/// The kind that is held against a cell.
+const RECIPE: &str = "recipe";
 
 /// What a cell's file does not say and this purpose needs, each at its line.
 fn unmet_of(kind: &str, (name, text): (&str, &str), purpose: Purpose) -> Vec<Problem> {
     let cell = Some(kind).filter(|kind| *kind == CELL).and_then(|_| Cell::check(name, text).ok());
-    let problem = |Unmet { key, message }: Unmet| {
-        let message = format!("{message} ({} need it)", purpose.commands());
-        Problem { line: config::line_of_key(text, &key), key, message }
+    let needed = |Unmet { key, message }: Unmet| {
+        problem(text, Unmet { key, message: format!("{message} ({} need it)", purpose.commands()) })
     };
     let mut problems: Vec<Problem> =
-        cell.map_or(vec![], |cell| unmet(&cell, purpose)).into_iter().map(problem).collect();
+        cell.map_or(vec![], |cell| unmet(&cell, purpose)).into_iter().map(needed).collect();
     problems.sort_by_key(|problem| problem.line);
     problems
 }
@@ -185,199 +207,6 @@ fn most(score: impl Fn(&Kind) -> usize) -> Option<&'static Kind> {
     kinds.next().filter(|_| kinds.next().is_none())
 }
 
-fn say_zivid(zivid: &ZividCamera, device: &str) -> String {
-    let which = match (&zivid.serial, &zivid.file_camera) {
-        (_, Some(file)) => format!("{device} played from {}", file.display()),
-        (Some(serial), None) => format!("{device} {serial}"),
-        (None, None) => format!("{device}, the only one found"),
-    };
-    match zivid.settings.is_some() && zivid.settings_2d.is_some() {
-        true => which,
-        false => format!("{which}; takes no shot before settings and settings_2d are named"),
-    }
-}
-
-fn say_gige(gige: &Gige, device: &str) -> String {
-    match (&gige.serial, &gige.address) {
-        (Some(serial), _) => format!("{device} {serial}"),
-        (None, Some(address)) => format!("{device} at {address}"),
-        (None, None) => format!("{device}, the only one found"),
-    }
-}
-
-/// What the controller switches off by itself, and when.
-fn say_off(after_s: &BTreeMap<String, u16>) -> String {
-    let say = |(name, after_s): (&String, &u16)| match after_s {
-        0 => format!("{name} at once"),
-        _ => format!("{name} after {after_s} s"),
-    };
-    let words: Vec<String> = after_s.iter().map(say).collect();
-    if words.is_empty() { "none".to_owned() } else { words.join(", ") }
-}
-
-fn say_camera<Device>(camera: &Camera<Device>, device: impl Fn(&Device) -> String) -> String {
-    match camera {
-        Camera::Simulated => "simulated".to_owned(),
-        Camera::Recorded { folder } => format!("recorded, from {}", folder.display()),
-        Camera::Device(camera) => device(camera),
-    }
-}
-
-fn say_tool(tool: &Tool) -> String {
-    let Some(tool) = tool.compliant() else { return "a spring; nothing is told to it".to_owned() };
-    let place = match &tool.address {
-        Some(address) => format!("compliant, at {} port {}", address.host, address.port),
-        None => "compliant, simulated".to_owned(),
-    };
-    let (stroke_mm, least_n, most_n, band_n) = (tool.stroke_mm, tool.min_force_n, tool.max_force_n, tool.band_n);
-    format!("{place}; stroke {stroke_mm} mm, {least_n} to {most_n} N, kept within {band_n} N")
-}
-
-fn say_cell(cell: &Cell) -> Vec<String> {
-    let robot = cell.robot();
-    let controller = match robot.kind() {
-        RobotKind::Mock => "mock".to_owned(),
-        RobotKind::Eki => format!("KUKA controller at {}", robot.host()),
-    };
-    let named = |names: Vec<&str>| if names.is_empty() { "none".to_owned() } else { names.join(", ") };
-    let files = cell.calibration();
-    let calibrations = [
-        ("scanner", &files.scanner),
-        ("flange_camera", &files.flange_camera),
-        ("base_from_camera", &files.base_from_camera),
-        ("flange_from_camera", &files.flange_from_camera),
-        ("flange_from_tool", &files.flange_from_tool),
-        ("removal", &files.removal),
-    ];
-    let calibrations = calibrations.iter().filter(|(_, file)| file.is_some()).map(|(name, _)| *name).collect();
-    let box_of_waypoints = match cell.limits().workspace() {
-        Some(space) => format!(
-            "the tool stays in {} … {} mm",
-            list(space.min.mm.coords.as_slice()),
-            list(space.max.mm.coords.as_slice())
-        ),
-        None => "no box for the tool is stated".to_owned(),
-    };
-    vec![
-        format!("scanner: {}", say_camera(cell.scanner(), |zivid| say_zivid(zivid, "Zivid"))),
-        format!("flange camera: {}", say_camera(cell.flange_camera(), |gige| say_gige(gige, "GigE Vision camera"))),
-        format!(
-            "robot: {controller}, commands on port {}, state on port {}",
-            robot.command_port(),
-            robot.state_port()
-        ),
-        format!("tool: {}", say_tool(cell.tool())),
-        format!("poses: {}", named(cell.poses().keys().map(String::as_str).collect())),
-        format!("outputs: {}", named(cell.io().outputs().keys().map(String::as_str).collect())),
-        format!("off after the end of an epoch: {}", say_off(cell.io().off_after_s())),
-        format!("feedbacks: {}", named(cell.io().feedbacks().keys().map(String::as_str).collect())),
-        format!("calibration files named: {}", named(calibrations)),
-        format!("limits: {box_of_waypoints}"),
-        format!("store in {}", cell.store().display()),
-    ]
-}
-
-fn say_recipe(recipe: &Recipe) -> Vec<String> {
-    let (region, process, locate, path) = (recipe.region(), recipe.process(), recipe.locate(), recipe.path());
-    let observation =
-        process.observation_s().map_or("as long as the cell says".to_owned(), |time| format!("{time} s"));
-    let removal = recipe.removal().map(|removal| {
-        format!("{} µm to be removed, nowhere more than {} µm", removal.target_um(), removal.max_um())
-    });
-    let mut says = vec![
-        format!("panel {}: {} rows by {} columns of grids", recipe.panel(), region.rows(), region.columns()),
-        format!("film watched {observation}, {} pictures a second", process.frames_per_second()),
-        format!("a grid is abraded at most {} times a cycle", process.max_passes_per_grid()),
-        format!("a part is abraded in at most {} passes over all its cycles", process.passes_of_a_part()),
-        format!(
-            "panel accepted up to {} mm, {}° turned and {}° tilted from its taught place",
-            locate.max_shift_mm(),
-            locate.turn_limit_deg(),
-            locate.max_tilt_deg()
-        ),
-        format!(
-            "disc of {} mm, rows at most {} mm apart, {} mm/s",
-            path.disc_diameter_mm(),
-            path.step_over_mm(),
-            path.feed_mm_s()
-        ),
-    ];
-    says.extend(removal);
-    says
-}
-
-fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
-    let camera = intrinsics.camera;
-    let view = |size_px: usize, focal_px: f64| Degrees::from_rad(2.0 * (size_px as f64 / 2.0 / focal_px).atan()).0;
-    let (across, down) = (view(camera.width_px, camera.fx_px), view(camera.height_px, camera.fy_px));
-    let residual = intrinsics.rms_px.map_or("unknown".to_owned(), |rms_px| format!("{rms_px:.3} px rms"));
-    let mut says = vec![
-        format!(
-            "camera of {} × {} px that sees about {across:.1}° × {down:.1}°",
-            camera.width_px, camera.height_px
-        ),
-        format!("residual: {residual}"),
-    ];
-    says.extend(intrinsics.extent.model.map(|model| format!("lens model: {model}")));
-    says.extend(intrinsics.extent.left_out.iter().map(|reason| format!("left out of it: {reason}")));
-    says.extend(intrinsics.extent.supported.map(|supported| {
-        let picture_px2 = (camera.width_px * camera.height_px) as f64;
-        let share = polygon::signed_area_px2(&supported.outline_px).abs() / picture_px2;
-        format!(
-            "known to {} px in {} % of the picture; measurements outside of that part are refused",
-            fixed(supported.error_px, 2),
-            fixed(share * 100.0, 0)
-        )
-    }));
-    says
-}
-
-fn say_correction(correction: &RobotCorrection) -> Vec<String> {
-    let [before, after] = [correction.left_out_before_mm, correction.left_out_after_mm].map(|mm| fixed(mm, 3));
-    vec![
-        format!("correction of the arm, {}", correction.numbers.kind()),
-        format!("pictures that were left out: {before} mm rms off without it, {after} mm with it"),
-    ]
-}
-
-fn say_removal(found: &RemovalCalibration) -> Vec<String> {
-    let numbers = &found.numbers;
-    vec![
-        format!(
-            "removal: k {:.3e} mm²/N, σ {} %, by {} coupons that differ by {} % from the model",
-            numbers.preston_mm2_per_n(),
-            fixed(numbers.preston_deviation_percent(), 1),
-            numbers.coupons(),
-            fixed(numbers.coupon_deviation_percent(), 1)
-        ),
-        format!(
-            "ln k falls by {} on a square metre; orbit of {} mm at {} rev/min, pad of {} N/mm³",
-            fixed(numbers.wear_per_m2(), 2),
-            numbers.orbit_mm(),
-            numbers.orbit_rev_min(),
-            numbers.pad_n_mm3()
-        ),
-    ]
-}
-
-fn say_mount<M: Mount>(mounted: MountedPose<M>) -> Vec<String> {
-    let rigid = mounted.rigid();
-    let (from, to) = (M::From::NAME, M::To::NAME);
-    let (origin, axis) = (rigid.origin().mm, (rigid * Vector::<M::From>::new(nalgebra::Vector3::z())).mm);
-    let residual = mounted.rms_mm.map_or("unknown".to_owned(), |rms_mm| format!("{rms_mm:.3} mm rms"));
-    let mut says = vec![
-        format!("{from} at ({}, {}, {}) mm in {to}", fixed(origin.x, 1), fixed(origin.y, 1), fixed(origin.z, 1)),
-        format!("its Z axis points along ({}, {}, {}) there", fixed(axis.x, 2), fixed(axis.y, 2), fixed(axis.z, 2)),
-        format!("residual: {residual}"),
-    ];
-    if M::HAS_AXIS {
-        let measured = if mounted.axis_measured == Some(true) { "measured" } else { "not measured" };
-        says.push(format!("the tool's axis was {measured}"));
-    }
-    says.extend(mounted.board.map(|board| format!("the board: {board}")));
-    says
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -390,8 +219,9 @@ mod tests {
     #[test]
     fn the_samples_state_the_defaults() {
         let text = include_str!("../config/cell.toml");
-        let limits: Vec<&str> = text.lines().filter(|line| !line.starts_with("box_")).collect();
-        assert_eq!(limits.len() + 2, text.lines().count(), "the box has no default");
+        let has_default = |line: &&str| !line.starts_with("box_") && !line.starts_with("tool_error_mm");
+        let limits: Vec<&str> = text.lines().filter(has_default).collect();
+        assert_eq!(limits.len() + 3, text.lines().count(), "the box and the error at the tool have no default");
         let (stated, default) = (Cell::check("cell.toml", &limits.join("\n")), Cell::check("cell.toml", ""));
         assert_eq!(stated.as_ref().map(Cell::limits), default.as_ref().map(Cell::limits));
         let text = include_str!("../config/panels/example.toml");
@@ -451,6 +281,26 @@ mod tests {
     }
 
     /// By hand: 2 atan(972 / 1785) = 57.1°, 2 atan(600 / 1784) = 37.2°.
+    /// A recipe alone is right; beside a cell it must be what its tool can do.
+    #[test]
+    fn recipes_are_held_against_the_cell() {
+        let recipe = ("panel.toml", include_str!("../config/panels/example.toml"));
+        let told = |files: &[(&str, &str)]| -> Vec<String> {
+            let reports = check_files(files, None);
+            reports.into_iter().flat_map(|report| report.problems).map(|problem| problem.key).collect()
+        };
+        let (compliant, spring) =
+            (("cell.toml", "[tool]\nkind = \"simulated\"\n"), ("b.toml", "[tool]\nkind = \"spring\"\n"));
+        assert_eq!([told(&[recipe]), told(&[spring, recipe])], [vec![], Vec::<String>::new()]);
+        assert_eq!(told(&[compliant, recipe]), ["path.force_n"]);
+        assert_eq!(told(&[recipe, compliant]), ["path.force_n"]);
+        assert_eq!(
+            told(&[recipe, compliant, spring]),
+            Vec::<String>::new(),
+            "of two cells nobody knows which one is meant"
+        );
+    }
+
     #[test]
     fn what_was_understood_is_said() {
         let cell = "[robot]\nkind = 'eki'\nhost = 'krc'\n[scanner]\nkind = 'zivid'\nsettings = 's.yml'\nsettings_2d = 'p.yml'\n[limits]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 2, 3]";

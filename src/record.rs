@@ -8,15 +8,16 @@ mod asked;
 mod contact;
 mod finding;
 mod part;
+mod removed;
 
 pub use crate::verdict::{Check, Limit, SetBy, Severity};
 pub use asked::{Answer, Asked, Front, Wanted, Who};
 pub use contact::{
     Abraded, Bounds, Contact, ContactPath, EarlierPass, How, MotionRecord, Reached, Touched, abraded, passes,
-    removed_bound_um,
 };
 pub use finding::{CycleId, Finding, KeptFile, Kind, Picture, name};
 pub use part::PartNames;
+pub use removed::{RemovedByPath, removed, removed_bound_um};
 
 use crate::cycle::{Path, Request};
 use crate::verdict::Judgement;

@@ -4,6 +4,8 @@
 //! anything begins, and `panelprep check` says so at the desk. Nothing is looked at but the file: whether the files that
 //! it names are there, and whether devices answer, is for `panelprep doctor`.
 
+pub mod recipe_fits;
+
 use crate::cell::{Camera, Cell, Output, RobotKind};
 use crate::geometry::{Joints, Rigid};
 use crate::path::Kinematics;

@@ -85,7 +85,7 @@ fn the_cell_that_ships_says_what_makes_it_ready() {
     }
     let (exit, told) = json(folder, "check config/cell.toml");
     let warnings = told["files"][0]["warnings"].as_array().expect("warnings");
-    assert_eq!((exit, warnings.len()), (0, 5), "{told}");
+    assert_eq!((exit, warnings.len()), (0, 6), "{told}");
     assert!(warnings[0]["line"].as_u64() > Some(1) && warnings[0]["key"] == "calibration.scanner", "{told}");
     // What the issue of a comma is, in any file.
     fs::write(folder.join("comma.toml"), "[limits]\ntool_error_mm = 0,8\n").expect("written");

@@ -25,7 +25,7 @@ pub use record::{ExportRecord, HeadOfRecords, MeaningName, RecordCommand, Record
 pub use robot::{OnOff, Prove, Robot, RobotFunction, TipName};
 pub use service::{Ctl, CtlAsk, Cycle, PartArguments, Run, ZividWorker};
 pub use shooting::{Shoot, Shot};
-pub use simulated::{Demo, FilmName, MockRobot, Render, real_arm};
+pub use simulated::{Demo, FilmName, MockRobot, Render, ToolName, real_arm};
 pub use simulation::{SceneName, Simulation};
 
 use crate::devices::mock::FaultSpec;

@@ -10,6 +10,7 @@ use super::outcome::Outcome;
 use super::record as signed;
 use super::recording;
 use super::report::{self, Kept};
+use super::work_done;
 use crate::cell::Cell;
 use crate::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot, State, Why};
 use crate::daemon::{
@@ -17,14 +18,13 @@ use crate::daemon::{
     RecordingSwitch, Request, Requester, StoreRecord, What, whoever_runs_this,
 };
 use crate::geometry::KukaPose;
-use crate::record::{self, Abraded, Answer, Asked, CycleRecord, RecordingFile, Wanted};
+use crate::record::{Answer, Asked, RecordingFile, Wanted};
 use crate::requirements::Purpose;
 use crate::store::CycleStart;
 use crate::supervision::{Supervisor, ThreadFault};
 use crate::tape::Begin;
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -221,12 +221,13 @@ impl Ran {
         if let Some((request, refusal)) = self.refused {
             outcome.say(format!("refused: {}", daemon::refusal(request, refusal, &ended.state).message));
         }
-        let passes = abraded(&self.kept.record);
+        let passes = work_done::abraded(&self.kept.record);
         if self.kept.record.is_air_run() {
             outcome.say("air-run: the panel was neither tested nor abraded");
         }
         outcome
             .say(format!("abraded: {}", if passes.is_empty() { "nothing".to_owned() } else { passes.join(", ") }));
+        work_done::removed(&self.kept.record).iter().for_each(|line| outcome.say(line));
         if let Some(recorded) = &self.recorded {
             outcome.say(&recorded.message);
             outcome.put("recording", json!(recorded));
@@ -235,6 +236,7 @@ impl Ran {
         outcome.put("cycle_id", json!(cycle.0));
         outcome.put("state", json!(ended.state.at.word()));
         outcome.put("abraded", json!(passes));
+        outcome.put("removed", work_done::removed_json(&self.kept.record));
         outcome.put("base_from_panel", json!(ended.base_from_panel.map(|place| KukaPose::from_rigid(&place))));
         outcome.put(
             "budget_mm",
@@ -245,25 +247,6 @@ impl Ran {
         );
         outcome
     }
-}
-
-/// Each grid with the passes that touched it; what is not known is said to be so.
-fn abraded(record: &CycleRecord) -> Vec<String> {
-    let mut passes: BTreeMap<(String, u8), bool> = BTreeMap::new();
-    for Abraded { grid, pass, how } in record::abraded(&record.findings, &record.motions) {
-        let grid = grid.unwrap_or_else(|| "any grid".to_owned());
-        *passes.entry((grid, pass)).or_default() |= how.is_sure();
-    }
-    let mut grids: BTreeMap<&str, [usize; 2]> = BTreeMap::new();
-    for ((grid, _), is_sure) in &passes {
-        grids.entry(grid).or_default()[usize::from(!is_sure)] += 1;
-    }
-    let words = |(grid, [sure, perhaps]): (&&str, &[usize; 2])| match (sure, perhaps) {
-        (sure, 0) => format!("{grid} ×{sure}"),
-        (0, _) => format!("{grid} perhaps: it is not known"),
-        (sure, _) => format!("{grid} ×{sure}, perhaps once more: it is not known"),
-    };
-    grids.iter().map(words).collect()
 }
 
 /// Asks for one cycle and leaves where it rests.

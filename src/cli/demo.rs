@@ -3,7 +3,7 @@
 //! The cell is rendered as files, taught by them, and its cameras are verified on their boards; then the cycle runs as `panelprep cycle` would run it. The truth
 //! is read for the score alone, when the cycle is over.
 
-use super::args::{Common, Demo, Simulation, Teach, real_arm};
+use super::args::{Common, Demo, Simulation, Teach, ToolName, real_arm};
 use super::calibrate::args::CameraName;
 use super::calibrate::verify;
 use super::cycle_files::{Calibrated, TaughtRecipe};
@@ -12,7 +12,7 @@ use super::live::Live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::score::Score;
-use super::{commissioned, cycle, disk, health, render, teach, user};
+use super::{commissioned, cycle, demo_tool, disk, health, render, teach, user};
 use crate::accounts::Role;
 use crate::sim::{self, Scene};
 use crate::verdict::{Judgement, Verdict};
@@ -37,6 +37,10 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     if args.arm_error_mm > 0.0 {
         commissioned::calibrate(args, &rendered, &progress)?;
     }
+    let has_compliant_tool = args.tool == ToolName::Compliant;
+    if has_compliant_tool {
+        demo_tool::calibrate(args.seed, &rendered, &progress)?;
+    }
     let common = rendered.common();
     progress("teaching the panel at its nominal place");
     let simulation = Simulation { seed: args.seed, scene: args.scene, place: 0, arm_error_mm: args.arm_error_mm };
@@ -57,11 +61,13 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let taught_recipe = TaughtRecipe::read(&files, &teaching.recipe)?;
     progress("verifying both cameras and the tool on their boards");
     let off_mm = |outcome: Outcome| outcome.json.get("error_mm").cloned();
+    let force = if has_compliant_tool { Some(demo_tool::verify(&rendered, &common)?) } else { None };
     let camera = |name| verify::run(&rendered.verification(name), &common, &|_| {});
     let verified = json!({
         "scanner_mm": off_mm(camera(CameraName::Scanner)?),
         "flange_camera_mm": off_mm(camera(CameraName::FlangeCamera)?),
         "tool_mm": off_mm(verify::touch(&rendered.touch(), &common)?),
+        "force_n": force.and_then(|outcome| outcome.json.get("error_n").cloned()),
     });
     let health = health::judge(&files)?;
     if health.verdict == Verdict::Reject {

@@ -14,6 +14,7 @@ mod ctl;
 mod cycle;
 mod cycle_files;
 pub mod demo;
+mod demo_tool;
 mod disk;
 mod doctor;
 mod explain;
@@ -64,6 +65,7 @@ mod teach;
 mod tune;
 mod user;
 mod validate;
+mod work_done;
 mod zivid;
 
 pub use fault::Fault;

@@ -155,8 +155,16 @@ pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &R
         }
         disk::write(&rendered.file("boards/touches.toml"), text)?;
     }
-    disk::write(&rendered.file("boards/force.toml"), FORCE_TEXT)?;
+    write_force(rendered)?;
     disk::write(&rendered.file("boards/tip.toml"), tip_text(arm)?)
+}
+
+/// Writes `boards/force.toml`: readings of a compliant tool without contact.
+///
+/// # Errors
+/// Where the disk refuses.
+pub fn write_force(rendered: &Rendered) -> Result<(), Fault> {
+    disk::write(&rendered.file("boards/force.toml"), FORCE_TEXT)
 }
 
 /// So many shots to which the arm comes; an arm as it is drawn comes everywhere here.
@@ -290,7 +298,7 @@ const TURNS_DEG: [[f64; 3]; 5] =
     [[0.0, 0.0, 0.0], [30.0, 0.0, 20.0], [-30.0, 10.0, 0.0], [0.0, 35.0, -40.0], [10.0, -35.0, 60.0]];
 
 /// What a compliant tool reads without contact, pointing down, halfway, level and up: a payload of 1.5 kg and a zero of 0.4 N.
-const FORCE_TEXT: &str = "\
+pub(super) const FORCE_TEXT: &str = "\
 [[readings]]
 base_from_flange = { x_mm = 520.0, y_mm = 30.0, z_mm = 450.0, a_deg = 0.0, b_deg = 180.0, c_deg = 0.0 }
 force_n = -14.31

@@ -10,9 +10,11 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::fmt::Write;
 
-/// The simulated sander: the disc of the recipe's default, an orbit of 5 mm.
-const TOOL: CouponTool = CouponTool {
-    pad: Pad { radius_mm: 15.0, stiffness_n_mm3: 0.05 },
+/// The disc of the recipe's default.
+pub const DISC_DIAMETER_MM: f64 = 30.0;
+/// The simulated sander, with an orbit of 5 mm.
+pub const TOOL: CouponTool = CouponTool {
+    pad: Pad { radius_mm: DISC_DIAMETER_MM / 2.0, stiffness_n_mm3: 0.05 },
     orbit: Orbit { diameter_mm: 5.0, speed_rev_min: 10_000.0 },
 };
 /// What it takes off, mm²/N, and how that wears, 1/mm².

@@ -4,13 +4,13 @@ use super::error::DaemonError;
 use super::wiring::Wiring;
 use crate::calib::health;
 use crate::cell::{Arm, Cell, CompliantTool, LensExtent, Limits};
-use crate::force::Weight;
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};
 use crate::inspect::Demands;
 use crate::panel::{TaughtCorner, TaughtPanel};
 use crate::path::approach::CornerTour;
 use crate::recipe::Recipe;
 use crate::removal::model::Model;
+use crate::requirements::recipe_fits::force_fits;
 use crate::stages::removal::RemovedBefore;
 use std::sync::Arc;
 
@@ -146,22 +146,5 @@ impl CycleSetup {
     /// What is asked of a film.
     pub fn demands(&self) -> Demands {
         Demands::of(&self.recipe, &self.cell.limits)
-    }
-}
-
-/// Whether recipe and tool agree on a force.
-fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), DaemonError> {
-    match (tool, recipe.path().force_n()) {
-        (None, None) => Ok(()),
-        (Some(_), None) => Err(DaemonError::NoForce),
-        (None, Some(found_n)) => Err(DaemonError::ForceOfSpring { found_n }),
-        (Some(tool), Some(found_n)) => {
-            // Pointing up it lifts its payload as well.
-            let (band_n, weight_n, most_n) = (tool.band_n, Weight::from(tool).presses_n(1.0), tool.max_force_n);
-            match found_n + band_n + weight_n > most_n {
-                true => Err(DaemonError::TooMuchForce { found_n, band_n, weight_n, most_n }),
-                false => Ok(()),
-            }
-        }
     }
 }

@@ -4,7 +4,7 @@
 //! any end — a crash, a lost link — the robot has executed at least what it told and at most what was permitted. With the
 //! waypoint from which on the disc reaches each grid, that bounds what was touched.
 
-use super::finding::{CycleId, Finding, Kind, name};
+use super::finding::{CycleId, Finding, Kind};
 use crate::cycle::{Id, Motion, Outcome, Path};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -191,45 +191,10 @@ pub fn passes(findings: &[Finding], motions: &[MotionRecord]) -> usize {
     passes.len()
 }
 
-/// The upper 95 % bound of what was removed anywhere of a part that was abraded in so many passes of this cycle, µm, with what
-/// earlier cycles removed. Where a pass has no word of its own, what was planned counts, since it may have been executed. `None`
-/// where nobody knows.
-pub fn removed_bound_um(findings: &[Finding], passes: usize) -> Option<f64> {
-    let told = |kind: Kind| -> Vec<f64> {
-        let of_kind = findings.iter().filter(move |finding| finding.kind == kind);
-        let checks = of_kind.flat_map(|finding| &finding.checks).filter(|check| check.name == name::REMOVED_BOUND);
-        checks.filter_map(|check| check.value).collect()
-    };
-    let (executed, planned) = (told(Kind::Abrade), told(Kind::Plan));
-    let is_whole = executed.len() >= passes;
-    let known = planned.into_iter().filter(|_| !is_whole).chain(executed.iter().copied());
-    let enough = is_whole || told(Kind::Plan).len() >= passes;
-    known.reduce(f64::max).filter(|_| enough)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::cycle::Motion;
-
-    /// Two passes told what they removed; of a third one only its plan is known.
-    #[test]
-    fn what_was_planned_counts_where_nobody_told_what_was_executed() {
-        let told = |kind: Kind, pass: u8, um: Option<f64>| {
-            let judgement = crate::verdict::Judgement::of(vec![], vec![]);
-            Finding::new(kind, pass, judgement).with([crate::verdict::Check::new(name::REMOVED_BOUND, "µm", um)])
-        };
-        let both = [
-            told(Kind::Plan, 1, Some(20.0)),
-            told(Kind::Abrade, 1, Some(18.0)),
-            told(Kind::Plan, 2, Some(41.0)),
-            told(Kind::Abrade, 2, Some(38.0)),
-        ];
-        assert_eq!(removed_bound_um(&both, 2), Some(38.0));
-        assert_eq!(removed_bound_um(&both[..3], 2), Some(41.0), "the second pass broke off");
-        assert_eq!(removed_bound_um(&both[..2], 2), None, "nobody knows of the second pass");
-        assert_eq!(removed_bound_um(&[told(Kind::Abrade, 1, None)], 1), None);
-    }
 
     fn motion(outcome: Option<Outcome>, done: u32, (told, permitted): (u32, u32)) -> MotionRecord {
         let reached = |grid: &str, first| Reached { grid: grid.to_owned(), first };

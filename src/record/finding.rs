@@ -61,6 +61,8 @@ pub mod name {
     pub const PLANNED: &str = "waypoints";
     /// Waypoints of a contact path that the robot executed, without the one at which the approach ended.
     pub const EXECUTED: &str = "waypoints executed";
+    /// Depth that a path is expected to remove of the treated grids, mean, µm.
+    pub const REMOVED_MEAN: &str = "expected removal, mean";
     /// What no place of the part may come to, by its upper 95 % bound, over all passes so far, µm.
     pub const REMOVED_BOUND: &str = "largest removal over all passes, upper 95 % bound";
     /// Contact force of a compliant tool at the poses that the robot reported on the panel, mean, N.

@@ -13,6 +13,9 @@ use nalgebra::Matrix2;
 
 /// Square millimetres of a square metre.
 pub const MM2_PER_M2: f64 = 1e6;
+/// What is told where a recipe asks for a removal and there is no model.
+pub const UNKNOWN: &str = "the recipe has [removal], and the cell's file names no [calibration] removal: nobody can say whether \
+                           max_um is kept; measure coupons and name what `panelprep calibrate removal` writes";
 /// Micrometres of a millimetre.
 pub const UM_PER_MM: f64 = 1_000.0;
 /// What fits a line takes of the coupons' redundancy.

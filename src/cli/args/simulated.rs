@@ -18,6 +18,16 @@ pub enum FilmName {
     Hard,
 }
 
+/// What presses the disc on in the demo.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum ToolName {
+    /// A tool with a force of its own, on coupons calibrated: the recipe asks for a removal in µm.
+    #[default]
+    Compliant,
+    /// A spring on the flange: the path is even in time, and nobody says how much is removed.
+    Spring,
+}
+
 /// Options of `demo`.
 #[derive(Debug, Clone, Args)]
 pub struct Demo {
@@ -40,6 +50,9 @@ pub struct Demo {
     /// Cameras and tool are calibrated, but the errors of the arm are not.
     #[arg(long, requires = "arm_error_mm")]
     pub uncorrected: bool,
+    /// What presses the disc on.
+    #[arg(long, value_enum, default_value_t)]
+    pub tool: ToolName,
     /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film takes a gigabyte at full size.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,

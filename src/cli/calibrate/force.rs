@@ -11,7 +11,7 @@ use crate::calib::force::{AttitudeReading, ForceCalibration, calibrate};
 use crate::calib::health::{self, Demands, TOOL_FORCE, Verification};
 use crate::cell::CompliantTool;
 use crate::force::{Weight, downwards};
-use crate::geometry::STANDARD_GRAVITY_M_S2;
+use crate::geometry::{Base, Flange, Rigid, STANDARD_GRAVITY_M_S2, Tool};
 use crate::store::{Store, calibration_hash};
 use crate::verdict::{Check, Judgement, SetBy};
 use crate::words::apart;
@@ -29,12 +29,14 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
     let text = disk::read_text(&args.readings)?;
     let cell = CellFiles::read(common)?;
     let flange_from_tool = cell.flange_from_tool()?.value;
-    let readings = files::force_readings(&args.readings.display().to_string(), &text)?;
-    let readings: Vec<AttitudeReading> = readings
-        .into_iter()
-        .map(|(flange, force_n)| AttitudeReading { downwards: downwards(&(flange * flange_from_tool)), force_n })
-        .collect();
+    let readings = read(&args.readings.display().to_string(), &text, flange_from_tool)?;
     if args.verify { verify(&cell, &readings) } else { measure(&cell, &readings) }
+}
+
+fn read(name: &str, text: &str, flange_from_tool: Rigid<Flange, Tool>) -> Result<Vec<AttitudeReading>, Fault> {
+    let readings = files::force_readings(name, text)?.into_iter();
+    let at = |flange: Rigid<Base, Flange>| downwards(&(flange * flange_from_tool));
+    Ok(readings.map(|(flange, force_n)| AttitudeReading { downwards: at(flange), force_n }).collect())
 }
 
 fn measure(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fault> {
@@ -104,4 +106,25 @@ pub fn demands(files: &CellFiles, tool: &CompliantTool) -> Demands {
 /// What a verification of the force speaks of: payload and zero as the cell's file states them.
 pub fn hash(tool: &CompliantTool) -> String {
     calibration_hash(&[&format!("payload_kg {} zero_n {}", tool.payload_kg, tool.zero_n)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::render_boards::FORCE_TEXT;
+    use super::*;
+    use crate::cell::Cell;
+    use crate::geometry::KukaPose;
+
+    /// After `make demo` a cycle runs on the cell that is in the repository: it states the tool that the demo measures.
+    #[test]
+    fn the_simulated_cell_states_what_the_demo_measures() {
+        let flange_from_tool = KukaPose { z_mm: crate::sim::TOOL_LENGTH_MM, ..KukaPose::default() }.to_rigid();
+        let readings = read("force.toml", FORCE_TEXT, flange_from_tool).unwrap_or_else(|fault| panic!("{fault}"));
+        let found = calibrate(&readings).unwrap_or_else(|error| panic!("{error}")).weight;
+        let cell =
+            Cell::check("cell.toml", include_str!("../../../config/cell.toml")).unwrap_or_else(|p| panic!("{p}"));
+        let stated = cell.tool().compliant().expect("compliant");
+        let written = [found.payload_kg, found.zero_n].map(|number| format!("{number:.3}"));
+        assert_eq!(written, [stated.payload_kg, stated.zero_n].map(|number| format!("{number:.3}")));
+    }
 }

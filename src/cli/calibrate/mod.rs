@@ -15,7 +15,7 @@ mod keeping;
 pub mod live;
 mod mounted;
 mod over_volume;
-mod removal;
+pub mod removal;
 mod robot;
 mod robot_advice;
 mod sight;

@@ -5,6 +5,7 @@ use super::feeds::AtBounds;
 use crate::recipe::{self, Recipe, RemovalMethod};
 use crate::record::name;
 use crate::removal::figures::Figures;
+use crate::removal::model::UNKNOWN;
 use crate::verdict::{Check, SetBy};
 use crate::words::{apart, fixed};
 use serde::{Deserialize, Serialize};
@@ -42,11 +43,7 @@ pub fn unknown(recipe: &Recipe, tool: ToolState) -> Option<Check> {
     let stated = recipe.removal().filter(|_| tool.removal.is_none())?;
     let check =
         Check::new(name::REMOVED_BOUND, "µm", None).at_most(stated.max_um(), SetBy::recipe("removal.max_um"));
-    Some(check.broken(true, crate::verdict::Severity::Reject, "removal_unknown", || {
-        "the recipe has [removal], and the cell's file names no [calibration] removal: nobody can say whether max_um is \
-         kept; measure coupons and name what `panelprep calibrate removal` writes"
-            .to_owned()
-    }))
+    Some(check.broken(true, crate::verdict::Severity::Reject, "removal_unknown", || UNKNOWN.to_owned()))
 }
 
 /// What a path removes, judged.
@@ -56,7 +53,7 @@ pub(super) fn checks(figures: Option<&Figures>, (asked, bounded): (&recipe::Remo
     let passes = of(|found| found.mean_um).map(|mean_um| (target_um / mean_um - TOLERATED).ceil().max(1.0));
     let (bound_um, within) = (of(|found| found.largest_bound_um), of(|found| found.within_percent));
     vec![
-        Check::new("expected removal, mean", "µm", of(|found| found.mean_um)),
+        Check::new(name::REMOVED_MEAN, "µm", of(|found| found.mean_um)),
         Check::new("uncertainty of the removal, 95 %", "%", of(|found| found.uncertainty_percent)),
         Check::new("expected removal, smallest 5 %", "µm", of(|found| found.low_um)),
         Check::new("expected removal over all passes, largest", "µm", of(|found| found.largest_um)),

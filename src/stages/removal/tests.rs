@@ -49,7 +49,7 @@ fn scheduled_feeds_remove_the_target() {
     let (verdict, codes, checks) =
         planned(&format!("{TABLE}method = \"scheduled\"\n"), Some(model()), RemovedBefore::default());
     assert_eq!((verdict, codes), (Verdict::Accept, vec![]));
-    assert!((value(&checks, "expected removal, mean") / 30.0 - 1.0).abs() < 0.03);
+    assert!((value(&checks, name::REMOVED_MEAN) / 30.0 - 1.0).abs() < 0.03);
     assert!(value(&checks, "even within") < 20.0 && value(&checks, name::REMOVED_BOUND) < 50.0);
 }
 
@@ -103,9 +103,7 @@ fn earlier_cycles_count() {
 fn today_s_feed_stays_and_its_removal_is_told() {
     let (_, codes, checks) = planned(TABLE, Some(model()), RemovedBefore::default());
     assert!(codes.contains(&"more_passes".to_owned()), "{codes:?}");
-    assert!(
-        value(&checks, "expected removal, mean") < 25.0 && value(&checks, "passes that the target takes") == 2.0
-    );
+    assert!(value(&checks, name::REMOVED_MEAN) < 25.0 && value(&checks, "passes that the target takes") == 2.0);
     let (verdict, codes, _) = planned(TABLE, None, RemovedBefore::default());
     assert_eq!((verdict, codes), (Verdict::Reject, vec!["removal_unknown".to_owned()]));
     let (verdict, _, checks) = planned("", Some(model()), RemovedBefore::default());
@@ -127,7 +125,7 @@ fn the_force_that_was_measured_counts() {
     let mean_um = |force_n: Option<f64>| {
         let poses: Vec<Executed> =
             dwell::planned(&plan).into_iter().map(|pose| Executed { force_n, ..pose }).collect();
-        value(&abrasive.executed(&grids, &poses).expect("known").checks, "expected removal, mean")
+        value(&abrasive.executed(&grids, &poses).expect("known").checks, name::REMOVED_MEAN)
     };
     let [unmeasured, as_asked, half] = [None, Some(20.0), Some(10.0)].map(mean_um);
     assert!((unmeasured - as_asked).abs() < 1e-9, "{unmeasured} {as_asked}");
