@@ -1,0 +1,69 @@
+//! The demo's cell with a compliant tool, commissioned as an engineer does it: its payload and zero are measured and verified,
+//! what its disc takes off is fitted to coupons, and the recipe asks for a removal.
+
+use super::args::Common;
+use super::calibrate::args as asked;
+use super::calibrate::{force, removal};
+use super::fault::Fault;
+use super::outcome::Outcome;
+use super::rendered::Rendered;
+use super::{disk, render_boards, render_coupons};
+use serde_json::Value;
+
+const CALIBRATION: &str = "removal.toml";
+const NAMED: &str = "flange_from_tool = \"flange_from_tool.toml\"\n";
+/// What the simulated cell's error at the tool is held to be: the tool's stroke must have room for it.
+const TOOL_ERROR: &str = "tool_error_mm = 1.0\n";
+/// What the recipe asks for. Rows nearer to each other than the default's and a high feed leave the feeds room to make it even.
+const ASKED: &str = "
+[path]
+force_n = 12.0
+feed_mm_s = 120.0
+step_over_mm = 9.0
+
+[removal]
+method = \"scheduled\"
+target_um = 25.0
+max_um = 60.0
+";
+
+/// Renders readings and coupons, calibrates, and writes the tool into the cell's file and the removal into the recipe.
+///
+/// # Errors
+/// Where a file cannot be written, or a calibration is refused.
+pub fn calibrate(seed: u64, rendered: &Rendered, progress: &dyn Fn(&str)) -> Result<(), Fault> {
+    progress("measuring the compliant tool: payload, zero, and what its disc takes off");
+    render_boards::write_force(rendered)?;
+    render_coupons::write(seed, rendered)?;
+    let common = rendered.common();
+    removal::run(&asked::Removal {
+        coupons: rendered.file("boards/coupons.csv"),
+        disc_diameter_mm: render_coupons::DISC_DIAMETER_MM,
+        pad_n_mm3: render_coupons::TOOL.pad.stiffness_n_mm3,
+        orbit_mm: render_coupons::TOOL.orbit.diameter_mm,
+        orbit_rev_min: render_coupons::TOOL.orbit.speed_rev_min,
+        out: rendered.file(CALIBRATION),
+    })?;
+    let measured = force::run(&readings(rendered, false), &common)?;
+    let [payload_kg, zero_n] = ["payload_kg", "zero_n"].map(|key| measured.json.get(key).and_then(Value::as_f64));
+    let (payload_kg, zero_n) = (payload_kg.unwrap_or(f64::NAN), zero_n.unwrap_or(f64::NAN));
+    let cell = disk::read_text(&common.cell)?.replace(NAMED, &format!("{NAMED}removal = \"{CALIBRATION}\"\n"));
+    let cell = cell.replace("verify_limit_mm", &format!("{TOOL_ERROR}verify_limit_mm"));
+    let tool = format!("\n[tool]\nkind = \"simulated\"\npayload_kg = {payload_kg:.3}\nzero_n = {zero_n:.3}\n");
+    disk::write(&common.cell, format!("{cell}{tool}"))?;
+    let recipe = rendered.file("recipe.toml");
+    let text = disk::read_text(&recipe)?;
+    disk::write(&recipe, format!("{text}{ASKED}"))
+}
+
+/// Verifies payload and zero by the same readings, as each day begins.
+///
+/// # Errors
+/// As `panelprep calibrate force --verify`.
+pub fn verify(rendered: &Rendered, common: &Common) -> Result<Outcome, Fault> {
+    force::run(&readings(rendered, true), common)
+}
+
+fn readings(rendered: &Rendered, verify: bool) -> asked::Force {
+    asked::Force { readings: rendered.file("boards/force.toml"), verify }
+}

@@ -1,0 +1,44 @@
+//! What a cycle did to the panel, in words: which grids it abraded, and how much it removed.
+
+use crate::record::{self, Abraded, CycleRecord, RemovedByPath};
+use crate::words::fixed;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+
+/// Each grid with the passes that touched it; what is not known is said to be so.
+pub fn abraded(record: &CycleRecord) -> Vec<String> {
+    let mut passes: BTreeMap<(String, u8), bool> = BTreeMap::new();
+    for Abraded { grid, pass, how } in record::abraded(&record.findings, &record.motions) {
+        let grid = grid.unwrap_or_else(|| "any grid".to_owned());
+        *passes.entry((grid, pass)).or_default() |= how.is_sure();
+    }
+    let mut grids: BTreeMap<&str, [usize; 2]> = BTreeMap::new();
+    for ((grid, _), is_sure) in &passes {
+        grids.entry(grid).or_default()[usize::from(!is_sure)] += 1;
+    }
+    let words = |(grid, [sure, perhaps]): (&&str, &[usize; 2])| match (sure, perhaps) {
+        (sure, 0) => format!("{grid} ×{sure}"),
+        (0, _) => format!("{grid} perhaps: it is not known"),
+        (sure, _) => format!("{grid} ×{sure}, perhaps once more: it is not known"),
+    };
+    grids.iter().map(words).collect()
+}
+
+/// What each path removed, a line for each; none where the recipe does not ask for a removal.
+pub fn removed(record: &CycleRecord) -> Vec<String> {
+    let line = |path: RemovedByPath| {
+        format!(
+            "removed in pass {}: {} µm in the mean of the treated grids; no place of the part more than {} µm so far (95 %)",
+            path.pass,
+            fixed(path.mean_um, 1),
+            fixed(path.bound_um, 1)
+        )
+    };
+    record::removed(&record.findings).into_iter().map(line).collect()
+}
+
+/// The same for scripts.
+pub fn removed_json(record: &CycleRecord) -> Value {
+    let path = |path: RemovedByPath| json!({"pass": path.pass, "mean_um": path.mean_um, "bound_um": path.bound_um});
+    record::removed(&record.findings).into_iter().map(path).collect()
+}

@@ -1,0 +1,78 @@
+//! What was removed of a part, as the findings of its cycle tell it.
+
+use super::finding::{Finding, Kind, name};
+
+/// What one contact path removed, by the poses that the robot reported.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RemovedByPath {
+    /// Which pass, from 1.
+    pub pass: u8,
+    /// Expected depth over the treated grids, mean, µm.
+    pub mean_um: f64,
+    /// What no place of the part came to over all passes so far, 95 %, µm.
+    pub bound_um: f64,
+}
+
+/// Path by path; empty where the recipe does not ask for a removal.
+pub fn removed(findings: &[Finding]) -> Vec<RemovedByPath> {
+    let of_path = |finding: &Finding| {
+        let [mean_um, bound_um] = [name::REMOVED_MEAN, name::REMOVED_BOUND].map(|name| finding.number(name));
+        Some(RemovedByPath { pass: finding.pass, mean_um: mean_um?, bound_um: bound_um? })
+    };
+    findings.iter().filter(|finding| finding.kind == Kind::Abrade).filter_map(of_path).collect()
+}
+
+/// The upper 95 % bound of what was removed anywhere of a part that was abraded in so many passes of this cycle, µm, with what
+/// earlier cycles removed. Where a pass has no word of its own, what was planned counts, since it may have been executed. `None`
+/// where nobody knows.
+pub fn removed_bound_um(findings: &[Finding], passes: usize) -> Option<f64> {
+    let told = |kind: Kind| -> Vec<f64> {
+        let of_kind = findings.iter().filter(move |finding| finding.kind == kind);
+        let checks = of_kind.flat_map(|finding| &finding.checks).filter(|check| check.name == name::REMOVED_BOUND);
+        checks.filter_map(|check| check.value).collect()
+    };
+    let (executed, planned) = (told(Kind::Abrade), told(Kind::Plan));
+    let is_whole = executed.len() >= passes;
+    let known = planned.into_iter().filter(|_| !is_whole).chain(executed.iter().copied());
+    let enough = is_whole || told(Kind::Plan).len() >= passes;
+    known.reduce(f64::max).filter(|_| enough)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::verdict::{Check, Judgement};
+
+    /// A plan has not removed anything, and without the recipe's table nobody knows how much a path did.
+    #[test]
+    fn what_each_path_removed() {
+        let told = |kind: Kind, numbers: [Option<f64>; 2]| {
+            let [mean_um, bound_um] = numbers;
+            let mean = Check::new(name::REMOVED_MEAN, "µm", mean_um);
+            Finding::new(kind, 1, Judgement::of(vec![], vec![]))
+                .with([mean, Check::new(name::REMOVED_BOUND, "µm", bound_um)])
+        };
+        let known = [Some(19.5), Some(24.0)];
+        let findings = [told(Kind::Plan, known), told(Kind::Abrade, known), told(Kind::Abrade, [None; 2])];
+        assert_eq!(removed(&findings), [RemovedByPath { pass: 1, mean_um: 19.5, bound_um: 24.0 }]);
+    }
+
+    /// Two passes told what they removed; of a third one only its plan is known.
+    #[test]
+    fn what_was_planned_counts_where_nobody_told_what_was_executed() {
+        let told = |kind: Kind, pass: u8, um: Option<f64>| {
+            let judgement = crate::verdict::Judgement::of(vec![], vec![]);
+            Finding::new(kind, pass, judgement).with([crate::verdict::Check::new(name::REMOVED_BOUND, "µm", um)])
+        };
+        let both = [
+            told(Kind::Plan, 1, Some(20.0)),
+            told(Kind::Abrade, 1, Some(18.0)),
+            told(Kind::Plan, 2, Some(41.0)),
+            told(Kind::Abrade, 2, Some(38.0)),
+        ];
+        assert_eq!(removed_bound_um(&both, 2), Some(38.0));
+        assert_eq!(removed_bound_um(&both[..3], 2), Some(41.0), "the second pass broke off");
+        assert_eq!(removed_bound_um(&both[..2], 2), None, "nobody knows of the second pass");
+        assert_eq!(removed_bound_um(&[told(Kind::Abrade, 1, None)], 1), None);
+    }
+}
