@@ -18,10 +18,7 @@ pub struct Parts {
 pub fn parts(mounts_mm: [Option<f64>; 2], tool_mm: Option<f64>, last_touch: Option<&Verification>) -> Parts {
     let both = |one: Option<f64>, other: Option<f64>| Some(one?.hypot(other?)).filter(|mm| mm.is_finite());
     let [scanner_mm, flange_mm] = mounts_mm;
-    Parts {
-        hand_eye_mm: both(scanner_mm, flange_mm),
-        robot_mm: both(tool_mm, last_touch.map(|touch| touch.error_mm)),
-    }
+    Parts { hand_eye_mm: both(scanner_mm, flange_mm), robot_mm: both(tool_mm, last_touch.map(|touch| touch.error)) }
 }
 
 #[cfg(test)]
@@ -34,8 +31,8 @@ mod tests {
         let touch = Verification {
             struck: None,
             subject: "tool".to_owned(),
-            error_mm: 0.4,
-            limit_mm: 0.5,
+            error: 0.4,
+            limit: 0.5,
             calibration_hash: String::new(),
             at_unix_s: 0,
         };

@@ -19,10 +19,10 @@ pub fn unit(subject: &str) -> &'static str {
 pub struct Verification {
     /// What was verified: `scanner`, `flange_camera`, `tool`, or the force of a compliant tool, [`TOOL_FORCE`], whose numbers are in N.
     pub subject: String,
-    /// Largest distance between where the target is known to be and where it was found, mm.
-    pub error_mm: f64,
-    /// What was allowed, mm.
-    pub limit_mm: f64,
+    /// Largest distance between where the target is known to be and where it was found, mm; of a force what it was off, N.
+    pub error: f64,
+    /// What was allowed, in the same unit.
+    pub limit: f64,
     /// Content hash of the calibration files that were used, in the order of the cell's keys.
     pub calibration_hash: String,
     /// When, seconds since 1970.
@@ -45,8 +45,8 @@ pub struct Strike {
 /// What the cell's file demands of the last verification.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Demands {
-    /// Largest error, mm.
-    pub limit_mm: f64,
+    /// Largest error, in the unit of the subject.
+    pub limit: f64,
     /// Largest age, hours.
     pub max_age_h: f64,
 }
@@ -54,7 +54,7 @@ pub struct Demands {
 impl Demands {
     /// As the cell's file states them.
     pub fn of(limits: &Limits) -> Self {
-        Demands { limit_mm: limits.verify_limit_mm(), max_age_h: limits.verify_max_age_h() }
+        Demands { limit: limits.verify_limit_mm(), max_age_h: limits.verify_max_age_h() }
     }
 }
 
@@ -158,7 +158,7 @@ fn implausible(what: String) -> Reason {
 
 /// Was a look, or a touch, farther off than the cell's file allows today? A NaN is beyond every limit.
 pub fn beyond(last: &Verification, demands: Demands) -> Option<Reason> {
-    let (subject, found, allowed) = (&last.subject, last.error_mm, demands.limit_mm);
+    let (subject, found, allowed) = (&last.subject, last.error, demands.limit);
     (found.is_nan() || found > allowed).then(|| {
         let ([found, allowed], unit) = (apart(found, allowed, 3), unit(subject));
         let message = format!(
@@ -257,15 +257,15 @@ mod tests {
     use crate::verdict::Verdict;
     use nalgebra::{Isometry3, Vector3};
 
-    const DEMANDS: Demands = Demands { limit_mm: 0.5, max_age_h: 24.0 };
+    const DEMANDS: Demands = Demands { limit: 0.5, max_age_h: 24.0 };
 
     /// Both cameras must have been verified; a tool that was never touched is no reason, one that was beyond the limit is.
     #[test]
     fn a_cycle_starts_on_verified_cameras_and_no_bad_touch() {
-        let last = |subject: &str, error_mm: f64| Verification {
+        let last = |subject: &str, error: f64| Verification {
             subject: subject.to_owned(),
-            error_mm,
-            limit_mm: 0.5,
+            error,
+            limit: 0.5,
             calibration_hash: "h".to_owned(),
             at_unix_s: 0,
             struck: None,
@@ -281,16 +281,9 @@ mod tests {
         assert_eq!(codes(&[camera(Some(&scanner))], Some(&touch)), ["verification_limit"]);
     }
 
-    fn verified(error_mm: f64, at_unix_s: i64) -> Verification {
+    fn verified(error: f64, at_unix_s: i64) -> Verification {
         let subject = "scanner".to_owned();
-        Verification {
-            subject,
-            error_mm,
-            limit_mm: 0.5,
-            calibration_hash: "ab".to_owned(),
-            at_unix_s,
-            struck: None,
-        }
+        Verification { subject, error, limit: 0.5, calibration_hash: "ab".to_owned(), at_unix_s, struck: None }
     }
 
     #[test]

@@ -116,7 +116,7 @@ fn verification(store: &Store, calibration: &str) -> String {
     };
     match store.last_verification(subject) {
         Ok(Some(last)) => {
-            let [error, limit] = [last.error_mm, last.limit_mm].map(|mm| fixed(mm, 3));
+            let [error, limit] = [last.error, last.limit].map(|mm| fixed(mm, 3));
             format!("{error} mm, allowed {limit} mm, {}", age(last.at_unix_s))
         }
         Ok(None) => "never".to_owned(),

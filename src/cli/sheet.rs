@@ -2,8 +2,9 @@
 //! cycle used.
 
 use super::fault::Fault;
+use crate::calib::health::{self, TOOL_FORCE, Verification};
 use crate::recipe::Recipe;
-use crate::record::{CycleRecord, KeptFile};
+use crate::record::{CycleRecord, KeptFile, name};
 use crate::report::page::Figure;
 use crate::report::sheet::{Attached, EarlierCycle, Equipment, LastVerification, Sheet, Signatory, Sources, pdf};
 use crate::signing::{Meaning, Statement, cycle_stem};
@@ -90,7 +91,7 @@ fn equipment(store: &Store, record: &CycleRecord) -> Result<Vec<Equipment>, Faul
         let Some(KeptFile { hash, .. }) = record.files.iter().find(|file| file.name == name) else { continue };
         let read = text(store, hash).and_then(|text| text.parse::<toml::Table>().ok()).unwrap_or_default();
         let verified = match subject {
-            Some(subject) => last_verification(store, record, subject)?,
+            Some(subject) => verification_before(store, record, subject)?.as_ref().map(in_words),
             None => None,
         };
         all.push(Equipment {
@@ -101,7 +102,21 @@ fn equipment(store: &Store, record: &CycleRecord) -> Result<Vec<Equipment>, Faul
             verified,
         });
     }
+    all.extend(force(store, record)?);
     Ok(all)
+}
+
+/// The force of a compliant tool, where the cycle pressed with one: it has no file, and its payload and zero are verified.
+fn force(store: &Store, record: &CycleRecord) -> Result<Option<Equipment>, Fault> {
+    let mut findings = record.findings.iter().filter(|finding| finding.number(name::FORCE_MEAN).is_some());
+    let Some(one) = findings.next().and(verification_before(store, record, TOOL_FORCE)?) else { return Ok(None) };
+    Ok(Some(Equipment {
+        what: "tool, force".to_owned(),
+        serial: None,
+        calibrated: None,
+        hash: one.calibration_hash.clone(),
+        verified: Some(in_words(&one)),
+    }))
 }
 
 /// A value of a calibration file, in whichever table it stands.
@@ -115,16 +130,15 @@ fn named(read: &toml::Table, key: &str) -> Option<String> {
 }
 
 /// The last verification before the cycle that nobody struck out.
-fn last_verification(
-    store: &Store,
-    record: &CycleRecord,
-    subject: &str,
-) -> Result<Option<LastVerification>, Fault> {
+fn verification_before(store: &Store, record: &CycleRecord, subject: &str) -> Result<Option<Verification>, Fault> {
     let all = store.verifications(subject).map_err(Fault::stage)?;
-    let mut counts = all.iter().rev().filter(|one| one.struck.is_none() && one.at_unix_s <= record.started_unix_s);
-    let Some(one) = counts.next() else { return Ok(None) };
-    let [error, limit] = apart(one.error_mm, one.limit_mm, 2);
-    Ok(Some(LastVerification { day: utc_day(one.at_unix_s), error: format!("{error} mm, allowed {limit} mm") }))
+    Ok(all.into_iter().rev().find(|one| one.struck.is_none() && one.at_unix_s <= record.started_unix_s))
+}
+
+fn in_words(one: &Verification) -> LastVerification {
+    let unit = health::unit(&one.subject);
+    let [error, limit] = apart(one.error, one.limit, 2);
+    LastVerification { day: utc_day(one.at_unix_s), error: format!("{error} {unit}, allowed {limit} {unit}") }
 }
 
 fn signatures(store: &Store, record: &CycleRecord) -> Result<Vec<Signatory>, Fault> {

@@ -31,6 +31,8 @@ pub enum Known {
     FlangeCameraVerification,
     /// Verifications of the tool, mm.
     ToolVerification,
+    /// Verifications of the force of a compliant tool, N.
+    ForceVerification,
     /// How much less light than in the dry picture, of the film with the least, %.
     LightLeast,
     /// How much more light than in the dry picture, of the film with the most, %.
@@ -41,6 +43,12 @@ pub enum Known {
     TimeToBreak,
     /// Passes over the panel.
     Passes,
+    /// Contact force of a compliant tool on the last path, mean, N.
+    ForceInContact,
+    /// What the last path removed of the treated grids, mean, µm.
+    RemovedMean,
+    /// What no place of the part came to over all passes, 95 %, µm.
+    RemovedDeepest,
     /// What the disc swept in the cycle, mm².
     DiscSwept,
     /// What the disc had swept since it was mounted, mm².
@@ -76,11 +84,15 @@ impl Known {
             Known::ScannerVerification => ("verification of the scanner", "mm"),
             Known::FlangeCameraVerification => ("verification of the camera on the flange", "mm"),
             Known::ToolVerification => ("verification of the tool", "mm"),
+            Known::ForceVerification => ("verification of the tool's force", "N"),
             Known::LightLeast => ("change of the light, least", "%"),
             Known::LightMost => ("change of the light, most", "%"),
             Known::FilmChange => ("change of the panel by the film", "grey levels"),
             Known::TimeToBreak => ("time to the first break", "s"),
             Known::Passes => ("passes over the panel", ""),
+            Known::ForceInContact => ("force in contact, mean", "N"),
+            Known::RemovedMean => ("removed by the last path, mean", "µm"),
+            Known::RemovedDeepest => ("removed over all passes, deepest place, 95 %", "µm"),
             Known::DiscSwept => ("swept by the disc in the cycle", "mm²"),
             Known::DiscWorn => ("swept by the disc since it was mounted", "mm²"),
             Known::CycleTime => ("cycle time", "s"),
@@ -95,6 +107,7 @@ impl Known {
             Known::ScannerVerification => Some("scanner"),
             Known::FlangeCameraVerification => Some("flange_camera"),
             Known::ToolVerification => Some("tool"),
+            Known::ForceVerification => Some("tool_force"),
             _ => None,
         }
     }
@@ -119,12 +132,18 @@ impl Known {
                 times.min_by(f64::total_cmp).map(unlimited)
             }
             Known::Passes => past.films().next().map(|_| unlimited(f64::from(past.passes()))),
+            Known::ForceInContact => picked(past, Kind::Abrade, name::FORCE_MEAN, Pick::Last),
+            Known::RemovedMean => picked(past, Kind::Abrade, name::REMOVED_MEAN, Pick::Last),
+            Known::RemovedDeepest => picked(past, Kind::Abrade, name::REMOVED_BOUND, Pick::Most),
             Known::DiscSwept => past.disc.map(|disc| unlimited(disc.swept_mm2)),
             Known::DiscWorn => past.disc.map(|disc| unlimited(disc.worn_mm2)),
             Known::CycleTime => past.cycle_time_s().map(|s| unlimited(s as f64)),
             Known::FilmTime => super::summary::films(past).watched_s.map(unlimited),
             Known::ErrorAtTool => past.record.budget?.total_mm().map(unlimited),
-            Known::ScannerVerification | Known::FlangeCameraVerification | Known::ToolVerification => None,
+            Known::ScannerVerification
+            | Known::FlangeCameraVerification
+            | Known::ToolVerification
+            | Known::ForceVerification => None,
         }
     }
 }

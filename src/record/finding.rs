@@ -63,6 +63,8 @@ pub mod name {
     pub const EXECUTED: &str = "waypoints executed";
     /// Depth that a path is expected to remove of the treated grids, mean, µm.
     pub const REMOVED_MEAN: &str = "expected removal, mean";
+    /// By so much of the target 95 % of the treated area differ from it at most, %.
+    pub const REMOVED_EVEN: &str = "removal even within";
     /// What no place of the part may come to, by its upper 95 % bound, over all passes so far, µm.
     pub const REMOVED_BOUND: &str = "largest removal over all passes, upper 95 % bound";
     /// Contact force of a compliant tool at the poses that the robot reported on the panel, mean, N.

@@ -105,8 +105,7 @@ pub fn trend(subject: &str, verifications: &[Verification]) -> String {
     let times = verifications.iter().map(|v| v.at_unix_s as f64);
     let (first, last) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
     let counts = |v: &&Verification| v.struck.is_none();
-    let highest =
-        verifications.iter().filter(counts).flat_map(|v| [v.error_mm, v.limit_mm]).fold(0.1, f64::max) * 1.1;
+    let highest = verifications.iter().filter(counts).flat_map(|v| [v.error, v.limit]).fold(0.1, f64::max) * 1.1;
     let x =
         |v: &Verification| MARGIN + (WIDTH - 2.0 * MARGIN) * (v.at_unix_s as f64 - first) / (last - first).max(1.0);
     let y = |mm: f64| HEIGHT - MARGIN - (HEIGHT - 2.0 * MARGIN) * (mm / highest).min(1.0);
@@ -115,16 +114,16 @@ pub fn trend(subject: &str, verifications: &[Verification]) -> String {
         points.collect::<Vec<_>>().join(" ")
     };
     let mark = |v: &Verification| -> Markup {
-        let (x, y) = (x(v), y(v.error_mm));
+        let (x, y) = (x(v), y(v.error));
         match &v.struck {
             Some(strike) => html! {
                 path d=(format_args!("M{:.1} {:.1}l8 8m0 -8l-8 8", x - 4.0, y - 4.0)) stroke="#666666" stroke-width="2" {
-                    title { (format_args!("{:.3} mm", v.error_mm)) ", struck out by " (strike.by) ": " (strike.why) }
+                    title { (format_args!("{:.3} mm", v.error)) ", struck out by " (strike.by) ": " (strike.why) }
                 }
             },
             None => html! {
                 circle cx=(format_args!("{x:.1}")) cy=(format_args!("{y:.1}")) r="4"
-                    fill=(if v.error_mm <= v.limit_mm { "#009e73" } else { "#d55e00" }) {}
+                    fill=(if v.error <= v.limit { "#009e73" } else { "#d55e00" }) {}
             },
         }
     };
@@ -143,8 +142,8 @@ pub fn trend(subject: &str, verifications: &[Verification]) -> String {
             path d=(format_args!("M{MARGIN} {MARGIN}V{bottom}H{right}")) fill="none" stroke="black" {}
             text x="5" y=(format_args!("{:.1}", MARGIN + 5.0)) { (format_args!("{highest:.2}")) }
             text x="5" y=(bottom) { "0" }
-            polyline points=(line(|v| v.limit_mm)) fill="none" stroke="#d55e00" stroke-dasharray="6 4" {}
-            polyline points=(line(|v| v.error_mm)) fill="none" stroke="#0072b2" {}
+            polyline points=(line(|v| v.limit)) fill="none" stroke="#d55e00" stroke-dasharray="6 4" {}
+            polyline points=(line(|v| v.error)) fill="none" stroke="#0072b2" {}
             @for verification in verifications { (mark(verification)) }
         }
         "\n"
@@ -160,10 +159,10 @@ mod tests {
     /// By hand: the highest of errors and limits is 1.0, drawn at 1/1.1 of the axis: 265 − 210/1.1 = 74.1.
     #[test]
     fn a_trend_shows_every_verification_and_marks_the_bad_ones() {
-        let verified = |error_mm: f64, at_unix_s: i64| Verification {
+        let verified = |error: f64, at_unix_s: i64| Verification {
             subject: "scanner".to_owned(),
-            error_mm,
-            limit_mm: 0.5,
+            error,
+            limit: 0.5,
             calibration_hash: String::new(),
             at_unix_s,
             struck: None,

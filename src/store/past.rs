@@ -52,8 +52,8 @@ impl Store {
             cycle: None,
             at_unix_s: it.at_unix_s,
             serial: None,
-            value: it.error_mm,
-            limit: Limit::AtMost(it.limit_mm),
+            value: it.error,
+            limit: Limit::AtMost(it.limit),
         });
         let mut points: Vec<TrendPoint> = points.collect();
         points.drain(..points.len().saturating_sub(most));

@@ -112,7 +112,7 @@ impl Store {
 
     /// Its number comes back.
     fn insert_verification(&mut self, verification: &Verification) -> Result<i64, StoreError> {
-        if !(verification.error_mm.is_finite() && verification.limit_mm.is_finite()) {
+        if !(verification.error.is_finite() && verification.limit.is_finite()) {
             return Err(StoreError::NotFinite { name: "verification".to_owned() });
         }
         self.commit("write a verification to", |writing| {
@@ -121,8 +121,8 @@ impl Store {
                  VALUES (?1, ?2, ?3, ?4, ?5)",
                 params![
                     verification.subject,
-                    verification.error_mm,
-                    verification.limit_mm,
+                    verification.error,
+                    verification.limit,
                     verification.calibration_hash,
                     verification.at_unix_s
                 ],
@@ -159,8 +159,8 @@ impl Store {
             let number: i64 = row.get(0)?;
             let verification = Verification {
                 subject: row.get(1)?,
-                error_mm: row.get(2)?,
-                limit_mm: row.get(3)?,
+                error: row.get(2)?,
+                limit: row.get(3)?,
                 calibration_hash: row.get(4)?,
                 at_unix_s: row.get(5)?,
                 struck: strikes.get(&number).cloned(),

@@ -81,8 +81,8 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
     let demands = demands(files, tool);
     let verification = Verification {
         subject: TOOL_FORCE.to_owned(),
-        error_mm: error_n,
-        limit_mm: demands.limit_mm,
+        error: error_n,
+        limit: demands.limit,
         calibration_hash: hash(tool),
         at_unix_s: date::now_unix_s(),
         struck: None,
@@ -91,16 +91,16 @@ fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fa
     let reject = health::beyond(&verification, demands);
     let mut outcome = Outcome::of(&Judgement::of(reject.into_iter().collect(), vec![]));
     outcome.put("error_n", json!(error_n));
-    outcome.put("limit_n", json!(demands.limit_mm));
+    outcome.put("limit_n", json!(demands.limit));
     outcome.put("number", json!(number));
-    let [off, allowed] = apart(error_n, demands.limit_mm, 2);
+    let [off, allowed] = apart(error_n, demands.limit, 2);
     outcome.say(format!("force without contact: {off} N off, allowed are {allowed} N; kept as number {number}"));
     Ok(outcome)
 }
 
 /// What is demanded of the last verification of a tool's force, in N.
 pub fn demands(files: &CellFiles, tool: &CompliantTool) -> Demands {
-    Demands { limit_mm: OF_BAND * tool.band_n, ..Demands::of(files.cell.limits()) }
+    Demands { limit: OF_BAND * tool.band_n, ..Demands::of(files.cell.limits()) }
 }
 
 /// What a verification of the force speaks of: payload and zero as the cell's file states them.

@@ -51,13 +51,13 @@ pub fn strike(args: &StrikeOut, common: &Common) -> Result<Outcome, Fault> {
 }
 
 fn line(number: i64, verification: &Verification) -> String {
-    let Verification { subject, error_mm, limit_mm, at_unix_s, .. } = verification;
+    let Verification { subject, error, limit, at_unix_s, .. } = verification;
     let day = Date::of_unix_s(*at_unix_s);
     let struck = verification.struck.as_ref().map(|Strike { by, why, at_unix_s }| {
         format!("; struck out on {} by {by}: {why}", Date::of_unix_s(*at_unix_s))
     });
     let struck = struck.unwrap_or_default();
-    let [off, limit] = apart(*error_mm, *limit_mm, 3);
+    let [off, limit] = apart(*error, *limit, 3);
     let unit = health::unit(subject);
     format!("{number:5}  {day}  {subject:13}  {off} {unit} off, allowed were {limit} {unit}{struck}")
 }
@@ -66,7 +66,7 @@ fn row(number: i64, verification: &Verification) -> Value {
     let struck = verification.struck.as_ref();
     let struck = struck.map(|it| json!({"by": it.by, "why": it.why, "at_unix_s": it.at_unix_s}));
     json!({
-        "number": number, "subject": verification.subject, "error_mm": verification.error_mm,
-        "limit_mm": verification.limit_mm, "unit": health::unit(&verification.subject), "at_unix_s": verification.at_unix_s, "struck": struck,
+        "number": number, "subject": verification.subject, "error_mm": verification.error,
+        "limit_mm": verification.limit, "unit": health::unit(&verification.subject), "at_unix_s": verification.at_unix_s, "struck": struck,
     })
 }

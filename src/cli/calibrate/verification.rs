@@ -17,8 +17,8 @@ use std::path::Path;
 pub fn verification(files: &CellFiles, subject: &str, error_mm: f64, calibration_hash: String) -> Verification {
     Verification {
         subject: subject.to_owned(),
-        error_mm,
-        limit_mm: files.cell.limits().verify_limit_mm(),
+        error: error_mm,
+        limit: files.cell.limits().verify_limit_mm(),
         calibration_hash,
         at_unix_s: date::now_unix_s(),
         struck: None,
@@ -28,7 +28,7 @@ pub fn verification(files: &CellFiles, subject: &str, error_mm: f64, calibration
 /// Keeps a verification in the store, judges it, and draws the trend.
 pub fn kept(files: &CellFiles, verification: &Verification, pictures: Option<&Path>) -> Result<Outcome, Fault> {
     let (store, number) = Store::keep_verification_in(files.store_folder(), verification).map_err(Fault::stage)?;
-    let (error_mm, limit_mm) = (verification.error_mm, verification.limit_mm);
+    let (error_mm, limit_mm) = (verification.error, verification.limit);
     let reject = health::beyond(verification, Demands::of(files.cell.limits()));
     let mut outcome = Outcome::of(&Judgement::of(reject.into_iter().collect(), vec![]));
     outcome.put("error_mm", json!(error_mm));

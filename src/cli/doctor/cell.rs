@@ -92,16 +92,14 @@ pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Chec
     };
     let tool = match files.flange_from_tool() {
         Ok(tool) => match store.and_then(|store| last_touch(store, &files.hash_with_arm(&[&tool.text]))) {
-            Some(touch) if touch.error_mm.is_nan() || touch.error_mm > files.cell.limits().verify_limit_mm() => {
+            Some(touch) if touch.error.is_nan() || touch.error > files.cell.limits().verify_limit_mm() => {
                 Check::wrong(
                     "calibration of the tool",
-                    format!("the last touch was {:.3} mm off", touch.error_mm),
+                    format!("the last touch was {:.3} mm off", touch.error),
                     "run `panelprep calibrate tcp` again, then `panelprep calibrate touch`",
                 )
             }
-            Some(touch) => {
-                Check::right("calibration of the tool", format!("last touch {:.3} mm off", touch.error_mm))
-            }
+            Some(touch) => Check::right("calibration of the tool", format!("last touch {:.3} mm off", touch.error)),
             None => Check::right("calibration of the tool", "never touched: the robot's own error is not measured"),
         },
         Err(fault) => unread("tool", &fault),
@@ -139,7 +137,7 @@ fn verified((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &
         }
         (None, Some(last)) => {
             let age_h = (now - last.at_unix_s) as f64 / 3600.0;
-            Check::right(name, format!("{:.3} mm off, verified {age_h:.1} h ago", last.error_mm))
+            Check::right(name, format!("{:.3} mm off, verified {age_h:.1} h ago", last.error))
         }
         (None, None) => Check::wrong(name, "never verified", "run `panelprep calibrate verify`"),
     }

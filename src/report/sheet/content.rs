@@ -31,9 +31,24 @@ pub struct Sheet {
     pub annex: Vec<Block>,
 }
 
-/// Rows of a table on the page; the annex has all.
-const MOST_ROWS: usize = 5;
+/// Rows that each table surely has on the page; the annex has all.
+const ROWS_EACH: usize = 5;
 const NOT_NAMED: &str = "not named at the start";
+
+/// Numbers, equipment and then failed grids have the rows that other tables leave free: a row of theirs is one line.
+const FIRST_SERVED: [usize; 3] = [2, 3, 0];
+
+/// How many rows of each table stand on the page; it holds as many as if each had [`ROWS_EACH`].
+fn rows_on_the_page(rows: [usize; 6]) -> [usize; 6] {
+    let mut shown = rows.map(|count| count.min(ROWS_EACH));
+    let mut free = shown.iter().map(|count| ROWS_EACH - count).sum::<usize>();
+    for table in FIRST_SERVED {
+        let more = (rows[table] - shown[table]).min(free);
+        shown[table] += more;
+        free -= more;
+    }
+    shown
+}
 
 impl Sheet {
     /// The page of a cycle.
@@ -52,28 +67,26 @@ impl Sheet {
             ],
             rows: failed_rows(record),
         };
-        let mut annex = Vec::new();
-        let mut blocks = Vec::new();
-        let mut put = |block: Block| {
-            let (rest, heading) = (block.rows.len().saturating_sub(MOST_ROWS), block.heading.clone());
-            if block.rows.is_empty() {
-                return;
-            }
+        let all = [
+            failed,
+            attempts(record),
+            numbers(record),
+            equipment(sources.equipment),
+            deviations(record),
+            signatures(sources),
+        ];
+        let most_rows = rows_on_the_page(all.each_ref().map(|block| block.rows.len()));
+        let (mut annex, mut blocks) = (Vec::new(), Vec::new());
+        for (block, most) in all.into_iter().zip(most_rows).filter(|(block, _)| !block.rows.is_empty()) {
             let mut shown = block.clone();
-            if rest > 0 {
-                shown.rows.truncate(MOST_ROWS);
+            if block.rows.len() > most {
+                shown.rows.truncate(most);
                 shown.heading =
-                    format!("{heading}: the first {MOST_ROWS} of {}, all in the annex", block.rows.len());
+                    format!("{}: the first {most} of {}, all in the annex", block.heading, block.rows.len());
                 annex.push(block);
             }
             blocks.push(shown);
-        };
-        put(failed);
-        put(attempts(record));
-        put(numbers(record));
-        put(equipment(sources.equipment));
-        put(deviations(record));
-        put(signatures(sources));
+        }
         // Beside those who signed, in whatever number, there is a line for whoever decides.
         if let (Some(line), Some(block)) = (line_to_sign(sources), blocks.last_mut()) {
             block.rows.push(line);
@@ -217,4 +230,17 @@ fn budget(record: &CycleRecord) -> String {
         part("robot", budget.robot_mm),
     ];
     format!("{total} ({})", parts.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: the film table leaves 3 rows free, the signatures 4; the numbers take 4 of those 7, the equipment the other 3 of its 4.
+    #[test]
+    fn free_rows_go_to_numbers_and_equipment_first() {
+        assert_eq!(rows_on_the_page([9, 2, 9, 9, 5, 1]), [5, 2, 9, 8, 5, 1]);
+        assert_eq!(rows_on_the_page([24, 1, 3, 7, 0, 1]), [18, 1, 3, 7, 0, 1]);
+        assert_eq!(rows_on_the_page([9; 6]), [5; 6]);
+    }
 }

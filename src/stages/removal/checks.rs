@@ -80,7 +80,7 @@ pub(super) fn checks(figures: Option<&Figures>, (asked, bounded): (&recipe::Remo
                 }
             )
         }),
-        Check::new("even within", "%", within).at_most(asked.even_percent(), SetBy::recipe("removal.even_percent")).reviews(
+        Check::new(name::REMOVED_EVEN, "%", within).at_most(asked.even_percent(), SetBy::recipe("removal.even_percent")).reviews(
             "removal_uneven",
             || {
                 let [found, allowed] = apart(within.unwrap_or(f64::NAN), asked.even_percent(), 1);

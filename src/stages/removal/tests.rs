@@ -50,7 +50,7 @@ fn scheduled_feeds_remove_the_target() {
         planned(&format!("{TABLE}method = \"scheduled\"\n"), Some(model()), RemovedBefore::default());
     assert_eq!((verdict, codes), (Verdict::Accept, vec![]));
     assert!((value(&checks, name::REMOVED_MEAN) / 30.0 - 1.0).abs() < 0.03);
-    assert!(value(&checks, "even within") < 20.0 && value(&checks, name::REMOVED_BOUND) < 50.0);
+    assert!(value(&checks, name::REMOVED_EVEN) < 20.0 && value(&checks, name::REMOVED_BOUND) < 50.0);
 }
 
 /// A highest feed that removes more than the target by itself is what a person is told to change, and so is a lowest one.

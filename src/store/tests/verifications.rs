@@ -3,10 +3,10 @@
 use super::*;
 use crate::calib::health::{Strike, Verification};
 
-pub fn verified(subject: &str, error_mm: f64) -> Verification {
+pub fn verified(subject: &str, error: f64) -> Verification {
     let hash = calibration_hash(&["lens", "mount"]);
     let subject = subject.to_owned();
-    Verification { subject, error_mm, limit_mm: 0.5, calibration_hash: hash, at_unix_s: 7, struck: None }
+    Verification { subject, error, limit: 0.5, calibration_hash: hash, at_unix_s: 7, struck: None }
 }
 
 #[test]
