@@ -37,6 +37,7 @@ mod service;
 mod shoot;
 mod supervised;
 mod teach_page;
+mod tool_faults;
 mod walk;
 mod wall;
 mod words;

@@ -7,7 +7,7 @@ use std::process::{Child, Command, Output, Stdio};
 use tempfile::TempDir;
 
 /// Runs the program in a folder.
-fn panelprep(folder: &Path, arguments: &str) -> Output {
+pub fn panelprep(folder: &Path, arguments: &str) -> Output {
     Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args(arguments.split_whitespace())
         .current_dir(folder)

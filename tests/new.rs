@@ -152,6 +152,29 @@ fn a_recipe_has_the_answers_and_the_samples_comments() {
     assert_eq!(exit, 0, "{told}");
 }
 
+/// A recipe for a cell whose tool presses by itself states its force, and no other does.
+#[test]
+fn a_recipe_for_a_compliant_tool_has_its_force() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let written = |cell: &str, options: &[&str]| {
+        fs::write(folder.path().join("cell.toml"), cell).expect("written");
+        let _ = fs::remove_file(folder.path().join("door.toml"));
+        let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+            .args(["new", "recipe", "--yes", "--cell", "cell.toml", "--panel", "door", "--out", "door.toml"])
+            .args(options)
+            .current_dir(folder.path())
+            .output()
+            .expect("it starts");
+        assert!(output.status.success(), "{output:?}");
+        let text = fs::read_to_string(folder.path().join("door.toml")).expect("written");
+        text.parse::<toml::Table>().expect("TOML")["path"].get("force_n").and_then(toml::Value::as_float)
+    };
+    let (compliant, spring) = ("[tool]\nkind = \"simulated\"\n", "[tool]\nkind = \"spring\"\n");
+    assert_eq!(written(compliant, &[]), Some(20.0), "what is proposed");
+    assert_eq!(written(compliant, &["--force-n", "12"]), Some(12.0));
+    assert_eq!(written(spring, &[]), None);
+}
+
 /// On the terminal: an empty line takes the proposal, a wrong answer is asked again.
 #[test]
 fn answers_are_read_from_the_terminal() {

@@ -125,7 +125,7 @@ pub enum Command {
     PackageFiles(PackageFiles),
     /// Check configuration files: cell, recipe, calibrations, EthernetKRL channels, KRL programs and data lists.
     #[command(
-        after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml\n  panelprep check --kss 8.5 config/kuka/*.src config/kuka/*.dat"
+        after_help = "Example:\n  panelprep check config/cell-example.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml\n  panelprep check --kss 8.5 config/kuka/*.src config/kuka/*.dat"
     )]
     Check(Check),
     /// Check the cell from the bottom up, and say what to do: libraries, disk, clock, store, calibrations, EthernetKRL

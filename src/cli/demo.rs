@@ -43,7 +43,13 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     }
     let common = rendered.common();
     progress("teaching the panel at its nominal place");
-    let simulation = Simulation { seed: args.seed, scene: args.scene, place: 0, arm_error_mm: args.arm_error_mm };
+    let simulation = Simulation {
+        seed: args.seed,
+        scene: args.scene,
+        place: 0,
+        arm_error_mm: args.arm_error_mm,
+        tool_fault: args.tool_fault,
+    };
     let teaching = Teach {
         recipe: rendered.file("recipe.toml"),
         scan: Some(rendered.file("taught_scan.pcd")),
@@ -89,7 +95,10 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
 
     progress("writing the page");
     let panel = (&taught_recipe.taught.panel, taught_recipe.recipe.path().disc_diameter_mm());
-    let score = ran.simulated.as_ref().map(|it| Score::of(&ran.kept.record, &ran.ended.inspections, panel, it));
+    let score = ran
+        .simulated
+        .as_ref()
+        .map(|it| Score::of(&ran.kept.record, &ran.ended.inspections, panel, (it, args.tool_fault)));
     let judgement = whole(ran.judgement(), score.as_ref());
     let page = args.out.join("index.html");
     let pictures = args.out.join("pictures");

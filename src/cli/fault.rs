@@ -54,6 +54,9 @@ pub enum Fault {
         /// The hash of the cell's.
         ours: Option<String>,
     },
+    /// Nothing simulated has the fault.
+    #[error("--tool-fault needs [tool] kind \"simulated\" and the robot kind \"mock\" in the cell's file")]
+    NoToolThatFails,
     /// The arm's errors are simulated by the mock in this program alone.
     #[error("--arm-error-mm needs the robot kind \"mock\": a controller in another process has an arm of its own")]
     ArmErrorInRehearsal,

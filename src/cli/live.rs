@@ -11,7 +11,7 @@ use super::load::calibrated_serial;
 use super::zivid;
 use crate::cell::{self, Cell, MockController, RobotKind};
 use crate::daemon::{AllCameras, Calibrations, Cameras, LinkedRobot, LinkedTool};
-use crate::devices::acf::{AcfLink, SimulatedAcf, SimulatedPanel};
+use crate::devices::acf::{AcfLink, PlannedToolFault, SimulatedAcf, SimulatedPanel};
 use crate::devices::cameras::{
     Arm, BayerFlangeCamera, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, SimulatedFlangeCamera,
     SimulatedScanner, simulated,
@@ -78,12 +78,18 @@ impl Live {
     /// Where kinds do not go together, this program has no such camera, a recording cannot be opened, or a thread or
     /// port cannot be had.
     pub fn start(cell: &Cell, calibrations: &Calibrations, simulation: Simulation) -> Result<Self, Fault> {
+        let fails_here = cell.robot().kind() == RobotKind::Mock
+            && cell.tool().compliant().is_some_and(|it| it.address.is_none());
+        if simulation.tool_fault.is_some() && !fails_here {
+            return Err(Fault::NoToolThatFails);
+        }
         let world = || simulated_cell(&calibrations.scanner, simulation);
         if cell.robot().kind() == RobotKind::Mock {
             let simulated = Simulated::start(cell, world()?)?;
             let arm = Arm::Mock(simulated.server.handle());
             let cameras = cameras(cell, calibrations, Some((&simulated.world, &arm)))?;
-            let (tool, tool_watched) = tool(cell, calibrations, Some((&simulated.world, &arm)))?;
+            let looks_at = Some((&simulated.world, &arm));
+            let (tool, tool_watched) = tool(cell, calibrations, looks_at, simulation.tool_fault)?;
             let (robot, world) = (linked(cell, Some(&simulated))?, Some(simulated.world.clone()));
             return Ok(Live {
                 robot,
@@ -100,7 +106,7 @@ impl Live {
             || matches!(cell.flange_camera(), cell::Camera::Simulated);
         if !looks {
             let cameras = cameras(cell, calibrations, None)?;
-            let (tool, tool_watched) = tool(cell, calibrations, None)?;
+            let (tool, tool_watched) = tool(cell, calibrations, None, None)?;
             return Ok(Live {
                 robot,
                 tool,
@@ -118,7 +124,7 @@ impl Live {
         let follower = Follower::new(world.clone(), cell);
         let arm = Arm::Followed(follower.clone());
         let cameras = cameras(cell, calibrations, Some((&world, &arm)))?;
-        let (tool, tool_watched) = tool(cell, calibrations, Some((&world, &arm)))?;
+        let (tool, tool_watched) = tool(cell, calibrations, Some((&world, &arm)), None)?;
         Ok(Live {
             robot: robot.followed(follower),
             tool,
@@ -316,6 +322,7 @@ fn tool(
     cell: &Cell,
     calibrations: &Calibrations,
     looks_at: Option<(&SimulatedWorld, &Arm)>,
+    planned: Option<PlannedToolFault>,
 ) -> Result<(LinkedTool, Option<Watched>), Fault> {
     let Some(tool) = cell.tool().compliant() else { return Ok((LinkedTool::default(), None)) };
     if let Some(address) = &tool.address {
@@ -325,7 +332,7 @@ fn tool(
     }
     let (world, arm) = looks_at.ok_or(Fault::NoWorldForTool)?;
     let panel = SimulatedPanel::new((world.clone(), arm.clone()), calibrations.flange_from_tool, tool.stroke_mm);
-    Ok((LinkedTool::new(SimulatedAcf::new(tool, panel)), None))
+    Ok((LinkedTool::new(SimulatedAcf::new(tool, panel.failing(planned))), None))
 }
 
 fn cameras(

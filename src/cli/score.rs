@@ -5,7 +5,9 @@
 
 use super::live::Simulated;
 use super::outcome::Outcome;
-use crate::cycle::{Outcome as Ended, Path};
+use super::score_runs::{contact, contact_runs};
+use super::tool_fault_score::AfterToolFault;
+use crate::devices::acf::PlannedToolFault;
 use crate::devices::mock::{Executed, Sample};
 use crate::devices::world::{ContactErrors, Touched, contact_errors, step_over};
 use crate::geometry::{Base, KukaPose, Mask, Panel, Point, Rigid, Vector};
@@ -30,6 +32,8 @@ pub struct Score {
     moves: Option<f64>,
     inspections: Vec<Inspected>,
     abrasions: Vec<Abraded>,
+    /// What followed from a fault of the tool, where one was asked for and the path came so far.
+    after_tool_fault: Option<Option<AfterToolFault>>,
     /// Why the waypoints executed are not those that were sent.
     pub lost: Option<Reason>,
 }
@@ -47,6 +51,8 @@ struct Abraded {
     pass: u8,
     waypoints: u32,
     executed: usize,
+    /// Of these, with the disc on the panel.
+    in_contact: usize,
     coverage: f64,
     step_over: Option<StepOver>,
     errors: Option<ContactErrors>,
@@ -58,7 +64,7 @@ impl Score {
         record: &CycleRecord,
         inspections: &[Arc<Inspection>],
         (panel, disc_diameter_mm): (&TaughtPanel, f64),
-        simulated: &Simulated,
+        (simulated, planned): (&Simulated, Option<PlannedToolFault>),
     ) -> Self {
         let truth = simulated.world.truth();
         let log = simulated.server.handle();
@@ -76,6 +82,7 @@ impl Score {
             moves: last_of(Kind::Refine).and_then(|finding| finding.number(name::MOVES)),
             inspections: inspected(record, inspections, &simulated.world.broken()),
             abrasions: abraded(record, (&runs, &trace), (panel, disc_diameter_mm), truth),
+            after_tool_fault: planned.map(|planned| AfterToolFault::of(planned, &executed, &trace)),
             lost,
         }
     }
@@ -102,6 +109,7 @@ impl Score {
         let abrade = self.abrasions.iter().map(|one| {
             json!({
                 "pass": one.pass, "waypoints": one.waypoints, "waypoints_done": one.executed,
+                "waypoints_in_contact": one.in_contact,
                 "coverage": one.coverage,
                 "step_over_mm": one.step_over.map(|step| json!({"min": step.min_mm, "max": step.max_mm})),
                 "normal_error_max_deg": one.errors.map(|errors| errors.normal_max_deg),
@@ -109,6 +117,9 @@ impl Score {
             })
         });
         outcome.put("abrade", abrade.collect::<Vec<Value>>().into());
+        if let Some(after) = self.after_tool_fault {
+            outcome.put("after_tool_fault", after.map_or(Value::Null, AfterToolFault::json));
+        }
         outcome.put("noise", json!(sim::noise_in_force()));
     }
 
@@ -146,6 +157,10 @@ impl Score {
                 one.executed, one.waypoints, one.coverage
             );
             lines.push((format!("abrasion, pass {}", one.pass), value));
+        }
+        if let Some(after) = self.after_tool_fault {
+            let value = after.map_or("no path in contact came so far".to_owned(), AfterToolFault::words);
+            lines.push(("after the fault of the tool".to_owned(), value));
         }
         lines
     }
@@ -211,6 +226,7 @@ fn abraded(
             pass: finding.pass,
             waypoints: motion.motion.waypoints,
             executed: run.len(),
+            in_contact: run.iter().filter(|command| command.contact).count(),
             coverage: Touched::by(&part, truth, disc_diameter_mm).share(&points),
             step_over: step_over(&part, truth),
             errors: contact_errors(&part, truth),
@@ -219,54 +235,9 @@ fn abraded(
     contact(&record.motions).zip(runs).zip(findings).map(one).collect()
 }
 
-/// The paths in contact of which something was executed.
-fn contact(motions: &[MotionRecord]) -> impl Iterator<Item = &MotionRecord> {
-    motions.iter().filter(|record| record.motion.path == Path::Contact && record.done > 0)
-}
-
 fn place(finding: &Finding) -> Option<Rigid<Base, Panel>> {
     let pose = finding.details.get("base_from_panel")?;
     Some(serde_json::from_value::<KukaPose>(pose.clone()).ok()?.to_rigid())
-}
-
-/// The contact paths as the controller executed them, one for each that the store knows, in order.
-///
-/// A path is a run of commands with neighbouring ids: a speed is set before each and an output switched after it.
-///
-/// # Errors
-/// Where a command was executed twice, or a path has more or fewer waypoints than were sent and acknowledged.
-fn contact_runs<'a>(motions: &[MotionRecord], executed: &'a [Executed]) -> Result<Vec<&'a [Executed]>, Reason> {
-    let lost = |message: String| Reason::new("waypoints", message);
-    let mut ids: Vec<(i32, i32)> = executed.iter().map(|command| (command.epoch, command.id)).collect();
-    ids.sort_unstable();
-    if let Some(pair) = ids.windows(2).find(|pair| pair[0] == pair[1]) {
-        let (epoch, id) = pair[0];
-        return Err(lost(format!("command {id} of epoch {epoch} was executed twice")));
-    }
-    let follows = |before: &Executed, after: &Executed| before.epoch == after.epoch && after.id == before.id + 1;
-    let touches = |run: &&[Executed]| run.iter().any(|command| command.contact);
-    let runs: Vec<&[Executed]> = executed.chunk_by(follows).filter(touches).collect();
-    let contact: Vec<&MotionRecord> = contact(motions).collect();
-    if runs.len() != contact.len() {
-        let message = format!("{} paths in contact were executed, {} were sent", runs.len(), contact.len());
-        return Err(lost(message));
-    }
-    for (run, motion) in runs.iter().zip(contact) {
-        let (sent, done) = (motion.motion.waypoints, motion.done);
-        let whole = motion.outcome != Some(Ended::Done) || done == sent;
-        if run.len() != done as usize
-            || !whole
-            || run.first().map(|one| one.epoch) != Some(motion.motion.epoch as i32)
-        {
-            let message = format!(
-                "of a path of {sent} waypoints in epoch {} the controller executed {} and {done} were acknowledged",
-                motion.motion.epoch,
-                run.len()
-            );
-            return Err(lost(message));
-        }
-    }
-    Ok(runs)
 }
 
 /// The grids that an abrasion touched.
@@ -290,42 +261,4 @@ fn lattice(grid: &Grid, truth: &Truth) -> Vec<Point<Panel>> {
         point + down
     };
     (0..across * down).map(at).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::cycle::Motion;
-    use crate::geometry::{Flange, Joints};
-
-    fn command(id: i32, contact: bool) -> Executed {
-        let base_from_flange: Rigid<Base, Flange> = Rigid::claim(nalgebra::Isometry3::identity());
-        Executed { epoch: 3, id, joints: Joints::default(), base_from_flange, time_ms: id as u64, contact }
-    }
-
-    fn motion(waypoints: u32, done: u32) -> MotionRecord {
-        let motion = Motion { epoch: 3, path: Path::Contact, plan: 7, waypoints };
-        let outcome = Some(if done == waypoints { Ended::Done } else { Ended::Held });
-        MotionRecord { motion, outcome, done, contact: None }
-    }
-
-    /// Ids 5 to 8 are a contact path with a leap through air; 2 and 11 are ways through air.
-    #[test]
-    fn each_waypoint_is_executed_and_acknowledged_once() {
-        let log = [(2, false), (5, true), (6, false), (7, true), (8, false), (11, false)];
-        let log = log.map(|(id, contact)| command(id, contact));
-        let runs = contact_runs(&[motion(4, 4)], &log).expect("whole");
-        assert_eq!(runs.len(), 1);
-        assert_eq!(runs[0].iter().map(|one| one.id).collect::<Vec<_>>(), [5, 6, 7, 8]);
-        let held = contact_runs(&[motion(9, 4)], &log).expect("the rest was never executed");
-        assert_eq!(held[0].len(), 4);
-        let wrong =
-            |motions: &[MotionRecord], log: &[Executed]| contact_runs(motions, log).expect_err("wrong").message;
-        assert!(wrong(&[motion(5, 5)], &log).contains("executed 4 and 5 were acknowledged"));
-        assert!(wrong(&[motion(3, 3)], &log).contains("executed 4 and 3"));
-        assert!(wrong(&[], &log).contains("1 paths in contact were executed, 0 were sent"));
-        assert!(wrong(&[motion(4, 4), motion(4, 4)], &log).contains("2 were sent"));
-        let twice = [log[0], log[1], log[2], log[2], log[3], log[4]];
-        assert!(wrong(&[motion(4, 4)], &twice).contains("command 6 of epoch 3 was executed twice"));
-    }
 }

@@ -6,7 +6,7 @@ use crate::cycle::{Answer, Deadline, Event, Report, Request, Robot, Trouble};
 use crate::files::{Clip, ClipEntry, write_color_jpeg};
 use crate::geometry::ColorPicture;
 use crate::phase::Phase;
-use crate::record::{Asked, Budget, CycleId, KeptFile, Picture, Wanted};
+use crate::record::{Asked, Budget, CycleId, KeptFile, Kind, Picture, Wanted};
 use crate::store::{Store, StoreError};
 use crate::verdict::{Reason, Verdict};
 use rayon::prelude::*;
@@ -40,9 +40,14 @@ struct Pages {
     waiting: Vec<(Arc<ColorPicture>, f64, Phase)>,
     /// Of the last finding.
     reasons: Vec<Reason>,
+    /// Why the cycle is held, if it is: what was found wrong of the tool, else the trouble. A stop in the hold does not take it away.
+    held_by: Vec<Reason>,
     /// The last event that can end a cycle without a result.
     cause: Option<Reason>,
 }
+
+/// Findings that tell of a trouble; with any other one the cycle went on.
+const OF_TROUBLE: [Kind; 5] = [Kind::Tool, Kind::Abrade, Kind::Robot, Kind::Gate, Kind::SelfTest];
 
 impl<'a> StoreRecord<'a> {
     /// Writes to this cycle, or to none.
@@ -178,6 +183,12 @@ impl StoreRecord<'_> {
     fn finding(&mut self, finding: Finding) -> Result<(), RecordError> {
         let Some(cycle) = self.cycle else { return Ok(()) };
         self.pages.reasons.clone_from(&finding.judgement.reasons);
+        if !OF_TROUBLE.contains(&finding.kind) {
+            self.pages.held_by.clear();
+        }
+        if finding.kind == Kind::Tool {
+            self.pages.held_by.clone_from(&finding.judgement.reasons);
+        }
         self.keep_clip()?;
         let (pictures, shots) = (std::mem::take(&mut self.pages.pictures), std::mem::take(&mut self.pages.shots));
         let mut kept = Finding { pictures, shots, ..finding };
@@ -232,6 +243,10 @@ impl StoreRecord<'_> {
     }
 
     fn event(&mut self, event: Event) -> Result<(), RecordError> {
+        let is_trouble = matches!(event, Event::Told(Report::Trouble(_)));
+        if let (true, true, Some(cause)) = (is_trouble, self.pages.held_by.is_empty(), cause(&event)) {
+            self.pages.held_by.push(cause);
+        }
         self.pages.cause = cause(&event).or(self.pages.cause.take());
         let line = self.store.append(&event, self.cycle).map_err(failed)?;
         if matches!(event, Event::Asked(_)) {
@@ -248,11 +263,14 @@ impl StoreRecord<'_> {
 
     fn conclude(&mut self, verdict: Verdict) -> Result<(), RecordError> {
         let Some(cycle) = self.cycle else { return Ok(()) };
-        let cause = self.pages.cause.iter().filter(|_| verdict == Verdict::Aborted);
+        let is_aborted = verdict == Verdict::Aborted;
+        let (found, cause) = (&self.pages.reasons, self.pages.cause.iter().filter(|_| is_aborted));
         // What was found wrong says more of the same cause.
-        let found = &self.pages.reasons;
-        let cause = cause.filter(|cause| found.iter().all(|found| found.code != cause.code));
-        let reasons: Vec<Reason> = found.iter().chain(cause).cloned().collect();
+        let is_new = |reason: &&Reason| found.iter().all(|found| found.code != reason.code);
+        let held_by = self.pages.held_by.iter().filter(|_| is_aborted).filter(is_new);
+        let cause =
+            cause.filter(is_new).filter(|cause| self.pages.held_by.iter().all(|held| held.code != cause.code));
+        let reasons: Vec<Reason> = held_by.chain(found).chain(cause).cloned().collect();
         self.store.conclude(cycle, verdict, &reasons).map_err(failed)
     }
 

@@ -128,7 +128,7 @@ pub(super) fn trouble(trouble: Trouble) -> Reason {
 
 /// A cycle that was ended on request: no fault, and nobody has to clear anything.
 pub(super) fn stopped() -> Reason {
-    Reason::new("stopped", "stopped on request before the cycle's end; this is no fault")
+    Reason::new("stopped", "stopped on request before the cycle's end")
 }
 
 /// Why the cycle stands in this state, where that is not plain, and the way out; and what may still run or move.

@@ -102,6 +102,9 @@ pub struct NewRecipe {
     /// Diameter of the sanding disc's contact.
     #[arg(long, value_name = "MM")]
     pub disc_diameter_mm: Option<String>,
+    /// Force with which the cell's compliant tool presses; asked where the cell's file has such a tool.
+    #[arg(long, value_name = "N")]
+    pub force_n: Option<String>,
 }
 
 /// Kinds of 3D cameras that a new cell may have.

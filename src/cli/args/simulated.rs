@@ -1,6 +1,7 @@
 //! Arguments of the commands that simulate a cell.
 
 use super::simulation::{SceneName, arm_error};
+use crate::devices::acf::PlannedToolFault;
 use crate::devices::mock::FaultSpec;
 use crate::sim::RealArm;
 use clap::{Args, ValueEnum};
@@ -53,6 +54,10 @@ pub struct Demo {
     /// What presses the disc on.
     #[arg(long, value_enum, default_value_t)]
     pub tool: ToolName,
+    /// The compliant tool fails on the way: NAME[=VALUE]@N, from the Nth waypoint in contact on, as `silent@40`; the score then says
+    /// how soon the sander was off.
+    #[arg(long, value_name = "FAULT", conflicts_with = "page")]
+    pub tool_fault: Option<PlannedToolFault>,
     /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film takes a gigabyte at full size.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,

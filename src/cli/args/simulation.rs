@@ -1,5 +1,6 @@
 //! What stands in a simulated cell.
 
+use crate::devices::acf::PlannedToolFault;
 use clap::{Args, ValueEnum};
 
 /// What the simulated cell shows.
@@ -31,11 +32,14 @@ pub struct Simulation {
     /// The simulated arm is off its drawing by so much at the tool, rms, mm; 0 is an arm as it is drawn.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub arm_error_mm: f64,
+    /// The simulated compliant tool fails on the way: NAME[=VALUE]@N, from the Nth waypoint in contact on, as `silent@40`.
+    #[arg(long, value_name = "FAULT")]
+    pub tool_fault: Option<PlannedToolFault>,
 }
 
 impl Default for Simulation {
     fn default() -> Self {
-        Simulation { seed: 1, scene: SceneName::Good, place: 0, arm_error_mm: 0.0 }
+        Simulation { seed: 1, scene: SceneName::Good, place: 0, arm_error_mm: 0.0, tool_fault: None }
     }
 }
 

@@ -18,6 +18,8 @@ const SAMPLE: &str = include_str!("../../../config/panels/example.toml");
 /// As the sample has them.
 const CORNERS_PX: &str = "700,350 1250,350 1250,850 700,850";
 const BOX_MM: BoxMm = [[300.0, -400.0, 100.0], [700.0, 400.0, 800.0]];
+/// The sample's force, which stands there as a comment: only a recipe for a compliant tool has one.
+const FORCE_COMMENT: [&str; 2] = ["# force_n = 20.0                #", "force_n = 20.0                  #"];
 
 /// A box: its least and its greatest corner, mm in the robot's base.
 type BoxMm = [[f64; 3]; 2];
@@ -49,6 +51,8 @@ struct Answers {
     columns: f64,
     box_mm: BoxMm,
     disc_mm: f64,
+    /// Of a cell whose tool presses by itself.
+    force_n: Option<f64>,
 }
 
 impl Answers {
@@ -64,7 +68,9 @@ impl Answers {
             "the region's four corners in the scan's picture, px, as `panelprep look` shows them: u,v u,v u,v u,v";
         let question = Question::new(words, "--corners-px", args.corners_px.as_deref());
         let corners_px = asker.numbers(&question.proposing(CORNERS_PX))?;
-        let [least, greatest] = cells_box(common).unwrap_or(BOX_MM).map(|corner| corner.map(plain).join(","));
+        let cell = cell_here(common);
+        let [least, greatest] =
+            cell.as_ref().and_then(cells_box).unwrap_or(BOX_MM).map(|corner| corner.map(plain).join(","));
         let words = "least corner of the box in which the panel is searched, mm in the robot's base: x,y,z";
         let question = Question::new(words, "--box-min-mm", args.box_min_mm.as_deref());
         let box_min = asker.numbers(&question.proposing(least))?;
@@ -73,22 +79,39 @@ impl Answers {
         let words = "diameter of the sanding disc's contact, mm";
         let question = Question::new(words, "--disc-diameter-mm", args.disc_diameter_mm.as_deref());
         let [disc_mm] = asker.numbers(&question.proposing("30"))?;
-        Ok(Answers { panel, corners_px, rows, columns, box_mm: [box_min, box_max], disc_mm })
+        let is_compliant = cell.is_some_and(|cell| cell.tool().compliant().is_some());
+        let force_n = if is_compliant || args.force_n.is_some() {
+            let words = "force with which the cell's compliant tool presses, N";
+            let question = Question::new(words, "--force-n", args.force_n.as_deref());
+            let [force_n] = asker.numbers(&question.proposing("20"))?;
+            Some(force_n)
+        } else {
+            None
+        };
+        Ok(Answers { panel, corners_px, rows, columns, box_mm: [box_min, box_max], disc_mm, force_n })
     }
 }
 
-/// The box of the cell in which the tool's tip stays, where there is a cell's file that has one.
-fn cells_box(common: &Common) -> Option<BoxMm> {
+/// The cell's file, where there is one.
+fn cell_here(common: &Common) -> Option<Cell> {
     let text = disk::read_text(&common.cell).ok()?;
-    let cell = Cell::check(&common.cell.display().to_string(), &text).ok()?;
+    Cell::check(&common.cell.display().to_string(), &text).ok()
+}
+
+/// The box of the cell in which the tool's tip stays.
+fn cells_box(cell: &Cell) -> Option<BoxMm> {
     let workspace = cell.limits().workspace()?;
     Some([workspace.min, workspace.max].map(|corner| [corner.mm.x, corner.mm.y, corner.mm.z]))
 }
 
 /// The sample with these answers.
 fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
-    let mut recipe = parsed(name, SAMPLE)?;
-    let Answers { panel, corners_px, rows, columns, box_mm: [least, greatest], disc_mm } = answers;
+    let Answers { panel, corners_px, rows, columns, box_mm: [least, greatest], disc_mm, force_n } = answers;
+    let [as_comment, as_key] = FORCE_COMMENT;
+    let mut recipe = match force_n {
+        Some(_) => parsed(name, &SAMPLE.replacen(as_comment, as_key, 1))?,
+        None => parsed(name, SAMPLE)?,
+    };
     set(&mut recipe, "", "panel", panel.as_str());
     let corners = corners_px.chunks(2).map(|corner| Value::Array(corner.iter().copied().collect::<Array>()));
     set(&mut recipe, "region", "corners_px", corners.collect::<Array>());
@@ -98,6 +121,9 @@ fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
     set(&mut recipe, "locate", "box_min_mm", least.iter().copied().collect::<Array>());
     set(&mut recipe, "locate", "box_max_mm", greatest.iter().copied().collect::<Array>());
     set(&mut recipe, "path", "disc_diameter_mm", *disc_mm);
+    if let Some(force_n) = force_n {
+        set(&mut recipe, "path", "force_n", *force_n);
+    }
     // The comment beside it names the last grid.
     let grids = format!("r{}c{}", plain(*rows), plain(*columns));
     Ok(recipe.to_string().replace("r1c1 … r4c6", &format!("r1c1 … {grids}")))

@@ -3,6 +3,7 @@
 //! - `link`: a thread of its own that keeps the session; what it heard is read without waiting
 //! - `mock`: a tool as bytes in and bytes out, with faults; its stroke ends where the disc touches
 //! - `simulated`: session and mock in the time of the simulated world
+//! - `planned_fault`: a fault of the simulated one that begins on the way
 //! - `tool`: what the loop knows of any of them
 //! - `server`: the mock behind a TCP port, for tests of the link
 //!
@@ -11,6 +12,7 @@
 
 mod link;
 mod mock;
+mod planned_fault;
 mod server;
 mod simulated;
 mod tool;
@@ -20,6 +22,7 @@ mod tests;
 
 pub use link::{AcfLink, AcfStartError};
 pub use mock::{MockAcf, Surrounding, ToolFault};
+pub use planned_fault::{PlannedToolFault, PlannedToolFaultError};
 pub use server::MockAcfServer;
 pub use simulated::{SimulatedAcf, SimulatedPanel, Surroundings};
 pub use tool::{ConnectedTool, ToolNews, session_limits};

@@ -1,6 +1,7 @@
 //! The tool of the simulated cell: session and mock in the world's time, which passes only while the loop waits.
 
 use super::mock::{MockAcf, Surrounding, ToolFault};
+use super::planned_fault::PlannedToolFault;
 use super::tool::{ConnectedTool, ToolNews, session_limits};
 use crate::cell::CompliantTool;
 use crate::devices::cameras::Arm;
@@ -125,12 +126,19 @@ pub struct SimulatedPanel {
     arm: Arm,
     flange_from_tool: Rigid<Flange, Tool>,
     stroke_mm: f64,
+    planned: Option<PlannedToolFault>,
 }
 
 impl SimulatedPanel {
     /// A tool of this stroke, mounted so on this arm.
     pub fn new((world, arm): (SimulatedWorld, Arm), flange_from_tool: Rigid<Flange, Tool>, stroke_mm: f64) -> Self {
-        SimulatedPanel { world, arm, flange_from_tool, stroke_mm }
+        SimulatedPanel { world, arm, flange_from_tool, stroke_mm, planned: None }
+    }
+
+    /// The same tool with a fault on the way; a controller of another process does not tell how far it came, and then it has none.
+    #[must_use]
+    pub fn failing(self, planned: Option<PlannedToolFault>) -> Self {
+        SimulatedPanel { planned, ..self }
     }
 }
 
@@ -148,5 +156,12 @@ impl Surroundings for SimulatedPanel {
             touches_at_mm: self.stroke_mm / 2.0 + height_mm,
             downwards: downwards(&base_from_tool),
         })
+    }
+
+    fn fault(&mut self) -> Option<ToolFault> {
+        let Arm::Mock(robot) = &self.arm else { return None };
+        let done =
+            || robot.with(|controller| controller.executed().iter().filter(|command| command.contact).count());
+        self.planned.filter(|planned| done() >= planned.from as usize).map(|planned| planned.fault)
     }
 }

@@ -1,0 +1,82 @@
+//! How soon the sander was off and the disc lifted after a fault of the simulated tool, by the mock controller's log.
+
+use crate::devices::acf::PlannedToolFault;
+use crate::devices::mock::{Executed, Sample};
+use serde_json::{Value, json};
+
+/// What followed from the fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AfterToolFault {
+    /// From the fault until the tool's output was off, ms; `None` where it ran on for as long as the disc was on the panel.
+    pub off_ms: Option<u64>,
+    /// From the fault until the retract began, or the path left the panel, ms.
+    pub lifted_ms: u64,
+}
+
+impl AfterToolFault {
+    /// By the waypoints that were executed and by the tool at each tick of a contact; `None` where the path did not come so far, or
+    /// nothing was in contact afterwards.
+    pub fn of(planned: PlannedToolFault, executed: &[Executed], trace: &[Sample]) -> Option<Self> {
+        let mut touching = executed.iter().filter(|command| command.contact);
+        let begun_ms = touching.nth(planned.from.checked_sub(1)? as usize)?.time_ms;
+        let mut after = trace.iter().filter(|sample| sample.time_ms > begun_ms).peekable();
+        // A later path of the same cycle begins after a gap.
+        let mut before_ms = after.peek()?.time_ms;
+        let path: Vec<&Sample> = after
+            .take_while(|sample| sample.time_ms - std::mem::replace(&mut before_ms, sample.time_ms) < GAP_MS)
+            .collect();
+        let off = path.iter().find(|sample| !sample.tool_on);
+        Some(AfterToolFault {
+            off_ms: off.map(|sample| sample.time_ms - begun_ms),
+            lifted_ms: path.last()?.time_ms - begun_ms,
+        })
+    }
+
+    /// For a person.
+    pub fn words(self) -> String {
+        let off = self.off_ms.map_or("the sander ran on".to_owned(), |ms| format!("sander off after {ms} ms"));
+        format!("{off}, disc lifted after {} ms", self.lifted_ms)
+    }
+
+    /// For scripts.
+    pub fn json(self) -> Value {
+        json!({"off_ms": self.off_ms, "lifted_ms": self.lifted_ms})
+    }
+}
+
+/// Samples that are farther apart are of two contacts, ms.
+const GAP_MS: u64 = 1_000;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::devices::acf::ToolFault;
+    use crate::geometry::{Joints, Rigid};
+
+    fn executed(time_ms: u64, contact: bool) -> Executed {
+        let base_from_flange = Rigid::claim(nalgebra::Isometry3::identity());
+        Executed { epoch: 3, id: 1, joints: Joints::default(), base_from_flange, time_ms, contact }
+    }
+
+    fn sample(time_ms: u64, tool_on: bool) -> Sample {
+        let base_from_flange = Rigid::claim(nalgebra::Isometry3::identity());
+        let base_from_tool = Rigid::claim(nalgebra::Isometry3::identity());
+        Sample { time_ms, base_from_flange, base_from_tool, sanding: true, tool_on }
+    }
+
+    /// By hand: the second waypoint in contact ends at 200 ms; the sander is off at 310 and the last sample of this contact is at 420.
+    #[test]
+    fn times_count_from_the_waypoint_at_which_the_fault_begins() {
+        let planned = PlannedToolFault { fault: ToolFault::Silent, from: 2 };
+        let log = [executed(50, false), executed(100, true), executed(200, true), executed(300, true)];
+        let trace = [190, 205, 300, 310, 420, 5_000].map(|ms| sample(ms, ms < 310));
+        let found = AfterToolFault::of(planned, &log, &trace);
+        assert_eq!(found, Some(AfterToolFault { off_ms: Some(110), lifted_ms: 220 }));
+        let ran_on = trace.map(|one| Sample { tool_on: true, ..one });
+        assert_eq!(
+            AfterToolFault::of(planned, &log, &ran_on),
+            Some(AfterToolFault { off_ms: None, lifted_ms: 220 })
+        );
+        assert_eq!(AfterToolFault::of(PlannedToolFault { from: 9, ..planned }, &log, &trace), None);
+    }
+}

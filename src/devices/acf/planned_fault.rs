@@ -1,0 +1,78 @@
+//! A fault of the simulated tool that begins on the way: `silent@40`, from the 40th waypoint in contact on.
+
+use super::mock::ToolFault;
+use std::str::FromStr;
+
+/// How late an answer is where no time is named, ms, and how much force is off, N.
+const LATE_MS: u64 = 130;
+const FORCE_OFF_N: f64 = 12.0;
+
+/// A fault, and the waypoint from which on the tool has it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlannedToolFault {
+    /// What goes wrong.
+    pub fault: ToolFault,
+    /// So many waypoints in contact were executed before.
+    pub from: u32,
+}
+
+/// Why a text names no fault.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("found \"{found}\", allowed is {}", PlannedToolFault::HELP)]
+pub struct PlannedToolFaultError {
+    found: String,
+}
+
+impl PlannedToolFault {
+    /// How it is written.
+    pub const HELP: &'static str = "NAME[=VALUE]@N, N being a waypoint in contact from 1 on: link-cut, silent, late=MS, garbage, \
+                                    other-id, errors=BITS, force=N, no-contact, stuck; for example silent@40 or force=-12@3";
+}
+
+impl FromStr for PlannedToolFault {
+    type Err = PlannedToolFaultError;
+
+    fn from_str(text: &str) -> Result<Self, PlannedToolFaultError> {
+        read(text).ok_or_else(|| PlannedToolFaultError { found: text.to_owned() })
+    }
+}
+
+fn read(text: &str) -> Option<PlannedToolFault> {
+    let (what, from) = text.split_once('@')?;
+    let (name, value) = what.split_once('=').map_or((what, None), |(name, value)| (name, Some(value)));
+    let fault = match (name, value) {
+        ("link-cut", None) => ToolFault::LinkCut,
+        ("silent", None) => ToolFault::Silent,
+        ("late", ms) => ToolFault::Late(ms.map_or(Some(LATE_MS), |ms| ms.parse().ok())?),
+        ("garbage", None) => ToolFault::Garbage,
+        ("other-id", None) => ToolFault::OtherId,
+        ("errors", bits) => ToolFault::Errors(bits.map_or(Some(1), |bits| bits.parse().ok())?),
+        ("force", off) => ToolFault::ForceOff(off.map_or(Some(FORCE_OFF_N), finite)?),
+        ("no-contact", None) => ToolFault::NoContact,
+        ("stuck", None) => ToolFault::Stuck,
+        _ => return None,
+    };
+    Some(PlannedToolFault { fault, from: from.parse().ok().filter(|from| *from > 0)? })
+}
+
+fn finite(text: &str) -> Option<f64> {
+    text.parse().ok().filter(|number: &f64| number.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_is_read_with_its_waypoint() {
+        let of = |text: &str| text.parse::<PlannedToolFault>().map(|planned| (planned.fault, planned.from));
+        assert_eq!(of("silent@40"), Ok((ToolFault::Silent, 40)));
+        assert_eq!(of("force=-12.5@3"), Ok((ToolFault::ForceOff(-12.5), 3)));
+        assert_eq!(of("late@1"), Ok((ToolFault::Late(130), 1)));
+        assert_eq!(of("errors=2@7"), Ok((ToolFault::Errors(2), 7)));
+        for wrong in ["silent", "silent@0", "silent@x", "mute@4", "silent=3@4", "force=nan@4", ""] {
+            let told = of(wrong).expect_err("no fault").to_string();
+            assert!(told.starts_with(&format!("found \"{wrong}\"")) && told.contains("silent@40"), "{told}");
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! Each fault of the simulated tool's link along the whole path, through the program as a user runs it, by the mock controller's
+//! log: from the fault until the sander is off, and until the disc leaves the panel.
+//! `cargo bench --bench tool_faults -- [EVERY]`: at every EVERYth waypoint in contact; without a number, every twelfth.
+//! Exit code 1 where a target is missed.
+
+use rayon::prelude::*;
+use serde_json::Value;
+use std::process::{Command, ExitCode};
+
+/// From the fault until the tool's output is off at most, ms.
+const OFF_MS: u64 = 500;
+/// The faults, and the code by which each is told.
+const FAULTS: [(&str, &str); 10] = [
+    ("link-cut", "tool_link"),
+    ("silent", "tool_link"),
+    ("late", "tool_link"),
+    ("garbage", "tool_link"),
+    ("other-id", "tool_link"),
+    ("errors", "tool_errors"),
+    ("force=12", "force_band"),
+    ("force=-12", "force_band or no_contact"),
+    ("no-contact", "no_contact"),
+    ("stuck", "tool_stuck"),
+];
+
+/// The demo with this fault; none without one.
+fn demo(fault: Option<&str>) -> Value {
+    let name = fault.unwrap_or("none").replace(['@', '='], "-");
+    let folder = std::env::temp_dir().join(format!("panelprep-tool-faults-{}-{name}", std::process::id()));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_panelprep"));
+    command.args(["demo", "--json", "--seed", "1", "--reduction", "4", "--out"]).arg(&folder);
+    if let Some(fault) = fault {
+        command.args(["--tool-fault", fault]);
+    }
+    let output = command.output().expect("the program starts");
+    // Best effort: what stays behind is in the system's own folder for such things.
+    let _ = std::fs::remove_dir_all(&folder);
+    serde_json::from_slice(&output.stdout).expect("one JSON object")
+}
+
+/// How one run went.
+struct Row {
+    from: u64,
+    code: Option<String>,
+    off_ms: Option<u64>,
+    lifted_ms: Option<u64>,
+}
+
+fn row((fault, code): (&str, &str), from: u64) -> Row {
+    let result = demo(Some(&format!("{fault}@{from}")));
+    let reasons = result["reasons"].as_array().cloned().unwrap_or_default();
+    let told = reasons
+        .iter()
+        .filter_map(|reason| reason["code"].as_str())
+        .find(|told| code.split(" or ").any(|code| code == *told));
+    let number = |name: &str| result["after_tool_fault"][name].as_u64();
+    Row { from, code: told.map(str::to_owned), off_ms: number("off_ms"), lifted_ms: number("lifted_ms") }
+}
+
+fn main() -> ExitCode {
+    let every = std::env::args().skip(1).find_map(|argument| argument.parse::<usize>().ok()).unwrap_or(12).max(1);
+    let sound = demo(None);
+    let passes = sound["abrade"].as_array().cloned().unwrap_or_default();
+    let contacts: u64 = passes.iter().filter_map(|pass| pass["waypoints_in_contact"].as_u64()).sum();
+    println!("without a fault: {}, {contacts} waypoints in contact; a fault at every {every}th", sound["verdict"]);
+    println!(
+        "fault        runs  told by         sander off ms (median, max)  disc lifted ms (median, max)  missed at"
+    );
+    let mut missed = 0;
+    for fault in FAULTS {
+        let places: Vec<u64> = (1..contacts).step_by(every).collect();
+        let rows: Vec<Row> = places.par_iter().map(|from| row(fault, *from)).collect();
+        missed += line(fault.0, &rows);
+    }
+    println!("{missed} runs missed: off within {OFF_MS} ms and told by name");
+    if missed == 0 && contacts > 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// Prints a fault's line; how many runs missed the target.
+fn line(fault: &str, rows: &[Row]) -> usize {
+    let holds = |row: &&Row| row.code.is_some() && row.off_ms.is_some_and(|ms| ms <= OFF_MS);
+    let missed: Vec<String> = rows.iter().filter(|row| !holds(row)).map(|row| row.from.to_string()).collect();
+    let sorted = |of: fn(&Row) -> Option<u64>| {
+        let mut all: Vec<u64> = rows.iter().filter_map(of).collect();
+        all.sort_unstable();
+        (all.get(all.len() / 2).copied().unwrap_or(0), all.last().copied().unwrap_or(0))
+    };
+    let (off, lifted) = (sorted(|row| row.off_ms), sorted(|row| row.lifted_ms));
+    let mut codes: Vec<&str> = rows.iter().filter_map(|row| row.code.as_deref()).collect();
+    codes.sort_unstable();
+    codes.dedup();
+    println!(
+        "{fault:11}  {:4}  {:14}  {:14}, {:11}  {:15}, {:11}  {}",
+        rows.len(),
+        codes.join(" "),
+        off.0,
+        off.1,
+        lifted.0,
+        lifted.1,
+        if missed.is_empty() { "-".to_owned() } else { missed.join(" ") }
+    );
+    missed.len()
+}
