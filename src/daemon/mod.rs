@@ -99,7 +99,7 @@ pub use run::{LoopOutcome, LoopStart, Ports, run};
 pub use setup::{Calibrations, CellSetup, CycleSetup};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Socket, SocketError};
-pub use web::{Equipment, OperatorPage, PageError, PageParts, RecipeText, RecordSource, SetupSource};
+pub use web::{Equipment, Examined, OperatorPage, PageError, PageParts, RecipeText, RecordSource, SetupSource};
 pub use wiring::Wiring;
 pub use without_store::wait_for;
 pub use words::{refusal, request_word, why};
