@@ -4,7 +4,7 @@
 // node browser.mjs ADDRESS PICTURES MODULES: writes a line for each step; at "restart" it waits for a line on its input.
 
 import { createInterface } from "node:readline";
-import { asked, base, browser, fail, judged, logIn, person, pictures, reaches, state, step, wide, wrong } from "./people.mjs";
+import { asked, base, browser, fail, judged, logIn, password, person, pictures, reaches, state, step, wide, wrong } from "./people.mjs";
 
 const lines = createInterface({ input: process.stdin })[Symbol.asyncIterator]();
 

@@ -9,7 +9,7 @@ export const [base, pictures, modules] = process.argv.slice(2);
 const require = createRequire(`${modules}/`);
 const { chromium } = require("playwright-core");
 const axe = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
-const password = "correct horse";
+export const password = "correct horse";
 mkdirSync(pictures, { recursive: true });
 
 export const step = (words) => console.log(words);
