@@ -83,6 +83,26 @@ fn a_part_is_run_and_signed_with_the_keyboard_alone() {
     assert!(held.entry.subject.as_ref().is_some_and(|subject| subject.contains("a hair on the lens")), "{held:?}");
 }
 
+/// Two passes or one: what the robot executed of each is drawn, and told.
+#[test]
+fn scan_and_path_are_seen_in_three_dimensions() {
+    let Some(modules) = modules() else {
+        eprintln!("not run: node, chromium or target/browser is missing; make setup installs what it can");
+        return;
+    };
+    let folder = taught("good");
+    let folder = folder.path();
+    let base = with_page(folder, "");
+    add_account(folder, "viewer");
+    let service = Service::start(folder);
+    one_cycle(&service);
+    let pictures = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/page");
+    let browser = in_browser("scene.mjs", &base, (&pictures, &modules)).wait_with_output().expect("it ends");
+    let [told, problems] = [&browser.stdout, &browser.stderr].map(|text| String::from_utf8_lossy(text));
+    assert!(browser.status.success(), "{told}\n{problems}\n{}", service.log());
+    assert_eq!(told.lines().last(), Some("whole"), "{told}\n{problems}");
+}
+
 #[test]
 fn people_run_judge_and_sign_a_part_in_a_browser() {
     let Some(modules) = modules() else {

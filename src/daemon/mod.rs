@@ -40,6 +40,7 @@ mod deadlines;
 mod error;
 mod gateway;
 mod lending;
+mod live_scene;
 mod live_view;
 mod moves;
 mod pending;

@@ -15,6 +15,8 @@ pub(super) enum Script {
     Forms,
     /// The page of the cell as it runs.
     Run,
+    /// The newest cycle in three dimensions.
+    Scene,
     /// The sheet to draw on a picture, with its styles.
     Draw,
 }
@@ -24,6 +26,7 @@ impl Script {
         match self {
             Script::Forms => "forms.js",
             Script::Run => "run.js",
+            Script::Scene => "scene.js",
             Script::Draw => "draw.js",
         }
     }

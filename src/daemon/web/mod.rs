@@ -37,6 +37,7 @@ mod record_source;
 mod requests;
 mod routes;
 mod run_page;
+mod scene;
 mod server;
 mod sessions;
 mod setup;

@@ -4,7 +4,7 @@ use super::access::{Access, Method, Route};
 use super::state::Web;
 use super::{
     alarms, assets, audit, cameras, compare, cycle, doctor, draw, guard, history, live, login, people, requests,
-    run_page, setup, trends,
+    run_page, scene, setup, trends,
 };
 use crate::accounts::Permission;
 use axum::Router;
@@ -55,6 +55,8 @@ pub(super) static ROUTES: &[Route] = &[
     change("/cycle/{number}/sign", Needs(Sign), || post(cycle::sign)),
     look("/cycle/{number}/record.json", Needs(View), || get(cycle::json)),
     look("/cycle/{number}/picture/{finding}/{picture}", Needs(View), || get(cycle::picture)),
+    look("/cycle/{number}/scene.bin", Needs(View), || get(scene::points)),
+    look("/cycle/{number}/scene.json", Needs(View), || get(scene::paths)),
     look("/history", Needs(View), || get(history::page)),
     look("/history.csv", Needs(View), || get(history::csv)),
     look("/history.json", Needs(View), || get(history::json)),

@@ -92,7 +92,7 @@ mod tests {
     use super::*;
 
     fn found(cell: &[(&'static str, &str)], cameras: Option<&[&str]>) -> Found {
-        let cell = cell.iter().map(|(code, message)| Reason::new(*code, *message)).collect();
+        let cell = cell.iter().map(|(code, message)| Reason::new(code, *message)).collect();
         let cameras = cameras.map(|all| all.iter().map(|message| Reason::new(CAMERA, *message)).collect());
         Found { cell, cameras }
     }

@@ -11,6 +11,7 @@ use super::visitor::Visitor;
 use super::words::{Language, Words};
 use crate::accounts::{AuditEntry, Lockout};
 use crate::daemon::gateway::Gateway;
+use crate::daemon::live_scene::LiveScene;
 use crate::store::{Store, StoreError};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -23,6 +24,7 @@ pub(super) struct Web {
     pub gateway: Gateway,
     pub live: watch::Receiver<Arc<Live>>,
     pub frames: Arc<Frames>,
+    pub scene: LiveScene,
     pub words: Arc<Words>,
     pub setup: Arc<dyn SetupSource>,
     pub records: Arc<dyn RecordSource>,
@@ -66,6 +68,7 @@ impl Web {
         Web {
             gateway: parts.gateway,
             live: parts.live,
+            scene: parts.frames.scene(),
             frames: parts.frames,
             words: Arc::new(parts.words),
             setup: parts.setup,
