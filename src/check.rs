@@ -41,7 +41,7 @@ const KINDS: [Kind; 9] = [
     },
     Kind {
         name: "intrinsics",
-        keys: &["camera"],
+        keys: &["camera", "scanner_errors"],
         check: |name, text| Intrinsics::check(name, text).map(say_intrinsics),
     },
     mount::<ScannerMount>(&[ScannerMount::TABLE]),
@@ -271,7 +271,7 @@ mod tests {
             ["not clear what this file is; its top would tell: \
               cell (store, socket, socket_role, scanner, flange_camera, robot, tool, poses, io, calibration, limits, rough, arm, keep_out, page); \
               recipe (panel, process, locate, corner, region, inspect, surface, path, removal); \
-              intrinsics (camera); base_from_camera (base_from_camera); \
+              intrinsics (camera, scanner_errors); base_from_camera (base_from_camera); \
               flange_from_camera (flange_from_camera); flange_from_tool (flange_from_tool); \
               base_from_board (base_from_board); robot_correction (robot_correction); removal (removal)"]
         );

@@ -13,6 +13,7 @@
 //! - `hand_eye`, `consensus`, `chain`, `adjust`, `influence`, `suspects`, `suggest`: the same from many poses
 //! - `robot`, `robot_data`, `robot_settle`, `robot_found`, `arm_errors`, `robot_correction`, `robot_axes`: the arm's own errors; how far off it may be: `robot_spread`;
 //!   what to do next: `robot_next` · `tool`: tool point and axis · `health`: is a calibration still true · `budget`: the error at the tool
+//! - `scanner_errors`: what a 3D camera's scans of a flat board leave of a plane
 //! - `turned`: which way round a board was taken that looks alike from several sides
 //! - `gate`: turns evidence into a verdict
 
@@ -62,6 +63,7 @@ pub mod robot_next;
 mod robot_settle;
 mod robot_spread;
 mod saddle;
+pub mod scanner_errors;
 mod suggest;
 mod surface;
 mod suspects;

@@ -7,6 +7,7 @@ use super::board_size::BoardSize;
 use super::date::Date;
 use super::lens_extent::LensExtent;
 use super::provenance::{Provenance, line};
+use super::scanner_errors::MeasuredScanner;
 use crate::config::{self, Problems, Section, Setting};
 use crate::geometry::{
     self, Base, Flange, FlangeCamera, Frame, KukaPose, PinholeCamera, Pixel, Rigid, Tool, Vector,
@@ -60,6 +61,8 @@ pub struct Intrinsics {
     pub extent: LensExtent,
     /// Program, pictures and their residuals.
     pub provenance: Provenance,
+    /// Of a 3D camera, where they were measured: its own errors.
+    pub errors: Option<MeasuredScanner>,
 }
 
 const SIZE_PX: RangeInclusive<usize> = 16..=20_000;
@@ -79,6 +82,7 @@ impl Intrinsics {
             rms_px: None,
             extent: LensExtent::default(),
             provenance: Provenance::default(),
+            errors: None,
         }
     }
 
@@ -88,9 +92,9 @@ impl Intrinsics {
     /// Every problem of the file with its line and key; also a distortion that has no inverse inside the picture.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
         config::check(file, text, |top| {
-            let intrinsics = Self::take(&top.section("camera"));
+            let (intrinsics, errors) = (Self::take(&top.section("camera")), MeasuredScanner::take(top));
             top.done();
-            intrinsics
+            Some(Intrinsics { errors: errors?, ..intrinsics? })
         })
     }
 
@@ -129,7 +133,7 @@ impl Intrinsics {
         }
         let covariance = covariance?.map(|covariance| covariance.0);
         let (serial, date, rms_px, extent, provenance) = (serial?, date?, rms_px?, extent?, provenance?);
-        Some(Intrinsics { camera, covariance, serial, date, rms_px, extent, provenance })
+        Some(Intrinsics { camera, covariance, serial, date, rms_px, extent, provenance, errors: None })
     }
 
     /// The file that [`Intrinsics::check`] reads back to the last bit, where the numbers are in its ranges.
@@ -152,6 +156,9 @@ impl Intrinsics {
         line(&mut text, "rms_px", self.rms_px.map(|number| format!("{number:?}")));
         text += &self.extent.to_toml();
         self.provenance.write(&mut text, "residuals_px");
+        if let Some(errors) = &self.errors {
+            errors.write(&mut text);
+        }
         text
     }
 }

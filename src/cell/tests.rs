@@ -373,7 +373,7 @@ proptest! {
             left_out: vec!["k3: as good without".to_owned()],
             supported: rms_px.map(|error_px| Supported { error_px, outline_px }),
         };
-        let lens = Intrinsics { camera, covariance, serial, date, rms_px, extent, provenance };
+        let lens = Intrinsics { camera, covariance, serial, date, rms_px, extent, provenance, errors: None };
         prop_assert_eq!(Intrinsics::check("f", &lens.to_toml()), Ok(lens.clone()), "{}", lens.to_toml());
     }
 

@@ -25,7 +25,7 @@ pub use record::{ExportRecord, HeadOfRecords, MeaningName, RecordCommand, Record
 pub use robot::{OnOff, Prove, Robot, RobotFunction, TipName};
 pub use service::{Ctl, CtlAsk, Cycle, PartArguments, Run, ZividWorker};
 pub use shooting::{Shoot, Shot};
-pub use simulated::{Demo, FilmName, MockRobot, Render, ToolName, real_arm};
+pub use simulated::{Demo, FilmName, MockRobot, Render, ToolName, real_arm, scanner_distortion};
 pub use simulation::{SceneName, Simulation};
 
 use crate::devices::mock::FaultSpec;
@@ -66,9 +66,10 @@ pub enum Command {
     Demo(Demo),
     /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the truth in its own folder.
     #[command(
-        after_help = "Examples, with the pictures for `panelprep calibrate`, and the same panel at another place:\n  \
+        after_help = "Examples, with the pictures for `panelprep calibrate`, the same panel at another place, and a 3D camera with errors of its own:\n  \
         panelprep render --seed 1 --boards --out target/cell\n  \
-        panelprep render --seed 1 --place 2 --out target/cell2"
+        panelprep render --seed 1 --place 2 --out target/cell2\n  \
+        panelprep render --seed 1 --board-scans 16 --scanner-error-mm 1 --out target/cell3"
     )]
     Render(Render),
     /// Run one cycle on the cell: locate, refine, wet, inspect, abrade what failed, until it passes or may not.

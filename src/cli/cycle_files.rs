@@ -42,6 +42,7 @@ impl Calibrated {
         let removal = files.removal()?;
         let values = Calibrations {
             scanner: scanner.value,
+            scan_errors: scanner.scan_errors,
             base_from_camera: base_from_camera.value,
             flange_camera: flange_camera.value,
             flange_from_camera: flange_from_camera.value,

@@ -13,6 +13,7 @@ use crate::files::{self, ReportedFlange, content_hash};
 use crate::geometry::{
     Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid, Tool,
 };
+use crate::locate::ScanErrors;
 use crate::panel::{TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use crate::path::Kinematics;
 use crate::recipe::Recipe;
@@ -53,6 +54,8 @@ pub struct Calibrated<T> {
     pub uncertainty_mm: Option<f64>,
     /// Of a lens: where in its picture it is known; nothing for others.
     pub extent: LensExtent,
+    /// Of the 3D camera: its own errors; what is assumed for others.
+    pub scan_errors: ScanErrors,
     /// The text of its file.
     pub text: String,
 }
@@ -205,8 +208,9 @@ impl CellFiles {
 
     fn intrinsics(&self, key: &'static str, file: Option<&PathBuf>) -> Result<Calibrated<PinholeCamera>, Fault> {
         let (name, text) = self.text(key, file)?;
-        let Intrinsics { camera, extent, .. } = Intrinsics::check(&name, &text)?;
-        Ok(Calibrated { value: camera, uncertainty_mm: None, extent, text })
+        let Intrinsics { camera, extent, errors, .. } = Intrinsics::check(&name, &text)?;
+        let scan_errors = ScanErrors::of(errors.as_ref());
+        Ok(Calibrated { value: camera, uncertainty_mm: None, extent, scan_errors, text })
     }
 
     /// A mount's robot poses were corrected as this cell corrects them.
@@ -239,6 +243,15 @@ impl CellFiles {
     /// Where the cell names no such file, or it has problems; likewise for the other calibrations.
     pub fn scanner(&self) -> Result<Calibrated<PinholeCamera>, Fault> {
         self.intrinsics("scanner", self.cell.calibration().scanner.as_ref())
+    }
+
+    /// The whole file of the fixed 3D camera.
+    ///
+    /// # Errors
+    /// As [`CellFiles::scanner`].
+    pub fn scanner_lens(&self) -> Result<Intrinsics, Fault> {
+        let (name, text) = self.text("scanner", self.cell.calibration().scanner.as_ref())?;
+        Ok(Intrinsics::check(&name, &text)?)
     }
 
     /// The intrinsics of the flange camera.
@@ -298,7 +311,7 @@ impl CellFiles {
 
 fn calibrated<M: Mount>(mount: &MountedPose<M>, text: String) -> Calibrated<Rigid<M::To, M::From>> {
     let (value, uncertainty_mm) = (mount.rigid(), mount.uncertainty_mm);
-    Calibrated { value, uncertainty_mm, extent: LensExtent::default(), text }
+    Calibrated { value, uncertainty_mm, extent: LensExtent::default(), scan_errors: ScanErrors::default(), text }
 }
 
 /// The last touch check of this tool's calibration in a store; none where it was not touched, or that touch was struck out.
@@ -418,7 +431,14 @@ pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<
             version: kept.version,
         });
     }
-    derive(&kept.teaching, &taught_recipe, kept.version, &|index| format!("taught corner {}", index + 1))
+    let now = files.scanner_lens()?;
+    derive(&kept.teaching, (&taught_recipe, &now), kept.version, &|index| format!("taught corner {}", index + 1))
+}
+
+/// The errors of the camera at teaching: those that were known then, or those of the same camera that are known now.
+fn scan_errors_of_teaching(then: &Intrinsics, now: &Intrinsics) -> ScanErrors {
+    let is_same = then.serial == now.serial && then.camera == now.camera;
+    ScanErrors::of(then.errors.as_ref().or_else(|| now.errors.as_ref().filter(|_| is_same)))
 }
 
 /// Reads what a teaching holds and learns panel and corners from it; `name` is a corner picture's in messages.
@@ -427,14 +447,16 @@ pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<
 /// Where the scan shows no panel under the region, or pictures no corner: all of these are named.
 pub fn derive(
     teaching: &Teaching,
-    recipe: &Recipe,
+    (recipe, now): (&Recipe, &Intrinsics),
     version: String,
     name: &dyn Fn(usize) -> String,
 ) -> Result<Taught, Fault> {
     let kept = "the taught calibration";
-    let camera = Intrinsics::check(kept, &teaching.scanner_calibration_text)?.camera;
+    let lens = Intrinsics::check(kept, &teaching.scanner_calibration_text)?;
+    let errors = scan_errors_of_teaching(&lens, now);
+    let camera = lens.camera;
     let base_from_camera = MountedPose::<ScannerMount>::check(kept, &teaching.base_from_camera_text)?.rigid();
-    let cloud = files::read_cloud(&teaching.scan, &camera).map_err(Fault::stage)?;
+    let cloud = errors.corrected(files::read_cloud(&teaching.scan, &camera).map_err(Fault::stage)?);
     let panel = TaughtPanel::learn(&cloud, camera, base_from_camera, recipe).map_err(Fault::stage)?;
     let mut corners = Vec::with_capacity(teaching.corners.len());
     let mut problems = Vec::new();

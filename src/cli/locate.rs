@@ -18,11 +18,12 @@ use std::time::Instant;
 pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
-    let camera = files.scanner()?.value;
+    let scanner = files.scanner()?;
+    let (camera, errors) = (scanner.value, scanner.scan_errors);
     let base_from_camera = files.base_from_camera()?.value;
-    let scan = load::scan(&args.scan, &camera)?;
+    let scan = errors.corrected(load::scan(&args.scan, &camera)?);
     let taught = load::taught(&files, &args.recipe, &recipe)?;
-    let view = View { scan: &scan, camera: &camera, base_from_camera };
+    let view = View { scan: &scan, camera: &camera, base_from_camera, range: errors.range };
     let begin = Instant::now();
     let located = locate(&taught.panel, view, recipe.locate());
     let elapsed_ms = begin.elapsed().as_secs_f64() * 1e3;
@@ -48,6 +49,7 @@ fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
     outcome.put("outline_rms_px", json!(fit.map(|fit| fit.outline_rms_px)));
     outcome.put("uncertainty_mm", json!(fit.map(|fit| fit.uncertainty_mm)));
     outcome.put("weakest_mm", json!(fit.map(|fit| fit.weakest_mm)));
+    outcome.put("scanner_errors", json!(located.range().words()));
     outcome.put("elapsed_ms", json!(elapsed_ms));
     if let (Some(fit), Some(pose)) = (fit, pose) {
         outcome.say(format!("base from panel: {pose}"));

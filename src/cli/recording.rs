@@ -10,6 +10,7 @@ use crate::cell::{
 use crate::daemon::{Calibrations, RECORDING_FLOOR_MB, Recorded, RecordingPlan, Stands, free_mb, too_full};
 use crate::files::{read_flange, write_pose};
 use crate::geometry::Rigid;
+use crate::locate::ScanErrors;
 use crate::recipe::Recipe;
 use crate::removal::model::Model;
 use crate::report::page::{Row, Section};
@@ -196,8 +197,10 @@ impl RecordedCycle {
         let parts = Parts { file, checked };
         let recipe = Recipe::check(RECIPE, parts.text(RECIPE)?)?;
         let flange_camera = parts.intrinsics("flange_camera.toml")?;
+        let scanner = parts.intrinsics("scanner.toml")?;
         let calibrations = Calibrations {
-            scanner: parts.intrinsics("scanner.toml")?.camera,
+            scanner: scanner.camera,
+            scan_errors: ScanErrors::of(scanner.errors.as_ref()),
             base_from_camera: parts.mount::<ScannerMount>("base_from_camera.toml")?,
             flange_camera: flange_camera.camera,
             flange_from_camera: parts.mount::<FlangeCameraMount>("flange_from_camera.toml")?,
@@ -211,7 +214,7 @@ impl RecordedCycle {
             true => cell.corrected(RobotCorrection::check(CORRECTION, parts.text(CORRECTION)?)?.numbers),
             false => cell,
         };
-        let (taught, removed_before) = (parts.taught(&recipe)?, parts.removed_before()?);
+        let (taught, removed_before) = (parts.taught(&recipe, &scanner)?, parts.removed_before()?);
         Ok(RecordedCycle { cell, taught, recipe, calibrations, lens: flange_camera.extent, removed_before })
     }
 }
@@ -258,7 +261,7 @@ impl Parts<'_> {
         Ok(MountedPose::<M>::check(name, self.text(name)?)?.rigid())
     }
 
-    fn taught(&self, recipe: &Recipe) -> Result<Taught, Fault> {
+    fn taught(&self, recipe: &Recipe, now: &Intrinsics) -> Result<Taught, Fault> {
         let named = |name: &str, error: &dyn std::error::Error| {
             Fault::file(self.file, format!("attachment \"{name}\": {error}"))
         };
@@ -281,6 +284,6 @@ impl Parts<'_> {
         };
         let taught_recipe = Recipe::check(TAUGHT[0], &teaching.recipe_text)?;
         let name = |index: usize| format!("recorded corner {}", index + 1);
-        load::derive(&teaching, &taught_recipe, self.text(VERSION)?.to_owned(), &name)
+        load::derive(&teaching, (&taught_recipe, now), self.text(VERSION)?.to_owned(), &name)
     }
 }

@@ -1,6 +1,6 @@
 //! `panelprep render`: the simulated cell as files, and its truth in a folder that no stage reads.
 
-use super::args::{FilmName, Render, SceneName, real_arm};
+use super::args::{FilmName, Render, SceneName, real_arm, scanner_distortion};
 use super::disk;
 use super::fault::Fault;
 use super::live::FULL_WIDTH_PX;
@@ -66,12 +66,18 @@ pub fn run(args: &Render) -> Result<Outcome, Fault> {
     let cell = sim::Cell::new(args.seed, args.scene.into(), args.reduction as usize);
     let arm = real_arm(args.seed, args.arm_error_mm);
     let cell = cell.with_films(spec).placed(args.place).with_arm(arm.clone());
+    let distortion = scanner_distortion(args.seed, args.scanner_error_mm);
+    let cell = cell.with_distortion(distortion);
     let progress = |line: &str| output::tell_line(line);
     let rendered = write(&cell, &args.out, args.seconds, &progress)?;
     if args.boards {
         progress("rendering boards for calibration");
         render_boards::write(args.seed, args.reduction as usize, (arm.as_ref(), &rendered))?;
         render_coupons::write(args.seed, &rendered)?;
+    }
+    if args.board_scans > 0 {
+        progress("rendering scans of a board");
+        render_boards::write_scans(args, distortion, &rendered)?;
     }
     for index in 1..=args.clips {
         progress(&format!("rendering clip {index} of {}", args.clips));

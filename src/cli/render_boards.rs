@@ -1,7 +1,7 @@
 //! Boards of the simulated cell as files: what its cameras are verified on, and with `--boards` what they are
 //! calibrated by.
 
-use super::args::{Common, Simulation};
+use super::args::{Common, Render, Simulation};
 use super::calibrate::args::{BoardArgs, CameraName, Touch, Verify};
 use super::calibrate::pose_keys;
 use super::disk;
@@ -13,7 +13,7 @@ use crate::files::{self, ReportedFlange};
 use crate::geometry::{
     Base, Camera, Degrees, Flange, Frame, GrayPicture, KukaPose, PinholeCamera, Point, Rigid, Tool,
 };
-use crate::sim::{self, BoardCell, BoardPrint, BoardShot, RealArm, Reported, RobotNoise};
+use crate::sim::{self, BoardCell, BoardPrint, BoardShot, RealArm, Reported, RobotNoise, ScannerDistortion};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use std::fmt::Write;
@@ -157,6 +157,21 @@ pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &R
     }
     write_force(rendered)?;
     disk::write(&rendered.file("boards/tip.toml"), tip_text(arm)?)
+}
+
+/// Writes `boards/scanner/*.pcd`: scans of a board of 8×6 inner corners, 30 mm, all over the working volume.
+///
+/// # Errors
+/// Where the disk refuses.
+pub fn write_scans(args: &Render, distortion: Option<ScannerDistortion>, rendered: &Rendered) -> Result<(), Fault> {
+    let print = BoardPrint::chessboard(8, 6, 30.0);
+    let cell = BoardCell::new(args.seed, print, ROBOT).with_reduction(args.reduction as usize);
+    let distortion = distortion.unwrap_or_else(|| ScannerDistortion::of(args.seed, 0.0));
+    let shots = cell.scanner_shots(args.board_scans as usize);
+    shots.par_iter().enumerate().try_for_each(|(index, shot)| {
+        let file = rendered.file(&format!("boards/scanner/{:02}.pcd", index + 1));
+        disk::write(&file, files::write_pcd(&cell.real_scan(shot, &distortion)))
+    })
 }
 
 /// Writes `boards/force.toml`: readings of a compliant tool without contact.

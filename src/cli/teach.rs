@@ -37,7 +37,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let teaching = given((args, scan_file), &cell_files, &recipe)?;
     let name =
         |index: usize| args.corner.get(index).map_or_else(|| index.to_string(), |file| file.display().to_string());
-    let mut taught = match load::derive(&teaching, &recipe, String::new(), &name) {
+    let mut taught = match load::derive(&teaching, (&recipe, &cell_files.scanner_lens()?), String::new(), &name) {
         Ok(taught) => taught,
         Err(fault) => {
             if let Some(folder) = &args.pictures {
@@ -59,7 +59,12 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     ));
     outcome.put("detection_limit_mm2", json!(limit_mm2));
     outcome.put("min_break_mm2", json!(min_break_mm2));
-    let view = locate::View { scan: &scan, camera: &scanner.value, base_from_camera: base_from_camera.value };
+    let view = locate::View {
+        scan: &scan,
+        camera: &scanner.value,
+        base_from_camera: base_from_camera.value,
+        range: scanner.scan_errors.range,
+    };
     let warnings = say_how_it_is_held(&taught, &view, &recipe, &mut outcome);
     for warning in &warnings {
         outcome.say(format!("warning: {warning}"));

@@ -6,6 +6,7 @@ use crate::calib::health;
 use crate::cell::{Arm, Cell, CompliantTool, LensExtent, Limits};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};
 use crate::inspect::Demands;
+use crate::locate::ScanErrors;
 use crate::panel::{TaughtCorner, TaughtPanel};
 use crate::path::approach::CornerTour;
 use crate::recipe::Recipe;
@@ -19,6 +20,8 @@ use std::sync::Arc;
 pub struct Calibrations {
     /// The 3D camera.
     pub scanner: PinholeCamera,
+    /// Its own errors.
+    pub scan_errors: ScanErrors,
     /// Where it stands.
     pub base_from_camera: Rigid<Base, Camera>,
     /// The flange camera.

@@ -114,15 +114,16 @@ impl Sight {
     ) -> Result<Answer, DaemonError> {
         (self.located, self.located_mm, self.place, self.obstacles) = (None, None, None, None);
         (self.dry, self.corners) = (None, Corners::default());
+        let errors = &cycle.calibrations.scan_errors;
         let scan = match eyes.scan() {
-            Ok(scan) => scan,
+            Ok(scan) => errors.corrected(scan),
             Err(error) => return blind(Kind::Locate, 0, &error, record),
         };
         let picture = scan.picture();
         record.picture("scan", &picture)?;
         let begun = Instant::now();
         let (camera, base_from_camera) = (&cycle.calibrations.scanner, cycle.calibrations.base_from_camera);
-        let view = locate::View { scan: &scan, camera, base_from_camera };
+        let view = locate::View { scan: &scan, camera, base_from_camera, range: errors.range };
         let located = stages::locate::locate(&cycle.panel, view, cycle.recipe.locate());
         let obstacles = located.obstacles().map(Arc::new);
         let elapsed_ms = elapsed_ms(begun);

@@ -6,6 +6,7 @@
 use super::frames::Frame;
 use super::picture::ColorPicture;
 use super::rigid::{Point, Rigid};
+use rayon::prelude::*;
 
 const MISSING: [f32; 3] = [f32::NAN; 3];
 
@@ -120,6 +121,22 @@ impl<F: Frame> OrganizedCloud<F> {
             points_mm: self.points_mm.iter().map(moved).collect(),
             colors: self.colors.clone(),
             frame: std::marker::PhantomData,
+        }
+    }
+
+    /// The same cloud with each point moved along its ray: its coordinates times a factor.
+    pub fn along_rays(&self, factor: impl Fn([f64; 3]) -> f64 + Sync) -> OrganizedCloud<F> {
+        let moved = |&point: &[f32; 3]| {
+            if point[0].is_nan() {
+                return MISSING;
+            }
+            let factor = factor(point.map(f64::from));
+            point.map(|n| (f64::from(n) * factor) as f32)
+        };
+        OrganizedCloud {
+            points_mm: self.points_mm.par_iter().map(moved).collect(),
+            colors: self.colors.clone(),
+            ..*self
         }
     }
 

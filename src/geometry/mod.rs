@@ -5,6 +5,7 @@
 
 mod camera;
 mod cloud;
+mod depth_field;
 mod frames;
 mod joints;
 mod kuka_pose;
@@ -18,6 +19,7 @@ mod units;
 
 pub use camera::PinholeCamera;
 pub use cloud::{CloudError, OrganizedCloud};
+pub use depth_field::{DepthField, FIELD_COLUMNS, FIELD_ROWS, FIELD_SIZE, FieldRectangle, REFERENCE_DEPTH_MM};
 pub use frames::{Base, Board, Camera, Flange, FlangeCamera, Frame, Panel, Tool};
 pub use joints::Joints;
 pub use kuka_pose::KukaPose;

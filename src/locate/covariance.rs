@@ -6,7 +6,7 @@
 //! f_k is how much larger the n cells' means are than that, which ν cells' worth of trust in the stated noise steadies:
 //! a small panel has few cells. A point x of the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
 
-use super::fit::{EDGE_CORRELATION_MM, RANGE_CORRELATION_MM, Residuals};
+use super::fit::{EDGE_CORRELATION_MM, Residuals};
 use super::grid::Motion;
 use super::model::Model;
 use super::solve::{Constraint, ResidualWeighting, Sums};
@@ -56,7 +56,7 @@ pub(super) fn covariance(
     let up = model.normal.cross(&across);
     let square = |sample: usize| {
         let offset = model.points[sample] - model.centre;
-        let cell = |along: &Vector3<f64>| (offset.dot(along) / RANGE_CORRELATION_MM).floor() as i64;
+        let cell = |along: &Vector3<f64>| (offset.dot(along) / model.range.correlation_mm).floor() as i64;
         (cell(&across), cell(&up))
     };
     // The taught outline is in order, so that a stretch of it is a run of its points.

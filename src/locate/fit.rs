@@ -19,13 +19,6 @@ use rayon::prelude::*;
 /// Steps that move no point of the panel farther end the iteration, mm.
 pub(super) const CONVERGED_MM: f64 = 0.002;
 const MAX_STEPS: usize = 20;
-/// A scanner's range noise is alike over squares of about this side, mm.
-pub(super) const RANGE_CORRELATION_MM: f64 = 65.0;
-/// What it makes of a surface residual between two scans, one standard deviation of such a square's mean, mm.
-pub(super) const RANGE_NOISE_MM: f64 = 0.085;
-/// One scan's part of it, over a length as below: the taught outline lies so far off along the taught rays, which another
-/// view shows aside.
-const TAUGHT_RANGE_NOISE_MM: f64 = 0.09;
 /// Errors of an edge in the picture, its own, the taught depth's and what a lens model leaves, are alike over this length.
 pub(super) const EDGE_CORRELATION_MM: f64 = 30.0;
 /// One standard deviation of the mean over such a length, px: of the edge alone, by colour and by depth.
@@ -111,7 +104,7 @@ impl Residuals {
         }
         let centre = motion.point(&model.centre);
         let taught_noise_px =
-            TAUGHT_RANGE_NOISE_MM * model.view_change(&motion) * grid.camera.px_per_mm_at(centre.z).0;
+            model.range.of_taught_mm * model.view_change(&motion) * grid.camera.px_per_mm_at(centre.z).0;
         let surface = surface.into_iter().flatten().collect();
         Residuals { surface, colour, depth, edges, centre, taught_noise_px }
     }
@@ -125,8 +118,8 @@ impl Residuals {
         let reach = |constraints: &[Constraint], floor: f64| (REACH_SIGMAS * spread(constraints)).max(floor);
         [
             ResidualWeighting {
-                sigma: RANGE_NOISE_MM,
-                correlated_count: (RANGE_CORRELATION_MM.powi(2) / point_mm2).max(1.0),
+                sigma: model.range.between_scans_mm,
+                correlated_count: (model.range.correlation_mm.powi(2) / point_mm2).max(1.0),
                 cutoff: reach(&self.surface, SURFACE_FLOOR_MM),
             },
             ResidualWeighting {

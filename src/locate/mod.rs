@@ -27,6 +27,7 @@ mod pieces;
 mod point_to_point;
 mod profile;
 pub mod refine;
+mod scan_errors;
 mod scatter;
 mod search;
 mod shadow;
@@ -53,6 +54,7 @@ use grid::{Grid, Motion};
 use model::Model;
 use nalgebra::{Rotation3, Vector3, Vector6};
 use rayon::prelude::*;
+pub use scan_errors::{RangeErrors, ScanErrors};
 use search::PoseHypothesis;
 
 /// A scan and where its camera stands.
@@ -64,6 +66,8 @@ pub struct View<'a> {
     pub camera: &'a PinholeCamera,
     /// Its pose.
     pub base_from_camera: Rigid<Base, Camera>,
+    /// How far off its scans are.
+    pub range: RangeErrors,
 }
 
 /// Samples of a fit that only compares hypotheses, and of the independent starts.
@@ -104,7 +108,8 @@ impl<'a> Prepared<'a> {
         let (model, grid) = rayon::join(|| Model::of(taught), || Grid::of(view.scan, view.camera));
         let inside = grid::in_box(&grid, &view.base_from_camera, settings.box_min_mm(), settings.box_max_mm());
         let pieces = pieces::pieces(&grid, &inside);
-        Ok(Prepared { taught, view: *view, settings, model: model?, grid, inside, pieces })
+        let model = Model { range: view.range, ..model? };
+        Ok(Prepared { taught, view: *view, settings, model, grid, inside, pieces })
     }
 
     /// What the taught scan shows of the panel's outline.

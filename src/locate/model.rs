@@ -4,6 +4,7 @@
 
 use super::LocateError;
 use super::grid::{Grid, Motion, camera_point};
+use super::scan_errors::RangeErrors;
 use super::scatter::centroid_and_normal;
 use super::taught_outline::{MIN_OUTLINE, OutlinePoint, OutlineSeen, TaughtOutline};
 use super::taught_surface::Surface;
@@ -42,6 +43,8 @@ pub(super) struct Model {
     pub outline_seen: OutlineSeen,
     /// Where something holds the panel, in the taught picture.
     pub held_px: Vec<[Pixel; 4]>,
+    /// How far off scans are.
+    pub range: RangeErrors,
 }
 
 impl Model {
@@ -86,6 +89,7 @@ impl Model {
             given: panel.given(),
             outline_seen,
             held_px: panel.held_px.clone(),
+            range: RangeErrors::default(),
         })
     }
 

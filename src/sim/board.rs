@@ -134,12 +134,12 @@ impl BoardPrint {
     }
 
     /// The points that the 3D camera measures of the board: missing beside it and where its projector does not reach, noise
-    /// along the ray.
+    /// along the ray, by the place on the board and its depth.
     pub(super) fn points(
         &self,
         camera: &PinholeCamera,
         camera_from_board: &Rigid<Camera, Board>,
-        mut noise_mm: impl FnMut() -> f64,
+        mut noise_mm: impl FnMut([f64; 2], f64) -> f64,
     ) -> Vec<[f32; 3]> {
         let plane = Plane::of(camera_from_board);
         let (columns, rows) = self.span(camera, camera_from_board);
@@ -156,7 +156,7 @@ impl BoardPrint {
                 if !projector.lights(&point, None) {
                     continue;
                 }
-                let point = point * (1.0 + noise_mm() / point.norm());
+                let point = point * (1.0 + noise_mm([x, y], point.z) / point.norm());
                 points[row * camera.width_px + column] = [point.x as f32, point.y as f32, point.z as f32];
             }
         }

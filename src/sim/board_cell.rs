@@ -6,6 +6,8 @@
 
 use super::board::BoardPrint;
 use super::noise::{Normal, PixelNoise, Purpose, Seed};
+use super::scanner;
+use super::scanner_distortion::ScannerDistortion;
 use super::scene;
 use crate::geometry::{
     Base, Board, Camera, Degrees, Flange, FlangeCamera, Frame, GrayPicture, OrganizedCloud, PinholeCamera, Pixel,
@@ -66,9 +68,22 @@ fn held<To: Frame>(middle_mm: Vector3<f64>, turn: UnitQuaternion<f64>, print: &B
     Rigid::claim(Isometry3::from_parts(Translation3::from(shift), turn))
 }
 
+fn organized(camera: &PinholeCamera, points: Vec<[f32; 3]>, picture: &GrayPicture) -> OrganizedCloud<Camera> {
+    let colors = picture.gray.iter().map(|&gray| [gray; 3]).collect();
+    match OrganizedCloud::new(camera.width_px, camera.height_px, points, colors) {
+        Ok(cloud) => cloud,
+        Err(error) => unreachable!("one point and one colour a pixel were made: {error}"),
+    }
+}
+
 const MAX_DRAWS: usize = 10_000;
 /// Pictures for the lens have noise of their own.
 const LENS_INDEX: u64 = 1_000;
+/// So have scans for the 3D camera's own errors.
+const SCANNER_INDEX: u64 = 2_000;
+/// How far from the axis the board's middle comes, as shares of its depth, across and down.
+const MIDDLE: [f64; 2] = [0.22, 0.14];
+const ALL_OVER: [f64; 2] = [0.42, 0.25];
 /// The rim keeps this distance from the picture's edge, px.
 const MARGIN_PX: f64 = 12.0;
 
@@ -116,15 +131,23 @@ impl BoardCell {
     /// Shots of the fixed camera, the board on the flange.
     pub fn fixed_shots(&self, count: usize) -> Vec<BoardShot<Camera>> {
         let flange_from_board = flange_from_board(&self.print);
-        self.shots(count, 0, &self.scanner(), 760.0, |camera_from_board| {
+        self.shots(count, 0, (&self.scanner(), 760.0, MIDDLE), |camera_from_board| {
             scene::base_from_camera() * *camera_from_board * flange_from_board.inverse()
         })
+    }
+
+    /// Shots of the fixed camera, the board held by hand all over its picture.
+    pub fn scanner_shots(&self, count: usize) -> Vec<BoardShot<Camera>> {
+        let nowhere = |_: &Rigid<Camera, Board>| Rigid::claim(Isometry3::identity());
+        let mut shots = self.shots(count, 3, (&self.scanner(), 700.0, ALL_OVER), nowhere);
+        shots.iter_mut().for_each(|shot| shot.index += SCANNER_INDEX);
+        shots
     }
 
     /// Shots of the flange camera, the board in the cell.
     pub fn flange_shots(&self, count: usize) -> Vec<BoardShot<FlangeCamera>> {
         let base_from_board = base_from_board(&self.print);
-        self.shots(count, 1, &self.flange_camera(), 440.0, |camera_from_board| {
+        self.shots(count, 1, (&self.flange_camera(), 440.0, MIDDLE), |camera_from_board| {
             base_from_board * camera_from_board.inverse() * scene::flange_from_camera().inverse()
         })
     }
@@ -149,7 +172,7 @@ impl BoardCell {
         let [low, right, ..] = self.print.rim();
         let distance_mm = low.distance_mm(right) * camera.fx_px / (0.8 * camera.width_px as f64);
         let nowhere = |_: &Rigid<C, Board>| Rigid::claim(Isometry3::identity());
-        let mut shots = self.shots(count, 2, camera, distance_mm, nowhere);
+        let mut shots = self.shots(count, 2, (camera, distance_mm, MIDDLE), nowhere);
         shots.iter_mut().for_each(|shot| shot.index += LENS_INDEX);
         shots
     }
@@ -163,14 +186,13 @@ impl BoardCell {
         &self,
         count: usize,
         arrangement: u64,
-        camera: &PinholeCamera,
-        distance_mm: f64,
+        (camera, distance_mm, reach): (&PinholeCamera, f64, [f64; 2]),
         flange: impl Fn(&Rigid<C, Board>) -> Rigid<Base, Flange>,
     ) -> Vec<BoardShot<C>> {
         let mut normal = Normal::new(self.seed.stream(Purpose::BoardPose, arrangement));
         (0..count as u64)
             .map(|index| {
-                let camera_from_board = self.draw(&mut normal, camera, distance_mm);
+                let camera_from_board = self.draw(&mut normal, camera, (distance_mm, reach));
                 let shift = Vector3::from_fn(|_, _| normal.next()) * self.robot.shift_mm;
                 let turn = Vector3::from_fn(|_, _| normal.next()) * Degrees(self.robot.turn_deg).rad();
                 let off: Rigid<Flange, Flange> = Rigid::claim(Isometry3::new(shift, turn));
@@ -179,11 +201,16 @@ impl BoardCell {
             .collect()
     }
 
-    fn draw<C: Frame>(&self, normal: &mut Normal, camera: &PinholeCamera, distance_mm: f64) -> Rigid<C, Board> {
+    fn draw<C: Frame>(
+        &self,
+        normal: &mut Normal,
+        camera: &PinholeCamera,
+        (distance_mm, [across, down]): (f64, [f64; 2]),
+    ) -> Rigid<C, Board> {
         for _ in 0..MAX_DRAWS {
             let mut spread = |reach: f64| (2.0 * normal.share() - 1.0) * reach;
             let depth = distance_mm * (1.0 + spread(0.15));
-            let middle = Vector3::new(spread(0.22) * depth, spread(0.14) * depth, depth);
+            let middle = Vector3::new(spread(across) * depth, spread(down) * depth, depth);
             let turn = UnitQuaternion::from_scaled_axis(Vector3::new(spread(0.65), spread(0.65), 0.0))
                 * UnitQuaternion::from_scaled_axis(Vector3::z() * spread(1.5));
             let camera_from_board: Rigid<C, Board> = held(middle, turn, &self.print);
@@ -227,12 +254,21 @@ impl BoardCell {
     pub fn scan(&self, shot: &BoardShot<Camera>, noise_mm: f64) -> OrganizedCloud<Camera> {
         let (camera, picture) = (self.scanner(), self.picture(&self.scanner(), shot));
         let mut normal = Normal::new(self.seed.stream(Purpose::BoardScan, shot.index));
-        let points = self.print.points(&camera, &shot.camera_from_board, || normal.next() * noise_mm);
-        let colors = picture.gray.iter().map(|&gray| [gray; 3]).collect();
-        match OrganizedCloud::new(camera.width_px, camera.height_px, points, colors) {
-            Ok(cloud) => cloud,
-            Err(error) => unreachable!("one point and one colour a pixel were made: {error}"),
-        }
+        let points = self.print.points(&camera, &shot.camera_from_board, |_, _| normal.next() * noise_mm);
+        organized(&camera, points, &picture)
+    }
+
+    /// The same with all errors of a panel's scan: white noise that grows with the depth, noise that is alike over centimetres, and
+    /// what this camera adds each time.
+    pub fn real_scan(&self, shot: &BoardShot<Camera>, distortion: &ScannerDistortion) -> OrganizedCloud<Camera> {
+        let (camera, picture) = (self.scanner(), self.picture(&self.scanner(), shot));
+        let seed = self.seed.child(Purpose::BoardScan, shot.index);
+        let (mut normal, correlated) = (Normal::new(seed.stream(Purpose::ScanRow, 0)), scanner::correlated(seed));
+        let middle = self.print.middle().mm;
+        let points = self.print.points(&camera, &shot.camera_from_board, |[x, y], depth_mm| {
+            scanner::range_error_mm(normal.next(), depth_mm, correlated.at([x - middle.x, y - middle.y]))
+        });
+        distortion.bent(&organized(&camera, points, &picture))
     }
 
     /// Places of the board as a person touches them with a pointer, with this much noise each way, in the base.

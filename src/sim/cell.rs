@@ -8,6 +8,7 @@ use super::noise::{PixelNoise, Purpose, Seed};
 use super::projector::Projector;
 use super::real_arm::{RealArm, Reported};
 use super::scanner;
+use super::scanner_distortion::ScannerDistortion;
 use super::scene::{self, CornerView, Scene};
 use super::shape::Shape;
 use super::spots::{self, Grease, Spot};
@@ -58,6 +59,7 @@ pub struct Cell {
     pub(super) flange_camera: (PinholeCamera, Rays),
     pub(super) pixels: PixelNoise,
     arm: Option<RealArm>,
+    distortion: Option<ScannerDistortion>,
 }
 
 impl Cell {
@@ -88,12 +90,18 @@ impl Cell {
             flange_camera: with_rays(scene::flange_camera(reduction)),
             pixels: PixelNoise::new(seed),
             arm: None,
+            distortion: None,
         }
     }
 
     /// The same cell with an arm that is not as it is drawn.
     pub fn with_arm(self, arm: Option<RealArm>) -> Self {
         Cell { arm, ..self }
+    }
+
+    /// The same cell with a 3D camera that is not well calibrated.
+    pub fn with_distortion(self, distortion: Option<ScannerDistortion>) -> Self {
+        Cell { distortion, ..self }
     }
 
     /// Its arm, where that is not as it is drawn.
@@ -156,7 +164,12 @@ impl Cell {
 
     fn shot(&self, panel: Option<(&Shape, &Rigid<Base, Panel>)>, shot: u64) -> OrganizedCloud<Camera> {
         let projector = Projector::new(&scene::base_from_camera(), panel, &[]);
-        scanner::capture(&self.scanner_view(panel), &projector, &self.pixels, self.seed.child(Purpose::Scan, shot))
+        let seed = self.seed.child(Purpose::Scan, shot);
+        let scan = scanner::capture(&self.scanner_view(panel), &projector, &self.pixels, seed);
+        match &self.distortion {
+            Some(distortion) => distortion.bent(&scan),
+            None => scan,
+        }
     }
 
     fn scanner_view<'a>(&'a self, panel: Option<(&'a Shape, &Rigid<Base, Panel>)>) -> View<'a> {

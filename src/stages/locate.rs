@@ -2,7 +2,7 @@
 
 use super::Drawing;
 use crate::geometry::{ColorPicture, KukaPose};
-use crate::locate::{Fit, LocateError, Prepared, View, gate};
+use crate::locate::{Fit, LocateError, Prepared, RangeErrors, View, gate};
 use crate::panel::TaughtPanel;
 use crate::path::reach::Obstacles;
 use crate::recipe;
@@ -37,6 +37,11 @@ pub fn locate<'a>(panel: &'a TaughtPanel, view: View<'a>, settings: &'a recipe::
 }
 
 impl Located<'_> {
+    /// How far off the 3D camera's scans are taken to be.
+    pub fn range(&self) -> RangeErrors {
+        self.view.range
+    }
+
     /// What the arm keeps off on its way to a corner: the panel where it was found, and what else the scan shows. There is
     /// none where the localization is rejected, since nothing moves towards such a panel.
     pub fn obstacles(&self) -> Option<Obstacles> {
@@ -70,6 +75,7 @@ impl Located<'_> {
         let elapsed = Check::new(name::SCAN_TO_VERDICT, "ms", elapsed_ms);
         let finding = Finding::new(Kind::Locate, 0, self.judgement.clone());
         let finding = finding.with(self.checks.iter().cloned()).with([elapsed]);
+        let finding = finding.detail("3D camera's own errors", json!(self.view.range.words()));
         let Some(fit) = &self.fit else { return finding };
         finding.detail("base_from_panel", json!(KukaPose::from_rigid(&fit.base_from_panel)))
     }

@@ -213,6 +213,7 @@ fn cropped(
 
 fn calibrations(sim: &sim::Cell) -> Calibrations {
     Calibrations {
+        scan_errors: panelprep::locate::ScanErrors::default(),
         scanner: *sim.scanner(),
         base_from_camera: sim.calibrated_base_from_camera(),
         flange_camera: *sim.flange_camera(),

@@ -3,7 +3,7 @@
 use super::simulation::{SceneName, arm_error};
 use crate::devices::acf::PlannedToolFault;
 use crate::devices::mock::FaultSpec;
-use crate::sim::RealArm;
+use crate::sim::{RealArm, ScannerDistortion};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
@@ -83,6 +83,9 @@ pub struct Render {
     /// Also pictures of boards, poses and touched points, for `panelprep calibrate`.
     #[arg(long)]
     pub boards: bool,
+    /// Also so many scans of a board, for `panelprep calibrate scanner`.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=60))]
+    pub board_scans: u32,
     /// How hard its films are to read.
     #[arg(long, value_enum, default_value_t)]
     pub film: FilmName,
@@ -102,6 +105,9 @@ pub struct Render {
     /// The simulated arm is off its drawing by so much at the tool, rms, mm; 0 is an arm as it is drawn.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub arm_error_mm: f64,
+    /// The simulated 3D camera is not well calibrated: its scans are bent by so much, mm, the same each time.
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
+    pub scanner_error_mm: f64,
 }
 
 /// Options of `mock-robot`.
@@ -119,6 +125,11 @@ pub struct MockRobot {
     /// Address to listen at.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
     pub host: std::net::IpAddr,
+}
+
+/// The simulated 3D camera's own error; `None` where it is well calibrated.
+pub fn scanner_distortion(seed: u64, error_mm: f64) -> Option<ScannerDistortion> {
+    (error_mm > 0.0).then(|| ScannerDistortion::of(seed, error_mm))
 }
 
 /// The simulated arm of this seed; `None` where it is as it is drawn.

@@ -70,6 +70,17 @@ pub enum What {
         --orbit-rev-min 10000 --out target/cell/found/removal.toml"
     )]
     Removal(Removal),
+    /// The 3D camera's own errors from scans of a flat board: noise, smooth errors, and what is the same in each scan, which is taken
+    /// off from then on.
+    #[command(after_help = "\
+        Hold a stiff flat board in at least eight places of the working volume, sixteen are better: near and far, in the picture's \
+        corners too, leant by up to 30° to all sides, and turned upright in half of them. `panelprep shoot scan --count 16` \
+        takes them. The board's white rim must be seen. The numbers are kept in the lens's own file; teach no panel anew for them: \
+        a taught scan of the same camera is corrected as well.\n\
+        Example, after `panelprep render --board-scans 16 --scanner-error-mm 1 --out target/cell3`:\n  \
+        panelprep calibrate scanner --intrinsics target/cell3/scanner.toml --board 8x6 --square-mm 30 --out target/cell3/scanner.toml \
+        target/cell3/boards/scanner/*.pcd")]
+    Scanner(Scanner),
     /// The tool's point, and its axis, from poses that hold the tip at one spot.
     #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  \
         panelprep calibrate tcp --poses target/cell/boards/tip.toml --out target/cell/found/flange_from_tool.toml\n\
@@ -360,6 +371,23 @@ fn stiffness(text: &str) -> Result<f64, String> {
 fn number(text: &str, allowed: std::ops::RangeInclusive<f64>) -> Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|number| allowed.contains(number));
     number.ok_or_else(|| format!("allowed is a number from {} to {}", allowed.start(), allowed.end()))
+}
+
+/// Options of `calibrate scanner`.
+#[derive(Debug, Clone, Args)]
+pub struct Scanner {
+    /// The board.
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// The lens of the 3D camera, as `calibrate intrinsics` wrote it or the camera states it.
+    #[arg(long, value_name = "FILE")]
+    pub intrinsics: PathBuf,
+    /// The file to write: the lens and the errors; it may be the same.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Scans of the board.
+    #[arg(required = true, value_name = "SCAN")]
+    pub scans: Vec<PathBuf>,
 }
 
 /// Options of `calibrate tcp`.

@@ -65,6 +65,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
         rms_px: Some(found.rms_px),
         extent: extent(&found),
         provenance: provenance(hashes, residuals),
+        errors: None,
     };
     let text = intrinsics.to_toml();
     let mut judgement = gate::intrinsics(&found);

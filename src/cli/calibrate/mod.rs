@@ -18,6 +18,7 @@ mod over_volume;
 pub mod removal;
 mod robot;
 mod robot_advice;
+mod scanner;
 mod sight;
 mod target;
 mod taught_corner;
@@ -48,6 +49,7 @@ pub fn run(args: &Calibrate, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
         What::HandEye(args) => three_points::run(args, common, progress),
         What::Robot(args) => robot::run(args, common, progress),
         What::Removal(args) => removal::run(args),
+        What::Scanner(args) => scanner::run(args, progress),
         What::Tcp(args) => match &args.live {
             Some(folder) => live::tool((args, folder), common),
             None => tcp::run(args, common),

@@ -67,6 +67,11 @@ impl Sight {
         self.cloud.as_ref().map(|cloud| detect::measured(cloud, camera, &detected.corners))
     }
 
+    /// The points; `None` for a picture.
+    pub fn cloud(&self) -> Option<&OrganizedCloud<Camera>> {
+        self.cloud.as_ref()
+    }
+
     /// In colour, to be drawn on.
     pub fn color(&self) -> ColorPicture {
         self.gray.to_color()

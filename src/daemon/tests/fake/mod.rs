@@ -495,6 +495,7 @@ fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
 
 fn calibrations(sim: &sim::Cell) -> Calibrations {
     Calibrations {
+        scan_errors: crate::locate::ScanErrors::default(),
         scanner: *sim.scanner(),
         base_from_camera: sim.calibrated_base_from_camera(),
         flange_camera: *sim.flange_camera(),

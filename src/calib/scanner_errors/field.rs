@@ -1,0 +1,162 @@
+//! What is the same in each scan: a smooth field of depth errors, with the board's own bow beside it.
+//!
+//! In mm along the ray, a block of scan i reads −z²·q = −z²(a_i + b_i x + c_i y) + (z/z₀)² B(x, y)·c + z·|m_i|·h(u, v), with q = 1/z, a plane
+//! of its own for each scan, the field's coefficients c (`geometry::DepthField`) and the board's height h = k₁u² + k₂uv + k₃v², where m_i =
+//! (b_i, c_i, a_i) is the plane's normal over its distance. Planes are projected out scan by scan, so that a scan adds a small
+//! symmetric matrix; second differences of c are weighed by λ, and the bow by how flat boards are.
+
+use super::gate::BOARD_BOW_MM;
+use super::plane_view::PlaneView;
+use crate::geometry::{DepthField, FIELD_COLUMNS, FIELD_ROWS, FIELD_SIZE, FieldRectangle, REFERENCE_DEPTH_MM};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+/// Weights of roughness that are tried.
+pub(super) const LAMBDAS: [f64; 7] = [0.01, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4];
+const BOW: usize = 3;
+const SIZE: usize = FIELD_SIZE + BOW;
+/// Of two fields that explain the same the smaller one is taken.
+const RIDGE: f64 = 1e-6;
+/// Standard deviation of a block that the bow's weight is stated for, mm.
+const BLOCK_MM: f64 = 0.05;
+
+/// A scan with its plane projected out.
+pub(super) struct Fit {
+    design: DMatrix<f64>,
+    read_mm: DVector<f64>,
+    information: DMatrix<f64>,
+    right: DVector<f64>,
+}
+
+/// The field and the bow.
+pub(super) struct Solved {
+    pub coefficients_mm: [f64; FIELD_SIZE],
+    pub bow_mm: f64,
+    all: DVector<f64>,
+}
+
+/// How scans that were left out are foretold.
+pub(super) struct LeftOut {
+    pub rms_mm: f64,
+    /// What is left in each block of each scan, mm.
+    pub residuals_mm: Vec<Vec<f64>>,
+}
+
+impl Fit {
+    /// `None` where the blocks hold no plane.
+    pub fn of(view: &PlaneView, over: &FieldRectangle) -> Option<Fit> {
+        let count = view.blocks.len();
+        let plane_rows = |index: usize| {
+            let block = &view.blocks[index];
+            Vector3::new(1.0, block.direction[0], block.direction[1]) / block.per_depth.powi(2)
+        };
+        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+        for index in 0..count {
+            let row = plane_rows(index);
+            normal += row * row.transpose();
+            right += row / view.blocks[index].per_depth;
+        }
+        let inverse = normal.try_inverse()?;
+        let steepness = (inverse * right).norm();
+        let mut design = DMatrix::zeros(count, SIZE);
+        let mut read_mm = DVector::zeros(count);
+        for (index, block) in view.blocks.iter().enumerate() {
+            let z_mm = 1.0 / block.per_depth;
+            read_mm[index] = -z_mm;
+            let scale = (z_mm / REFERENCE_DEPTH_MM).powi(2);
+            for (column, weight) in over.weights(block.direction).into_iter().enumerate() {
+                design[(index, column)] = scale * weight;
+            }
+            let [u, v] = block.place_mm.map(|mm| mm / view.half_diagonal_mm);
+            for (k, height) in [u * u, u * v, v * v].into_iter().enumerate() {
+                design[(index, FIELD_SIZE + k)] = z_mm * steepness * height;
+            }
+        }
+        let plane = DMatrix::from_fn(count, 3, |row, column| plane_rows(row)[column]);
+        let inverse = DMatrix::from_fn(3, 3, |row, column| inverse[(row, column)]);
+        let read_mm = &read_mm - &plane * (&inverse * (plane.transpose() * &read_mm));
+        let design = &design - &plane * (&inverse * (plane.transpose() * &design));
+        let (information, right) = (design.transpose() * &design, design.transpose() * &read_mm);
+        Some(Fit { design, read_mm, information, right })
+    }
+
+    fn residuals_mm(&self, solved: Option<&Solved>) -> Vec<f64> {
+        match solved {
+            Some(solved) => (&self.read_mm - &self.design * &solved.all).iter().copied().collect(),
+            None => self.read_mm.iter().copied().collect(),
+        }
+    }
+}
+
+/// The field that fits the scans best, with this weight of its roughness.
+pub(super) fn solve<'a>(fits: impl IntoIterator<Item = &'a Fit>, lambda: f64) -> Option<Solved> {
+    let mut information = penalty(lambda);
+    let mut right = DVector::zeros(SIZE);
+    for fit in fits {
+        information += &fit.information;
+        right += &fit.right;
+    }
+    let all = information.cholesky()?.solve(&right);
+    let coefficients_mm = std::array::from_fn(|k| all[k]);
+    let [a, b, c] = [0, 1, 2].map(|k| all[FIELD_SIZE + k]);
+    // The largest height on the unit circle of a form in u and v.
+    let bow_mm = ((a + c) / 2.0).abs() + ((a - c) / 2.0).hypot(b / 2.0);
+    Some(Solved { coefficients_mm, bow_mm, all })
+}
+
+/// Each scan as the others foretell it; without a weight, with no field at all.
+pub(super) fn left_out(fits: &[Fit], lambda: Option<f64>) -> Option<LeftOut> {
+    let residuals_mm: Vec<Vec<f64>> = match lambda {
+        None => fits.iter().map(|fit| fit.residuals_mm(None)).collect(),
+        Some(lambda) => (0..fits.len())
+            .map(|out| {
+                let others = fits.iter().enumerate().filter(|(index, _)| *index != out).map(|(_, fit)| fit);
+                Some(fits[out].residuals_mm(Some(&solve(others, lambda)?)))
+            })
+            .collect::<Option<_>>()?,
+    };
+    let all: Vec<f64> = residuals_mm.iter().flatten().copied().collect();
+    Some(LeftOut { rms_mm: rms(&all), residuals_mm })
+}
+
+pub(super) fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt()
+}
+
+/// The field's largest amount at these directions, beside what is linear over them, mm.
+pub(super) fn most_mm(field: &DepthField, directions: impl Iterator<Item = [f64; 2]>) -> f64 {
+    let all: Vec<(Vector3<f64>, f64)> =
+        directions.map(|at| (Vector3::new(1.0, at[0], at[1]), field.at_mm(at))).collect();
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for (row, mm) in &all {
+        normal += row * row.transpose();
+        right += row * *mm;
+    }
+    let linear = normal.try_inverse().map_or(Vector3::zeros(), |inverse| inverse * right);
+    all.iter().map(|(row, mm)| (mm - row.dot(&linear)).abs()).fold(0.0, f64::max)
+}
+
+fn penalty(lambda: f64) -> DMatrix<f64> {
+    let mut penalty = DMatrix::from_diagonal_element(SIZE, SIZE, RIDGE);
+    let mut add = |indices: [usize; 3]| {
+        for (i, a) in indices.iter().zip([1.0, -2.0, 1.0]) {
+            for (j, b) in indices.iter().zip([1.0, -2.0, 1.0]) {
+                penalty[(*i, *j)] += lambda * a * b;
+            }
+        }
+    };
+    for row in 0..FIELD_ROWS {
+        for column in 0..FIELD_COLUMNS {
+            let at = row * FIELD_COLUMNS + column;
+            if column + 2 < FIELD_COLUMNS {
+                add([at, at + 1, at + 2]);
+            }
+            if row + 2 < FIELD_ROWS {
+                add([at, at + FIELD_COLUMNS, at + 2 * FIELD_COLUMNS]);
+            }
+        }
+    }
+    for k in FIELD_SIZE..SIZE {
+        penalty[(k, k)] += (BLOCK_MM / BOARD_BOW_MM).powi(2);
+    }
+    penalty
+}

@@ -1,0 +1,116 @@
+//! The gate: may a camera's measured errors be used, must a person look, or are they refused?
+
+use super::ScannerErrors;
+use super::plane_view::PlaneView;
+use crate::geometry::FieldRectangle;
+use crate::verdict::{Check, SetBy};
+use crate::words::apart;
+
+/// Fewer places tell nothing of a working volume.
+pub const MIN_PLACES: usize = 8;
+/// A calibration board is flat within this over half of its diagonal, standard deviation, mm.
+pub const BOARD_BOW_MM: f64 = 0.15;
+/// … and a board beyond this is no calibration board, mm.
+const MOST_BOW_MM: f64 = 0.5;
+/// Share of the picture in which at least two scans have the board.
+const COVERED: f64 = 0.6;
+/// Farthest depth over nearest.
+const DEPTHS: f64 = 1.15;
+/// The board is turned in its plane by so much, or its bow is taken for the camera's, degrees.
+const TURNED_DEG: f64 = 40.0;
+/// A smooth error beyond the first is to be looked at, beyond the second the camera is not used, mm.
+const SMOOTH_MM: [f64; 2] = [0.3, 1.0];
+/// Distances that are longer or shorter by more than this are to be looked at, percent.
+const SCALE_PERCENT: f64 = 0.3;
+/// Parts of the picture that are counted, across and down.
+const PARTS: [usize; 2] = [8, 6];
+
+/// Every number that is judged.
+pub fn checks(found: &ScannerErrors) -> Vec<Check> {
+    let [review_mm, reject_mm] = SMOOTH_MM;
+    let is_bad = found.smooth_mm > reject_mm;
+    let smooth = Check::new("smooth error of a scan", "mm", found.smooth_mm)
+        .at_most(if is_bad { reject_mm } else { review_mm }, SetBy::Program);
+    let words = || {
+        let [is, most] = apart(found.smooth_mm, if is_bad { reject_mm } else { review_mm }, 2);
+        format!(
+            "scans of a flat board are off a plane by {is} mm where it is not the same each time, allowed is {most} mm; warm the camera up, look at \
+             its exposure, and have it calibrated by its maker"
+        )
+    };
+    let smooth =
+        if is_bad { smooth.rejects("scanner_smooth", words) } else { smooth.reviews("scanner_smooth", words) };
+    vec![
+        smooth,
+        Check::new("share of the picture in which two scans have the board", "%", 100.0 * found.covered)
+            .at_least(100.0 * COVERED, SetBy::Program)
+            .reviews("scanner_covered", || {
+                let [is, least] = apart(100.0 * found.covered, 100.0 * COVERED, 0);
+                format!("boards cover {is} % of the picture, {least} % are needed; hold the board in its corners, too")
+            }),
+        Check::new("farthest over nearest place of the board", "", found.depths_mm[1] / found.depths_mm[0])
+            .at_least(DEPTHS, SetBy::Program)
+            .reviews("scanner_depths", || {
+                let [is, least] = apart(found.depths_mm[1] / found.depths_mm[0], DEPTHS, 2);
+                format!("the farthest board is {is} times as far as the nearest, {least} is needed; hold it nearer and farther")
+            }),
+        Check::new("the board's turns in its plane", "°", found.turned_deg)
+            .at_least(TURNED_DEG, SetBy::Program)
+            .reviews("scanner_turned", || {
+                let [is, least] = apart(found.turned_deg, TURNED_DEG, 0);
+                format!(
+                    "the board is turned by {is}° in its plane, {least}° are needed: else its own bow counts as the camera's; turn it upright in some scans"
+                )
+            }),
+        Check::new("the board's bow", "mm", found.bow_mm).at_most(MOST_BOW_MM, SetBy::Program).reviews(
+            "scanner_board",
+            || {
+                let [is, most] = apart(found.bow_mm, MOST_BOW_MM, 2);
+                format!("the board is bowed by {is} mm, allowed is {most} mm; take a stiff one")
+            },
+        ),
+        Check::new("scale of distances", "%", found.scale_percent.abs())
+            .at_most(SCALE_PERCENT, SetBy::Program)
+            .reviews("scanner_scale", || {
+                let [is, most] = apart(found.scale_percent.abs(), SCALE_PERCENT, 2);
+                format!(
+                    "distances on the board are off by {is} %, allowed is {most} %; measure the board's squares, and have the camera calibrated by its maker"
+                )
+            }),
+        Check::new("correlation as long as the board", "", f64::from(u8::from(found.is_longer_than_boards)))
+            .at_most(0.0, SetBy::Program)
+            .reviews("scanner_board_small", || {
+                "the smooth error is alike over lengths as long as the board or longer; take a larger board".to_owned()
+            }),
+    ]
+}
+
+/// Share of the picture's parts in which at least two scans have blocks.
+pub(super) fn covered(views: &[PlaneView], over: &FieldRectangle) -> f64 {
+    let mut counts = vec![0_usize; PARTS[0] * PARTS[1]];
+    for view in views {
+        let mut own: Vec<usize> = view.blocks.iter().filter_map(|block| part(block.direction, over)).collect();
+        own.sort_unstable();
+        own.dedup();
+        own.into_iter().for_each(|part| counts[part] += 1);
+    }
+    counts.iter().filter(|count| **count >= 2).count() as f64 / counts.len() as f64
+}
+
+fn part(direction: [f64; 2], over: &FieldRectangle) -> Option<usize> {
+    let share = |axis: usize| {
+        let share = (direction[axis] - over.from[axis]) / (over.to[axis] - over.from[axis]);
+        (0.0..1.0).contains(&share).then(|| (share * PARTS[axis] as f64) as usize)
+    };
+    Some(share(1)? * PARTS[0] + share(0)?)
+}
+
+/// The largest angle between two turns of the board, 0 to 90°: a bow looks the same turned by 180°.
+pub(super) fn turned_deg(views: &[PlaneView]) -> f64 {
+    let between = |a: f64, b: f64| {
+        let off = (a - b).rem_euclid(180.0);
+        off.min(180.0 - off)
+    };
+    let pairs = views.iter().flat_map(|a| views.iter().map(move |b| between(a.turn_deg, b.turn_deg)));
+    pairs.fold(0.0, f64::max)
+}

@@ -1,0 +1,143 @@
+//! The 3D camera's own errors, measured with a flat board in many places of the working volume.
+//!
+//! A plane before the camera is linear in the directions (x, y) = (X/Z, Y/Z): 1/z = a + b x + c y. What a scan of a flat board leaves
+//! of that is the camera's error, in five parts:
+//! - white noise, from pixel to pixel, which grows with z²;
+//! - what is the same in each scan (`field`): a correction, kept only where scans that were left out are foretold by it;
+//! - what is smooth and differs from scan to scan (`spread`): its size and over what length it is alike, by restricted maximum
+//!   likelihood, since a plane through the board takes a part of it away;
+//! - the board's own bow, which turns with the board and so is told apart;
+//! - scale: distances between corners, as measured and as printed.
+//!
+//! Not measured: errors that turn a plane into another plane, which no flat board shows; lenses (`intrinsics`).
+
+mod field;
+mod gate;
+mod plane_view;
+mod spread;
+
+#[cfg(test)]
+mod tests;
+
+pub use gate::{BOARD_BOW_MM, MIN_PLACES, checks};
+pub use plane_view::{Block, BoardScan, PlaneView};
+
+use super::error::CalibError;
+use crate::geometry::{Camera, DepthField, FieldRectangle, PinholeCamera, Pixel};
+use field::Fit;
+
+/// What was found of a camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScannerErrors {
+    /// White noise of a pixel at the reference depth, standard deviation, mm.
+    pub white_mm: f64,
+    /// The smooth error of one scan, after the correction where there is one: standard deviation, mm.
+    pub smooth_mm: f64,
+    /// Over squares of this side it is alike, mm.
+    pub correlation_mm: f64,
+    /// The same, 95 %.
+    pub correlation_between_mm: [f64; 2],
+    /// Is the correlation as long as the boards can show, or longer?
+    pub is_longer_than_boards: bool,
+    /// What scans that were left out are off the plane, rms, mm, without a correction.
+    pub left_out_plain_mm: f64,
+    /// The same with the correction that the others say, where that is better.
+    pub left_out_corrected_mm: Option<f64>,
+    /// The correction; none where nothing is the same in each scan.
+    pub field: Option<DepthField>,
+    /// Its largest amount at the reference depth where boards were, mm.
+    pub field_most_mm: f64,
+    /// Bow of the board over half of its diagonal, mm.
+    pub bow_mm: f64,
+    /// Measured over printed distances, less one, percent: the mean over scans.
+    pub scale_percent: f64,
+    /// Its standard deviation from scan to scan, percent.
+    pub scale_deviation_percent: f64,
+    /// Share of the picture in which at least two scans have the board.
+    pub covered: f64,
+    /// Depths of the boards' middles, least and greatest, mm.
+    pub depths_mm: [f64; 2],
+    /// Between which angles the board was turned in its plane, degrees.
+    pub turned_deg: f64,
+    /// The boards' planes, rms of what is left after the correction, each scan, mm.
+    pub residuals_mm: Vec<f64>,
+}
+
+/// The directions of a camera's whole picture; `None` where its corners have no ray.
+pub fn rectangle(camera: &PinholeCamera) -> Option<FieldRectangle> {
+    let [right, low] = [camera.width_px, camera.height_px].map(|count| count as f64 - 1.0);
+    let corners = [[0.0, 0.0], [right, 0.0], [0.0, low], [right, low]];
+    let rays = corners.map(|[u, v]| camera.unproject::<Camera>(Pixel::at(u, v)));
+    let mut over = FieldRectangle { from: [f64::INFINITY; 2], to: [f64::NEG_INFINITY; 2] };
+    for ray in rays {
+        let ray = ray?.mm;
+        for (axis, at) in [ray.x / ray.z, ray.y / ray.z].into_iter().enumerate() {
+            over.from[axis] = over.from[axis].min(at);
+            over.to[axis] = over.to[axis].max(at);
+        }
+    }
+    Some(over)
+}
+
+/// A part of what is the same in each scan, at least so much of it, makes a correction: the left-out rms falls to this share.
+const WORTH_IT: f64 = 0.9;
+
+/// Measures the camera's errors.
+///
+/// # Errors
+/// Where fewer scans than [`MIN_PLACES`] show the board, or boards fill no part of the picture.
+pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerErrors, CalibError> {
+    if views.len() < MIN_PLACES {
+        let message = format!(
+            "{} scans show the board flat and whole, {MIN_PLACES} are needed, at different places of the working volume",
+            views.len()
+        );
+        return Err(CalibError::Points(message));
+    }
+    let none = || CalibError::Points("the boards in the scans have too few points for a fit".to_owned());
+    let fits: Vec<Fit> = views.iter().map(|view| Fit::of(view, &over)).collect::<Option<_>>().ok_or_else(none)?;
+    let plain = field::left_out(&fits, None).ok_or_else(none)?;
+    let best = field::LAMBDAS
+        .iter()
+        .filter_map(|&lambda| Some((lambda, field::left_out(&fits, Some(lambda))?)))
+        .min_by(|a, b| a.1.rms_mm.total_cmp(&b.1.rms_mm));
+    let best = best.filter(|(_, left_out)| left_out.rms_mm <= WORTH_IT * plain.rms_mm);
+    let (solved, left_out) = match &best {
+        Some((lambda, left_out)) => (field::solve(&fits, *lambda), left_out),
+        None => (None, &plain),
+    };
+    let spread = spread::estimate(views, &left_out.residuals_mm).ok_or_else(none)?;
+    let field = solved.as_ref().map(|solved| DepthField { over, coefficients_mm: solved.coefficients_mm });
+    let rays = || views.iter().flat_map(|view| view.blocks.iter().map(|block| block.direction));
+    let field_most_mm = field.map_or(0.0, |field| field::most_mm(&field, rays()));
+    let scales: Vec<f64> = views.iter().map(|view| view.scale_percent(field.as_ref())).collect();
+    let (scale_percent, scale_deviation_percent) = mean_and_deviation(&scales);
+    let mut whites: Vec<f64> = views.iter().map(|view| view.white_mm).collect();
+    let depths = views.iter().map(|view| view.depth_mm);
+    let residuals = left_out.residuals_mm.iter().map(|all| field::rms(all)).collect();
+    Ok(ScannerErrors {
+        white_mm: crate::geometry::median_between(&mut whites).unwrap_or(f64::NAN),
+        smooth_mm: spread.deviation_mm,
+        correlation_mm: spread.correlation_mm,
+        correlation_between_mm: spread.between_mm,
+        is_longer_than_boards: spread.is_at_end,
+        left_out_plain_mm: plain.rms_mm,
+        left_out_corrected_mm: best.as_ref().map(|(_, left_out)| left_out.rms_mm),
+        field,
+        field_most_mm,
+        bow_mm: solved.map_or(0.0, |solved| solved.bow_mm),
+        scale_percent,
+        scale_deviation_percent,
+        covered: gate::covered(views, &over),
+        depths_mm: [depths.clone().fold(f64::INFINITY, f64::min), depths.fold(0.0, f64::max)],
+        turned_deg: gate::turned_deg(views),
+        residuals_mm: residuals,
+    })
+}
+
+fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let squares = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+    (mean, (squares / (count - 1.0).max(1.0)).sqrt())
+}

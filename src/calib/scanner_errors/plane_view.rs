@@ -1,0 +1,201 @@
+//! A scan of the flat board, reduced to blocks: in each a robust mean of 1/z, and what a pixel is off it.
+
+use super::super::board::{Board, Corners};
+use super::super::chain::BoardObservation;
+use super::super::detect;
+use super::super::error::CalibError;
+use super::super::pose::board_pose;
+use crate::geometry::{
+    Camera, DepthField, OrganizedCloud, PinholeCamera, Point, REFERENCE_DEPTH_MM, median_between,
+};
+use nalgebra::{Matrix3, Vector3};
+
+/// Blocks along each side of the board.
+const BLOCKS: usize = 16;
+/// So much of the outer squares counts as board, too.
+const OUTER: f64 = 0.8;
+/// Points farther from the board's pose than this share of the depth are of something else.
+const NEAR: f64 = 0.02;
+/// A block needs this share of the points of the usual one.
+const FILLED: f64 = 0.3;
+/// The board needs so many filled blocks.
+const MIN_BLOCKS: usize = 40;
+/// A median absolute deviation of normal noise times this is its standard deviation.
+const OF_NORMAL: f64 = 1.4826;
+
+/// A scan that shows the board.
+pub struct BoardScan<'a> {
+    /// Its points.
+    pub cloud: &'a OrganizedCloud<Camera>,
+    /// Its camera.
+    pub camera: &'a PinholeCamera,
+    /// The board.
+    pub board: &'a Board,
+    /// The board's corners in its picture.
+    pub corners: &'a Corners,
+}
+
+/// A block of the board's points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Block {
+    /// Its direction, (X/Z, Y/Z).
+    pub direction: [f64; 2],
+    /// Its place on the board, from the board's middle, mm.
+    pub place_mm: [f64; 2],
+    /// 1/z, 1/mm.
+    pub per_depth: f64,
+}
+
+/// A scan as blocks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlaneView {
+    /// The blocks that have points enough.
+    pub blocks: Vec<Block>,
+    /// White noise of a pixel at the reference depth, mm.
+    pub white_mm: f64,
+    /// Depth of the board's middle, mm.
+    pub depth_mm: f64,
+    /// How the board is turned in its plane, degrees.
+    pub turn_deg: f64,
+    /// Half of the board's diagonal, mm.
+    pub half_diagonal_mm: f64,
+    corners: Vec<([f64; 2], Point<Camera>)>,
+}
+
+/// A point on the board.
+struct Sample {
+    direction: [f64; 2],
+    place_mm: [f64; 2],
+    per_depth: f64,
+    block: usize,
+}
+
+impl PlaneView {
+    /// The blocks of a scan.
+    ///
+    /// # Errors
+    /// Where the corners give no pose, or the board has too few points.
+    pub fn of(scan: &BoardScan<'_>) -> Result<Self, CalibError> {
+        let pose = board_pose::<Camera>(scan.camera, &BoardObservation::Pixels(scan.corners.clone()))?;
+        let middle = scan.board.middle();
+        let samples = samples(scan, &pose.camera_from_board);
+        let few = || {
+            CalibError::Points("too few points on the board; look at the exposure, and at glare on it".to_owned())
+        };
+        let plane = plane(&samples).ok_or_else(few)?;
+        let off_mm =
+            |sample: &Sample| -(sample.per_depth - along(&plane, sample.direction)) / sample.per_depth.powi(2);
+        let mut by_block: Vec<Vec<&Sample>> = (0..BLOCKS * BLOCKS).map(|_| Vec::new()).collect();
+        samples.iter().for_each(|sample| by_block[sample.block].push(sample));
+        let mut counts: Vec<f64> =
+            by_block.iter().filter(|all| !all.is_empty()).map(|all| all.len() as f64).collect();
+        let usual = median_between(&mut counts).ok_or_else(few)?;
+        let filled = by_block.iter().filter(|all| all.len() as f64 >= FILLED * usual && all.len() > 4);
+        let (mut blocks, mut apart) = (Vec::new(), Vec::new());
+        for all in filled {
+            let mut off: Vec<f64> = all.iter().map(|sample| off_mm(sample)).collect();
+            let Some(middle_mm) = median_between(&mut off) else { continue };
+            let mean = |of: fn(&Sample) -> f64| all.iter().map(|one| of(one)).sum::<f64>() / all.len() as f64;
+            let direction = [mean(|one| one.direction[0]), mean(|one| one.direction[1])];
+            let on_plane = along(&plane, direction);
+            apart.extend(
+                all.iter()
+                    .map(|one| (off_mm(one) - middle_mm).abs() * (one.per_depth * REFERENCE_DEPTH_MM).powi(2)),
+            );
+            blocks.push(Block {
+                direction,
+                place_mm: [mean(|one| one.place_mm[0]), mean(|one| one.place_mm[1])],
+                per_depth: on_plane - middle_mm * on_plane * on_plane,
+            });
+        }
+        if blocks.len() < MIN_BLOCKS {
+            return Err(few());
+        }
+        let white_mm = OF_NORMAL * median_between(&mut apart).ok_or_else(few)?;
+        let turn = pose.camera_from_board.rotation();
+        let corners = match detect::measured(scan.cloud, scan.camera, scan.corners) {
+            BoardObservation::Points(points) => {
+                points.into_iter().map(|(at, point)| ([at.mm.x, at.mm.y], point)).collect()
+            }
+            BoardObservation::Pixels(_) => Vec::new(),
+        };
+        let first = scan.board.corner(0, 0).unwrap_or(middle);
+        Ok(PlaneView {
+            blocks,
+            white_mm,
+            depth_mm: (pose.camera_from_board * middle).mm.z,
+            turn_deg: turn.matrix()[(1, 0)].atan2(turn.matrix()[(0, 0)]).to_degrees(),
+            half_diagonal_mm: (first - middle).mm.norm(),
+            corners,
+        })
+    }
+
+    /// Distances between corners as measured over those printed, less one, percent.
+    pub fn scale_percent(&self, field: Option<&DepthField>) -> f64 {
+        let count = self.corners.len() as f64;
+        let measured: Vec<Vector3<f64>> =
+            self.corners.iter().map(|(_, point)| corrected(point.mm.coords, field)).collect();
+        let mean = measured.iter().sum::<Vector3<f64>>() / count;
+        let spread: f64 = measured.iter().map(|point| (point - mean).norm_squared()).sum();
+        let middle = [0, 1].map(|axis| self.corners.iter().map(|(at, _)| at[axis]).sum::<f64>() / count);
+        let printed: f64 =
+            self.corners.iter().map(|(at, _)| (at[0] - middle[0]).powi(2) + (at[1] - middle[1]).powi(2)).sum();
+        100.0 * ((spread / printed).sqrt() - 1.0)
+    }
+}
+
+fn corrected(point: Vector3<f64>, field: Option<&DepthField>) -> Vector3<f64> {
+    let Some(field) = field else { return point };
+    let off = field.at_mm([point.x / point.z, point.y / point.z]) * point.z / REFERENCE_DEPTH_MM.powi(2);
+    point / (1.0 + off)
+}
+
+fn samples(
+    scan: &BoardScan<'_>,
+    camera_from_board: &crate::geometry::Rigid<Camera, crate::geometry::Board>,
+) -> Vec<Sample> {
+    let (board, middle) = (scan.board, scan.board.middle().mm);
+    let board_from_camera = camera_from_board.inverse();
+    let outer_mm = OUTER * board.square_mm();
+    let least = [-outer_mm, -outer_mm];
+    let span = [board.columns(), board.rows()].map(|count| (count - 1) as f64 * board.square_mm() + 2.0 * outer_mm);
+    let sample = |point: Point<Camera>| {
+        let on = (board_from_camera * point).mm;
+        let share = [(on.x - least[0]) / span[0], (on.y - least[1]) / span[1]];
+        let inside = share.iter().all(|share| (0.0..1.0).contains(share)) && on.z.abs() < NEAR * point.mm.z;
+        inside.then(|| Sample {
+            direction: [point.mm.x / point.mm.z, point.mm.y / point.mm.z],
+            place_mm: [on.x - middle.x, on.y - middle.y],
+            per_depth: 1.0 / point.mm.z,
+            block: (share[1] * BLOCKS as f64) as usize * BLOCKS + (share[0] * BLOCKS as f64) as usize,
+        })
+    };
+    scan.cloud.valid().filter_map(|(_, point)| sample(point)).collect()
+}
+
+fn along(plane: &Vector3<f64>, [x, y]: [f64; 2]) -> f64 {
+    plane.dot(&Vector3::new(1.0, x, y))
+}
+
+/// The plane through most of the points.
+fn plane(samples: &[Sample]) -> Option<Vector3<f64>> {
+    let mut plane = of_kept(samples.iter())?;
+    for _ in 0..2 {
+        let mut off: Vec<f64> =
+            samples.iter().map(|one| (one.per_depth - along(&plane, one.direction)).abs()).collect();
+        let most = 4.0 * OF_NORMAL * median_between(&mut off)?;
+        let kept = samples.iter().filter(|one| (one.per_depth - along(&plane, one.direction)).abs() <= most);
+        plane = of_kept(kept)?;
+    }
+    Some(plane)
+}
+
+fn of_kept<'a>(samples: impl Iterator<Item = &'a Sample>) -> Option<Vector3<f64>> {
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for one in samples {
+        let row = Vector3::new(1.0, one.direction[0], one.direction[1]);
+        normal += row * row.transpose();
+        right += row * one.per_depth;
+    }
+    normal.cholesky().map(|found| found.solve(&right))
+}

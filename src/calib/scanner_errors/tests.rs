@@ -1,0 +1,80 @@
+//! Scans of a rendered board by a camera whose errors are known.
+
+use super::*;
+use crate::calib::Board;
+use crate::geometry::{Camera, OrganizedCloud, PinholeCamera};
+use crate::sim::{BoardCell, BoardPrint, RobotNoise, ScannerDistortion};
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+
+const STILL: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
+
+fn over(camera: &PinholeCamera) -> FieldRectangle {
+    rectangle(camera).expect("rays")
+}
+
+/// A camera's scans of a board, some of them far and in the corners.
+fn views(seed: u64, count: usize, distortion: &ScannerDistortion) -> (Vec<PlaneView>, PinholeCamera) {
+    let print = BoardPrint::chessboard(8, 6, 30.0);
+    let cell = BoardCell::new(seed, print, STILL).with_reduction(4);
+    let board = Board::parse("8x6", 30.0).expect("a board");
+    let camera = cell.scanner();
+    let views = cell
+        .scanner_shots(count)
+        .par_iter()
+        .map(|shot| {
+            let corners = cell.corners(&camera, shot, 0.05);
+            let cloud: OrganizedCloud<Camera> = cell.real_scan(shot, distortion);
+            let scan = BoardScan { cloud: &cloud, camera: &camera, board: &board, corners: &corners };
+            PlaneView::of(&scan).expect("a board")
+        })
+        .collect();
+    (views, camera)
+}
+
+/// What is left of the true error where boards were, beside what turns planes into planes: rms, mm.
+fn left_mm(found: &ScannerErrors, distortion: &ScannerDistortion, views: &[PlaneView]) -> [f64; 2] {
+    let of = |value: &dyn Fn([f64; 2]) -> f64| {
+        let (mut normal, mut right, mut all) = (Matrix3::zeros(), Vector3::zeros(), Vec::new());
+        for block in views.iter().flat_map(|view| &view.blocks) {
+            let row = Vector3::new(1.0, block.direction[0], block.direction[1]);
+            let mm = value(block.direction);
+            normal += row * row.transpose();
+            right += row * mm;
+            all.push((row, mm));
+        }
+        let linear = normal.try_inverse().expect("a plane") * right;
+        (all.iter().map(|(row, mm)| (mm - row.dot(&linear)).powi(2)).sum::<f64>() / all.len() as f64).sqrt()
+    };
+    let field = found.field.expect("a correction");
+    [of(&|at| distortion.at_mm(at)), of(&|at| distortion.at_mm(at) - field.at_mm(at))]
+}
+
+#[test]
+fn what_is_the_same_each_time_is_found() {
+    let distortion = ScannerDistortion::of(5, 1.0);
+    let (views, camera) = views(7, 16, &distortion);
+    let found = measure(&views, over(&camera)).expect("measured");
+    println!("{found:?}");
+    let [before_mm, after_mm] = left_mm(&found, &distortion, &views);
+    println!("true error {before_mm:.3} mm rms, after the correction {after_mm:.3} mm");
+    assert!(before_mm > 0.1 && after_mm < 0.25 * before_mm, "{before_mm} {after_mm}");
+    let corrected_mm = found.left_out_corrected_mm.expect("better");
+    assert!(corrected_mm < 0.6 * found.left_out_plain_mm);
+    // The simulator's: 0.06 mm rms at the nodes of a lattice of 50 to 85 mm, so that 0.06 · 67 = 4.0 mm² of area and size.
+    let product = found.smooth_mm * found.correlation_mm;
+    assert!((2.8..5.6).contains(&product), "{product}");
+    assert!((found.white_mm - 0.055).abs() < 0.008, "{}", found.white_mm);
+}
+
+#[test]
+fn nothing_is_corrected_where_nothing_is_the_same() {
+    let none = ScannerDistortion::of(5, 0.0);
+    let (views, camera) = views(11, 12, &none);
+    let found = measure(&views, over(&camera)).expect("measured");
+    println!("{found:?}");
+    assert_eq!((found.field, found.left_out_corrected_mm), (None, None));
+    assert!(found.scale_percent.abs() < 0.1 && found.bow_mm == 0.0, "{found:?}");
+    let few = measure(&views[..7], over(&camera)).expect_err("few").to_string();
+    assert!(few.contains("7 scans") && few.contains("8 are needed"), "{few}");
+}

@@ -1,0 +1,144 @@
+//! `panelprep calibrate scanner`: the 3D camera's own errors, from scans of a flat board in many places.
+
+use super::super::disk;
+use super::super::fault::Fault;
+use super::super::outcome::Outcome;
+use super::args::Scanner as Args;
+use super::boards;
+use super::date;
+use super::keeping::{keep, provenance};
+use super::sight::Sight;
+use crate::calib::scanner_errors::{BoardScan, PlaneView, ScannerErrors, checks, measure, rectangle};
+use crate::calib::{Board, CalibError};
+use crate::cell::{Intrinsics, MeasuredScanner};
+use crate::geometry::PinholeCamera;
+use crate::verdict::{Judgement, Reason};
+use crate::words::fixed;
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// A scan that was read: its name, its hash, and its blocks, or why there are none.
+type Read = (String, String, Result<PlaneView, CalibError>);
+
+/// Measures the errors and writes the lens's file with them.
+///
+/// # Errors
+/// Where a file is not what it must be, or the disk refuses.
+pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
+    let board = boards::board(&args.board)?;
+    let lens = Intrinsics::check(&args.intrinsics.display().to_string(), &disk::read_text(&args.intrinsics)?)?;
+    let done = AtomicUsize::new(0);
+    let read = |file: &std::path::PathBuf| {
+        let one = read(file, (&board, boards::window(&args.board)), &lens.camera);
+        progress(&format!("scans: {} of {}", done.fetch_add(1, Ordering::Relaxed) + 1, args.scans.len()));
+        one
+    };
+    let all: Vec<Read> = args.scans.par_iter().map(read).collect::<Result<_, Fault>>()?;
+    let views: Vec<PlaneView> = all.iter().filter_map(|(_, _, view)| view.as_ref().ok().cloned()).collect();
+    progress("errors");
+    let over = rectangle(&lens.camera).ok_or_else(|| {
+        Fault::stage(CalibError::Points("the lens gives the picture's corners no ray".to_owned()))
+    })?;
+    let found = match measure(&views, over) {
+        Ok(found) => found,
+        Err(error) => return Ok(refused(error.to_string(), &all, args)),
+    };
+    let checks = checks(&found);
+    let judgement = Judgement::of_checks(&checks);
+    let mut outcome = Outcome::of(&judgement);
+    outcome.put_checks(&checks);
+    tell(&mut outcome, &found, &all);
+    let used = all.iter().filter(|(_, _, view)| view.is_ok());
+    let made = provenance(used.map(|(_, hash, _)| hash.clone()).collect(), found.residuals_mm.clone());
+    let measured = MeasuredScanner {
+        white_mm: found.white_mm,
+        smooth_mm: found.smooth_mm,
+        correlation_mm: found.correlation_mm,
+        scale_percent: found.scale_percent,
+        scale_deviation_percent: found.scale_deviation_percent,
+        places: views.len(),
+        field: found.field,
+        date: date::today(),
+        provenance: made,
+    };
+    let text = Intrinsics { errors: Some(measured), ..lens }.to_toml();
+    Intrinsics::check(&args.out.display().to_string(), &text)?;
+    keep(&mut outcome, &judgement, &args.out, &text)?;
+    Ok(outcome)
+}
+
+fn read(file: &Path, (board, window): (&Board, Option<usize>), camera: &PinholeCamera) -> Result<Read, Fault> {
+    let sight = Sight::read(file, camera)?;
+    let Some(cloud) = sight.cloud() else {
+        let message = format!("{}: a scan is needed, .pcd or .ply; a picture has no depth", file.display());
+        return Err(Fault::stage(CalibError::Points(message)));
+    };
+    let view = sight.detect(board, window).and_then(|detected| {
+        let scan = BoardScan { cloud, camera, board, corners: &detected.corners };
+        PlaneView::of(&scan)
+    });
+    Ok((sight.name.clone(), sight.hash.clone(), view))
+}
+
+/// Scans that say nothing: a verdict.
+fn refused(message: String, all: &[Read], args: &Args) -> Outcome {
+    let judgement = Judgement::of(vec![Reason::new("scanner_places", message)], vec![]);
+    let mut outcome = Outcome::of(&judgement);
+    outcome.put("smooth_mm", Value::Null);
+    tell_aside(&mut outcome, all);
+    outcome.say(format!("{}: not written", args.out.display()));
+    outcome
+}
+
+fn tell_aside(outcome: &mut Outcome, all: &[Read]) {
+    for (name, _, view) in all {
+        if let Err(error) = view {
+            outcome.say(format!("{name}: left out: {error}"));
+        }
+    }
+}
+
+fn tell(outcome: &mut Outcome, found: &ScannerErrors, all: &[Read]) {
+    let [low_mm, high_mm] = found.correlation_between_mm.map(|mm| fixed(mm, 0));
+    outcome.say(format!("white noise of a pixel {} mm at 700 mm", fixed(found.white_mm, 3)));
+    outcome.say(format!(
+        "smooth error of a scan {} mm, alike over {} mm (95 %: {low_mm} to {high_mm} mm)",
+        fixed(found.smooth_mm, 3),
+        fixed(found.correlation_mm, 0)
+    ));
+    let plain = fixed(found.left_out_plain_mm, 3);
+    outcome.say(match found.left_out_corrected_mm {
+        Some(corrected_mm) => format!(
+            "the same in each scan: up to {} mm at 700 mm, which is taken off from now on; scans that were left out are {plain} mm rms off a plane without that, \
+             {} mm with it",
+            fixed(found.field_most_mm, 2),
+            fixed(corrected_mm, 3)
+        ),
+        None => format!("nothing is the same in each scan: they are {plain} mm rms off a plane, and a correction would make that no better"),
+    });
+    outcome.say(format!(
+        "distances are {} % too long, {} % from scan to scan; the board is bowed by {} mm",
+        fixed(found.scale_percent, 3),
+        fixed(found.scale_deviation_percent, 3),
+        fixed(found.bow_mm, 2)
+    ));
+    outcome.put("white_mm", json!(found.white_mm));
+    outcome.put("smooth_mm", json!(found.smooth_mm));
+    outcome.put("correlation_mm", json!(found.correlation_mm));
+    outcome.put("correlation_between_mm", json!(found.correlation_between_mm));
+    let left_out = json!({"plain_mm": found.left_out_plain_mm, "corrected_mm": found.left_out_corrected_mm});
+    outcome.put("left_out", left_out);
+    outcome.put("field_most_mm", json!(found.field.map(|_| found.field_most_mm)));
+    outcome.put("scale_percent", json!(found.scale_percent));
+    outcome.put("scale_deviation_percent", json!(found.scale_deviation_percent));
+    outcome.put("board_bow_mm", json!(found.bow_mm));
+    outcome.put("places", json!(found.residuals_mm.len()));
+    outcome.say("scan                  rms off its plane, mm".to_owned());
+    let used = all.iter().filter(|(_, _, view)| view.is_ok());
+    for ((name, _, _), rms_mm) in used.zip(&found.residuals_mm) {
+        outcome.say(format!("{name:20}  {}", fixed(*rms_mm, 3)));
+    }
+    tell_aside(outcome, all);
+}

@@ -1,0 +1,116 @@
+//! The part of a 3D camera's depth error that is the same in each scan, over the directions in its picture.
+//!
+//! A camera with structured light measures 1/z by triangulation, so that an error of its lens, its projector or their poses is an
+//! error of 1/z that depends on the direction (x, y) = (X/Z, Y/Z) alone. With the error c mm at the reference depth z₀,
+//!     1/z_true = 1/z + c(x, y) / z₀²,   δz = c(x, y) (z / z₀)²,                                          (1)
+//! where c is a uniform cubic B-spline over a rectangle of directions, and constant beyond its edges. What is linear in (x, y)
+//! turns planes into other planes and is no part of c: nothing flat can tell it.
+
+use super::cloud::OrganizedCloud;
+use super::frames::Camera;
+
+/// z₀ of (1), mm.
+pub const REFERENCE_DEPTH_MM: f64 = 700.0;
+/// Coefficients across the picture, and down.
+pub const FIELD_COLUMNS: usize = 9;
+/// Down.
+pub const FIELD_ROWS: usize = 7;
+/// All coefficients.
+pub const FIELD_SIZE: usize = FIELD_COLUMNS * FIELD_ROWS;
+
+/// c of (1).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthField {
+    /// Where it lies.
+    pub over: FieldRectangle,
+    /// Its coefficients row by row, mm at the reference depth.
+    pub coefficients_mm: [f64; FIELD_SIZE],
+}
+
+/// A rectangle of directions (X/Z, Y/Z).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FieldRectangle {
+    /// Its least x and y.
+    pub from: [f64; 2],
+    /// Its greatest.
+    pub to: [f64; 2],
+}
+
+impl FieldRectangle {
+    /// The weight of each coefficient at a direction; they add up to one.
+    pub fn weights(&self, direction: [f64; 2]) -> [f64; FIELD_SIZE] {
+        let along = |axis: usize, count: usize| {
+            let span = (self.to[axis] - self.from[axis]).max(f64::MIN_POSITIVE);
+            let intervals = (count - 3) as f64;
+            let at = ((direction[axis] - self.from[axis]) / span).clamp(0.0, 1.0) * intervals;
+            let first = (at.floor() as usize).min(count - 4);
+            (first, cubic(at - first as f64))
+        };
+        let ((column, across), (row, down)) = (along(0, FIELD_COLUMNS), along(1, FIELD_ROWS));
+        let mut weights = [0.0; FIELD_SIZE];
+        for (j, down) in down.iter().enumerate() {
+            for (i, across) in across.iter().enumerate() {
+                weights[(row + j) * FIELD_COLUMNS + column + i] = down * across;
+            }
+        }
+        weights
+    }
+}
+
+/// The four cubic B-splines that are not zero at `t` of an interval, 0…1.
+fn cubic(t: f64) -> [f64; 4] {
+    let (t2, t3) = (t * t, t * t * t);
+    [
+        (1.0 - 3.0 * t + 3.0 * t2 - t3) / 6.0,
+        (4.0 - 6.0 * t2 + 3.0 * t3) / 6.0,
+        (1.0 + 3.0 * t + 3.0 * t2 - 3.0 * t3) / 6.0,
+        t3 / 6.0,
+    ]
+}
+
+impl DepthField {
+    /// c at a direction, mm at the reference depth.
+    pub fn at_mm(&self, direction: [f64; 2]) -> f64 {
+        self.over.weights(direction).iter().zip(&self.coefficients_mm).map(|(weight, mm)| weight * mm).sum()
+    }
+
+    /// The scan without this error: each point moved along its ray by (1).
+    pub fn corrected(&self, scan: &OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
+        let per_mm = 1.0 / REFERENCE_DEPTH_MM.powi(2);
+        scan.along_rays(|[x, y, z]| 1.0 / (1.0 + z * self.at_mm([x / z, y / z]) * per_mm))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn field(mm: impl Fn(usize, usize) -> f64) -> DepthField {
+        let over = FieldRectangle { from: [-0.3, -0.2], to: [0.3, 0.2] };
+        DepthField { over, coefficients_mm: std::array::from_fn(|k| mm(k % FIELD_COLUMNS, k / FIELD_COLUMNS)) }
+    }
+
+    /// By hand: all coefficients 0.5 give 0.5 everywhere; those of a line give that line, here 0.1 mm from one column to the next,
+    /// of which six intervals cover the width: in the middle, at interval 3, the coefficients 3, 4, 5 weigh 1/6, 4/6, 1/6.
+    #[test]
+    fn constants_and_lines_are_themselves() {
+        assert!((field(|_, _| 0.5).at_mm([0.12, -0.05]) - 0.5).abs() < 1e-12);
+        let line = field(|column, _| 0.1 * column as f64);
+        assert!((line.at_mm([0.0, 0.0]) - 0.4).abs() < 1e-12, "{}", line.at_mm([0.0, 0.0]));
+        assert!((line.at_mm([0.1, 0.1]) - 0.5).abs() < 1e-12, "one interval is a sixth of the width");
+        assert_eq!(line.at_mm([0.3, 0.0]), line.at_mm([9.0, 0.0]), "constant beyond its edges");
+    }
+
+    /// By hand: 0.7 mm too deep at 700 mm is 0.7·(350/700)² = 0.175 mm too deep at 350 mm, to first order.
+    #[test]
+    fn a_scan_is_moved_along_its_rays() {
+        let points = vec![[0.0, 0.0, 350.0], [70.0, 35.0, 700.0], [f32::NAN; 3], [0.0, 0.0, 700.0]];
+        let scan = OrganizedCloud::<Camera>::new(2, 2, points, vec![[0; 3]; 4]).expect("organised");
+        let moved = field(|_, _| 0.7).corrected(&scan);
+        let z = |index| moved.point_at(index).map(|point| point.mm.z).unwrap_or(f64::NAN);
+        assert!((z(0) - (350.0 - 0.175)).abs() < 1e-3 && (z(3) - 699.3).abs() < 1e-3, "{} {}", z(0), z(3));
+        let point = moved.point_at(1).expect("there").mm;
+        assert!((point.x / point.z - 0.1).abs() < 1e-7 && (point.y / point.z - 0.05).abs() < 1e-7);
+        assert!(moved.point_at(2).is_none());
+    }
+}
