@@ -8,7 +8,7 @@ use super::service::{Service, taught};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 /// A post before the lower left grids: whether the panel is tested all the same is for a person to decide.
 const POST: &str = "\n[[keep_out]]\nname = \"post\"\nmin_mm = [480, 60, 0]\nmax_mm = [700, 260, 270]\n";
@@ -45,6 +45,64 @@ fn modules() -> Option<PathBuf> {
     (is_there && runs("node") && runs("chromium")).then_some(folder)
 }
 
+/// People with a browser who do what this script says.
+fn in_browser(script: &str, base: &str, (pictures, modules): (&Path, &Path)) -> Child {
+    Command::new("node")
+        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/page").join(script))
+        .args([base.as_ref(), pictures.as_os_str(), modules.as_os_str()])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("node starts")
+}
+
+/// The whole of a part without a mouse; the focus is always seen.
+#[test]
+fn a_part_is_run_and_signed_with_the_keyboard_alone() {
+    let Some(modules) = modules() else {
+        eprintln!("not run: node, chromium or target/browser is missing; make setup installs what it can");
+        return;
+    };
+    let folder = taught("clean");
+    let folder = folder.path();
+    let base = with_page(folder, POST);
+    ["operator", "inspector"].iter().for_each(|role| add_account(folder, role));
+    let service = Service::start(folder);
+    let pictures = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/page");
+    let browser = in_browser("keyboard.mjs", &base, (&pictures, &modules)).wait_with_output().expect("it ends");
+    let [told, problems] = [&browser.stdout, &browser.stderr].map(|text| String::from_utf8_lossy(text));
+    assert!(browser.status.success(), "{told}\n{problems}\n{}", service.log());
+    assert_eq!(told.lines().last(), Some("whole"), "{told}\n{problems}");
+    drop(service);
+    let store = panelprep::store::Store::open(&folder.join("cell/store")).expect("a store");
+    let signed = store.signed_by_persons(panelprep::record::CycleId(1)).expect("read");
+    assert!(signed.iter().any(|(_, signature)| signature.user == "inspector"), "{signed:?}");
+    let audit = store.audit(None, 1_000).expect("read");
+    let held = audit.iter().find(|line| line.entry.what == "hold").expect("a hold");
+    assert!(held.entry.subject.as_ref().is_some_and(|subject| subject.contains("a hair on the lens")), "{held:?}");
+}
+
+/// Two passes or one: what the robot executed of each is drawn, and told.
+#[test]
+fn scan_and_path_are_seen_in_three_dimensions() {
+    let Some(modules) = modules() else {
+        eprintln!("not run: node, chromium or target/browser is missing; make setup installs what it can");
+        return;
+    };
+    let folder = taught("good");
+    let folder = folder.path();
+    let base = with_page(folder, "");
+    add_account(folder, "viewer");
+    let service = Service::start(folder);
+    one_cycle(&service);
+    let pictures = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/page");
+    let browser = in_browser("scene.mjs", &base, (&pictures, &modules)).wait_with_output().expect("it ends");
+    let [told, problems] = [&browser.stdout, &browser.stderr].map(|text| String::from_utf8_lossy(text));
+    assert!(browser.status.success(), "{told}\n{problems}\n{}", service.log());
+    assert_eq!(told.lines().last(), Some("whole"), "{told}\n{problems}");
+}
+
 #[test]
 fn people_run_judge_and_sign_a_part_in_a_browser() {
     let Some(modules) = modules() else {
@@ -61,14 +119,7 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
     }
     let mut service = Some(Service::start(folder));
     let pictures = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/page");
-    let mut browser = Command::new("node")
-        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/page/browser.mjs"))
-        .args([base.as_ref(), pictures.as_os_str(), modules.as_os_str()])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("node starts");
+    let mut browser = in_browser("browser.mjs", &base, (&pictures, &modules));
     let mut told = Vec::new();
     for line in BufReader::new(browser.stdout.take().expect("its words")).lines() {
         let line = line.expect("text");

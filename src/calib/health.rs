@@ -216,6 +216,23 @@ pub fn health(
     Judgement::of(reject, vec![])
 }
 
+/// The last tenth of a verification's time.
+const SOON: f64 = 0.9;
+
+/// A verification that still counts, and will be too old soon.
+pub fn ends_soon(last: &Verification, now_unix_s: i64, demands: Demands) -> Option<Reason> {
+    let age_h = (now_unix_s - last.at_unix_s) as f64 / 3600.0;
+    let is_soon = last.struck.is_none() && age_h > SOON * demands.max_age_h && age_h <= demands.max_age_h;
+    is_soon.then(|| {
+        let (subject, advice) = (&last.subject, advice(&last.subject));
+        let [age, allowed] = apart(age_h, demands.max_age_h, 1);
+        let message = format!(
+            "{subject} was verified {age} h ago; no cycle starts once that is more than {allowed} h; {advice}"
+        );
+        Reason::new("verification_ends", message)
+    })
+}
+
 impl Verification {
     /// Whether it speaks of the calibration files with this hash: a person did not strike it out, and it used these files.
     pub fn counts_for(&self, calibration_hash: &str) -> bool {
@@ -284,6 +301,21 @@ mod tests {
     fn verified(error: f64, at_unix_s: i64) -> Verification {
         let subject = "scanner".to_owned();
         Verification { subject, error, limit: 0.5, calibration_hash: "ab".to_owned(), at_unix_s, struck: None }
+    }
+
+    /// By hand: of 24 h the last tenth begins after 21.6 h.
+    #[test]
+    fn a_verification_is_said_to_end_in_its_last_tenth() {
+        let now = 1_700_000_000;
+        let code = |hours: f64| {
+            let last = verified(0.2, now - (hours * 3_600.0) as i64);
+            ends_soon(&last, now, DEMANDS).map(|reason| reason.code.into_owned())
+        };
+        assert_eq!([code(21.5), code(24.1)], [None, None]);
+        assert_eq!([code(21.7), code(23.9)].map(|code| code.expect("soon")), ["verification_ends"; 2]);
+        let strike = Strike { by: "A. Smith".to_owned(), why: "another board".to_owned(), at_unix_s: now };
+        let struck = Verification { struck: Some(strike), ..verified(0.2, now - 23 * 3_600) };
+        assert_eq!(ends_soon(&struck, now, DEMANDS), None);
     }
 
     #[test]

@@ -3,9 +3,23 @@
 use super::calibrate::{force, now_unix_s};
 use super::fault::Fault;
 use super::load::CellFiles;
-use crate::calib::health::{CameraHealth, Demands, TOOL_FORCE, health, may_start};
+use crate::calib::health::{CameraHealth, Demands, TOOL_FORCE, ends_soon, health, may_start};
 use crate::store::calibration_hash;
-use crate::verdict::Judgement;
+use crate::verdict::{Judgement, Reason};
+
+/// The verifications of the cameras that end soon.
+///
+/// # Errors
+/// Where there is no store.
+pub fn ending(files: &CellFiles) -> Result<Vec<Reason>, Fault> {
+    let (store, demands) = (files.store()?, Demands::of(files.cell.limits()));
+    let mut ending = Vec::new();
+    for subject in ["scanner", "flange_camera"] {
+        let last = store.last_verification(subject).map_err(Fault::stage)?;
+        ending.extend(last.and_then(|last| ends_soon(&last, now_unix_s(), demands)));
+    }
+    Ok(ending)
+}
 
 /// Reads what [`may_start`] asks for.
 ///

@@ -73,7 +73,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let socket =
         Socket::listen(&path, files.cell.socket_role(), gateway.clone(), &supervisor).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
-    let page = operator_page(&files, gateway, view.clone())?;
+    let page = operator_page((&files, common), gateway, view.clone())?;
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
     let written = WrittenPage::default();
@@ -124,9 +124,14 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
 }
 
 /// Serves the operator's page, where the cell's file names an address for it.
-fn operator_page(files: &Arc<CellFiles>, gateway: Gateway, view: LiveView) -> Result<Option<OperatorPage>, Fault> {
+fn operator_page(
+    (files, common): (&Arc<CellFiles>, &Common),
+    gateway: Gateway,
+    view: LiveView,
+) -> Result<Option<OperatorPage>, Fault> {
     let page = files.cell.page().clone();
-    let setup = Arc::new(FolderSource { recipes: page.recipes.clone(), files: files.clone() });
+    let setup =
+        Arc::new(FolderSource { recipes: page.recipes.clone(), files: files.clone(), common: common.clone() });
     let records = Arc::new(StoreRecords(files.clone()));
     let parts = PageParts { page, folder: files.store_folder().to_owned(), gateway, view, setup, records };
     let page = OperatorPage::serve(parts).map_err(Fault::stage)?;

@@ -1,13 +1,19 @@
 //! What the operator's page shows and changes of the set-up: recipes in a folder, and the calibrations with their age.
 
+use super::args::{Common, Doctor};
 use super::calibrate::now_unix_s;
+use super::doctor::SCARCE_MB;
+use super::fault::Fault;
 use super::load::CellFiles;
-use super::{disk, health};
+use super::{disk, doctor, health};
 use crate::check::{self, FileReport};
 use crate::config::Problems;
-use crate::daemon::{Equipment, RecipeText, SetupSource};
-use crate::store::Store;
-use crate::verdict::Verdict;
+use crate::daemon::{Equipment, Examined, FLOOR_MB, RecipeText, SetupSource};
+use crate::files;
+use crate::geometry::ColorPicture;
+use crate::recipe::Recipe;
+use crate::store::{Store, free_mb};
+use crate::verdict::{Reason, Verdict};
 use crate::words::{fixed, utc_day};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -22,6 +28,8 @@ pub struct FolderSource {
     pub recipes: PathBuf,
     /// The cell's files.
     pub files: Arc<CellFiles>,
+    /// What every command is told.
+    pub common: Common,
 }
 
 impl FolderSource {
@@ -76,6 +84,31 @@ impl SetupSource for FolderSource {
         Ok(former)
     }
 
+    fn taught_picture(&self, name: &str) -> Result<ColorPicture, String> {
+        let RecipeText { name, text } = self.recipe(name)?;
+        let recipe = Recipe::check(&name, &text).map_err(|problems| problems.to_string())?;
+        let store = self.files.store().map_err(|fault| fault.to_string())?;
+        let taught = store.taught(recipe.panel(), None).map_err(|error| error.to_string())?;
+        let scan = files::read_any_cloud(&taught.teaching.scan, None).map_err(|error| error.to_string())?;
+        Ok(scan.picture())
+    }
+
+    fn standing(&self) -> Vec<Reason> {
+        let unreadable = |fault: Fault| vec![Reason::new("calibration", fault.to_string())];
+        let verified = health::judge(&self.files).map(|judged| judged.reasons).unwrap_or_else(unreadable);
+        let ending = health::ending(&self.files).unwrap_or_default();
+        scarce(self.files.store_folder()).into_iter().chain(verified).chain(ending).collect()
+    }
+
+    fn examine(&self) -> Vec<Examined> {
+        let checks = doctor::examined(&Doctor { kuka: None, warm_up: false }, &self.common);
+        let told = checks.into_iter().map(|check| {
+            let (name, is_right, found, advice) = (check.name, check.ok, check.found, check.advice);
+            Examined { name, is_right, found, advice }
+        });
+        told.collect()
+    }
+
     fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
         let judged = health::judge(&self.files).map_err(|fault| fault.to_string())?;
         let reasons = judged.reasons.iter().map(|reason| format!("{} ({})", reason.message, reason.code)).collect();
@@ -92,6 +125,17 @@ impl SetupSource for FolderSource {
             Equipment { name: name.replace('_', " "), calibration, verification: verification(&store, name) }
         });
         Ok((judged.verdict, reasons, equipment.collect()))
+    }
+}
+
+/// Little room where the store is.
+fn scarce(store: &Path) -> Option<Reason> {
+    let free_mb = free_mb(store).ok()?;
+    let found = format!("{free_mb} MB are free where the store is, {}", store.display());
+    match free_mb {
+        ..FLOOR_MB => Some(Reason::new("disk_full", format!("{found}; no cycle begins below {FLOOR_MB} MB"))),
+        FLOOR_MB..SCARCE_MB => Some(Reason::new("disk_scarce", format!("{found}: room for a few cycles only"))),
+        _ => None,
     }
 }
 

@@ -3,6 +3,7 @@
 //! The thread that computes offers a picture; whoever looks on takes the newest one and draws it on a thread of its own. Nothing
 //! waits for anybody: where nobody has looked lately, nothing is copied, and a picture that nobody took is replaced.
 
+use super::live_scene::LiveScene;
 use super::setup::CycleSetup;
 use super::sight::view;
 use crate::geometry::{Base, ColorPicture, Mask, Panel, Rigid};
@@ -18,7 +19,7 @@ const LOOKING: Duration = Duration::from_secs(5);
 
 /// The newest picture. Clones are the same one.
 #[derive(Debug, Clone, Default)]
-pub struct LiveView(Arc<Mutex<Inside>>);
+pub struct LiveView(Arc<Mutex<Inside>>, LiveScene);
 
 #[derive(Debug, Default)]
 struct Inside {
@@ -70,6 +71,11 @@ impl LiveView {
         let mut inside = self.lock();
         inside.looked = Some(Instant::now());
         (inside.number, inside.frame.clone())
+    }
+
+    /// What is known of the newest cycle in three dimensions.
+    pub(super) fn scene(&self) -> &LiveScene {
+        &self.1
     }
 
     /// Offers a picture that is made where somebody looks on and the last one is old enough.

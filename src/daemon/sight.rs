@@ -146,6 +146,9 @@ impl Sight {
             stated_mm: cycle.cell.limits.tool_error_mm(),
             ..Budget::default()
         })?;
+        if let Some(place) = place {
+            record.scanned(&scan, &(place.inverse() * base_from_camera));
+        }
         (self.located, self.place, self.located_mm, self.obstacles) = (place, place, located_mm, obstacles);
         Ok(Answer::Graded(grade(&located.judgement)))
     }

@@ -13,8 +13,8 @@ use serde::Serialize;
 /// One alarm.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Alarm {
-    /// Its cycle.
-    pub cycle: CycleId,
+    /// Its cycle; `None` for what arose between cycles.
+    pub cycle: Option<CycleId>,
     /// The code, such as `low_overlap`.
     pub code: String,
     /// How urgent it is.
@@ -51,7 +51,12 @@ impl Alarm {
         self.gone_unix_ms.is_none()
     }
 
-    fn new(cycle: CycleId, reason: &Reason, phase: Option<Kind>, raised_unix_ms: i64) -> Self {
+    /// What arose between cycles, at this time, and lasts.
+    pub fn between_cycles(reason: &Reason, raised_unix_ms: i64) -> Self {
+        Self::new(None, reason, None, raised_unix_ms)
+    }
+
+    fn new(cycle: Option<CycleId>, reason: &Reason, phase: Option<Kind>, raised_unix_ms: i64) -> Self {
         let known = code(&reason.code);
         Alarm {
             cycle,
@@ -77,7 +82,7 @@ pub fn alarms(record: &CycleRecord, times: &AlarmTimes, acknowledgements: &[Ackn
     all.sort_by_key(|alarm| alarm.raised_unix_ms);
     for alarm in &mut all {
         let is_meant = |one: &&Acknowledgement| {
-            one.cycle == Some(alarm.cycle) && one.code == alarm.code && one.raised_unix_ms == alarm.raised_unix_ms
+            one.cycle == alarm.cycle && one.code == alarm.code && one.raised_unix_ms == alarm.raised_unix_ms
         };
         alarm.acknowledged = acknowledgements.iter().find(is_meant).cloned();
     }
@@ -98,7 +103,7 @@ fn of_findings(record: &CycleRecord, times: &AlarmTimes) -> Vec<Alarm> {
                 .iter()
                 .any(|alarm| alarm.is_active() && alarm.phase == Some(finding.kind) && alarm.code == reason.code);
             if !is_raised {
-                all.push(Alarm::new(record.id, reason, Some(finding.kind), at));
+                all.push(Alarm::new(Some(record.id), reason, Some(finding.kind), at));
             }
         }
     }
@@ -111,7 +116,7 @@ fn end(record: &CycleRecord, times: &AlarmTimes, all: &mut Vec<Alarm>) {
     let ended_unix_ms = ended_unix_s * 1_000;
     for reason in &judgement.reasons {
         if !all.iter().any(|alarm| alarm.is_active() && alarm.code == reason.code) {
-            all.push(Alarm::new(record.id, reason, None, ended_unix_ms));
+            all.push(Alarm::new(Some(record.id), reason, None, ended_unix_ms));
         }
     }
     for alarm in all.iter_mut().filter(|alarm| alarm.is_active()) {
@@ -128,7 +133,7 @@ fn refused(record: &CycleRecord) -> impl Iterator<Item = Alarm> {
     refused.flat_map(|asked| {
         asked.reasons.iter().map(|reason| Alarm {
             gone_unix_ms: Some(asked.unix_ms),
-            ..Alarm::new(record.id, reason, None, asked.unix_ms)
+            ..Alarm::new(Some(record.id), reason, None, asked.unix_ms)
         })
     })
 }

@@ -227,7 +227,7 @@ pub fn alarm_table(alarms: &[Alarm]) -> Table {
             alarm.gone_unix_ms.into(),
             alarm.priority.word().into(),
             alarm.code.as_str().into(),
-            alarm.cycle.0.into(),
+            alarm.cycle.map(|cycle| cycle.0).into(),
             alarm.phase.map(|kind| kind.word()).into(),
             alarm.message.as_str().into(),
             alarm.cause.as_str().into(),

@@ -3,59 +3,10 @@
 //
 // node browser.mjs ADDRESS PICTURES MODULES: writes a line for each step; at "restart" it waits for a line on its input.
 
-import { createRequire } from "node:module";
-import { readFileSync, mkdirSync } from "node:fs";
 import { createInterface } from "node:readline";
-
-const [base, pictures, modules] = process.argv.slice(2);
-const require = createRequire(`${modules}/`);
-const { chromium } = require("playwright-core");
-const axe = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
-const password = "correct horse";
-mkdirSync(pictures, { recursive: true });
+import { asked, base, browser, fail, judged, logIn, password, person, pictures, reaches, state, step, wide, wrong } from "./people.mjs";
 
 const lines = createInterface({ input: process.stdin })[Symbol.asyncIterator]();
-const step = (words) => console.log(words);
-const fail = (words) => { throw new Error(words); };
-const browser = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: ["--no-sandbox", "--disable-dev-shm-usage"] });
-const wrong = [];
-
-async function person(options = {}) {
-  const context = await browser.newContext({ viewport: { width: 1920, height: 1080 }, locale: "en-GB", ...options });
-  const page = await context.newPage();
-  page.setDefaultTimeout(90_000);
-  page.on("pageerror", (error) => wrong.push(`script: ${error.message}`));
-  page.on("console", (line) => { if (line.type() === "error" && /Content Security|Refused/.test(line.text())) wrong.push(line.text()); });
-  return page;
-}
-
-async function logIn(page, name) {
-  await page.goto(`${base}/login?next=/`);
-  await page.fill("input[name=name]", name);
-  await page.fill("input[name=password]", password);
-  await page.keyboard.press("Enter");
-  await page.waitForSelector("#logout");
-}
-
-const state = (page) => page.getAttribute("#state", "data-state");
-const reaches = (page, wanted) => page.waitForFunction((wanted) => document.querySelector("#state").dataset.state === wanted, wanted);
-const asked = (page, name) => page.click(`.actions button[data-request="${name}"]:enabled`);
-
-async function judged(page, name) {
-  await page.evaluate(axe);
-  const { violations } = await page.evaluate(() => window.axe.run(document, { iframes: false, resultTypes: ["violations"] }));
-  for (const { id, nodes } of violations) wrong.push(`${name}: ${id} at ${nodes.slice(0, 3).map((node) => node.target.join(" ")).join("; ")}`);
-  await page.screenshot({ path: `${pictures}/${name}.png` });
-}
-
-async function wide(page, name) {
-  const over = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
-  if (over > 1) wrong.push(`${name}: the page is ${over} px wider than the screen`);
-  const small = await page.evaluate(() => [...document.querySelectorAll("button, nav a, input:not([type=hidden]), select")]
-    .filter((element) => element.checkVisibility()).map((element) => [element.outerHTML.slice(0, 80), element.getBoundingClientRect()])
-    .filter(([, box]) => box.height < 43.5).map(([words]) => words).filter((words) => !words.includes("checkbox") && !words.includes("radio")));
-  for (const words of small) wrong.push(`${name}: too small for a glove: ${words}`);
-}
 
 const operator = await person();
 await operator.goto(`${base}/`);
@@ -157,7 +108,51 @@ await engineer.click("button.primary");
 await engineer.waitForFunction(() => document.querySelector("form .told").textContent === "Saved.");
 step("changed a recipe");
 
-const pages = { "/": "run", "/history": "history", "/trends": "trends", "/alarms": "alarms", "/setup": "setup", "/audit": "audit", "/cycle/1": "cycle", "/login": "login" };
+await engineer.goto(`${base}/setup/recipe/recipe.toml/draw`);
+await engineer.waitForSelector("#propose:enabled");
+await engineer.fill("#rows", "2");
+await engineer.focus("[data-kind=region][data-corner='0']");
+for (const key of ["Shift+ArrowRight", "ArrowDown"]) await engineer.keyboard.press(key);
+await engineer.click("#add");
+await engineer.click("#propose");
+await engineer.waitForSelector("#proposal:not([hidden]) ins");
+const proposed = await engineer.innerText("#difference");
+if (!/\+ rows = 2/.test(proposed) || !/masked_px/.test(proposed) || !/\+ .*corners_px/.test(proposed)) fail(`the proposal is another one: ${proposed}`);
+await judged(engineer, "draw-proposal");
+// A region whose corners are exchanged is none, and is not proposed.
+const drag = async (corner, at) => {
+  const box = await engineer.locator(`[data-kind=region][data-corner='${corner}']`).boundingBox();
+  await engineer.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+  await engineer.mouse.down();
+  await engineer.mouse.move(at.x + at.width / 2, at.y + at.height / 2);
+  await engineer.mouse.up();
+};
+const [first, second] = [await engineer.locator("[data-kind=region][data-corner='0']").boundingBox(), await engineer.locator("[data-kind=region][data-corner='1']").boundingBox()];
+await drag(0, { ...second, x: second.x + 30 });
+await drag(1, first);
+await engineer.click("#propose");
+await engineer.waitForSelector("#told.bad");
+if (!(await engineer.locator("#proposal").isHidden())) fail("what is no region is proposed");
+await engineer.reload();
+await engineer.waitForSelector("#propose:enabled");
+await engineer.fill("#columns", "4");
+await engineer.click("#propose");
+await engineer.fill("#proposal input[name=why]", "wider grids");
+await engineer.click("#proposal button.primary");
+await engineer.waitForSelector("details summary:has-text('wider grids')");
+step("drew a recipe's region and approved it");
+
+await engineer.goto(`${base}/setup/cameras`);
+for (const name of ["scanner", "flange"]) {
+  await engineer.click(`form[data-post="/setup/cameras/${name}"] button`);
+  await engineer.waitForFunction((name) => document.querySelector(`img[src^="/setup/cameras/${name}"]`)?.naturalWidth > 0, name);
+}
+await judged(engineer, "cameras-taken");
+await engineer.goto(`${base}/setup/doctor`);
+if (!/OpenCV/.test(await engineer.innerText("main"))) fail("the doctor found no program");
+step("looked at the cameras and the doctor");
+
+const pages = { "/": "run", "/history": "history", "/trends": "trends", "/alarms": "alarms", "/setup": "setup", "/setup/cameras": "cameras", "/setup/doctor": "doctor", "/setup/recipe/recipe.toml/draw": "draw", "/audit": "audit", "/cycle/1": "cycle", "/login": "login" };
 for (const [language, scheme, width, height] of [["en", "light", 1920, 1080], ["de", "dark", 1024, 768], ["de", "light", 390, 844], ["en", "dark", 390, 844]]) {
   const page = await person({ colorScheme: scheme, viewport: { width, height }, locale: language === "de" ? "de-DE" : "en-GB" });
   await logIn(page, "engineer");

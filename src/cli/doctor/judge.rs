@@ -6,7 +6,7 @@ use crate::daemon::FLOOR_MB;
 use crate::devices::zivid::{Flicker, Light, Warmth};
 
 /// Below this there is room for a few cycles only, MB.
-const SCARCE_MB: u64 = 10_000;
+pub(in crate::cli) const SCARCE_MB: u64 = 10_000;
 /// What is written and read in the same minute may differ by as much, s.
 const CLOCK_SLACK_S: i64 = 60;
 

@@ -20,6 +20,7 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::verdict::{Judgement, Reason, Verdict};
 use check::Check;
+pub(in crate::cli) use judge::SCARCE_MB;
 use serde_json::json;
 
 /// Looks at everything and tells.
@@ -27,6 +28,11 @@ use serde_json::json;
 /// # Errors
 /// None: what cannot be read is a finding.
 pub fn run(args: &Doctor, common: &Common) -> Result<Outcome, Fault> {
+    Ok(outcome(&examined(args, common)))
+}
+
+/// Everything that was looked at, from the bottom up.
+pub(in crate::cli) fn examined(args: &Doctor, common: &Common) -> Vec<Check> {
     let mut checks = vec![machine::program(), machine::clock_is_kept()];
     match CellFiles::read(common) {
         Ok(files) => checks.extend(of_cell(args, common, &files)),
@@ -40,7 +46,7 @@ pub fn run(args: &Doctor, common: &Common) -> Result<Outcome, Fault> {
             checks.push(Check::wrong("everything else", rest, "mend the cell's file, then ask again"));
         }
     }
-    Ok(outcome(&checks))
+    checks
 }
 
 fn of_cell(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> {

@@ -223,7 +223,8 @@ pub(super) fn alarms(alarms: &[Alarm]) -> Vec<String> {
             alarm.acknowledged.as_ref().map_or(String::new(), |seen| format!(", acknowledged by {}", seen.who));
         let raised = utc(alarm.raised_unix_ms.div_euclid(1_000));
         let (priority, code, cycle) = (alarm.priority.word(), &alarm.code, alarm.cycle);
-        let head = format!("{raised}  {priority}  {code}  cycle {cycle}, {gone}{seen}");
+        let cycle = cycle.map_or("between cycles".to_owned(), |cycle| format!("cycle {cycle}"));
+        let head = format!("{raised}  {priority}  {code}  {cycle}, {gone}{seen}");
         [head, format!("  {}", alarm.message), format!("  What to do: {}", alarm.remedy)]
     };
     alarms.iter().flat_map(told).collect()

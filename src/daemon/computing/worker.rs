@@ -9,7 +9,7 @@ use crate::daemon::ports::{CameraPort, Keeper, Kept, Note, Record, RecordError};
 use crate::daemon::setup::CycleSetup;
 use crate::daemon::sight::Filming;
 use crate::files::ClipEntry;
-use crate::geometry::{Frame, Rigid};
+use crate::geometry::{Camera, Frame, OrganizedCloud, Panel, Rigid};
 use crate::record::{KeptFile, Picture};
 use crate::verdict::Reason;
 use std::sync::Arc;
@@ -20,6 +20,7 @@ struct Notes<'k> {
     notes: Vec<Note>,
     keep: Option<&'k mut Keeper>,
     view: &'k LiveView,
+    cycle: Option<&'k Arc<CycleSetup>>,
 }
 
 impl Record for Notes<'_> {
@@ -45,6 +46,12 @@ impl Record for Notes<'_> {
         };
         self.notes.extend(kept.map(Note::Kept));
         Ok(())
+    }
+
+    fn scanned(&mut self, scan: &OrganizedCloud<Camera>, panel_from_camera: &Rigid<Panel, Camera>) {
+        if let Some(cycle) = self.cycle {
+            self.view.scene().scanned(cycle, scan, panel_from_camera);
+        }
     }
 }
 
@@ -86,8 +93,8 @@ impl<'p> Worker<'p> {
     pub fn perform(&mut self, mut work: Work) -> Worked {
         let mut keep = self.keep.take();
         let view = self.view.clone();
-        let mut notes = Notes { notes: Vec::new(), keep: keep.as_mut(), view: &view };
         let setup = work.setup.take();
+        let mut notes = Notes { notes: Vec::new(), keep: keep.as_mut(), view: &view, cycle: setup.as_ref() };
         let found = match (work.act, setup.as_deref()) {
             (Act::SelfTest, _) => Ok(Found::Wrong(self.test())),
             (_, Some(cycle)) => self.phase(&mut work, cycle, &mut notes),
@@ -97,6 +104,9 @@ impl<'p> Worker<'p> {
         self.keep = keep;
         if let (Some(filming), Some(setup), true) = (&self.filming, &setup, work.is_next_picture) {
             view.offer(|| live(filming, setup));
+        }
+        if let (Ok(Found::Answer(answer)), Some(setup)) = (&found, &setup) {
+            show_plan(&view, setup, &work, *answer);
         }
         let is_of_film = work.act == Act::Film;
         Worked { id: work.id, found, artifacts: Some((work.sight, work.abrasion)), notes, is_of_film }
@@ -145,6 +155,14 @@ impl<'p> Worker<'p> {
         let faults = faults.map(|fault| (Trouble::Camera, Reason::new("camera", fault.to_string())));
         let unreadable = (self.readable)().into_iter().map(|reason| (Trouble::Computing, reason));
         faults.chain(unreadable).collect()
+    }
+}
+
+/// The path that was planned, for people who look on.
+fn show_plan(view: &LiveView, setup: &Arc<CycleSetup>, work: &Work, answer: Answer) {
+    let (Answer::Planned { plan, .. } | Answer::PlannedForReview { plan, .. }) = answer else { return };
+    if let Some(path) = work.abrasion.plan(plan) {
+        view.scene().planned(setup, (plan, work.pass), path);
     }
 }
 

@@ -2,7 +2,7 @@
 //! has the cameras.
 //!
 //! [`SharedCameras`] are the loop's cameras, and lend themselves to one connection at a time while the cell rests without a cycle
-//! (`serving`). The loop never waits for a shot that begins after the cell has left its rest: what is lent is asked back before
+//! (`serving`), and one picture at a time to the operator's page (`taking`). The loop never waits for a shot that begins after the cell has left its rest: what is lent is asked back before
 //! each shot, and a film ends with its next picture. [`BorrowedScanner`] and [`BorrowedFlangeCamera`] are the other end of the
 //! connection (`client`).
 //!
@@ -21,12 +21,14 @@ mod request;
 mod sent;
 mod serving;
 mod shared;
+mod taking;
 
 pub use client::{BorrowedFlangeCamera, BorrowedScanner};
 pub use last_state::LastState;
 pub use request::ShotRequest;
 pub(super) use serving::serve;
 pub use shared::{AllCameras, SharedCameras};
+pub(super) use taking::Eye;
 
 #[cfg(test)]
 mod tests;

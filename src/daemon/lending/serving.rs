@@ -3,6 +3,7 @@
 use super::request::ShotRequest;
 use super::sent::Sent;
 use super::shared::{Lent, SharedCameras};
+use super::taking::{Eye, TakenPicture};
 use crate::devices::cameras::{CameraError, Conditions};
 use crate::files;
 use crate::geometry::ColorPicture;
@@ -68,23 +69,16 @@ fn shots(stream: &mut UnixStream, request: ShotRequest, cameras: &SharedCameras)
             head(stream, &Sent::Scan { bytes: pcd.len(), time_s: shot.time_s, conditions })?;
             stream.write_all(&pcd)?;
         }
-        ShotRequest::Picture => {
-            let (shot, conditions) = {
-                let cameras = &mut lent.cameras()?.cameras;
-                (cameras.scanner.capture_2d()?, cameras.scanner.conditions())
-            };
-            picture(stream, &shot.picture, (shot.time_s, conditions))?;
-        }
-        ShotRequest::Corner => {
-            let (shot, conditions) = {
-                let cameras = &mut lent.cameras()?.cameras;
-                (cameras.flange.capture()?, cameras.flange.conditions())
-            };
-            picture(stream, &shot.picture, (shot.time_s, conditions))?;
-        }
+        ShotRequest::Picture => one(stream, &lent, Eye::Scanner)?,
+        ShotRequest::Corner => one(stream, &lent, Eye::Flange)?,
         ShotRequest::Film { pictures_per_second } => film(stream, pictures_per_second, &lent)?,
     }
     Ok(())
+}
+
+fn one(stream: &mut UnixStream, lent: &Lent<'_>, eye: Eye) -> Result<(), Broken> {
+    let TakenPicture { picture: taken, time_s, conditions } = lent.take(eye)?;
+    Ok(picture(stream, &taken, (time_s, conditions))?)
 }
 
 fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &Lent<'_>) -> Result<(), Broken> {

@@ -3,7 +3,7 @@
 use super::port::{Command, Port};
 use crate::cycle::{Event, Motion, Outcome};
 use crate::files::ClipEntry;
-use crate::geometry::ColorPicture;
+use crate::geometry::{Camera, ColorPicture, OrganizedCloud, Panel, Rigid};
 use crate::phase::Phase;
 use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass, Finding, KeptFile, Picture};
 use crate::store::CycleStart;
@@ -190,6 +190,9 @@ impl<P: Port<RecordCommand> + ?Sized> RecordPort for P {}
 pub trait Record {
     /// Keeps it.
     fn note(&mut self, note: Note) -> Result<(), RecordError>;
+
+    /// A scan in which the panel was found, for people who look on; it is not kept.
+    fn scanned(&mut self, _scan: &OrganizedCloud<Camera>, _panel_from_camera: &Rigid<Panel, Camera>) {}
 
     /// See [`Note::Finding`].
     fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {

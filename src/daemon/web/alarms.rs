@@ -4,6 +4,7 @@ use super::downloads::{self, Form};
 use super::guard::{By, refusal};
 use super::layout::{Frame, Script, local};
 use super::reading::{Answer, ended, reading};
+use super::standing::Standing;
 use super::state::{Web, blocking, entry};
 use super::words::Language;
 use crate::accounts::{AuditEntry, Permission};
@@ -23,10 +24,10 @@ use std::sync::Arc;
 /// The newest cycles whose alarms are shown.
 const CYCLES: usize = 50;
 
-/// Those that last first, then by priority and time.
-fn read(store: &Store) -> Result<Vec<Alarm>, StoreError> {
+/// Those of the newest cycles, and those that arose between cycles: what lasts first, then by priority and time.
+fn read(store: &Store, standing: &Standing) -> Result<Vec<Alarm>, StoreError> {
     let newest = store.search(&Query { limit: CYCLES, ..Query::default() })?;
-    let mut all = Vec::new();
+    let mut all = standing.alarms(&store.acknowledgements(None)?);
     for hit in newest.hits {
         all.extend(store.alarms(hit.cycle)?);
     }
@@ -49,7 +50,8 @@ pub(super) async fn json(state: State<Arc<Web>>, by: By) -> Answer {
 }
 
 async fn listed(State(web): State<Arc<Web>>, Extension(visitor): By, as_what: Form) -> Answer {
-    let alarms = reading(&web, &visitor, read).await?;
+    let shared = web.clone();
+    let alarms = reading(&web, &visitor, move |store| read(store, &shared.standing)).await?;
     Ok(match as_what {
         Form::Page => {
             let words = visitor.language();
@@ -98,7 +100,10 @@ fn one(words: Language<'_>, alarm: &Alarm, may_acknowledge: bool) -> Markup {
             p {
                 (word("alarms.raised")) " " (local(alarm.raised_unix_ms))
                 @if let Some(gone) = alarm.gone_unix_ms { " · " (word("alarms.gone")) " " (local(gone)) }
-                " · " a href={ "/cycle/" (alarm.cycle) } { (word("run.cycle")) " " (alarm.cycle) }
+                @match alarm.cycle {
+                    Some(cycle) => { " · " a href={ "/cycle/" (cycle) } { (word("run.cycle")) " " (cycle) } },
+                    None => { " · " (word("alarms.between")) },
+                }
                 @if let Some(kind) = alarm.phase { " · " (kind.word()) }
             }
             p lang="en" { (alarm.message) }
@@ -112,7 +117,7 @@ fn one(words: Language<'_>, alarm: &Alarm, may_acknowledge: bool) -> Markup {
             @match &alarm.acknowledged {
                 Some(seen) => p { "✓ " (word("alarms.acknowledged")) ": " (seen.who) ", " (local(seen.unix_ms)) },
                 None if may_acknowledge && alarm.priority > Priority::Note => form data-post="/alarms/acknowledge" data-then="/alarms" {
-                    input type="hidden" name="cycle" value=(alarm.cycle);
+                    input type="hidden" name="cycle" value=[alarm.cycle];
                     input type="hidden" name="code" value=(alarm.code);
                     input type="hidden" name="raised_unix_ms" value=(alarm.raised_unix_ms);
                     button.plain type="submit" { (word("alarms.acknowledge")) }
@@ -152,21 +157,30 @@ pub(super) async fn acknowledge(
 
 /// False where there is no such alarm, or somebody has acknowledged it already.
 fn kept(web: &Web, line: AuditEntry, seen: &Seen, who: String) -> Result<bool, StoreError> {
-    let (Ok(cycle), Ok(raised_unix_ms)) = (seen.cycle.parse().map(CycleId), seen.raised_unix_ms.parse()) else {
-        return Ok(false);
+    let Ok(raised_unix_ms) = seen.raised_unix_ms.parse() else { return Ok(false) };
+    // What arose between cycles names none.
+    let cycle = match seen.cycle.as_str() {
+        "" => None,
+        number => match number.parse() {
+            Ok(number) => Some(CycleId(number)),
+            Err(_) => return Ok(false),
+        },
     };
-    let alarms = match web.read(|store| store.alarms(cycle)) {
-        Err(StoreError::UnknownCycle { .. }) => return Ok(false),
-        read => read?,
+    let alarms = match cycle {
+        None => web.read(|store| Ok(web.standing.alarms(&store.acknowledgements(None)?)))?,
+        Some(cycle) => match web.read(|store| store.alarms(cycle)) {
+            Err(StoreError::UnknownCycle { .. }) => return Ok(false),
+            read => read?,
+        },
     };
     let is_meant = |alarm: &&Alarm| alarm.code == seen.code && alarm.raised_unix_ms == raised_unix_ms;
     let Some(alarm) = alarms.iter().find(is_meant).filter(|alarm| alarm.acknowledged.is_none()) else {
         return Ok(false);
     };
-    let acknowledgement =
-        Acknowledgement { unix_ms: 0, cycle: Some(cycle), code: alarm.code.clone(), raised_unix_ms, who };
+    let acknowledgement = Acknowledgement { unix_ms: 0, cycle, code: alarm.code.clone(), raised_unix_ms, who };
     web.write(|store| store.acknowledge(&acknowledgement))?;
-    let subject = format!("{} of cycle {cycle}, raised {raised_unix_ms}", seen.code);
+    let of = cycle.map_or("between cycles".to_owned(), |cycle| format!("of cycle {cycle}"));
+    let subject = format!("{} {of}, raised {raised_unix_ms}", seen.code);
     web.audit(&AuditEntry { subject: Some(subject), ..line });
     Ok(true)
 }
@@ -178,7 +192,7 @@ mod tests {
 
     fn alarm(gone_unix_ms: Option<i64>) -> Alarm {
         Alarm {
-            cycle: CycleId(3),
+            cycle: Some(CycleId(3)),
             code: "low_overlap".to_owned(),
             priority: Priority::Medium,
             message: "85 % <b>".to_owned(),

@@ -2,6 +2,7 @@
 //! them until the program is another one.
 
 use super::guard::not_found;
+use crate::page::drawing::sheet;
 use axum::extract::Path;
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
@@ -10,11 +11,16 @@ use std::sync::LazyLock;
 
 const STYLE: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
-const FILES: [(&str, &str, &str); 5] = [
+const FILES: [(&str, &str, &str); 10] = [
     ("page.css", STYLE, include_str!("assets/page.css")),
     ("page.js", SCRIPT, include_str!("assets/page.js")),
     ("run.js", SCRIPT, include_str!("assets/run.js")),
     ("forms.js", SCRIPT, include_str!("assets/forms.js")),
+    ("scene.js", SCRIPT, include_str!("assets/scene.js")),
+    ("matrix.js", SCRIPT, include_str!("assets/matrix.js")),
+    ("draw.js", SCRIPT, include_str!("assets/draw.js")),
+    ("sheet.js", SCRIPT, sheet::SCRIPT),
+    ("sheet.css", STYLE, sheet::STYLE),
     ("icon.svg", "image/svg+xml", include_str!("assets/icon.svg")),
 ];
 
@@ -35,7 +41,9 @@ pub(super) async fn asset(Path(name): Path<String>) -> Response {
     match own.and_then(|own| FILES.iter().find(|(name, ..)| *name == own)) {
         Some((_, kind, text)) => {
             // A script names another one by its address.
-            let text = text.replace("PAGE_JS", &format!("{}-page.js", *VERSION));
+            let text = ["PAGE_JS", "SHEET_JS", "MATRIX_JS"].iter().fold(text.to_string(), |text, name| {
+                text.replace(name, &format!("{}-{}", *VERSION, name.to_lowercase().replace('_', ".")))
+            });
             ([(header::CONTENT_TYPE, *kind)], text).into_response()
         }
         None => not_found().await,

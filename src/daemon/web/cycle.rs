@@ -3,6 +3,7 @@
 use super::guard::{By, not_found, refusal};
 use super::layout::{Frame, Script, local};
 use super::reading::{Answer, doing, ended, reading};
+use super::scene;
 use super::state::{Web, entry, hashing};
 use super::visitor::Visitor;
 use crate::accounts::{self, AuditEntry, Permission};
@@ -56,9 +57,11 @@ pub(super) async fn page(
             ul { @for (unix_ms, signature) in &signatures { li { (said(signature)) ", " (local(*unix_ms)) } } }
             @if visitor.may(Permission::Sign) && is_over { (form(&visitor, id)) }
         }
+        section.card { (scene::shown(words, Some(id))) }
         iframe.record title=(word("cycle.record")) src={ "/cycle/" (id) "/record" } {}
     };
-    Ok(Frame { visitor: &visitor, title: &title, here: "/cycle", scripts: &[Script::Forms] }.page(&body))
+    Ok(Frame { visitor: &visitor, title: &title, here: "/cycle", scripts: &[Script::Forms, Script::Scene] }
+        .page(&body))
 }
 
 fn said(signature: &PersonSignature) -> String {

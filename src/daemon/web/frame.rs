@@ -1,5 +1,6 @@
 //! The picture that people look on at: drawn, made small and encoded once for all who look.
 
+use crate::daemon::live_scene::LiveScene;
 use crate::daemon::live_view::{LiveFrame, LiveView};
 use crate::files;
 use crate::report::canvas::resized;
@@ -17,6 +18,11 @@ pub(super) struct Frames {
 impl Frames {
     pub fn new(view: LiveView) -> Self {
         Frames { view, last: Mutex::new(None) }
+    }
+
+    /// The newest cycle in three dimensions.
+    pub fn scene(&self) -> LiveScene {
+        self.view.scene().clone()
     }
 
     /// The number of the newest picture and its name.

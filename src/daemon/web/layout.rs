@@ -15,6 +15,21 @@ pub(super) enum Script {
     Forms,
     /// The page of the cell as it runs.
     Run,
+    /// The newest cycle in three dimensions.
+    Scene,
+    /// The sheet to draw on a picture, with its styles.
+    Draw,
+}
+
+impl Script {
+    fn file(self) -> &'static str {
+        match self {
+            Script::Forms => "forms.js",
+            Script::Run => "run.js",
+            Script::Scene => "scene.js",
+            Script::Draw => "draw.js",
+        }
+    }
 }
 
 /// What a page is framed by.
@@ -57,10 +72,9 @@ impl Frame<'_> {
                     title { (self.title) " – Panelprep" }
                     link rel="icon" href=(assets::address("icon.svg"));
                     link rel="stylesheet" href=(assets::address("page.css"));
+                    @if self.scripts.contains(&Script::Draw) { link rel="stylesheet" href=(assets::address("sheet.css")); }
                     script type="module" src=(assets::address("page.js")) {}
-                    @for script in self.scripts {
-                        script type="module" src=(assets::address(match script { Script::Forms => "forms.js", Script::Run => "run.js" })) {}
-                    }
+                    @for script in self.scripts { script type="module" src=(assets::address(script.file())) {} }
                 }
                 body {
                     a.skip href="#main" { (word("skip")) }

@@ -3,7 +3,8 @@
 use super::access::{Access, Method, Route};
 use super::state::Web;
 use super::{
-    alarms, assets, audit, compare, cycle, guard, history, live, login, people, requests, run_page, setup, trends,
+    alarms, assets, audit, cameras, compare, cycle, doctor, draw, guard, history, live, login, people, requests,
+    run_page, scene, setup, trends,
 };
 use crate::accounts::Permission;
 use axum::Router;
@@ -54,6 +55,8 @@ pub(super) static ROUTES: &[Route] = &[
     change("/cycle/{number}/sign", Needs(Sign), || post(cycle::sign)),
     look("/cycle/{number}/record.json", Needs(View), || get(cycle::json)),
     look("/cycle/{number}/picture/{finding}/{picture}", Needs(View), || get(cycle::picture)),
+    look("/cycle/{number}/scene.bin", Needs(View), || get(scene::points)),
+    look("/cycle/{number}/scene.json", Needs(View), || get(scene::paths)),
     look("/history", Needs(View), || get(history::page)),
     look("/history.csv", Needs(View), || get(history::csv)),
     look("/history.json", Needs(View), || get(history::json)),
@@ -73,6 +76,14 @@ pub(super) static ROUTES: &[Route] = &[
     look("/setup/recipe/{name}", Needs(View), || get(setup::recipe)),
     change("/setup/check", Needs(Configure), || post(setup::check)),
     change("/setup/recipe/{name}", Needs(Configure), || post(setup::save)),
+    look("/setup/recipe/{name}/draw", Needs(Configure), || get(draw::page)),
+    look("/setup/recipe/{name}/picture.png", Needs(Configure), || get(draw::picture)),
+    look("/setup/recipe/{name}/drawing.json", Needs(Configure), || get(draw::drawing)),
+    change("/setup/recipe/{name}/proposal", Needs(Configure), || post(draw::propose)),
+    look("/setup/cameras", Needs(View), || get(cameras::page)),
+    look("/setup/cameras/{name}", Needs(View), || get(cameras::picture)),
+    change("/setup/cameras/{name}", Needs(Configure), || post(cameras::take)),
+    look("/setup/doctor", Needs(Configure), || get(doctor::page)),
     look("/people", Needs(ManagePeople), || get(people::page)),
     change("/people", Needs(ManagePeople), || post(people::save)),
     look("/audit", Needs(Audit), || get(audit::page)),

@@ -3,6 +3,7 @@
 use super::guard::{By, not_found};
 use super::layout::{Frame, Script};
 use super::reading::{Answer, reading};
+use super::scene;
 use super::state::{Web, blocking};
 use super::visitor::Visitor;
 use crate::accounts::Permission;
@@ -68,6 +69,7 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
             h2 { (word("run.view")) }
             @if visitor.may(Permission::View) {
                 figure { img #frame alt=(word("run.no_picture")) hidden; figcaption #frame-name { (word("run.no_picture")) } }
+                (scene::shown(words, None))
             } @else { p { (word("run.log_in_to_see")) } }
         }
         section.grids.card {
@@ -82,8 +84,13 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
             } @else { p { (word("run.log_in_to_see")) } }
         }
     };
-    Frame { visitor: &visitor, title: word("nav.run"), here: "/", scripts: &[Script::Run, Script::Forms] }
-        .page(&body)
+    Frame {
+        visitor: &visitor,
+        title: word("nav.run"),
+        here: "/",
+        scripts: &[Script::Run, Script::Forms, Script::Scene],
+    }
+    .page(&body)
 }
 
 fn actions(visitor: &Visitor) -> Markup {

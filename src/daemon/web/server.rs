@@ -7,6 +7,7 @@ use super::live_state::Live;
 use super::record_source::RecordSource;
 use super::routes;
 use super::setup_source::SetupSource;
+use super::standing;
 use super::state::{Web, WebParts};
 use super::tls;
 use super::words::Words;
@@ -117,13 +118,15 @@ impl OperatorPage {
             idle_min,
             sessions,
         };
-        let router = routes::router(&Arc::new(Web::new(parts)));
+        let web = Arc::new(Web::new(parts));
+        let router = routes::router(&web);
         let (end, ended) = oneshot::channel();
         let fingerprint = certificate.as_ref().and_then(|certificate| certificate.fingerprint.clone());
         let acceptor = certificate.map(|certificate| TlsAcceptor::from(certificate.config));
         let serve = move || {
             step_back();
             runtime.spawn(live::follow(gateway, frames, tell));
+            runtime.spawn(standing::follow(web));
             run(&runtime, (listener, address), (acceptor, router), ended);
         };
         let thread = thread::Builder::new().name("page".to_owned()).spawn(serve).map_err(PageError::Thread)?;

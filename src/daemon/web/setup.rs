@@ -34,6 +34,13 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
             }
         }
         section.card {
+            h2 { (word("setup.cell")) }
+            p.links {
+                a href="/setup/cameras" { (word("cameras.title")) }
+                @if visitor.may(Permission::Configure) { " · " a href="/setup/doctor" { (word("doctor.title")) } }
+            }
+        }
+        section.card {
             h2 { (word("setup.equipment")) }
             @match equipment {
                 Ok((verdict, reasons, equipment)) => {
@@ -77,6 +84,9 @@ pub(super) async fn recipe(
         section.card {
             h2 { (name) }
             (verdict(&problems, word("setup.right")))
+            @if visitor.may(Permission::Configure) {
+                p.links { a href={ "/setup/recipe/" (name) "/draw" } { (word("setup.draw")) } }
+            }
             @if visitor.may(Permission::Configure) {
                 form data-post={ "/setup/recipe/" (name) } {
                     label { (word("setup.text")) textarea name="text" rows="30" spellcheck="false" { (recipe.text) } }

@@ -1,6 +1,7 @@
 //! Where recipes and calibrations come from.
 
-use crate::verdict::Verdict;
+use crate::geometry::ColorPicture;
+use crate::verdict::{Reason, Verdict};
 
 /// A recipe's file.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -20,6 +21,19 @@ pub struct Equipment {
     pub calibration: String,
     /// Its last verification, in words.
     pub verification: String,
+}
+
+/// A thing that was looked at, as `panelprep doctor` tells it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Examined {
+    /// What it is.
+    pub name: String,
+    /// Nothing is wrong with it.
+    pub is_right: bool,
+    /// What was found.
+    pub found: String,
+    /// What to do about it; empty where it is right.
+    pub advice: String,
 }
 
 /// Where recipes and calibrations come from. Names of recipes are those of files in one folder.
@@ -44,6 +58,19 @@ pub trait SetupSource: Send + Sync {
     /// # Errors
     /// Where it is wrong or the disk refuses, in words.
     fn save(&self, name: &str, text: &str) -> Result<Option<String>, String>;
+
+    /// The picture of the scan by which the recipe's panel was taught.
+    ///
+    /// # Errors
+    /// Where there is no such recipe, it is wrong, or its panel was not taught, in words.
+    fn taught_picture(&self, name: &str) -> Result<ColorPicture, String>;
+
+    /// What is or will soon be in the way of a cycle, apart from the cameras: the disk, and the age of verifications.
+    fn standing(&self) -> Vec<Reason>;
+
+    /// Looks at the whole cell, as `panelprep doctor` does; nothing moves. It may take some seconds.
+    /// What cannot be read is a finding.
+    fn examine(&self) -> Vec<Examined>;
 
     /// The equipment, and whether a cycle may start with it.
     ///

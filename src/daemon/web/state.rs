@@ -1,14 +1,17 @@
 //! What the page's handlers share.
 
+use super::cameras::Views;
 use super::frame::Frames;
 use super::live_state::Live;
 use super::record_source::RecordSource;
 use super::sessions::Sessions;
 use super::setup_source::SetupSource;
+use super::standing::Standing;
 use super::visitor::Visitor;
 use super::words::{Language, Words};
 use crate::accounts::{AuditEntry, Lockout};
 use crate::daemon::gateway::Gateway;
+use crate::daemon::live_scene::LiveScene;
 use crate::store::{Store, StoreError};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -21,6 +24,7 @@ pub(super) struct Web {
     pub gateway: Gateway,
     pub live: watch::Receiver<Arc<Live>>,
     pub frames: Arc<Frames>,
+    pub scene: LiveScene,
     pub words: Arc<Words>,
     pub setup: Arc<dyn SetupSource>,
     pub records: Arc<dyn RecordSource>,
@@ -29,6 +33,12 @@ pub(super) struct Web {
     /// The hosts by which a page without TLS may be asked for.
     pub hosts: Option<[String; 2]>,
     hashing: Semaphore,
+    /// Whoever has the cell looked at from the bottom up.
+    pub examining: Semaphore,
+    /// What the cameras saw last between cycles.
+    pub views: Views,
+    /// Alarms between cycles.
+    pub standing: Standing,
     pub folder: PathBuf,
     sessions: Mutex<Sessions>,
     lockout: Mutex<Lockout>,
@@ -58,6 +68,7 @@ impl Web {
         Web {
             gateway: parts.gateway,
             live: parts.live,
+            scene: parts.frames.scene(),
             frames: parts.frames,
             words: Arc::new(parts.words),
             setup: parts.setup,
@@ -65,6 +76,9 @@ impl Web {
             is_tls: parts.is_tls,
             hosts: parts.hosts,
             hashing: Semaphore::new(1),
+            examining: Semaphore::new(1),
+            views: Views::default(),
+            standing: Standing::default(),
             folder: parts.folder,
             sessions: Mutex::new(Sessions::new(idle_s, parts.sessions)),
             lockout: Mutex::default(),

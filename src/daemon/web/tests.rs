@@ -1,6 +1,7 @@
 //! The page as browsers and attackers meet it: its own router, with a queue in place of the loop.
 
 mod attacks;
+mod drawing;
 mod roles;
 mod served;
 mod sessions;
@@ -10,7 +11,7 @@ use super::live_state::Live;
 use super::record_source::RecordSource;
 use super::routes;
 use super::server::PageParts;
-use super::setup_source::{Equipment, RecipeText, SetupSource};
+use super::setup_source::{Equipment, Examined, RecipeText, SetupSource};
 use super::state::{Web, WebParts};
 use super::words::Words;
 use crate::accounts::{self, Account, AuditEntry, Role};
@@ -19,6 +20,7 @@ use crate::daemon::live_view::LiveView;
 use crate::daemon::reply::{Exit, Reply};
 use crate::daemon::request::Request as CellRequest;
 use crate::daemon::request_queue::request_queue;
+use crate::geometry::ColorPicture;
 use crate::record::CycleId;
 use crate::store::{PersonSigns, Store};
 use crate::verdict::{Reason, Verdict};
@@ -38,6 +40,10 @@ pub(super) const PASSWORD: &str = "correct horse";
 /// One hash for all: it takes a while.
 static HASH: LazyLock<String> = LazyLock::new(|| accounts::hashed(PASSWORD, "nobody", [3; 16]).expect("allowed"));
 
+/// A recipe that is right, with a comment that stays.
+pub(super) const DOOR: &str = "panel = \"door\" # the left one\n\n[locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [900, 900, 900]\n\n\
+                               [region]\ncorners_px = [[10, 10], [90, 10], [90, 60], [10, 60]]\nrows = 2\ncolumns = 3\n";
+
 struct Source;
 
 impl SetupSource for Source {
@@ -47,6 +53,7 @@ impl SetupSource for Source {
 
     fn recipe(&self, name: &str) -> Result<RecipeText, String> {
         match name {
+            "door.toml" => Ok(RecipeText { name: name.to_owned(), text: DOOR.to_owned() }),
             "panel.toml" => Ok(RecipeText { name: name.to_owned(), text: "panel = \"<b>p</b>\"".to_owned() }),
             _ => Err(format!("there is no recipe {name}")),
         }
@@ -59,6 +66,24 @@ impl SetupSource for Source {
     fn save(&self, name: &str, text: &str) -> Result<Option<String>, String> {
         self.recipe(name)?;
         self.problems(name, text).pop().map_or(Ok(Some("before".to_owned())), Err)
+    }
+
+    fn taught_picture(&self, name: &str) -> Result<ColorPicture, String> {
+        self.recipe(name).map(|_| ColorPicture::filled(100, 80, [9, 9, 9]))
+    }
+
+    fn standing(&self) -> Vec<Reason> {
+        vec![Reason::new("disk_scarce", "5 MB are free")]
+    }
+
+    fn examine(&self) -> Vec<Examined> {
+        let of = |name: &str, is_right| Examined {
+            name: name.to_owned(),
+            is_right,
+            found: "found".to_owned(),
+            advice: String::new(),
+        };
+        vec![of("disk", true), of("robot", false)]
     }
 
     fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {

@@ -6,6 +6,8 @@ use std::collections::BTreeMap;
 
 /// The table that the program brings: English and German.
 const TABLE: &str = include_str!("words.csv");
+/// What other parts of the program bring along for its pages.
+const MORE: [&str; 1] = [crate::page::drawing::sheet::WORDS];
 
 /// Why a table of words cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -38,6 +40,9 @@ impl Words {
     /// Where a table is no CSV, or lacks a key that the program's own one has.
     pub fn read(more: Option<&str>) -> Result<Self, WordsError> {
         let mut words = Self::parsed(TABLE)?;
+        for more in MORE {
+            words.table.extend(Self::parsed(more)?.table);
+        }
         let Some(more) = more else { return Ok(words) };
         let more = Self::parsed(more)?;
         for (at, language) in more.languages.iter().enumerate() {
@@ -129,7 +134,8 @@ mod tests {
         assert_eq!((word(None, None), word(Some("de"), None)), ("Stop", "Stopp"));
         assert_eq!(word(None, Some("fr-CH, de-AT;q=0.9, en;q=0.8")), "Stopp", "the first that there is");
         assert_eq!(word(Some("xx"), Some("*")), "Stop");
-        let own = TABLE.lines().filter(|line| !line.starts_with('#'));
+        let rows = MORE.iter().flat_map(|table| table.lines().skip(1));
+        let own = TABLE.lines().chain(rows).filter(|line| !line.starts_with('#'));
         let more: String = own
             .map(|line| {
                 let key = line.split(',').next().unwrap_or("");

@@ -1,14 +1,17 @@
 //! The page on which a person draws the region, its grids, what is masked, the panel's outline and what holds it, on the taught scan's picture.
 //!
+//! The sheet with its tools (`sheet`) is the same on the operator's page. Here:
 //! `GET .` the page · `GET drawing.json` what the recipe says · `GET picture.png` · `POST save` what was drawn: it is put into the
 //! recipe's file where the recipe's own check accepts it, else the problems come back · `POST done` ends the page.
 
+pub mod sheet;
+
 use super::{Local, LocalError};
 use crate::disk;
-use crate::recipe::{Drawn, Recipe, drawn_into};
+use crate::recipe::{Drawn, Recipe};
 use axum::extract::State;
 use axum::http::{StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Json, Router};
 use serde_json::{Value, json};
@@ -19,6 +22,7 @@ use tokio::sync::oneshot;
 const PAGE: &str = include_str!("drawing.html");
 const SCRIPT: &str = include_str!("drawing.js");
 const STYLE: &str = include_str!("drawing.css");
+const BUTTONS: &str = include_str!("buttons.html");
 
 /// Writes the recipe's new text so that it is whole or not written at all.
 pub type Write = dyn Fn(&str) -> Result<(), String> + Send + Sync;
@@ -51,7 +55,9 @@ pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
     let text =
         |kind: &'static str, text: &'static str| get(move || async move { ([(header::CONTENT_TYPE, kind)], text) });
     let pages = Router::new()
-        .route(&local.path(""), text("text/html; charset=utf-8", PAGE))
+        .route(&local.path(""), get(page))
+        .route(&local.path("sheet.js"), text("text/javascript; charset=utf-8", sheet::SCRIPT))
+        .route(&local.path("sheet.css"), text("text/css; charset=utf-8", sheet::STYLE))
         .route(&local.path("drawing.js"), text("text/javascript; charset=utf-8", SCRIPT))
         .route(&local.path("drawing.css"), text("text/css; charset=utf-8", STYLE))
         .route(&local.path("picture.png"), get(picture))
@@ -64,6 +70,15 @@ pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
     Ok(saved)
 }
 
+async fn page() -> Html<String> {
+    Html(
+        PAGE.replace(
+            "{sheet}",
+            &sheet::markup("picture.png", BUTTONS, |key| sheet::english(key).unwrap_or_default()),
+        ),
+    )
+}
+
 async fn picture(State(inside): State<Arc<Inside>>) -> Response {
     ([(header::CONTENT_TYPE, "image/png")], inside.sheet.picture_png.clone()).into_response()
 }
@@ -73,12 +88,8 @@ fn read(sheet: &Sheet) -> Result<(String, Recipe), Vec<String>> {
     let name = sheet.recipe.display().to_string();
     let bytes = disk::read(&sheet.recipe).map_err(|error| vec![format!("{name}: {error}")])?;
     let text = String::from_utf8(bytes).map_err(|error| vec![format!("{name}: {error}")])?;
-    let recipe = checked(&name, &text)?;
+    let recipe = sheet::checked(&name, &text)?;
     Ok((text, recipe))
-}
-
-fn checked(name: &str, text: &str) -> Result<Recipe, Vec<String>> {
-    Recipe::check(name, text).map_err(|problems| problems.to_string().lines().map(str::to_owned).collect())
 }
 
 fn refused(problems: &[String]) -> Response {
@@ -89,17 +100,8 @@ async fn drawing(State(inside): State<Arc<Inside>>) -> Response {
     let sheet = &inside.sheet;
     match read(sheet) {
         Ok((_, recipe)) => {
-            let region = recipe.region();
             let told: Value = json!({
-                "panel": recipe.panel(), "recipe": sheet.recipe.display().to_string(), "size_px": sheet.size_px,
-                "drawn": Drawn {
-                    corners_px: region.corners_px(),
-                    rows: u32::try_from(region.rows()).unwrap_or(u32::MAX),
-                    columns: u32::try_from(region.columns()).unwrap_or(u32::MAX),
-                    masked_px: recipe.inspect().masked_px(),
-                    outline_px: recipe.outline().outline_px(),
-                    held_px: recipe.outline().held_px(),
-                },
+                "panel": recipe.panel(), "recipe": sheet.recipe.display().to_string(), "drawn": sheet::drawn(&recipe),
             });
             Json(told).into_response()
         }
@@ -120,16 +122,8 @@ async fn save(State(inside): State<Arc<Inside>>, Json(drawn): Json<Drawn>) -> Re
 /// Puts what was drawn into the file, where the recipe is still one with it.
 fn put(sheet: &Sheet, drawn: &Drawn) -> Result<(), Vec<String>> {
     let (text, _) = read(sheet)?;
-    let [width, height] = sheet.size_px.map(|size| size as f64);
-    let outside = |[u, v]: &[f64; 2]| !(0.0..=width - 1.0).contains(u) || !(0.0..=height - 1.0).contains(v);
-    let quadrilaterals = drawn.masked_px.iter().chain(&drawn.held_px).flatten();
-    let all = quadrilaterals.chain(&drawn.outline_px).chain(&drawn.corners_px);
-    if let Some([u, v]) = all.into_iter().find(|corner| outside(corner)) {
-        return Err(vec![format!("({u:.1}, {v:.1}) px is outside of the picture, {width}×{height} px")]);
-    }
-    let edited = drawn_into(&text, drawn).map_err(|error| vec![error.to_string()])?;
     let name = sheet.recipe.display().to_string();
-    checked(&name, &edited)?;
+    let edited = sheet::drawn_on((&name, &text), sheet.size_px, drawn)?;
     (sheet.write)(&edited).map_err(|problem| vec![problem])
 }
 

@@ -63,10 +63,17 @@ fn what_a_person_draws_comes_into_the_recipe() {
     let page = open();
     let (status, found) = page.ask("GET", "drawing.json", "");
     assert!(status == 200 && found.contains(r#""corners_px":[[10.0,10.0],[90.0,10.0]"#), "{status} {found}");
-    for (file, words) in [("", "Region of panel"), ("drawing.js", "pointerdown"), ("drawing.css", ".corner")] {
+    for (file, words) in [
+        ("", "Region of panel"),
+        ("sheet.js", "pointerdown"),
+        ("drawing.js", "./sheet.js"),
+        ("sheet.css", ".corner"),
+    ] {
         let (status, text) = page.ask("GET", file, "");
         assert!(status == 200 && text.contains(words), "{file}: {status}");
     }
+    let html = page.ask("GET", "", "").1;
+    assert!(html.contains("Add a mask") && !html.contains("{draw.") && !html.contains("{words}"), "{html}");
     let (status, told) = page.ask("POST", "save", DRAWN);
     assert!(status == 200 && told.contains("door.toml"), "{status} {told}");
     let expected = RECIPE

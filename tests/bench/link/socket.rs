@@ -5,12 +5,13 @@ use super::peer::Peer;
 use crate::clients::harass;
 use panelprep::cell::{self, Cell};
 use panelprep::daemon::{
-    self, CellSetup, Computing, DaemonError, Equipment, Gateway, LinkedRobot, LiveView, LoopStart, NoCameras,
-    OperatorPage, PageParts, Ports, RecipeText, RecordSource, RecordingSwitch, Request, RequestHandler,
+    self, CellSetup, Computing, DaemonError, Equipment, Examined, Gateway, LinkedRobot, LiveView, LoopStart,
+    NoCameras, OperatorPage, PageParts, Ports, RecipeText, RecordSource, RecordingSwitch, Request, RequestHandler,
     RequestSender, ServiceParts, SetupSource, Socket, StoreRecord, WrittenPage,
 };
 use panelprep::devices::robot::{Address, BlockingLink, link_limits};
 use panelprep::eki::Pace;
+use panelprep::geometry::ColorPicture;
 use panelprep::record::CycleId;
 use panelprep::store::{PersonSigns, Store};
 use panelprep::supervision::Supervisor;
@@ -165,6 +166,15 @@ impl SetupSource for Nothing {
     }
     fn save(&self, _: &str, _: &str) -> Result<Option<String>, String> {
         Err("there is none".to_owned())
+    }
+    fn taught_picture(&self, _: &str) -> Result<ColorPicture, String> {
+        Err("there is none".to_owned())
+    }
+    fn standing(&self) -> Vec<Reason> {
+        vec![]
+    }
+    fn examine(&self) -> Vec<Examined> {
+        vec![]
     }
     fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
         Ok((Verdict::Accept, vec![], vec![]))

@@ -18,7 +18,7 @@ export async function send(path, body = {}) {
     let told = {};
     try { told = JSON.parse(text); } catch { told = { message: text }; }
     const message = response.status === 401 && path !== "/login" ? word("log_in") : told.message;
-    return { ok: response.ok, status: response.status, message: message || (response.ok ? word("done") : `${response.status}`) };
+    return { ok: response.ok, status: response.status, told, message: message || (response.ok ? word("done") : `${response.status}`) };
   } catch {
     return { ok: false, status: 0, message: word("failed") };
   }

@@ -1,0 +1,63 @@
+//! One picture of a camera that is lent, with what the camera tells of it.
+
+use super::shared::{Lent, SharedCameras};
+use crate::daemon::ports::CameraPort as _;
+use crate::devices::cameras::{CameraError, Conditions};
+use crate::geometry::ColorPicture;
+use crate::verdict::Reason;
+
+/// Which camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::daemon) enum Eye {
+    /// The fixed 3D camera.
+    Scanner,
+    /// The camera on the flange.
+    Flange,
+}
+
+/// A picture that was taken.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::daemon) struct TakenPicture {
+    /// The picture.
+    pub picture: ColorPicture,
+    /// By the camera's clock, s.
+    pub time_s: f64,
+    /// What the camera tells of the shot.
+    pub conditions: Conditions,
+}
+
+impl Lent<'_> {
+    /// Takes one, where the cell still rests.
+    pub(super) fn take(&self, eye: Eye) -> Result<TakenPicture, Reason> {
+        let cameras = &mut self.cameras()?.cameras;
+        let failed = |error: CameraError| Reason::new("camera", error.to_string());
+        let (picture, time_s, conditions) = match eye {
+            Eye::Scanner => {
+                let shot = cameras.scanner.capture_2d().map_err(failed)?;
+                (shot.picture, shot.time_s, cameras.scanner.conditions())
+            }
+            Eye::Flange => {
+                let shot = cameras.flange.capture().map_err(failed)?;
+                (shot.picture, shot.time_s, cameras.flange.conditions())
+            }
+        };
+        Ok(TakenPicture { picture, time_s, conditions })
+    }
+}
+
+impl SharedCameras {
+    /// Whether both cameras answer, where the cell rests and nobody else has them: what is wrong.
+    pub(in crate::daemon) fn check(&self) -> Option<Vec<Reason>> {
+        let lent = self.lend().ok()?;
+        let faults = lent.cameras().ok()?.cameras.check();
+        Some(faults.into_iter().map(|fault| Reason::new("camera", fault.to_string())).collect())
+    }
+
+    /// Takes a picture between cycles; it waits for the camera, on the calling thread.
+    ///
+    /// # Errors
+    /// Where the cell is at work, somebody else takes pictures, or the camera delivers none.
+    pub(in crate::daemon) fn take(&self, eye: Eye) -> Result<TakenPicture, Reason> {
+        self.lend()?.take(eye)
+    }
+}

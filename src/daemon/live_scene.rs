@@ -1,0 +1,133 @@
+//! The newest cycle in three dimensions, for people who look on: the points that the scan saw, and the paths that were planned.
+//!
+//! It lives in the service's memory alone, and is that of the newest cycle. Nothing waits for whoever looks at it.
+
+use super::setup::CycleSetup;
+use crate::geometry::{Camera, OrganizedCloud, Panel, Rigid};
+use crate::path::Plan;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+
+/// No more points of a scan are shown.
+const MOST_POINTS: usize = 150_000;
+
+/// The newest cycle's scene. Clones are the same one.
+#[derive(Debug, Clone, Default)]
+pub(super) struct LiveScene(Arc<Mutex<Inside>>);
+
+#[derive(Debug, Default)]
+struct Inside {
+    /// Whose scene it is: each cycle has its own.
+    cycle: Weak<CycleSetup>,
+    points: Option<Arc<Vec<u8>>>,
+    paths: Vec<ScenePath>,
+}
+
+/// A path that was planned.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct ScenePath {
+    /// The plan's number.
+    pub plan: u64,
+    /// Which pass, from 1; 0 of an air-run.
+    pub pass: u8,
+    /// The tool's point at each waypoint in the panel's frame, mm, and whether the disc is on the panel there.
+    pub waypoints: Vec<([f32; 3], bool)>,
+}
+
+impl LiveScene {
+    /// The points of the scan as `points` packs them, where there was one, and the paths in the order of their planning.
+    pub fn newest(&self) -> (Option<Arc<Vec<u8>>>, Vec<ScenePath>) {
+        let inside = self.lock();
+        (inside.points.clone(), inside.paths.clone())
+    }
+
+    /// A scan of this cycle's panel. What was shown of another cycle goes.
+    pub(super) fn scanned(
+        &self,
+        cycle: &Arc<CycleSetup>,
+        scan: &OrganizedCloud<Camera>,
+        panel_from_camera: &Rigid<Panel, Camera>,
+    ) {
+        let packed = Arc::new(points(scan, panel_from_camera));
+        self.of(cycle).points = Some(packed);
+    }
+
+    /// A path over this cycle's panel; the same plan is shown once.
+    pub(super) fn planned(&self, cycle: &Arc<CycleSetup>, (number, pass): (u64, u8), plan: &Plan) {
+        let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints).map(|waypoint| {
+            let at = waypoint.panel_from_tool.origin().mm;
+            ([at.x as f32, at.y as f32, at.z as f32], waypoint.contact)
+        });
+        let path = ScenePath { plan: number, pass, waypoints: waypoints.collect() };
+        let mut inside = self.of(cycle);
+        inside.paths.retain(|known| known.plan != number);
+        inside.paths.push(path);
+    }
+
+    /// The scene of this cycle, new where it was another one's.
+    fn of(&self, cycle: &Arc<CycleSetup>) -> MutexGuard<'_, Inside> {
+        let mut inside = self.lock();
+        if !std::ptr::eq(inside.cycle.as_ptr(), Arc::as_ptr(cycle)) {
+            *inside = Inside { cycle: Arc::downgrade(cycle), ..Inside::default() };
+        }
+        inside
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inside> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The points of a scan in the panel's frame, every nth of each row and column: three little-endian 32-bit floats, mm, then
+/// red, green, blue and a byte of nothing, so that a graphics processor reads them as they are.
+fn points(scan: &OrganizedCloud<Camera>, panel_from_camera: &Rigid<Panel, Camera>) -> Vec<u8> {
+    let (width, height) = (scan.width(), scan.height());
+    let step =
+        (1..=width.max(height).max(1)).find(|step| width.div_ceil(*step) * height.div_ceil(*step) <= MOST_POINTS);
+    let step = step.unwrap_or(1);
+    let picture = scan.picture();
+    let mut packed = Vec::new();
+    for row in (0..height).step_by(step) {
+        for column in (0..width).step_by(step) {
+            let Some(point) = scan.point(column, row) else { continue };
+            let at = (*panel_from_camera * point).mm;
+            for length in [at.x, at.y, at.z] {
+                packed.extend((length as f32).to_le_bytes());
+            }
+            let [red, green, blue] = picture.rgb[row * width + column];
+            packed.extend([red, green, blue, 0]);
+        }
+    }
+    packed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Isometry3, Translation3};
+
+    fn moved() -> Rigid<Panel, Camera> {
+        let shift = Translation3::new(10.0, 20.0, 30.0);
+        Rigid::claim(Isometry3::from_parts(shift, nalgebra::UnitQuaternion::identity()))
+    }
+
+    #[test]
+    fn a_scan_is_packed_in_the_panels_frame_without_what_is_missing() {
+        let points_mm = vec![[1.0, 2.0, 3.0], [f32::NAN; 3], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]];
+        let colors = vec![[1, 2, 3], [4, 5, 6], [7, 8, 9], [10, 11, 12]];
+        let scan = OrganizedCloud::new(2, 2, points_mm, colors).expect("counts agree");
+        let packed = points(&scan, &moved());
+        assert_eq!(packed.len(), 3 * 16);
+        let float = |at: usize| f32::from_le_bytes(packed[at..at + 4].try_into().expect("four"));
+        assert_eq!([float(0), float(4), float(8)], [11.0, 22.0, 33.0]);
+        assert_eq!(packed[12..16], [1, 2, 3, 0]);
+        assert_eq!((float(16), packed[28]), (14.0, 7));
+    }
+
+    #[test]
+    fn a_large_scan_is_thinned_evenly() {
+        let count = 600 * 500;
+        let scan = OrganizedCloud::new(600, 500, vec![[0.0; 3]; count], vec![[0; 3]; count]).expect("counts agree");
+        // By hand: every second one of each row and column.
+        assert_eq!(points(&scan, &moved()).len(), 16 * 300 * 250);
+    }
+}

@@ -1,0 +1,36 @@
+// Drawing on the taught picture: what was drawn becomes a proposed text of the recipe with its difference, to be approved.
+
+import { send, tell, word } from "./PAGE_JS";
+import { begin, now } from "./SHEET_JS";
+
+const id = (name) => document.getElementById(name);
+const recipe = document.querySelector("[data-recipe]").dataset.recipe;
+
+id("propose").addEventListener("click", async () => {
+  id("proposal").hidden = true;
+  const result = await send(`${recipe}/proposal`, now());
+  tell(id("told"), result.ok ? { ok: true, message: result.told.is_changed ? "" : word("draw.same") } : result);
+  if (!result.ok || !result.told.is_changed) return;
+  const parsed = new DOMParser().parseFromString(result.told.difference, "text/html");
+  id("difference").replaceChildren(...parsed.body.childNodes);
+  id("proposal").querySelector("textarea").value = result.told.text;
+  id("proposal").hidden = false;
+  id("proposal").querySelector("input[name=why]").focus();
+});
+
+try {
+  const response = await fetch(`${recipe}/drawing.json`, { cache: "no-store" });
+  const found = await response.json();
+  if (!response.ok) throw new Error(found.message);
+  // The picture says why it is not there, where it is not.
+  const picture = await fetch(`${recipe}/picture.png`, { method: "GET", cache: "no-store" });
+  if (!picture.ok) throw new Error((await picture.json()).message);
+  await begin(found, () => {
+    // What was proposed is not what is drawn any more.
+    id("proposal").hidden = true;
+    tell(id("told"), { ok: true, message: word("draw.changed") });
+  });
+  id("propose").disabled = false;
+} catch (error) {
+  tell(id("told"), { ok: false, message: error.message });
+}

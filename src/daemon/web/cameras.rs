@@ -1,0 +1,168 @@
+//! What both cameras see between cycles, with the figures of the picture. While a cycle is under way nothing is taken, and why not is told.
+
+use super::guard::{By, not_found, refusal};
+use super::layout::{Frame, Script, local};
+use super::reading::ended;
+use super::state::{Web, blocking, entry};
+use super::words::Language;
+use crate::accounts::{AuditEntry, Permission};
+use crate::daemon::lending::Eye;
+use crate::devices::cameras::{Conditions, PictureQuality};
+use crate::files;
+use crate::geometry::ColorPicture;
+use crate::report::canvas::resized;
+use crate::verdict::Reason;
+use crate::words::fixed;
+use axum::extract::{Path, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use maud::{Markup, html};
+use serde_json::json;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// The widest picture that is sent, px.
+const WIDEST: usize = 1_280;
+/// Each camera, by its word in addresses and the key of its name.
+const EYES: [(&str, &str, Eye); 2] =
+    [("scanner", "cameras.scanner", Eye::Scanner), ("flange", "cameras.flange", Eye::Flange)];
+
+/// The last picture of a camera that somebody asked for on the page.
+struct View {
+    jpeg: Vec<u8>,
+    unix_ms: i64,
+    size_px: [usize; 2],
+    quality: PictureQuality,
+    conditions: Conditions,
+}
+
+/// The last picture of each camera.
+#[derive(Default)]
+pub(super) struct Views([Mutex<Option<Arc<View>>>; 2]);
+
+impl Views {
+    fn slot(&self, at: usize) -> MutexGuard<'_, Option<Arc<View>>> {
+        self.0[at].lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn last(&self, at: usize) -> Option<Arc<View>> {
+        self.slot(at).clone()
+    }
+}
+
+fn eye(name: &str) -> Option<usize> {
+    EYES.iter().position(|(word, ..)| *word == name)
+}
+
+/// Both cameras.
+pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
+    let words = visitor.language();
+    let may = visitor.may(Permission::Configure);
+    let title = words.word("cameras.title");
+    let body = html! {
+        section.card { h2 { (title) } p.note { (words.word("cameras.note")) } }
+        @for (at, (name, key, _)) in EYES.into_iter().enumerate() {
+            section.card {
+                h2 { (words.word(key)) }
+                @match web.views.last(at) {
+                    Some(view) => (shown(words, name, &view)),
+                    None => p { (words.word("cameras.none")) },
+                }
+                @if may {
+                    form data-post={ "/setup/cameras/" (name) } data-then="/setup/cameras" {
+                        p.told role="status" {}
+                        button type="submit" { (words.word("cameras.take")) }
+                    }
+                }
+            }
+        }
+    };
+    Frame { visitor: &visitor, title, here: "/setup", scripts: &[Script::Forms] }.page(&body)
+}
+
+fn shown(words: Language<'_>, name: &str, view: &View) -> Markup {
+    let word = |key| words.word(key);
+    html! {
+        div.evidence {
+            figure {
+                img src={ "/setup/cameras/" (name) "?" (view.unix_ms) } alt=(word("cameras.picture"));
+                figcaption { (local(view.unix_ms)) " · " (view.size_px[0]) "×" (view.size_px[1]) " px" }
+            }
+            table { tbody { @for (key, figure) in figures(view) { tr { th scope="row" { (word(key)) } td { (figure) } } } } }
+        }
+    }
+}
+
+/// The figures of a picture: those that `panelprep shoot` tells.
+fn figures(view: &View) -> Vec<(&'static str, String)> {
+    let View { quality, conditions, .. } = view;
+    let percent = |share: f64| format!("{} %", fixed(100.0 * share, 2));
+    let of_camera = [
+        conditions.exposure_us.map(|us| ("cameras.exposure", format!("{} ms", fixed(us / 1_000.0, 2)))),
+        conditions.camera_c.map(|celsius| ("cameras.temperature", format!("{} °C", fixed(celsius, 1)))),
+        conditions.throttled_ms.map(|ms| ("cameras.throttled", format!("{} ms", fixed(ms, 0)))),
+    ];
+    let of_picture = [
+        ("cameras.saturated", percent(quality.saturated_share)),
+        ("cameras.dark", percent(quality.dark_share)),
+        ("cameras.mean", format!("{} / 255", fixed(quality.mean_gray, 0))),
+        ("cameras.sharpness", format!("{} / px", fixed(quality.sharpness_gray_per_px, 1))),
+    ];
+    of_picture.into_iter().chain(of_camera.into_iter().flatten()).collect()
+}
+
+/// The last picture of a camera.
+pub(super) async fn picture(State(web): State<Arc<Web>>, Path(name): Path<String>) -> Response {
+    match eye(&name).and_then(|at| web.views.last(at)) {
+        Some(view) => ([(header::CONTENT_TYPE, "image/jpeg")], view.jpeg.clone()).into_response(),
+        None => not_found().await,
+    }
+}
+
+/// Has a camera take a picture, where the cell rests without a cycle.
+pub(super) async fn take(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Path(name): Path<String>,
+) -> Response {
+    let Some(at) = eye(&name) else { return not_found().await };
+    let line = AuditEntry { subject: Some(name), ..entry(&visitor, "take a picture") };
+    let taken = blocking(move || {
+        let taken = taken(&web, at);
+        let refused = taken.as_ref().err().map(|reason| reason.message.clone());
+        web.audit(&AuditEntry { refused, ..line });
+        taken
+    });
+    match taken.await {
+        Some(Ok(())) => Json(json!({ "message": visitor.language().word("js.done") })).into_response(),
+        Some(Err(reason)) => refusal(StatusCode::CONFLICT, &reason.code, &reason.message),
+        None => ended(),
+    }
+}
+
+fn taken(web: &Web, at: usize) -> Result<(), Reason> {
+    let cameras = web.gateway.cameras.as_ref();
+    let message = "the service has not opened its cameras yet; ask for the state";
+    let cameras = cameras.ok_or_else(|| Reason::new("not_now", message))?;
+    let taken = cameras.take(EYES[at].2)?;
+    let jpeg = encoded(&taken.picture).map_err(|problem| Reason::new("camera", problem))?;
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let view = View {
+        jpeg,
+        unix_ms: i64::try_from(since.as_millis()).unwrap_or(i64::MAX),
+        size_px: [taken.picture.width, taken.picture.height],
+        quality: PictureQuality::of(&taken.picture),
+        conditions: taken.conditions,
+    };
+    *web.views.slot(at) = Some(Arc::new(view));
+    Ok(())
+}
+
+fn encoded(picture: &ColorPicture) -> Result<Vec<u8>, String> {
+    let small = match picture.width > WIDEST {
+        true => &resized(picture, WIDEST).map_err(|error| error.to_string())?,
+        false => picture,
+    };
+    files::write_color_jpeg(small).map_err(|error| error.to_string())
+}

@@ -1,0 +1,75 @@
+//! The cell from the bottom up, as `panelprep doctor` sees it: each thing with what was found and what to do.
+
+use super::guard::By;
+use super::layout::Frame;
+use super::reading::{Answer, ended};
+use super::setup_source::Examined;
+use super::state::{Web, blocking};
+use super::words::Language;
+use axum::Extension;
+use axum::extract::State;
+use maud::{Markup, html};
+use std::sync::Arc;
+
+/// Looks at everything now, for one person at a time: it asks cameras, robot and disk.
+pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
+    let Ok(_turn) = web.examining.acquire().await else { return Err(ended()) };
+    let source = web.setup.clone();
+    let Some(examined) = blocking(move || source.examine()).await else { return Err(ended()) };
+    let words = visitor.language();
+    let title = words.word("doctor.title");
+    let frame = Frame { visitor: &visitor, title, here: "/setup", scripts: &[] };
+    Ok(frame.page(&body(words, &examined)))
+}
+
+/// What is not right first, each part in the order from the bottom up.
+fn body(words: Language<'_>, examined: &[Examined]) -> Markup {
+    let word = |key| words.word(key);
+    let (right, wrong): (Vec<&Examined>, Vec<&Examined>) = examined.iter().partition(|one| one.is_right);
+    html! {
+        section.card {
+            h2 { (word("doctor.title")) }
+            p { (word("doctor.right")) ": " (right.len()) " / " (examined.len()) }
+            p.links { a href="/setup/doctor" { (word("doctor.again")) } }
+            @if !wrong.is_empty() { h3 { "✖ " (word("doctor.wrong")) } p.note { (word("doctor.uppermost")) } }
+            @for one in &wrong {
+                article.alarm.high {
+                    h3 lang="en" { (one.name) }
+                    p lang="en" { (one.found) }
+                    @if !one.advice.is_empty() { p { strong { (word("alarms.remedy")) ": " } span lang="en" { (one.advice) } } }
+                }
+            }
+            h3 { "✓ " (word("doctor.right")) }
+            div.scroll tabindex="0" { table { tbody {
+                @for one in &right { tr { th scope="row" lang="en" { (one.name) } td lang="en" { (one.found) } } }
+            } } }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::daemon::web::words::Words;
+
+    #[test]
+    fn what_is_wrong_stands_first_with_what_to_do() {
+        let one = |name: &str, is_right, advice: &str| Examined {
+            name: name.to_owned(),
+            is_right,
+            found: format!("{name} <found>"),
+            advice: advice.to_owned(),
+        };
+        let examined = [one("disk", true, ""), one("robot", false, "look at its cable"), one("clock", true, "")];
+        let words = Words::read(None).expect("the program's own");
+        let page = body(words.language(Some("en"), None), &examined).into_string();
+        let at = |text: &str| page.find(text).unwrap_or_else(|| panic!("{text} is missing: {page}"));
+        assert!(
+            at("robot &lt;found&gt;") < at("look at its cable") && at("look at its cable") < at("disk"),
+            "{page}"
+        );
+        assert!(page.contains("2 / 3") && at("disk") < at("clock"), "{page}");
+        let well = body(words.language(Some("de"), None), &examined[..1]).into_string();
+        assert!(well.contains("1 / 1") && !well.contains("✖"), "{well}");
+    }
+}

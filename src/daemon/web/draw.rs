@@ -1,0 +1,115 @@
+//! Drawing a recipe's region, outline and masks on the taught scan's picture. What was drawn becomes a proposed text with its
+//! difference; it is approved and saved as every other change of a recipe is.
+
+use super::guard::{By, refusal};
+use super::layout::{Frame, Script};
+use super::reading::{Answer, ended};
+use super::setup_source::SetupSource;
+use super::state::{Web, blocking};
+use super::versions::difference;
+use crate::files;
+use crate::page::drawing::sheet;
+use crate::recipe::Drawn;
+use axum::extract::{Path, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use maud::{Markup, PreEscaped, html};
+use serde_json::json;
+use std::sync::Arc;
+
+/// Work with the recipes that may wait for a disk; what it could not do becomes the response.
+async fn with<T: Send + 'static>(
+    web: &Web,
+    work: impl FnOnce(&dyn SetupSource) -> Result<T, String> + Send + 'static,
+) -> Result<T, Response> {
+    let source = web.setup.clone();
+    match blocking(move || work(&*source)).await {
+        Some(Ok(done)) => Ok(done),
+        Some(Err(problem)) => Err(refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problem)),
+        None => Err(ended()),
+    }
+}
+
+/// The sheet with its tools, and the form that approves what was drawn.
+pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By, Path(name): Path<String>) -> Answer {
+    let asked = name.clone();
+    with(&web, move |source| source.recipe(&asked)).await?;
+    let words = visitor.language();
+    let word = |key| words.word(key);
+    let own = format!("/setup/recipe/{}", encoded(&name));
+    let title = format!("{}: {name}", word("setup.draw"));
+    let sheet = sheet::markup(&format!("{own}/picture.png"), "", |key| words.word(key).to_owned());
+    let body = html! {
+        section.card {
+            h2 { (title) }
+            p.links { a href=(own) { (word("setup.text")) } }
+            p.note { (word("setup.draw_note")) }
+            p.told #told role="status" {}
+            div.drawing data-recipe=(own) { (PreEscaped(sheet)) }
+            button.primary #propose type="button" disabled { (word("setup.propose")) }
+        }
+        (approval(&own, &word))
+    };
+    Ok(Frame { visitor: &visitor, title: &title, here: "/setup", scripts: &[Script::Draw, Script::Forms] }
+        .page(&body))
+}
+
+/// What was drawn, as lines of the recipe, and the form by which it is approved.
+fn approval<'w>(own: &str, word: &dyn Fn(&'w str) -> &'w str) -> Markup {
+    html! {
+        section.card #proposal hidden {
+            h2 { (word("setup.proposal")) }
+            div #difference {}
+            form data-post=(own) data-then=(own) {
+                textarea name="text" hidden aria-label=(word("setup.text")) {}
+                label { (word("setup.why")) input name="why" required maxlength="200" autocomplete="off"; }
+                p.told role="status" {}
+                button.primary type="submit" { (word("setup.save")) }
+            }
+        }
+    }
+}
+
+fn encoded(name: &str) -> String {
+    form_urlencoded::byte_serialize(name.as_bytes()).collect::<String>().replace('+', "%20")
+}
+
+/// The taught scan's picture.
+pub(super) async fn picture(State(web): State<Arc<Web>>, Path(name): Path<String>) -> Answer {
+    let png = with(&web, move |source| {
+        let picture = source.taught_picture(&name)?;
+        files::write_color_png(&picture).map_err(|error| error.to_string())
+    });
+    Ok(([(header::CONTENT_TYPE, "image/png")], png.await?).into_response())
+}
+
+/// What the recipe says is drawn.
+pub(super) async fn drawing(State(web): State<Arc<Web>>, Path(name): Path<String>) -> Answer {
+    let drawn = with(&web, move |source| {
+        let text = source.recipe(&name)?.text;
+        sheet::checked(&name, &text).map(|recipe| sheet::drawn(&recipe)).map_err(|problems| problems.join("\n"))
+    });
+    Ok(Json(drawn.await?).into_response())
+}
+
+/// The recipe's text with what was drawn, where nothing is wrong with it; nothing is written.
+pub(super) async fn propose(
+    State(web): State<Arc<Web>>,
+    Path(name): Path<String>,
+    Json(drawn): Json<Drawn>,
+) -> Answer {
+    let proposed = with(&web, move |source| {
+        let before = source.recipe(&name)?.text;
+        let picture = source.taught_picture(&name)?;
+        let size_px = [picture.width, picture.height];
+        let after = sheet::drawn_on((&name, &before), size_px, &drawn).map_err(|problems| problems.join("\n"))?;
+        match source.problems(&name, &after) {
+            problems if problems.is_empty() => Ok((before, after)),
+            problems => Err(problems.join("\n")),
+        }
+    });
+    let (before, after) = proposed.await?;
+    let difference = difference(&before, &after).into_string();
+    Ok(Json(json!({ "text": after, "is_changed": after != before, "difference": difference })).into_response())
+}

@@ -1,0 +1,99 @@
+//! The newest cycle in three dimensions: the scan's points as bytes, the planned paths and how far they were executed as JSON, and
+//! the part of a page that shows them. Where the browser cannot draw it, the text beside it says the same.
+
+use super::guard::not_found;
+use super::reading::{Answer, reading};
+use super::state::Web;
+use super::visitor::Visitor;
+use super::words::Language;
+use crate::daemon::live_scene::ScenePath;
+use crate::record::{CycleId, CycleRecord};
+use axum::Extension;
+use axum::Json;
+use axum::extract::{Path, State};
+use axum::http::header;
+use axum::response::IntoResponse;
+use maud::{Markup, html};
+use serde_json::{Value, json};
+use std::sync::Arc;
+
+/// The number of the newest cycle, where it is asked for.
+fn newest(web: &Web, number: &str) -> Option<CycleId> {
+    let asked: i64 = number.parse().ok()?;
+    web.live.borrow().cycle.filter(|newest| *newest == asked).map(CycleId)
+}
+
+/// The points of the scan.
+pub(super) async fn points(State(web): State<Arc<Web>>, Path(number): Path<String>) -> Answer {
+    let points = newest(&web, &number).and_then(|_| web.scene.newest().0);
+    match points {
+        Some(points) => Ok(([(header::CONTENT_TYPE, "application/octet-stream")], points.to_vec()).into_response()),
+        None => Err(not_found().await),
+    }
+}
+
+/// The planned paths with what was executed of each, as the robot told it.
+pub(super) async fn paths(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): Extension<Visitor>,
+    Path(number): Path<String>,
+) -> Answer {
+    let Some(id) = newest(&web, &number) else { return Err(not_found().await) };
+    let (points, paths) = web.scene.newest();
+    if points.is_none() && paths.is_empty() {
+        return Err(not_found().await);
+    }
+    let record = reading(&web, &visitor, move |store| store.cycle(id)).await?;
+    Ok(Json(told(&record, &paths, points.is_some())).into_response())
+}
+
+fn told(record: &CycleRecord, paths: &[ScenePath], has_points: bool) -> Value {
+    let of_path = |path: &ScenePath| {
+        let at = path.waypoints.iter().flat_map(|(at, _)| at.map(|mm| (f64::from(mm) * 100.0).round() / 100.0));
+        let contact: Vec<u8> = path.waypoints.iter().map(|(_, contact)| u8::from(*contact)).collect();
+        json!({
+            "pass": path.pass, "at_mm": at.collect::<Vec<f64>>(), "contact": contact,
+            "executed": executed(record, path.plan),
+        })
+    };
+    json!({ "has_points": has_points, "paths": paths.iter().map(of_path).collect::<Vec<_>>() })
+}
+
+/// How many waypoints of a plan were executed, the first not counted.
+fn executed(record: &CycleRecord, plan: u64) -> u32 {
+    let of_plan = record.motions.iter().filter(|motion| motion.motion.plan == plan);
+    of_plan.filter_map(|motion| motion.contact.as_ref()).map(|contact| contact.told).max().unwrap_or(0)
+}
+
+/// The part of a page that shows it, once it is opened; of no cycle where the script says which.
+pub(super) fn shown(words: Language<'_>, cycle: Option<CycleId>) -> Markup {
+    let word = |key| words.word(key);
+    html! {
+        details.scene data-cycle=[cycle] {
+            summary { (word("scene.title")) }
+            p.note { (word("scene.note")) }
+            div.buttons {
+                @for (view, key) in [("reset", "scene.reset"), ("top", "scene.top"), ("side", "scene.side")] {
+                    button type="button" data-view=(view) { (word(key)) }
+                }
+            }
+            canvas tabindex="0" role="img" aria-label=(word("scene.canvas")) {}
+            p.told role="status" {}
+            ul.legend {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::daemon::web::words::Words;
+
+    #[test]
+    fn the_part_of_the_page_names_its_cycle_where_it_has_one() {
+        let words = Words::read(None).expect("the program's own");
+        let page = |cycle| shown(words.language(Some("de"), None), cycle).into_string();
+        assert!(page(Some(CycleId(4))).contains("data-cycle=\"4\"") && !page(None).contains("data-cycle"));
+        assert!(!page(None).contains("scene."), "each word is there: {}", page(None));
+    }
+}

@@ -1,0 +1,146 @@
+//! What is wrong with the cell between cycles, as alarms: a camera that delivers nothing, a disk that is nearly full, a
+//! verification that ends soon.
+//!
+//! It is looked at once a minute, and cameras only while the cell rests without a cycle. An alarm lasts until what gave it is not
+//! found any more. The list begins anew with the service; who acknowledged an alarm stays in the store.
+
+use super::state::{Web, blocking};
+use crate::history::{Acknowledgement, Alarm};
+use crate::verdict::Reason;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// It is looked so often.
+const EVERY: Duration = Duration::from_secs(60);
+/// Alarms that are gone: the newest stay in the list.
+const MOST_GONE: usize = 100;
+/// The code of a camera that gives no picture.
+const CAMERA: &str = "camera";
+
+/// The alarms between cycles.
+#[derive(Debug, Default)]
+pub(super) struct Standing(Mutex<Vec<Alarm>>);
+
+/// What was found wrong; of the cameras nothing where they were not looked at.
+#[derive(Debug, Default)]
+pub(super) struct Found {
+    pub cell: Vec<Reason>,
+    pub cameras: Option<Vec<Reason>>,
+}
+
+impl Standing {
+    /// Raises what is new, and ends what is not found any more.
+    pub fn look(&self, found: &Found, now_unix_ms: i64) {
+        let mut alarms = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let reasons = || found.cell.iter().chain(found.cameras.iter().flatten());
+        for alarm in alarms.iter_mut().filter(|alarm| alarm.is_active()) {
+            let was_looked_at = alarm.code != CAMERA || found.cameras.is_some();
+            if was_looked_at && !reasons().any(|reason| is_same(alarm, reason)) {
+                alarm.gone_unix_ms = Some(now_unix_ms.max(alarm.raised_unix_ms));
+            }
+        }
+        for reason in reasons() {
+            if alarms.iter().any(|alarm| alarm.is_active() && is_same(alarm, reason)) {
+                continue;
+            }
+            // By code and time an alarm is acknowledged: no two have both in common.
+            let after = alarms.iter().map(|alarm| alarm.raised_unix_ms + 1).max().unwrap_or(now_unix_ms);
+            alarms.push(Alarm::between_cycles(reason, now_unix_ms.max(after)));
+        }
+        while alarms.iter().filter(|alarm| !alarm.is_active()).count() > MOST_GONE {
+            let Some(oldest) = alarms.iter().position(|alarm| !alarm.is_active()) else { return };
+            alarms.remove(oldest);
+        }
+    }
+
+    /// All of them, with who acknowledged them.
+    pub fn alarms(&self, seen: &[Acknowledgement]) -> Vec<Alarm> {
+        let alarms = self.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let of = |alarm: &Alarm| {
+            let is_meant =
+                |one: &&Acknowledgement| one.code == alarm.code && one.raised_unix_ms == alarm.raised_unix_ms;
+            seen.iter().find(is_meant).cloned()
+        };
+        alarms.into_iter().map(|alarm| Alarm { acknowledged: of(&alarm), ..alarm }).collect()
+    }
+}
+
+/// Whether both say the same: their numbers change with time, their words do not.
+fn is_same(alarm: &Alarm, reason: &Reason) -> bool {
+    let words = |text: &str| text.chars().filter(|c| !c.is_ascii_digit() && *c != '.').collect::<String>();
+    alarm.code == reason.code && words(&alarm.message) == words(&reason.message)
+}
+
+/// Looks again and again, as long as the page is served.
+pub(super) async fn follow(web: Arc<Web>) {
+    loop {
+        let shared = web.clone();
+        let found = blocking(move || {
+            let cameras = shared.gateway.cameras.as_ref().and_then(|cameras| cameras.check());
+            Found { cell: shared.setup.standing(), cameras }
+        });
+        if let Some(found) = found.await {
+            let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+            web.standing.look(&found, i64::try_from(since.as_millis()).unwrap_or(i64::MAX));
+        }
+        tokio::time::sleep(EVERY).await;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(cell: &[(&'static str, &str)], cameras: Option<&[&str]>) -> Found {
+        let cell = cell.iter().map(|(code, message)| Reason::new(code, *message)).collect();
+        let cameras = cameras.map(|all| all.iter().map(|message| Reason::new(CAMERA, *message)).collect());
+        Found { cell, cameras }
+    }
+
+    fn told(standing: &Standing) -> Vec<(String, i64, Option<i64>)> {
+        let alarms = standing.alarms(&[]).into_iter();
+        alarms.map(|alarm| (alarm.code, alarm.raised_unix_ms, alarm.gone_unix_ms)).collect()
+    }
+
+    #[test]
+    fn an_alarm_lasts_until_what_gave_it_is_gone() {
+        let standing = Standing::default();
+        let scarce = "disk_scarce";
+        standing.look(&found(&[(scarce, "9999.5 MB are free")], Some(&[])), 10);
+        standing.look(&found(&[(scarce, "8 MB are free")], None), 20);
+        assert_eq!(told(&standing), [(scarce.to_owned(), 10, None)], "another number is the same alarm");
+        standing.look(&found(&[], None), 30);
+        standing.look(&found(&[(scarce, "7 MB are free")], None), 40);
+        assert_eq!(told(&standing), [(scarce.to_owned(), 10, Some(30)), (scarce.to_owned(), 40, None)]);
+    }
+
+    #[test]
+    fn a_camera_that_was_not_looked_at_stays_as_it_was() {
+        let standing = Standing::default();
+        standing.look(&found(&[], Some(&["the scanner: no answer", "the flange camera: no answer"])), 10);
+        standing.look(&found(&[], None), 20);
+        let times: Vec<i64> = standing.alarms(&[]).iter().map(|alarm| alarm.raised_unix_ms).collect();
+        assert_eq!(times, [10, 11], "each is acknowledged by itself");
+        assert!(standing.alarms(&[]).iter().all(Alarm::is_active), "a cycle runs: nobody looked");
+        standing.look(&found(&[], Some(&["the scanner: no answer"])), 30);
+        let active: Vec<bool> = standing.alarms(&[]).iter().map(Alarm::is_active).collect();
+        assert_eq!(active, [true, false]);
+        let who = "Ada (ada)".to_owned();
+        let seen = Acknowledgement { unix_ms: 50, cycle: None, code: CAMERA.to_owned(), raised_unix_ms: 10, who };
+        let seen: Vec<bool> = standing.alarms(&[seen]).iter().map(|alarm| alarm.acknowledged.is_some()).collect();
+        assert_eq!(seen, [true, false]);
+    }
+
+    #[test]
+    fn the_list_does_not_grow_for_ever() {
+        let standing = Standing::default();
+        for at in 0..500 {
+            standing.look(&found(&[("disk_scarce", "little is free")], None), 2 * at);
+            standing.look(&found(&[], None), 2 * at + 1);
+        }
+        standing.look(&found(&[("disk_scarce", "little is free")], None), 2_000);
+        let alarms = standing.alarms(&[]);
+        assert_eq!((alarms.len(), alarms.iter().filter(|alarm| alarm.is_active()).count()), (MOST_GONE + 1, 1));
+        assert_eq!(alarms[0].raised_unix_ms, 800, "the oldest went");
+    }
+}

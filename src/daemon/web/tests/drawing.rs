@@ -1,0 +1,78 @@
+//! Drawing a recipe's region on the page, and what else is looked at in Set-up.
+
+use super::{DOOR, PASSWORD, Site};
+use axum::http::StatusCode;
+use serde_json::{Value, json};
+
+fn drawn() -> Value {
+    json!({
+        "corners_px": [[12, 10], [90, 10], [90, 60], [10, 60]], "rows": 2, "columns": 3,
+        "masked_px": [[[20, 20], [30, 20], [30, 30], [20, 30]]], "outline_px": [], "held_px": [],
+    })
+}
+
+/// What is drawn becomes lines of the recipe, which is written by the same form as every change, with its reason.
+#[tokio::test]
+async fn what_is_drawn_is_proposed_and_not_yet_written() {
+    let site = Site::new();
+    let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
+    let told = site.get(&engineer, "/setup/recipe/door.toml/drawing.json").await;
+    let now: Value = serde_json::from_str(&told.body).expect("JSON");
+    assert_eq!((told.status, &now["corners_px"][2]), (StatusCode::OK, &json!([90.0, 60.0])));
+    let picture = site.get(&engineer, "/setup/recipe/door.toml/picture.png").await;
+    assert_eq!(picture.headers["content-type"], "image/png");
+    let told = site.post(&engineer, "/setup/recipe/door.toml/proposal", &drawn().to_string()).await;
+    let proposed: Value = serde_json::from_str(&told.body).expect("JSON");
+    assert_eq!((told.status, &proposed["is_changed"]), (StatusCode::OK, &json!(true)), "{told:?}");
+    let [text, difference] = [&proposed["text"], &proposed["difference"]].map(|text| text.as_str().expect("text"));
+    assert!(
+        text.starts_with("panel = \"door\" # the left one") && text.contains("masked_px = [[[20, 20]"),
+        "{text}"
+    );
+    assert!(
+        difference.contains("<del>− corners_px = [[10, 10]")
+            && difference.contains("<ins>+ corners_px = [[12, 10]")
+    );
+    let same = site.post(&engineer, "/setup/recipe/door.toml/proposal", &now.to_string()).await;
+    let same: Value = serde_json::from_str(&same.body).expect("JSON");
+    assert_eq!((&same["is_changed"], &same["text"]), (&json!(false), &json!(DOOR)));
+    let change = json!({ "text": text, "why": "" }).to_string();
+    let told = site.post(&engineer, "/setup/recipe/door.toml", &change).await;
+    assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY, "a reason is asked for");
+}
+
+#[tokio::test]
+async fn what_is_no_region_is_not_proposed() {
+    let site = Site::new();
+    let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
+    let with = |key: &str, value: Value| {
+        let mut body = drawn();
+        body[key] = value;
+        body.to_string()
+    };
+    for (body, words) in [
+        (with("corners_px", json!([[90, 10], [10, 10], [90, 60], [10, 60]])), "must go round"),
+        (with("held_px", json!([[[0, 0], [100, 0], [90, 9], [0, 9]]])), "outside of the picture, 100×80 px"),
+        (with("outline_px", json!([[97, 2], [2, 2], [97, 70], [2, 70]])), "the outline crosses itself"),
+    ] {
+        let told = site.post(&engineer, "/setup/recipe/door.toml/proposal", &body).await;
+        assert!(told.status == StatusCode::UNPROCESSABLE_ENTITY && told.body.contains(words), "{told:?}");
+    }
+    for path in ["/setup/recipe/none.toml/proposal", "/setup/recipe/..%2Fcell.toml/proposal"] {
+        let told = site.post(&engineer, path, &drawn().to_string()).await;
+        assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY, "{path}");
+    }
+}
+
+/// Without cameras the reason is told, and the attempt is in the audit trail.
+#[tokio::test]
+async fn a_picture_that_cannot_be_taken_says_why() {
+    let site = Site::new();
+    let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
+    let told = site.post(&engineer, "/setup/cameras/scanner", "{}").await;
+    assert!(told.status == StatusCode::CONFLICT && told.body.contains("has not opened its cameras"), "{told:?}");
+    assert_eq!(site.post(&engineer, "/setup/cameras/other", "{}").await.status, StatusCode::NOT_FOUND);
+    assert_eq!(site.get(&engineer, "/setup/cameras/scanner").await.status, StatusCode::NOT_FOUND);
+    let audit = site.get(&engineer, "/audit").await.body;
+    assert!(audit.contains("take a picture") && audit.contains("has not opened its cameras"), "{audit}");
+}

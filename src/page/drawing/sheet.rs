@@ -1,0 +1,81 @@
+//! The sheet itself, which more than one page shows: the picture with the shapes on it, and the tools beside it.
+
+use crate::recipe::{Drawn, Recipe, drawn_into};
+use serde_json::json;
+use std::collections::BTreeMap;
+
+/// Its script: a module that draws, and exports `begin` and `now`.
+pub const SCRIPT: &str = include_str!("sheet.js");
+/// Its styles.
+pub const STYLE: &str = include_str!("sheet.css");
+/// Its words, a column for each language.
+pub const WORDS: &str = include_str!("words.csv");
+const MARKUP: &str = include_str!("sheet.html");
+
+/// The sheet for a page: the picture's address, what stands above the tools, and the word for a key.
+pub fn markup(picture: &str, buttons: &str, word: impl Fn(&str) -> String) -> String {
+    let words: BTreeMap<&str, String> = keys().map(|key| (key, word(key))).collect();
+    let of_script = escaped(&json!(words).to_string());
+    let put = [("{words}", of_script.as_str()), ("{picture}", picture), ("{buttons}", buttons)];
+    let page = put.iter().fold(MARKUP.to_owned(), |page, (place, text)| page.replace(place, text));
+    words.iter().fold(page, |page, (key, word)| page.replace(&format!("{{{key}}}"), &escaped(word)))
+}
+
+/// The keys of the words.
+fn keys() -> impl Iterator<Item = &'static str> {
+    WORDS.lines().skip(1).filter_map(|line| line.split(',').next())
+}
+
+/// The English word for a key, as the page on this computer alone has it.
+pub(super) fn english(key: &str) -> Option<String> {
+    let mut reader = csv::Reader::from_reader(WORDS.as_bytes());
+    let found = reader.records().filter_map(Result::ok).find(|record| record.get(0) == Some(key));
+    found.and_then(|record| record.get(1).map(str::to_owned))
+}
+
+fn escaped(text: &str) -> String {
+    let put = [("&", "&amp;"), ("<", "&lt;"), (">", "&gt;"), ("\"", "&quot;")];
+    put.iter().fold(text.to_owned(), |text, (sign, name)| text.replace(sign, name))
+}
+
+/// What the recipe says is drawn.
+pub fn drawn(recipe: &Recipe) -> Drawn {
+    let region = recipe.region();
+    Drawn {
+        corners_px: region.corners_px(),
+        rows: u32::try_from(region.rows()).unwrap_or(u32::MAX),
+        columns: u32::try_from(region.columns()).unwrap_or(u32::MAX),
+        masked_px: recipe.inspect().masked_px(),
+        outline_px: recipe.outline().outline_px(),
+        held_px: recipe.outline().held_px(),
+    }
+}
+
+/// The recipe's text with what was drawn on a picture of this size, where it is still a recipe with it.
+///
+/// # Errors
+/// Each problem, in words.
+pub fn drawn_on(
+    (name, text): (&str, &str),
+    [width, height]: [usize; 2],
+    drawn: &Drawn,
+) -> Result<String, Vec<String>> {
+    let [most_u, most_v] = [width, height].map(|size| size as f64 - 1.0);
+    let outside = |[u, v]: &[f64; 2]| !(0.0..=most_u).contains(u) || !(0.0..=most_v).contains(v);
+    let quadrilaterals = drawn.masked_px.iter().chain(&drawn.held_px).flatten();
+    let all = quadrilaterals.chain(&drawn.outline_px).chain(&drawn.corners_px);
+    if let Some([u, v]) = all.into_iter().find(|corner| outside(corner)) {
+        return Err(vec![format!("({u:.1}, {v:.1}) px is outside of the picture, {width}×{height} px")]);
+    }
+    let edited = drawn_into(text, drawn).map_err(|error| vec![error.to_string()])?;
+    checked(name, &edited)?;
+    Ok(edited)
+}
+
+/// A recipe's text as a recipe.
+///
+/// # Errors
+/// Each problem, in words.
+pub fn checked(name: &str, text: &str) -> Result<Recipe, Vec<String>> {
+    Recipe::check(name, text).map_err(|problems| problems.to_string().lines().map(str::to_owned).collect())
+}

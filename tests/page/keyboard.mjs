@@ -1,0 +1,93 @@
+// The operator's page with the keyboard alone: a person logs in, starts, holds with a reason, goes on and accepts, an inspector signs.
+// Whatever the Tab key comes to must show that it has the focus.
+//
+// node keyboard.mjs ADDRESS PICTURES MODULES
+
+import { base, browser, fail, judged, person, reaches, state, step, wrong } from "./people.mjs";
+
+const MOST = 150; // stops of the Tab key on a page, and more
+
+/** What has the focus, and whether one sees it: an outline, or for a corner that is drawn its own fill. */
+const focused = (page) => page.evaluate(() => {
+  const element = document.activeElement;
+  if (!element || element === document.body || element.tagName === "IFRAME") return null;
+  const { outlineStyle, outlineWidth } = getComputedStyle(element);
+  return { words: element.outerHTML.slice(0, 90), isSeen: outlineStyle !== "none" && Number.parseFloat(outlineWidth) >= 2 };
+});
+
+/** Presses a key until this has the focus. */
+async function to(page, selector, key = "Tab") {
+  for (let count = 0; count < MOST; count += 1) {
+    await page.keyboard.press(key);
+    const now = await focused(page);
+    if (now && !now.isSeen) wrong.push(`the focus is not seen at ${now.words}`);
+    if (await page.evaluate((selector) => document.activeElement.matches(selector), selector)) return;
+  }
+  fail(`the keyboard does not come to ${selector}`);
+}
+
+async function logsIn(page, name) {
+  await page.goto(`${base}/login?next=/`);
+  await to(page, "input[name=name]");
+  await page.keyboard.type(name);
+  await to(page, "input[name=password]");
+  await page.keyboard.type("correct horse");
+  await page.keyboard.press("Enter");
+  await page.waitForSelector("#logout");
+}
+
+async function presses(page, selector, key = "Enter") {
+  await page.waitForSelector(selector);
+  await to(page, selector);
+  await page.keyboard.press(key);
+}
+
+const operator = await person();
+await logsIn(operator, "operator");
+await reaches(operator, "stopped");
+await presses(operator, "button[data-request=reset]:enabled");
+await reaches(operator, "idle");
+await to(operator, "#why-held");
+await operator.keyboard.type("a hair on the lens");
+await to(operator, "input[name=serial]");
+await operator.keyboard.type("SN-0020");
+await presses(operator, "form#start button[type=submit]:enabled", "Space");
+step("started");
+
+await reaches(operator, "held");
+await presses(operator, "#review button:enabled");
+step("accepted");
+
+await operator.waitForFunction(() => /\d/.test(document.querySelector("#film").textContent));
+await presses(operator, ".actions button[data-request=hold]:enabled", "Space");
+await reaches(operator, "held");
+await judged(operator, "keyboard-held");
+await presses(operator, ".actions button[data-request=unhold]:enabled");
+step("held and went on");
+
+for (;;) {
+  await operator.waitForFunction(() => document.querySelector("#state").dataset.state === "complete" || document.querySelector("#review:not([hidden]) button:enabled"));
+  if ((await state(operator)) === "complete") break;
+  await presses(operator, "#review button:enabled");
+  await operator.waitForFunction(() => document.querySelector("#state").dataset.state !== "held");
+}
+step("completed");
+
+const inspector = await person();
+await logsIn(inspector, "inspector");
+await inspector.goto(`${base}/cycle/1`);
+await presses(inspector, "#sign summary");
+await to(inspector, "select[name=meaning]");
+await inspector.keyboard.press("ArrowDown");
+if (!(await inspector.inputValue("select[name=meaning]"))) fail("the keyboard chooses no meaning");
+await to(inspector, "#sign input[name=password]");
+await inspector.keyboard.type("correct horse");
+await presses(inspector, "#sign button[type=submit]");
+await inspector.waitForFunction(() => /inspector/.test(document.querySelector("main ul")?.textContent ?? ""));
+await judged(inspector, "keyboard-signed");
+step("signed");
+
+await browser.close();
+if (wrong.length > 0) fail([...new Set(wrong)].join("\n"));
+step("whole");
+process.exit(0);
