@@ -33,6 +33,7 @@ mod records;
 mod rehearsal;
 mod replay;
 mod robot;
+mod scanner_errors;
 mod service;
 mod shoot;
 mod supervised;

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep::geometry::{Base, Camera, Flange, FlangeCamera, OrganizedCloud, Panel, Pixel, Rigid, Vector};
 use panelprep::locate::refine::{self, CornerView, Refined};
-use panelprep::locate::{self, Fit, LocateError, Prepared, View, corner, gate};
+use panelprep::locate::{self, Fit, LocateError, Prepared, RangeErrors, View, corner, gate};
 use panelprep::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use panelprep::recipe::Recipe;
 use panelprep::report;
@@ -44,7 +44,7 @@ impl Bench {
 
     fn locate(&self, scan: &OrganizedCloud<Camera>) -> Result<Fit, LocateError> {
         let base_from_camera = self.cell.calibrated_base_from_camera();
-        let view = View { scan, camera: self.cell.scanner(), base_from_camera };
+        let view = View { scan, camera: self.cell.scanner(), base_from_camera, range: RangeErrors::default() };
         locate::locate(&self.taught, &view, self.recipe.locate())
     }
 
@@ -195,7 +195,7 @@ fn one_and_two_threads_give_the_same_bits() {
 fn pictures(trial: &Trial, judgement: &Judgement, fit: Option<&Fit>) -> usize {
     let (taught, recipe) = learnt(trial);
     let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
-    let view = View { scan: &scan, camera, base_from_camera };
+    let view = View { scan: &scan, camera, base_from_camera, range: RangeErrors::default() };
     let prepared = Prepared::new(&taught, &view, recipe.locate()).expect("a panel was taught");
     let picture = scan.picture();
     let drawn = report::reason_pictures(&taught, (&picture, &view), (&prepared.explain(fit), fit), judgement);
@@ -206,7 +206,11 @@ fn pictures(trial: &Trial, judgement: &Judgement, fit: Option<&Fit>) -> usize {
 fn tried(trial: &Trial) -> (Judgement, Option<Fit>) {
     let (taught, recipe) = learnt(trial);
     let (camera, base_from_camera) = (trial.camera(), trial.base_from_camera());
-    match locate::locate(&taught, &View { scan: &trial.scan(), camera, base_from_camera }, recipe.locate()) {
+    match locate::locate(
+        &taught,
+        &View { scan: &trial.scan(), camera, base_from_camera, range: RangeErrors::default() },
+        recipe.locate(),
+    ) {
         Ok(fit) => (gate::judge(&fit, recipe.locate()), Some(fit)),
         Err(error) => (gate::refusal(&error), None),
     }
@@ -255,7 +259,7 @@ fn a_holder_in_the_panels_plane_is_left_out_where_it_is_named() {
         let place: Vec<[[f64; 2]; 4]> =
             held.held_px().iter().map(|held| held.map(|pixel| [pixel.u, pixel.v])).collect();
         let (scan, camera, base_from_camera) = (held.scan(), held.camera(), held.base_from_camera());
-        let view = View { scan: &scan, camera, base_from_camera };
+        let view = View { scan: &scan, camera, base_from_camera, range: RangeErrors::default() };
         let located = |keys: &str| {
             let (taught, recipe) = learnt_with(&alone, keys);
             let fit = locate::locate(&taught, &view, recipe.locate()).expect("found");
@@ -281,7 +285,7 @@ fn a_drawn_outline_stands_in_for_missing_points() {
     let (area, of) = (drawn.mask.count() as f64, whole.mask.count() as f64);
     assert!((0.5..0.7).contains(&(area / of)), "{area} of {of} points");
     let (scan, base_from_camera) = (Trial::flat(3, 2).taught_scan(), trial.base_from_camera());
-    let view = View { scan: &scan, camera: trial.camera(), base_from_camera };
+    let view = View { scan: &scan, camera: trial.camera(), base_from_camera, range: RangeErrors::default() };
     let prepared = Prepared::new(&drawn, &view, recipe.locate()).expect("a model");
     let seen = prepared.outline_seen();
     assert!(seen.by_colour > 0.5 && seen.unseen < 0.45, "{seen:?}");

@@ -142,6 +142,20 @@ pub(super) fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
         ),
         format!("residual: {residual}"),
     ];
+    says.extend(intrinsics.errors.map(|errors| {
+        let corrected = if errors.field.is_some() {
+            "what is the same in each scan is taken off"
+        } else {
+            "nothing is the same in each scan"
+        };
+        format!(
+            "its own errors, by {} scans: {} mm of white noise, {} mm alike over {} mm; {corrected}",
+            errors.places,
+            fixed(errors.white_mm, 3),
+            fixed(errors.smooth_mm, 3),
+            fixed(errors.correlation_mm, 0)
+        )
+    }));
     says.extend(intrinsics.extent.model.map(|model| format!("lens model: {model}")));
     says.extend(intrinsics.extent.left_out.iter().map(|reason| format!("left out of it: {reason}")));
     says.extend(intrinsics.extent.supported.map(|supported| {

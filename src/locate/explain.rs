@@ -170,8 +170,12 @@ mod tests {
         let cell = sim::Cell::new(1, Scene::Clean, 4);
         let (panel, recipe) = taught(&cell);
         let (scan, base_from_camera) = (cell.taught_scan(), cell.calibrated_base_from_camera());
-        let view =
-            View { scan: &scan, camera: cell.scanner(), base_from_camera, range: super::RangeErrors::default() };
+        let view = View {
+            scan: &scan,
+            camera: cell.scanner(),
+            base_from_camera,
+            range: crate::locate::RangeErrors::default(),
+        };
         let fit = Prepared::new(&panel, &view, recipe.locate()).and_then(|it| it.locate()).expect("a panel");
         let nearer = scan.raw_points_mm().iter().map(|point| {
             let way_mm = f64::from(point[0]).hypot(f64::from(point[1])).hypot(f64::from(point[2]));

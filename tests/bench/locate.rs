@@ -3,7 +3,7 @@
 //! true calibration. `cargo bench --bench locate -- [good|bad|held|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate`
 //! sets up the peers and names their Python in `PANELPREP_PEERS`.
 
-use panelprep::locate::{self, Fit, View, gate};
+use panelprep::locate::{self, Fit, RangeErrors, View, gate};
 use panelprep::panel::TaughtPanel;
 use panelprep::recipe::Recipe;
 use panelprep::sim::{PlacementError, TRIAL_BOX_MM, Trial, Wrong};
@@ -132,7 +132,12 @@ fn tried_with(trial: &Trial, keys: &str) -> Option<Tried> {
 
 fn located(trial: &Trial, (panel, recipe): (TaughtPanel, Recipe)) -> Tried {
     let scan = trial.scan();
-    let view = View { scan: &scan, camera: trial.camera(), base_from_camera: trial.base_from_camera() };
+    let view = View {
+        scan: &scan,
+        camera: trial.camera(),
+        base_from_camera: trial.base_from_camera(),
+        range: RangeErrors::default(),
+    };
     let begun = Instant::now();
     let found = locate::locate(&panel, &view, recipe.locate());
     let judgement = match &found {

@@ -5,7 +5,6 @@
 //! (b_i, c_i, a_i) is the plane's normal over its distance. Planes are projected out scan by scan, so that a scan adds a small
 //! symmetric matrix; second differences of c are weighed by λ, and the bow by how flat boards are.
 
-use super::gate::BOARD_BOW_MM;
 use super::plane_view::PlaneView;
 use crate::geometry::{DepthField, FIELD_COLUMNS, FIELD_ROWS, FIELD_SIZE, FieldRectangle, REFERENCE_DEPTH_MM};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -13,6 +12,8 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 /// Weights of roughness that are tried.
 pub(super) const LAMBDAS: [f64; 7] = [0.01, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4];
 const BOW: usize = 3;
+/// A calibration board is flat within this over half of its diagonal, standard deviation, mm.
+const BOARD_BOW_MM: f64 = 0.15;
 const SIZE: usize = FIELD_SIZE + BOW;
 /// Of two fields that explain the same the smaller one is taken.
 const RIDGE: f64 = 1e-6;

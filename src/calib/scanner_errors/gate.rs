@@ -1,6 +1,6 @@
 //! The gate: may a camera's measured errors be used, must a person look, or are they refused?
 
-use super::ScannerErrors;
+use super::found::ScannerErrors;
 use super::plane_view::PlaneView;
 use crate::geometry::FieldRectangle;
 use crate::verdict::{Check, SetBy};
@@ -8,9 +8,7 @@ use crate::words::apart;
 
 /// Fewer places tell nothing of a working volume.
 pub const MIN_PLACES: usize = 8;
-/// A calibration board is flat within this over half of its diagonal, standard deviation, mm.
-pub const BOARD_BOW_MM: f64 = 0.15;
-/// … and a board beyond this is no calibration board, mm.
+/// A board that is bowed by more is no calibration board, mm.
 const MOST_BOW_MM: f64 = 0.5;
 /// Share of the picture in which at least two scans have the board.
 const COVERED: f64 = 0.6;

@@ -12,6 +12,7 @@
 //! Not measured: errors that turn a plane into another plane, which no flat board shows; lenses (`intrinsics`).
 
 mod field;
+mod found;
 mod gate;
 mod plane_view;
 mod spread;
@@ -19,49 +20,13 @@ mod spread;
 #[cfg(test)]
 mod tests;
 
-pub use gate::{BOARD_BOW_MM, MIN_PLACES, checks};
+pub use found::ScannerErrors;
+pub use gate::{MIN_PLACES, checks};
 pub use plane_view::{Block, BoardScan, PlaneView};
 
 use super::error::CalibError;
 use crate::geometry::{Camera, DepthField, FieldRectangle, PinholeCamera, Pixel};
 use field::Fit;
-
-/// What was found of a camera.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ScannerErrors {
-    /// White noise of a pixel at the reference depth, standard deviation, mm.
-    pub white_mm: f64,
-    /// The smooth error of one scan, after the correction where there is one: standard deviation, mm.
-    pub smooth_mm: f64,
-    /// Over squares of this side it is alike, mm.
-    pub correlation_mm: f64,
-    /// The same, 95 %.
-    pub correlation_between_mm: [f64; 2],
-    /// Is the correlation as long as the boards can show, or longer?
-    pub is_longer_than_boards: bool,
-    /// What scans that were left out are off the plane, rms, mm, without a correction.
-    pub left_out_plain_mm: f64,
-    /// The same with the correction that the others say, where that is better.
-    pub left_out_corrected_mm: Option<f64>,
-    /// The correction; none where nothing is the same in each scan.
-    pub field: Option<DepthField>,
-    /// Its largest amount at the reference depth where boards were, mm.
-    pub field_most_mm: f64,
-    /// Bow of the board over half of its diagonal, mm.
-    pub bow_mm: f64,
-    /// Measured over printed distances, less one, percent: the mean over scans.
-    pub scale_percent: f64,
-    /// Its standard deviation from scan to scan, percent.
-    pub scale_deviation_percent: f64,
-    /// Share of the picture in which at least two scans have the board.
-    pub covered: f64,
-    /// Depths of the boards' middles, least and greatest, mm.
-    pub depths_mm: [f64; 2],
-    /// Between which angles the board was turned in its plane, degrees.
-    pub turned_deg: f64,
-    /// The boards' planes, rms of what is left after the correction, each scan, mm.
-    pub residuals_mm: Vec<f64>,
-}
 
 /// The directions of a camera's whole picture; `None` where its corners have no ray.
 pub fn rectangle(camera: &PinholeCamera) -> Option<FieldRectangle> {

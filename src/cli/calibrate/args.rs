@@ -76,7 +76,7 @@ pub enum What {
         Hold a stiff flat board in at least eight places of the working volume, sixteen are better: near and far, in the picture's \
         corners too, leant by up to 30° to all sides, and turned upright in half of them. `panelprep shoot scan --count 16` \
         takes them. The board's white rim must be seen. The numbers are kept in the lens's own file; teach no panel anew for them: \
-        a taught scan of the same camera is corrected as well.\n\
+        a taught scan of the same camera is corrected as well. Verify the camera again afterwards: its file has changed.\n\
         Example, after `panelprep render --board-scans 16 --scanner-error-mm 1 --out target/cell3`:\n  \
         panelprep calibrate scanner --intrinsics target/cell3/scanner.toml --board 8x6 --square-mm 30 --out target/cell3/scanner.toml \
         target/cell3/boards/scanner/*.pcd")]

@@ -129,7 +129,12 @@ impl Held {
     fn locate(&self, scan: &[u8]) -> Option<Option<Rigid<Base, Panel>>> {
         let camera = self.cell.scanner();
         let scan = files::read_cloud(scan, camera).ok()?;
-        let view = View { scan: &scan, camera, base_from_camera: self.cell.calibrated_base_from_camera() };
+        let view = View {
+            scan: &scan,
+            camera,
+            base_from_camera: self.cell.calibrated_base_from_camera(),
+            range: panelprep::locate::RangeErrors::default(),
+        };
         let located = locate(&self.panel, view, self.recipe.locate());
         let accepted = located.judgement.verdict == Verdict::Accept;
         Some(located.fit.filter(|_| accepted).map(|fit| fit.base_from_panel))

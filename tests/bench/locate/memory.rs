@@ -36,7 +36,12 @@ pub fn alone(folder: &Path) {
     let (camera, base_from_camera) = (trial.camera(), trial.base_from_camera());
     let panel = TaughtPanel::learn(&read("taught"), *camera, base_from_camera, &recipe).expect("a panel");
     let scan = read("scan");
-    locate::locate(&panel, &View { scan: &scan, camera, base_from_camera }, recipe.locate()).expect("located");
+    locate::locate(
+        &panel,
+        &View { scan: &scan, camera, base_from_camera, range: locate::RangeErrors::default() },
+        recipe.locate(),
+    )
+    .expect("located");
     let status = std::fs::read_to_string("/proc/self/status").expect("Linux tells");
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).expect("the most resident");
     let kb: f64 = line.trim().trim_end_matches("kB").trim().parse().expect("a number");

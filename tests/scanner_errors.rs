@@ -1,0 +1,72 @@
+//! `panelprep calibrate scanner` as a user runs it: a 3D camera that bends its scans finds the panel where it is, once its errors are
+//! measured.
+
+use super::commands::{TEACH, json};
+use panelprep::geometry::{Base, KukaPose, Panel, Point, Rigid};
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+
+fn place(value: &Value) -> Rigid<Base, Panel> {
+    serde_json::from_value::<KukaPose>(value.clone()).expect("a pose").to_rigid()
+}
+
+/// Teaches and locates: the largest distance of points of the panel from their true places, mm, and the result.
+fn located(folder: &Path) -> (f64, Value) {
+    let _ = fs::remove_dir_all(folder.join("cell/store"));
+    let (exit, taught) = json(folder, TEACH);
+    assert_eq!(exit, 0, "{taught}");
+    let (exit, found) = json(folder, "locate --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/scan.pcd");
+    assert_eq!(exit, 0, "{found}");
+    let truth = fs::read_to_string(folder.join("cell/truth/truth.json")).expect("the truth");
+    let truth: Value = serde_json::from_str(&truth).expect("JSON");
+    let [found_pose, true_pose] = [&found, &truth].map(|of| place(&of["base_from_panel"]));
+    let off_mm = |y: f64, z: f64| {
+        let point = Point::<Panel>::at(550.0, y, z);
+        (found_pose * point).distance_mm(true_pose * point)
+    };
+    let corners = [(-170.0, 240.0), (170.0, 240.0), (-170.0, 480.0), (170.0, 480.0)];
+    (corners.into_iter().map(|(y, z)| off_mm(y, z)).fold(0.0, f64::max), found)
+}
+
+#[test]
+fn a_bent_scanner_is_straightened_by_scans_of_a_board() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let render = "render --seed 3 --reduction 4 --seconds 5 --board-scans 12 --scanner-error-mm 2 --out cell";
+    assert_eq!(json(folder, render).0, 0);
+    let (before_mm, found) = located(folder);
+    assert!(found["scanner_errors"].as_str().expect("words").starts_with("not measured"), "{found}");
+    let scans: Vec<String> = (1..=12).map(|index| format!("cell/boards/scanner/{index:02}.pcd")).collect();
+    let calibrate =
+        "calibrate scanner --intrinsics cell/scanner.toml --board 8x6 --square-mm 30 --out cell/scanner.toml";
+    let (exit, measured) = json(folder, &format!("{calibrate} {}", scans.join(" ")));
+    let left_out = &measured["left_out"];
+    let mm = |name: &str| left_out[name].as_f64().expect("a length");
+    assert!(exit <= 1 && mm("corrected_mm") < 0.6 * mm("plain_mm"), "{measured}");
+    let (after_mm, found) = located(folder);
+    println!("{before_mm:.3} mm off, {after_mm:.3} mm with the camera's errors measured");
+    assert!(found["scanner_errors"].as_str().expect("words").starts_with("measured"), "{found}");
+    assert!(after_mm < 0.7 * before_mm, "{before_mm} {after_mm}");
+    assert!(after_mm < found["uncertainty_mm"].as_f64().expect("stated"), "{after_mm} {found}");
+    let (exit, told) = json(folder, "check cell/scanner.toml");
+    assert_eq!(exit, 0, "{told}");
+    assert!(told.to_string().contains("its own errors"), "{told}");
+}
+
+/// Seven scans, and a picture without depth.
+#[test]
+fn too_little_is_a_verdict_and_a_picture_an_error() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    assert_eq!(json(folder, "render --seed 3 --reduction 4 --seconds 5 --board-scans 7 --out cell").0, 0);
+    let calibrate =
+        "calibrate scanner --intrinsics cell/scanner.toml --board 8x6 --square-mm 30 --out cell/new.toml";
+    let scans: Vec<String> = (1..=7).map(|index| format!("cell/boards/scanner/{index:02}.pcd")).collect();
+    let (exit, told) = json(folder, &format!("{calibrate} {}", scans.join(" ")));
+    assert_eq!((exit, told["verdict"].as_str()), (1, Some("reject")), "{told}");
+    assert_eq!(told["reasons"][0]["code"], "scanner_places");
+    assert!(!folder.join("cell/new.toml").exists());
+    let (exit, told) = json(folder, &format!("{calibrate} cell/taught_corner.png"));
+    assert_eq!(exit, 2, "{told}");
+}
