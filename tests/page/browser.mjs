@@ -127,6 +127,7 @@ const drag = async (corner, at) => {
   await engineer.mouse.move(at.x + at.width / 2, at.y + at.height / 2);
   await engineer.mouse.up();
 };
+await engineer.evaluate(() => window.scrollTo(0, 0));
 const [first, second] = [await engineer.locator("[data-kind=region][data-corner='0']").boundingBox(), await engineer.locator("[data-kind=region][data-corner='1']").boundingBox()];
 await drag(0, { ...second, x: second.x + 30 });
 await drag(1, first);
