@@ -126,7 +126,7 @@ mod tests {
     #[test]
     fn a_large_scan_is_thinned_evenly() {
         let count = 600 * 500;
-        let scan = OrganizedCloud::new(600, 500, vec![[0.0; 3]; count], vec![[0; 3]; count]).expect("counts agree");
+        let scan = OrganizedCloud::new(600, 500, vec![[1.0; 3]; count], vec![[0; 3]; count]).expect("counts agree");
         // By hand: every second one of each row and column.
         assert_eq!(points(&scan, &moved()).len(), 16 * 300 * 250);
     }

@@ -4,8 +4,8 @@
 //! of that is the camera's error, in five parts:
 //! - white noise, from pixel to pixel, which grows with z²;
 //! - what is the same in each scan (`field`): a correction, kept only where scans that were left out are foretold by it;
-//! - what is smooth and differs from scan to scan (`spread`): its size and over what length it is alike, by restricted maximum
-//!   likelihood, since a plane through the board takes a part of it away;
+//! - what is smooth and differs from scan to scan (`spread`): its size and over what length it is alike, by means over
+//!   parts of the board, since a plane through it takes a part away;
 //! - the board's own bow, which turns with the board and so is told apart;
 //! - scale: distances between corners, as measured and as printed.
 //!
@@ -85,7 +85,7 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
         smooth_mm: spread.deviation_mm,
         correlation_mm: spread.correlation_mm,
         correlation_between_mm: spread.between_mm,
-        is_longer_than_boards: spread.is_at_end,
+        is_longer_than_boards: spread.is_long,
         left_out_plain_mm: plain.rms_mm,
         left_out_corrected_mm: best.as_ref().map(|(_, left_out)| left_out.rms_mm),
         field,

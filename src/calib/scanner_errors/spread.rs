@@ -1,84 +1,145 @@
-//! How large the smooth error of a scan is, and over what length it is alike.
+//! How large the smooth error of a scan is, and over what length it is alike, by its mean squares in blocks and in parts of the board.
 //!
-//! The residuals r of a scan's blocks, whose plane X was taken out, have the covariance σ² V with V = exp(−h²/ℓ²) + τ² I over the distances h
-//! on the board. The restricted likelihood of all scans i with n_i blocks,
-//!     −2 log L = Σ (log|V_i| + log|X_iᵀ V_i⁻¹ X_i|) + Σ(n_i − 3) · log(Σ rᵀP_i r),   P = V⁻¹ − V⁻¹X(XᵀV⁻¹X)⁻¹XᵀV⁻¹,        (1)
-//! is searched over a grid of ℓ and τ (Patterson and Thompson, Biometrika 58, 1971): the plane hides a part of what is as long as the
-//! board, which the plain scatter of r does not know. A mean over an area much larger than ℓ² has the variance σ² πℓ² / area, as if each square
-//! of the side L = √π ℓ had one error of its own; that L is what is told.
+//! Residuals r = M e are what a plane leaves of the errors e. For errors with the covariance σ² K, K = exp(−h² π / L²) over the distances h on the
+//! board, the mean squares of blocks and of means over k × k parts (A) are expected to be
+//!     E |r|² = σ² tr(M K),   E |r̄|² = σ² tr(M' A K Aᵀ),                                                    (1)
+//! each with its own plane taken out. The ratio of the two rises with L: where it is as observed is L, and then σ follows. A mean over an area
+//! much larger than L² has the variance σ² L² / area, as if each square of the side L had one error of its own. A likelihood was tried in place
+//! of (1): it looks at the finest detail, where a form of K that is not the camera's made L a factor of three wrong.
 
-use super::plane_view::PlaneView;
+use super::plane_view::{Block, PlaneView};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 /// L that are tried, mm.
-const LENGTHS_MM: [f64; 14] =
-    [15.0, 20.0, 26.0, 33.0, 42.0, 52.0, 65.0, 80.0, 100.0, 125.0, 160.0, 200.0, 250.0, 320.0];
-/// τ² that are tried.
-const WHITE_SHARES: [f64; 5] = [0.002, 0.02, 0.1, 0.4, 2.0];
-/// Half the fall of −2 log L that bounds 95 % of one parameter.
-const DROP: f64 = 3.84;
+const LENGTHS_MM: [f64; 15] =
+    [12.0, 16.0, 21.0, 27.0, 35.0, 45.0, 55.0, 67.0, 80.0, 97.0, 120.0, 150.0, 190.0, 240.0, 320.0];
+/// Parts along each side.
+const PARTS: usize = 4;
+/// A part needs this share of the blocks of the usual one.
+const FILLED: f64 = 0.5;
+/// 95 % of a normal distribution lie within this many standard deviations.
+const WITHIN_95_PERCENT: f64 = 1.96;
 
 /// What was found.
 pub(super) struct Spread {
     pub deviation_mm: f64,
     pub correlation_mm: f64,
     pub between_mm: [f64; 2],
-    pub is_at_end: bool,
+    pub is_long: bool,
 }
 
-/// The best of the grid; `None` where no covariance can be factored.
+/// One scan's blocks and parts.
+struct Cut {
+    /// The planes of both, each column of length 1 and square to the others.
+    planes: [DMatrix<f64>; 2],
+    /// Means over the parts, from blocks.
+    means: DMatrix<f64>,
+    distances_2: DMatrix<f64>,
+    observed: [f64; 2],
+}
+
+/// L and σ of (1); `None` where too little of the boards has points.
 pub(super) fn estimate(views: &[PlaneView], residuals_mm: &[Vec<f64>]) -> Option<Spread> {
+    let cuts: Vec<Cut> =
+        views.iter().zip(residuals_mm).filter_map(|(view, mm)| Cut::of(&view.blocks, mm)).collect();
+    let observed = cuts.iter().fold([0.0; 2], |sum, cut| [sum[0] + cut.observed[0], sum[1] + cut.observed[1]]);
     let longest_mm = views.iter().map(|view| 2.0 * view.half_diagonal_mm).fold(0.0, f64::max);
-    let grid: Vec<(usize, f64)> = (0..LENGTHS_MM.len())
-        .filter(|&index| LENGTHS_MM[index] <= longest_mm)
-        .flat_map(|index| WHITE_SHARES.map(|white| (index, white)))
-        .collect();
-    let tried: Vec<(usize, f64, f64)> = grid
+    let tried: Vec<(f64, [f64; 2])> = LENGTHS_MM
         .par_iter()
-        .filter_map(|&(index, white)| {
-            let (deviance, variance) = deviance(views, residuals_mm, (LENGTHS_MM[index], white))?;
-            Some((index, deviance, variance))
+        .filter(|length_mm| **length_mm <= longest_mm)
+        .map(|&length_mm| {
+            let of = |sum: [f64; 2], one: [f64; 2]| [sum[0] + one[0], sum[1] + one[1]];
+            (length_mm, cuts.iter().map(|cut| cut.expected(length_mm)).fold([0.0; 2], of))
         })
         .collect();
-    let best = *tried.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
-    let within = |one: &&(usize, f64, f64)| one.1 <= best.1 + DROP;
-    let indices = || tried.iter().filter(within).map(|one| one.0);
-    let (low, high) = (indices().min()?, indices().max()?);
-    let last = grid.iter().map(|one| one.0).max()?;
+    let ratio = observed[1] / observed[0];
+    let free: f64 = cuts.iter().map(|cut| cut.means.nrows() as f64 - 3.0).sum();
+    // The parts' sum of squares scatters as χ² does.
+    let share = WITHIN_95_PERCENT * (2.0 / free).sqrt();
+    let length = |ratio: f64| length_mm(&tried, ratio);
+    let correlation_mm = length(ratio)?;
+    let ((_, low), (_, high)) = around(&tried, correlation_mm)?;
+    let expected = low[0].max(high[0]);
+    let deviation_mm = (observed[0] / expected).sqrt();
+    deviation_mm.is_finite().then_some(())?;
     Some(Spread {
-        deviation_mm: best.2.sqrt(),
-        correlation_mm: LENGTHS_MM[best.0],
-        between_mm: [LENGTHS_MM[low], LENGTHS_MM[high]],
-        is_at_end: best.0 == last,
+        deviation_mm,
+        correlation_mm,
+        between_mm: [length(ratio * (1.0 - share).max(0.0))?, length(ratio * (1.0 + share))?],
+        is_long: tried.last().is_some_and(|(longest_mm, _)| correlation_mm >= *longest_mm),
     })
 }
 
-/// (1), and σ².
-fn deviance(views: &[PlaneView], residuals_mm: &[Vec<f64>], (length_mm, white): (f64, f64)) -> Option<(f64, f64)> {
-    let reach2 = length_mm * length_mm / std::f64::consts::PI;
-    let (mut logs, mut squares, mut free) = (0.0, 0.0, 0.0);
-    for (view, residuals) in views.iter().zip(residuals_mm) {
-        let count = view.blocks.len();
-        let covariance = DMatrix::from_fn(count, count, |i, j| {
-            let ([ax, ay], [bx, by]) = (view.blocks[i].place_mm, view.blocks[j].place_mm);
-            let alike = (-((ax - bx).powi(2) + (ay - by).powi(2)) / reach2).exp();
-            alike + if i == j { white } else { 0.0 }
-        });
-        let factor = covariance.cholesky()?;
-        let plane = DMatrix::from_fn(count, 3, |row, column| {
-            let block = &view.blocks[row];
+/// The two lengths beside this one.
+fn around(tried: &[(f64, [f64; 2])], length_mm: f64) -> Option<((f64, [f64; 2]), (f64, [f64; 2]))> {
+    let above = tried.iter().position(|one| one.0 >= length_mm)?;
+    Some((tried[above.saturating_sub(1)], tried[above]))
+}
+
+/// Where the expected ratio is this one; the first or last length where it is beyond all.
+fn length_mm(tried: &[(f64, [f64; 2])], ratio: f64) -> Option<f64> {
+    let of = |one: &(f64, [f64; 2])| one.1[1] / one.1[0];
+    let Some(above) = tried.iter().position(|one| of(one) >= ratio) else { return tried.last().map(|one| one.0) };
+    let (high, Some(low)) = (&tried[above], above.checked_sub(1).map(|below| &tried[below])) else {
+        return Some(tried[above].0);
+    };
+    let share = (ratio - of(low)) / (of(high) - of(low));
+    Some(low.0 + share * (high.0 - low.0))
+}
+
+impl Cut {
+    fn of(blocks: &[Block], residuals_mm: &[f64]) -> Option<Cut> {
+        let reach = |axis: usize| {
+            let places = blocks.iter().map(|block| block.place_mm[axis]);
+            let least = places.clone().fold(f64::INFINITY, f64::min);
+            (least, places.fold(f64::NEG_INFINITY, f64::max) - least)
+        };
+        let reaches = [reach(0), reach(1)];
+        let part = |block: &Block| {
+            let at = |axis: usize| {
+                let (least, reach) = reaches[axis];
+                (((block.place_mm[axis] - least) / reach * PARTS as f64) as usize).min(PARTS - 1)
+            };
+            at(1) * PARTS + at(0)
+        };
+        let usual = blocks.len() as f64 / (PARTS * PARTS) as f64;
+        let members: Vec<Vec<usize>> = (0..PARTS * PARTS)
+            .map(|index| (0..blocks.len()).filter(|&block| part(&blocks[block]) == index).collect::<Vec<_>>())
+            .filter(|members| members.len() as f64 >= FILLED * usual)
+            .collect();
+        if members.len() < 6 {
+            return None;
+        }
+        let mut means = DMatrix::zeros(members.len(), blocks.len());
+        for (row, members) in members.iter().enumerate() {
+            members.iter().for_each(|&block| means[(row, block)] = 1.0 / members.len() as f64);
+        }
+        let plane = DMatrix::from_fn(blocks.len(), 3, |row, column| {
+            let block = &blocks[row];
             [1.0, block.direction[0], block.direction[1]][column] / block.per_depth.powi(2)
         });
-        let residuals = DVector::from_column_slice(residuals);
-        let (of_plane, of_residuals) = (factor.solve(&plane), factor.solve(&residuals));
-        let inner = (plane.transpose() * &of_plane).cholesky()?;
-        let along = plane.transpose() * &of_residuals;
-        squares += residuals.dot(&of_residuals) - along.dot(&inner.solve(&along));
-        let log = |l: &DMatrix<f64>| 2.0 * l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
-        logs += log(factor.l_dirty()) + log(inner.l_dirty());
-        free += count as f64 - 3.0;
+        let planes = [plane.clone().qr().q(), (&means * plane).qr().q()];
+        let distances_2 = DMatrix::from_fn(blocks.len(), blocks.len(), |i, j| {
+            let ([ax, ay], [bx, by]) = (blocks[i].place_mm, blocks[j].place_mm);
+            (ax - bx).powi(2) + (ay - by).powi(2)
+        });
+        let residuals = DVector::from_column_slice(residuals_mm);
+        let left = |values: DVector<f64>, plane: &DMatrix<f64>| {
+            (&values - plane * (plane.transpose() * &values)).norm_squared()
+        };
+        let observed = [left(residuals.clone(), &planes[0]), left(&means * residuals, &planes[1])];
+        Some(Cut { planes, means, distances_2, observed })
     }
-    let variance = squares / free;
-    variance.is_finite().then(|| (logs + free * variance.ln(), variance))
+
+    /// Both traces of (1).
+    fn expected(&self, length_mm: f64) -> [f64; 2] {
+        let reach_2 = length_mm * length_mm / std::f64::consts::PI;
+        let covariance = self.distances_2.map(|distance_2| (-distance_2 / reach_2).exp());
+        let of_parts = &self.means * &covariance * self.means.transpose();
+        let left = |covariance: &DMatrix<f64>, plane: &DMatrix<f64>| {
+            covariance.trace() - (plane.transpose() * covariance * plane).trace()
+        };
+        [left(&covariance, &self.planes[0]), left(&of_parts, &self.planes[1])]
+    }
 }

@@ -141,7 +141,7 @@ async fn the_first_load_is_small() {
     let page = site.get(&operator, "/").await.body;
     let mut bytes = page.len();
     let assets: Vec<&str> = page.split('"').filter(|part| part.starts_with("/assets/")).collect();
-    assert_eq!(assets.len(), 5, "{assets:?}");
+    assert_eq!(assets.len(), 6, "{assets:?}");
     for asset in assets {
         let told = site.get(&operator, asset).await;
         assert_eq!(told.status, StatusCode::OK, "{asset}");
