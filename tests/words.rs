@@ -151,7 +151,8 @@ fn has_debug_form(text: &str) -> bool {
     let inside = |part: &str| {
         part.split('}').next().is_some_and(|spec| spec.split(':').nth(1).is_some_and(|form| form.ends_with('?')))
     };
-    text.strip_prefix('?').is_some_and(|name| name.chars().all(|c| c.is_alphanumeric() || c == '_'))
+    text.strip_prefix('?')
+        .is_some_and(|name| !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || c == '_'))
         || text.replace("{{", "").split('{').skip(1).any(inside)
 }
 

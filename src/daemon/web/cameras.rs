@@ -1,5 +1,6 @@
 //! What both cameras see between cycles, with the figures of the picture. While a cycle is under way nothing is taken, and why not is told.
 
+use super::camera_views::View;
 use super::guard::{By, not_found, refusal};
 use super::layout::{Frame, Script, local};
 use super::reading::ended;
@@ -7,7 +8,7 @@ use super::state::{Web, blocking, entry};
 use super::words::Language;
 use crate::accounts::{AuditEntry, Permission};
 use crate::daemon::lending::Eye;
-use crate::devices::cameras::{Conditions, PictureQuality};
+use crate::devices::cameras::PictureQuality;
 use crate::files;
 use crate::geometry::ColorPicture;
 use crate::report::canvas::resized;
@@ -19,7 +20,7 @@ use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
 use maud::{Markup, html};
 use serde_json::json;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// The widest picture that is sent, px.
@@ -27,29 +28,6 @@ const WIDEST: usize = 1_280;
 /// Each camera, by its word in addresses and the key of its name.
 const EYES: [(&str, &str, Eye); 2] =
     [("scanner", "cameras.scanner", Eye::Scanner), ("flange", "cameras.flange", Eye::Flange)];
-
-/// The last picture of a camera that somebody asked for on the page.
-struct View {
-    jpeg: Vec<u8>,
-    unix_ms: i64,
-    size_px: [usize; 2],
-    quality: PictureQuality,
-    conditions: Conditions,
-}
-
-/// The last picture of each camera.
-#[derive(Default)]
-pub(super) struct Views([Mutex<Option<Arc<View>>>; 2]);
-
-impl Views {
-    fn slot(&self, at: usize) -> MutexGuard<'_, Option<Arc<View>>> {
-        self.0[at].lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn last(&self, at: usize) -> Option<Arc<View>> {
-        self.slot(at).clone()
-    }
-}
 
 fn eye(name: &str) -> Option<usize> {
     EYES.iter().position(|(word, ..)| *word == name)
@@ -155,7 +133,7 @@ fn taken(web: &Web, at: usize) -> Result<(), Reason> {
         quality: PictureQuality::of(&taken.picture),
         conditions: taken.conditions,
     };
-    *web.views.slot(at) = Some(Arc::new(view));
+    web.views.keep(at, view);
     Ok(())
 }
 

@@ -17,6 +17,7 @@ mod access;
 mod alarms;
 mod assets;
 mod audit;
+mod camera_views;
 mod cameras;
 mod compare;
 mod cycle;
@@ -48,6 +49,7 @@ mod tls;
 mod trends;
 mod versions;
 mod visitor;
+mod watching;
 mod words;
 
 #[cfg(test)]

@@ -7,9 +7,9 @@ use super::live_state::Live;
 use super::record_source::RecordSource;
 use super::routes;
 use super::setup_source::SetupSource;
-use super::standing;
 use super::state::{Web, WebParts};
 use super::tls;
+use super::watching;
 use super::words::Words;
 use crate::cell;
 use crate::daemon::gateway::Gateway;
@@ -126,7 +126,7 @@ impl OperatorPage {
         let serve = move || {
             step_back();
             runtime.spawn(live::follow(gateway, frames, tell));
-            runtime.spawn(standing::follow(web));
+            runtime.spawn(watching::follow(web));
             run(&runtime, (listener, address), (acceptor, router), ended);
         };
         let thread = thread::Builder::new().name("page".to_owned()).spawn(serve).map_err(PageError::Thread)?;

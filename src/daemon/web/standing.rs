@@ -4,14 +4,10 @@
 //! It is looked at once a minute, and cameras only while the cell rests without a cycle. An alarm lasts until what gave it is not
 //! found any more. The list begins anew with the service; who acknowledged an alarm stays in the store.
 
-use super::state::{Web, blocking};
 use crate::history::{Acknowledgement, Alarm};
 use crate::verdict::Reason;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::sync::{Mutex, PoisonError};
 
-/// It is looked so often.
-const EVERY: Duration = Duration::from_secs(60);
 /// Alarms that are gone: the newest stay in the list.
 const MOST_GONE: usize = 100;
 /// The code of a camera that gives no picture.
@@ -69,22 +65,6 @@ impl Standing {
 fn is_same(alarm: &Alarm, reason: &Reason) -> bool {
     let words = |text: &str| text.chars().filter(|c| !c.is_ascii_digit() && *c != '.').collect::<String>();
     alarm.code == reason.code && words(&alarm.message) == words(&reason.message)
-}
-
-/// Looks again and again, as long as the page is served.
-pub(super) async fn follow(web: Arc<Web>) {
-    loop {
-        let shared = web.clone();
-        let found = blocking(move || {
-            let cameras = shared.gateway.cameras.as_ref().and_then(|cameras| cameras.check());
-            Found { cell: shared.setup.standing(), cameras }
-        });
-        if let Some(found) = found.await {
-            let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-            web.standing.look(&found, i64::try_from(since.as_millis()).unwrap_or(i64::MAX));
-        }
-        tokio::time::sleep(EVERY).await;
-    }
 }
 
 #[cfg(test)]

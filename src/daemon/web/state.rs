@@ -1,6 +1,6 @@
 //! What the page's handlers share.
 
-use super::cameras::Views;
+use super::camera_views::Views;
 use super::frame::Frames;
 use super::live_state::Live;
 use super::record_source::RecordSource;

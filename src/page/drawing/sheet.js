@@ -62,7 +62,7 @@ function draw() {
     corners.forEach(([u, v], corner) => {
       const place = { kind, index, corner };
       const dot = element("circle", {
-        class: `corner ${kind}${isSame(chosen, place) ? " chosen" : ""}`, cx: u, cy: v, r: 9 * scale, tabindex: 0,
+        class: `corner ${kind}${isSame(chosen, place) ? " chosen" : ""}`, cx: u, cy: v, r: 9 * scale, tabindex: 0, role: "button",
         "aria-label": word("corner", corner + 1, KINDS[kind].name(index)),
         "data-kind": kind, "data-index": index, "data-corner": corner,
       }, overlay);

@@ -170,7 +170,7 @@ impl SetupSource for Nothing {
     fn taught_picture(&self, _: &str) -> Result<ColorPicture, String> {
         Err("there is none".to_owned())
     }
-    fn standing(&self) -> Vec<Reason> {
+    fn standing(&self) -> Vec<panelprep::verdict::Reason> {
         vec![]
     }
     fn examine(&self) -> Vec<Examined> {
