@@ -31,6 +31,8 @@ pub(super) struct ScenePath {
     pub pass: u8,
     /// The tool's point at each waypoint in the panel's frame, mm, and whether the disc is on the panel there.
     pub waypoints: Vec<([f32; 3], bool)>,
+    /// Where the panel's face looks on the whole, in the panel's frame: against the tool's axis.
+    pub facing: [f64; 3],
 }
 
 impl LiveScene {
@@ -57,7 +59,14 @@ impl LiveScene {
             let at = waypoint.panel_from_tool.origin().mm;
             ([at.x as f32, at.y as f32, at.z as f32], waypoint.contact)
         });
-        let path = ScenePath { plan: number, pass, waypoints: waypoints.collect() };
+        let axes = plan
+            .paths
+            .iter()
+            .flat_map(|path| &path.waypoints)
+            .map(|waypoint| waypoint.panel_from_tool.isometry().rotation * nalgebra::Vector3::z());
+        let mean = -axes.sum::<nalgebra::Vector3<f64>>();
+        let facing = mean.try_normalize(1e-9).unwrap_or(nalgebra::Vector3::z());
+        let path = ScenePath { plan: number, pass, waypoints: waypoints.collect(), facing: facing.into() };
         let mut inside = self.of(cycle);
         inside.paths.retain(|known| known.plan != number);
         inside.paths.push(path);

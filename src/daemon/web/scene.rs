@@ -56,7 +56,8 @@ fn told(record: &CycleRecord, paths: &[ScenePath], has_points: bool) -> Value {
             "executed": executed(record, path.plan),
         })
     };
-    json!({ "has_points": has_points, "paths": paths.iter().map(of_path).collect::<Vec<_>>() })
+    let facing = paths.last().map_or([0.0, 0.0, 1.0], |path| path.facing);
+    json!({ "has_points": has_points, "facing": facing, "paths": paths.iter().map(of_path).collect::<Vec<_>>() })
 }
 
 /// How many waypoints of a plan were executed, the first not counted.

@@ -8,6 +8,7 @@ const AGAIN_MS = 2000; // how often progress is asked for while a cycle runs
 // Told apart without colour by their dashes in the legend and by what is written beside them.
 const COLOURS = [[0.34, 0.71, 0.91], [0.90, 0.62, 0], [0, 0.62, 0.45], [0.80, 0.47, 0.65], [0.94, 0.89, 0.26]];
 const AIR = [0.55, 0.55, 0.55];
+const LIFT_MM = 2; // a line in the surface itself would be hidden by its points
 
 const SHADER = `#version 300 es
 in vec3 at; in vec4 colour; uniform mat4 view; uniform float size; out vec4 shade;
@@ -50,7 +51,7 @@ function forget(gl, parts) {
 }
 
 /** The lines of a path; what is not executed yet is paler. */
-function lines(path) {
+function lines(path, facing) {
   const count = path.contact.length;
   const bytes = new ArrayBuffer(Math.max(0, count - 1) * 32);
   const view = new DataView(bytes);
@@ -60,7 +61,7 @@ function lines(path) {
     const share = move <= path.executed ? 255 : 120;
     [move - 1, move].forEach((waypoint, end) => {
       const place = (2 * (move - 1) + end) * 16;
-      for (let axis = 0; axis < 3; axis += 1) view.setFloat32(place + 4 * axis, path.at_mm[3 * waypoint + axis] + (axis === 2 ? 2 : 0), true);
+      for (let axis = 0; axis < 3; axis += 1) view.setFloat32(place + 4 * axis, path.at_mm[3 * waypoint + axis] + LIFT_MM * facing[axis], true);
       [r, g, b].forEach((part, index) => view.setUint8(place + 12 + index, Math.round(share * part)));
     });
   }
@@ -88,6 +89,7 @@ class Scene {
     this.cycle = null;
     this.paths = [];
     this.extent = { middle: [0, 0, 0], size: 1000 };
+    this.facing = [0, 0, 1];
     this.gl = this.canvas.getContext("webgl2", { antialias: true, alpha: false });
     this.canvas.hidden = !this.gl;
     if (this.gl) this.program = program(this.gl);
@@ -139,11 +141,14 @@ class Scene {
 
   view() {
     const { middle, size } = this.extent;
+    // The face of the panel looks along z, whichever way it stands in the cell: first about z, then about y.
+    const [x, y, z] = this.facing;
+    const upright = multiplied(rotated(2, Math.PI / 2), multiplied(rotated(1, -Math.acos(Math.max(-1, Math.min(1, z)))), rotated(2, -Math.atan2(y, x))));
     const { turn, tilt, away, shift } = this.eye;
     const scale = 1 / size;
     const eye = shifted(shift[0], shift[1], -away);
     const scaled = identity().map((x, index) => (index % 5 === 0 && index < 15 ? x * scale : x));
-    const model = multiplied(rotated(0, tilt), multiplied(rotated(2, turn), multiplied(scaled, shifted(...middle.map((x) => -x)))));
+    const model = multiplied(rotated(0, tilt), multiplied(rotated(2, turn), multiplied(upright, multiplied(scaled, shifted(...middle.map((x) => -x))))));
     return multiplied(perspective(0.9, this.canvas.width / Math.max(1, this.canvas.height), 0.02, 50), multiplied(eye, model));
   }
 
@@ -176,7 +181,8 @@ class Scene {
     }
     const response = await fetch(`/cycle/${cycle}/scene.json`, { cache: "no-store" }).catch(() => null);
     if (!response?.ok) { this.told.textContent = word("scene.none"); this.draw(); return; }
-    const { paths, has_points: hasPoints } = await response.json();
+    const { paths, has_points: hasPoints, facing } = await response.json();
+    this.facing = facing;
     const isNew = paths.length !== this.paths.length;
     let bytes = null;
     if (this.gl && hasPoints && !this.points) {
@@ -187,7 +193,7 @@ class Scene {
     if (isNew || bytes) this.extent = extent(bytes, paths);
     this.paths = paths;
     if (this.gl) forget(this.gl, this.lines);
-    if (this.gl) this.lines = paths.map((path) => upload(this.gl, lines(path)));
+    if (this.gl) this.lines = paths.map((path) => upload(this.gl, lines(path, facing)));
     this.told.textContent = [this.gl ? "" : word("scene.no_webgl"), paths.length === 0 ? word("scene.no_path") : ""].filter(Boolean).join(" ");
     this.explain();
     this.draw();
