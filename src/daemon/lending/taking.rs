@@ -9,10 +9,8 @@ use crate::verdict::Reason;
 /// Which camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::daemon) enum Eye {
-    /// The fixed 3D camera in its surroundings' light, as it films.
+    /// The fixed 3D camera.
     Scanner,
-    /// The fixed 3D camera by its own projector, as it scans.
-    ScannerShot,
     /// The camera on the flange.
     Flange,
 }
@@ -37,10 +35,6 @@ impl Lent<'_> {
             Eye::Scanner => {
                 let shot = cameras.scanner.capture_2d().map_err(failed)?;
                 (shot.picture, shot.time_s, cameras.scanner.conditions())
-            }
-            Eye::ScannerShot => {
-                let shot = cameras.scanner.capture_3d().map_err(failed)?;
-                (shot.cloud.picture(), shot.time_s, cameras.scanner.conditions())
             }
             Eye::Flange => {
                 let shot = cameras.flange.capture().map_err(failed)?;

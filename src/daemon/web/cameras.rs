@@ -27,7 +27,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 const WIDEST: usize = 1_280;
 /// Each camera, by its word in addresses and the key of its name.
 const EYES: [(&str, &str, Eye); 2] =
-    [("scanner", "cameras.scanner", Eye::ScannerShot), ("flange", "cameras.flange", Eye::Flange)];
+    [("scanner", "cameras.scanner", Eye::Scanner), ("flange", "cameras.flange", Eye::Flange)];
 
 fn eye(name: &str) -> Option<usize> {
     EYES.iter().position(|(word, ..)| *word == name)
