@@ -8,6 +8,7 @@
 
 use super::cloud::OrganizedCloud;
 use super::frames::Camera;
+use super::rigid::Point;
 
 /// z₀ of (1), mm.
 pub const REFERENCE_DEPTH_MM: f64 = 700.0;
@@ -37,8 +38,8 @@ pub struct FieldRectangle {
 }
 
 impl FieldRectangle {
-    /// The weight of each coefficient at a direction; they add up to one.
-    pub fn weights(&self, direction: [f64; 2]) -> [f64; FIELD_SIZE] {
+    /// The coefficients that count at a direction, with their weights, which add up to one.
+    pub fn weights(&self, direction: [f64; 2]) -> [(usize, f64); 16] {
         let along = |axis: usize, count: usize| {
             let span = (self.to[axis] - self.from[axis]).max(f64::MIN_POSITIVE);
             let intervals = (count - 3) as f64;
@@ -47,13 +48,10 @@ impl FieldRectangle {
             (first, cubic(at - first as f64))
         };
         let ((column, across), (row, down)) = (along(0, FIELD_COLUMNS), along(1, FIELD_ROWS));
-        let mut weights = [0.0; FIELD_SIZE];
-        for (j, down) in down.iter().enumerate() {
-            for (i, across) in across.iter().enumerate() {
-                weights[(row + j) * FIELD_COLUMNS + column + i] = down * across;
-            }
-        }
-        weights
+        std::array::from_fn(|k| {
+            let (i, j) = (k % 4, k / 4);
+            ((row + j) * FIELD_COLUMNS + column + i, down[j] * across[i])
+        })
     }
 }
 
@@ -71,13 +69,23 @@ fn cubic(t: f64) -> [f64; 4] {
 impl DepthField {
     /// c at a direction, mm at the reference depth.
     pub fn at_mm(&self, direction: [f64; 2]) -> f64 {
-        self.over.weights(direction).iter().zip(&self.coefficients_mm).map(|(weight, mm)| weight * mm).sum()
+        self.over.weights(direction).iter().map(|(index, weight)| weight * self.coefficients_mm[*index]).sum()
     }
 
-    /// The scan without this error: each point moved along its ray by (1).
+    /// By which factor (1) moves a point along its ray.
+    fn factor(&self, [x, y, z]: [f64; 3]) -> f64 {
+        1.0 / (1.0 + z * self.at_mm([x / z, y / z]) / REFERENCE_DEPTH_MM.powi(2))
+    }
+
+    /// The point without this error.
+    pub fn corrected_point(&self, point: Point<Camera>) -> Point<Camera> {
+        let mm = point.mm.coords;
+        Point::new((mm * self.factor([mm.x, mm.y, mm.z])).into())
+    }
+
+    /// The scan without this error.
     pub fn corrected(&self, scan: &OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
-        let per_mm = 1.0 / REFERENCE_DEPTH_MM.powi(2);
-        scan.along_rays(|[x, y, z]| 1.0 / (1.0 + z * self.at_mm([x / z, y / z]) * per_mm))
+        scan.along_rays(|mm| self.factor(mm))
     }
 }
 
@@ -112,5 +120,7 @@ mod tests {
         let point = moved.point_at(1).expect("there").mm;
         assert!((point.x / point.z - 0.1).abs() < 1e-7 && (point.y / point.z - 0.05).abs() < 1e-7);
         assert!(moved.point_at(2).is_none());
+        let alone = field(|_, _| 0.7).corrected_point(Point::at(70.0, 35.0, 700.0));
+        assert!(alone.distance_mm(Point::new(point)) < 1e-3, "a point alone is moved as in its scan");
     }
 }

@@ -64,7 +64,7 @@ impl Fit {
             let z_mm = 1.0 / block.per_depth;
             read_mm[index] = -z_mm;
             let scale = (z_mm / REFERENCE_DEPTH_MM).powi(2);
-            for (column, weight) in over.weights(block.direction).into_iter().enumerate() {
+            for (column, weight) in over.weights(block.direction) {
                 design[(index, column)] = scale * weight;
             }
             let [u, v] = block.place_mm.map(|mm| mm / view.half_diagonal_mm);

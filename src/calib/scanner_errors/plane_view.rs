@@ -133,8 +133,11 @@ impl PlaneView {
     /// Distances between corners as measured over those printed, less one, percent.
     pub fn scale_percent(&self, field: Option<&DepthField>) -> f64 {
         let count = self.corners.len() as f64;
-        let measured: Vec<Vector3<f64>> =
-            self.corners.iter().map(|(_, point)| corrected(point.mm.coords, field)).collect();
+        let measured: Vec<Vector3<f64>> = self
+            .corners
+            .iter()
+            .map(|(_, point)| field.map_or(*point, |field| field.corrected_point(*point)).mm.coords)
+            .collect();
         let mean = measured.iter().sum::<Vector3<f64>>() / count;
         let spread: f64 = measured.iter().map(|point| (point - mean).norm_squared()).sum();
         let middle = [0, 1].map(|axis| self.corners.iter().map(|(at, _)| at[axis]).sum::<f64>() / count);
@@ -142,12 +145,6 @@ impl PlaneView {
             self.corners.iter().map(|(at, _)| (at[0] - middle[0]).powi(2) + (at[1] - middle[1]).powi(2)).sum();
         100.0 * ((spread / printed).sqrt() - 1.0)
     }
-}
-
-fn corrected(point: Vector3<f64>, field: Option<&DepthField>) -> Vector3<f64> {
-    let Some(field) = field else { return point };
-    let off = field.at_mm([point.x / point.z, point.y / point.z]) * point.z / REFERENCE_DEPTH_MM.powi(2);
-    point / (1.0 + off)
 }
 
 fn samples(
