@@ -5,9 +5,10 @@
 //! (b_i, c_i, a_i) is the plane's normal over its distance. Planes are projected out scan by scan, so that a scan adds a small
 //! symmetric matrix; second differences of c are weighed by λ, and the bow by how flat boards are.
 
+use super::plane::{self, Projection};
 use super::plane_view::PlaneView;
 use crate::geometry::{DepthField, FIELD_COLUMNS, FIELD_ROWS, FIELD_SIZE, FieldRectangle, REFERENCE_DEPTH_MM};
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector};
 
 /// Weights of roughness that are tried.
 pub(super) const LAMBDAS: [f64; 7] = [0.01, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4];
@@ -46,20 +47,9 @@ impl Fit {
     /// `None` where the blocks hold no plane.
     pub fn of(view: &PlaneView, over: &FieldRectangle) -> Option<Fit> {
         let count = view.blocks.len();
-        let plane_rows = |index: usize| {
-            let block = &view.blocks[index];
-            Vector3::new(1.0, block.direction[0], block.direction[1]) / block.per_depth.powi(2)
-        };
-        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-        for index in 0..count {
-            let row = plane_rows(index);
-            normal += row * row.transpose();
-            right += row / view.blocks[index].per_depth;
-        }
-        let inverse = normal.try_inverse()?;
-        let steepness = (inverse * right).norm();
+        let own = plane::fit(view.blocks.iter().map(|block| (block.direction, block.per_depth)))?;
         let mut design = DMatrix::zeros(count, SIZE);
-        let mut read_mm = DVector::zeros(count);
+        let mut read_mm = DMatrix::zeros(count, 1);
         for (index, block) in view.blocks.iter().enumerate() {
             let z_mm = 1.0 / block.per_depth;
             read_mm[index] = -z_mm;
@@ -69,13 +59,11 @@ impl Fit {
             }
             let [u, v] = block.place_mm.map(|mm| mm / view.half_diagonal_mm);
             for (k, height) in [u * u, u * v, v * v].into_iter().enumerate() {
-                design[(index, FIELD_SIZE + k)] = z_mm * steepness * height;
+                design[(index, FIELD_SIZE + k)] = z_mm * own.norm() * height;
             }
         }
-        let plane = DMatrix::from_fn(count, 3, |row, column| plane_rows(row)[column]);
-        let inverse = DMatrix::from_fn(3, 3, |row, column| inverse[(row, column)]);
-        let read_mm = &read_mm - &plane * (&inverse * (plane.transpose() * &read_mm));
-        let design = &design - &plane * (&inverse * (plane.transpose() * &design));
+        let planes = Projection::out_of(plane::depths(&view.blocks));
+        let (read_mm, design) = (planes.left(&read_mm).column(0).into_owned(), planes.left(&design));
         let (information, right) = (design.transpose() * &design, design.transpose() * &read_mm);
         Some(Fit { design, read_mm, information, right })
     }
@@ -125,15 +113,9 @@ pub(super) fn rms(values: &[f64]) -> f64 {
 
 /// The field's largest amount at these directions, beside what is linear over them, mm.
 pub(super) fn most_mm(field: &DepthField, directions: impl Iterator<Item = [f64; 2]>) -> f64 {
-    let all: Vec<(Vector3<f64>, f64)> =
-        directions.map(|at| (Vector3::new(1.0, at[0], at[1]), field.at_mm(at))).collect();
-    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-    for (row, mm) in &all {
-        normal += row * row.transpose();
-        right += row * *mm;
-    }
-    let linear = normal.try_inverse().map_or(Vector3::zeros(), |inverse| inverse * right);
-    all.iter().map(|(row, mm)| (mm - row.dot(&linear)).abs()).fold(0.0, f64::max)
+    let all: Vec<([f64; 2], f64)> = directions.map(|at| (at, field.at_mm(at))).collect();
+    let linear = plane::fit(all.iter().copied()).unwrap_or_default();
+    all.iter().map(|(at, mm)| (mm - plane::at(&linear, *at)).abs()).fold(0.0, f64::max)
 }
 
 fn penalty(lambda: f64) -> DMatrix<f64> {

@@ -13,8 +13,8 @@ pub struct ScannerErrors {
     pub correlation_mm: f64,
     /// The same, 95 %.
     pub correlation_between_mm: [f64; 2],
-    /// Is the correlation as long as the boards can show, or longer?
-    pub is_longer_than_boards: bool,
+    /// The longest length that the boards can show, their diagonal, mm.
+    pub board_mm: f64,
     /// What scans that were left out are off the plane, rms, mm, without a correction.
     pub left_out_plain_mm: f64,
     /// The same with the correction that the others say, where that is better.

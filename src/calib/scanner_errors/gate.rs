@@ -20,6 +20,8 @@ const TURNED_DEG: f64 = 40.0;
 const SMOOTH_MM: [f64; 2] = [0.3, 1.0];
 /// Distances that are longer or shorter by more than this are to be looked at, percent.
 const SCALE_PERCENT: f64 = 0.3;
+/// A board shows lengths up to this share of its diagonal: a plane through it takes longer ones away.
+const SHOWN: f64 = 0.8;
 /// Parts of the picture that are counted, across and down.
 const PARTS: [usize; 2] = [8, 6];
 
@@ -75,10 +77,11 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
                     "distances on the board are off by {is} %, allowed is {most} %; measure the board's squares, and have the camera calibrated by its maker"
                 )
             }),
-        Check::new("correlation as long as the board", "", f64::from(u8::from(found.is_longer_than_boards)))
-            .at_most(0.0, SetBy::Program)
+        Check::new("length over which the smooth error is alike", "mm", found.correlation_mm)
+            .at_most(SHOWN * found.board_mm, SetBy::Program)
             .reviews("scanner_board_small", || {
-                "the smooth error is alike over lengths as long as the board or longer; take a larger board".to_owned()
+                let [is, most] = apart(found.correlation_mm, SHOWN * found.board_mm, 0);
+                format!("the smooth error is alike over {is} mm, boards of this size show {most} mm; take a larger board")
             }),
     ]
 }

@@ -14,6 +14,7 @@
 mod field;
 mod found;
 mod gate;
+mod plane;
 mod plane_view;
 mod spread;
 
@@ -85,7 +86,7 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
         smooth_mm: spread.deviation_mm,
         correlation_mm: spread.correlation_mm,
         correlation_between_mm: spread.between_mm,
-        is_longer_than_boards: spread.is_long,
+        board_mm: views.iter().map(|view| 2.0 * view.half_diagonal_mm).fold(0.0, f64::max),
         left_out_plain_mm: plain.rms_mm,
         left_out_corrected_mm: best.as_ref().map(|(_, left_out)| left_out.rms_mm),
         field,

@@ -5,10 +5,11 @@ use super::super::chain::BoardObservation;
 use super::super::detect;
 use super::super::error::CalibError;
 use super::super::pose::board_pose;
+use super::plane;
 use crate::geometry::{
     Camera, DepthField, OrganizedCloud, PinholeCamera, Point, REFERENCE_DEPTH_MM, median_between,
 };
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 /// Blocks along each side of the board.
 const BLOCKS: usize = 16;
@@ -82,9 +83,9 @@ impl PlaneView {
         let few = || {
             CalibError::Points("too few points on the board; look at the exposure, and at glare on it".to_owned())
         };
-        let plane = plane(&samples).ok_or_else(few)?;
+        let found = through_most(&samples).ok_or_else(few)?;
         let off_mm =
-            |sample: &Sample| -(sample.per_depth - along(&plane, sample.direction)) / sample.per_depth.powi(2);
+            |sample: &Sample| -(sample.per_depth - plane::at(&found, sample.direction)) / sample.per_depth.powi(2);
         let mut by_block: Vec<Vec<&Sample>> = (0..BLOCKS * BLOCKS).map(|_| Vec::new()).collect();
         samples.iter().for_each(|sample| by_block[sample.block].push(sample));
         let mut counts: Vec<f64> =
@@ -97,7 +98,7 @@ impl PlaneView {
             let Some(middle_mm) = median_between(&mut off) else { continue };
             let mean = |of: fn(&Sample) -> f64| all.iter().map(|one| of(one)).sum::<f64>() / all.len() as f64;
             let direction = [mean(|one| one.direction[0]), mean(|one| one.direction[1])];
-            let on_plane = along(&plane, direction);
+            let on_plane = plane::at(&found, direction);
             apart.extend(
                 all.iter()
                     .map(|one| (off_mm(one) - middle_mm).abs() * (one.per_depth * REFERENCE_DEPTH_MM).powi(2)),
@@ -170,29 +171,14 @@ fn samples(
     scan.cloud.valid().filter_map(|(_, point)| sample(point)).collect()
 }
 
-fn along(plane: &Vector3<f64>, [x, y]: [f64; 2]) -> f64 {
-    plane.dot(&Vector3::new(1.0, x, y))
-}
-
 /// The plane through most of the points.
-fn plane(samples: &[Sample]) -> Option<Vector3<f64>> {
-    let mut plane = of_kept(samples.iter())?;
+fn through_most(samples: &[Sample]) -> Option<Vector3<f64>> {
+    let all = || samples.iter().map(|one| (one.direction, one.per_depth));
+    let mut found = plane::fit(all())?;
     for _ in 0..2 {
-        let mut off: Vec<f64> =
-            samples.iter().map(|one| (one.per_depth - along(&plane, one.direction)).abs()).collect();
-        let most = 4.0 * OF_NORMAL * median_between(&mut off)?;
-        let kept = samples.iter().filter(|one| (one.per_depth - along(&plane, one.direction)).abs() <= most);
-        plane = of_kept(kept)?;
+        let off = |(direction, per_depth): ([f64; 2], f64)| (per_depth - plane::at(&found, direction)).abs();
+        let most = 4.0 * OF_NORMAL * median_between(&mut all().map(off).collect::<Vec<f64>>())?;
+        found = plane::fit(all().filter(|one| off(*one) <= most))?;
     }
-    Some(plane)
-}
-
-fn of_kept<'a>(samples: impl Iterator<Item = &'a Sample>) -> Option<Vector3<f64>> {
-    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-    for one in samples {
-        let row = Vector3::new(1.0, one.direction[0], one.direction[1]);
-        normal += row * row.transpose();
-        right += row * one.per_depth;
-    }
-    normal.cholesky().map(|found| found.solve(&right))
+    Some(found)
 }

@@ -7,8 +7,9 @@
 //! much larger than L² has the variance σ² L² / area, as if each square of the side L had one error of its own. A likelihood was tried in place
 //! of (1): it looks at the finest detail, where a form of K that is not the camera's made L a factor of three wrong.
 
+use super::plane::{self, Projection};
 use super::plane_view::{Block, PlaneView};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 /// L that are tried, mm.
@@ -26,13 +27,12 @@ pub(super) struct Spread {
     pub deviation_mm: f64,
     pub correlation_mm: f64,
     pub between_mm: [f64; 2],
-    pub is_long: bool,
 }
 
 /// One scan's blocks and parts.
 struct Cut {
-    /// The planes of both, each column of length 1 and square to the others.
-    planes: [DMatrix<f64>; 2],
+    /// Without the planes of both.
+    planes: [Projection; 2],
     /// Means over the parts, from blocks.
     means: DMatrix<f64>,
     distances_2: DMatrix<f64>,
@@ -57,35 +57,26 @@ pub(super) fn estimate(views: &[PlaneView], residuals_mm: &[Vec<f64>]) -> Option
     let free: f64 = cuts.iter().map(|cut| cut.means.nrows() as f64 - 3.0).sum();
     // The parts' sum of squares scatters as χ² does.
     let share = WITHIN_95_PERCENT * (2.0 / free).sqrt();
-    let length = |ratio: f64| length_mm(&tried, ratio);
-    let correlation_mm = length(ratio)?;
-    let ((_, low), (_, high)) = around(&tried, correlation_mm)?;
-    let expected = low[0].max(high[0]);
+    let [(correlation_mm, expected), (low_mm, _), (high_mm, _)] =
+        [ratio, ratio * (1.0 - share).max(0.0), ratio * (1.0 + share)].map(|ratio| where_expected(&tried, ratio));
     let deviation_mm = (observed[0] / expected).sqrt();
-    deviation_mm.is_finite().then_some(())?;
-    Some(Spread {
-        deviation_mm,
-        correlation_mm,
-        between_mm: [length(ratio * (1.0 - share).max(0.0))?, length(ratio * (1.0 + share))?],
-        is_long: tried.last().is_some_and(|(longest_mm, _)| correlation_mm >= *longest_mm),
-    })
+    let spread = Spread { deviation_mm, correlation_mm, between_mm: [low_mm, high_mm] };
+    deviation_mm.is_finite().then_some(spread)
 }
 
-/// The two lengths beside this one.
-fn around(tried: &[(f64, [f64; 2])], length_mm: f64) -> Option<((f64, [f64; 2]), (f64, [f64; 2]))> {
-    let above = tried.iter().position(|one| one.0 >= length_mm)?;
-    Some((tried[above.saturating_sub(1)], tried[above]))
-}
-
-/// Where the expected ratio is this one; the first or last length where it is beyond all.
-fn length_mm(tried: &[(f64, [f64; 2])], ratio: f64) -> Option<f64> {
-    let of = |one: &(f64, [f64; 2])| one.1[1] / one.1[0];
-    let Some(above) = tried.iter().position(|one| of(one) >= ratio) else { return tried.last().map(|one| one.0) };
-    let (high, Some(low)) = (&tried[above], above.checked_sub(1).map(|below| &tried[below])) else {
-        return Some(tried[above].0);
-    };
-    let share = (ratio - of(low)) / (of(high) - of(low));
-    Some(low.0 + share * (high.0 - low.0))
+/// L at which this ratio is expected, and what is then expected of the blocks; the first or last L where it is beyond all.
+fn where_expected(tried: &[(f64, [f64; 2])], ratio: f64) -> (f64, f64) {
+    let of = |[blocks, parts]: [f64; 2]| parts / blocks;
+    let above = tried.iter().position(|one| of(one.1) >= ratio).unwrap_or(tried.len());
+    let beside = |index: usize| tried.get(index).map(|one| (one.0, one.1));
+    match (above.checked_sub(1).and_then(beside), beside(above)) {
+        (Some((low_mm, low)), Some((high_mm, high))) => {
+            let share = (ratio - of(low)) / (of(high) - of(low));
+            (low_mm + share * (high_mm - low_mm), low[0] + share * (high[0] - low[0]))
+        }
+        (Some((mm, expected)), None) | (None, Some((mm, expected))) => (mm, expected[0]),
+        (None, None) => (f64::NAN, f64::NAN),
+    }
 }
 
 impl Cut {
@@ -115,20 +106,15 @@ impl Cut {
         for (row, members) in members.iter().enumerate() {
             members.iter().for_each(|&block| means[(row, block)] = 1.0 / members.len() as f64);
         }
-        let plane = DMatrix::from_fn(blocks.len(), 3, |row, column| {
-            let block = &blocks[row];
-            [1.0, block.direction[0], block.direction[1]][column] / block.per_depth.powi(2)
-        });
-        let planes = [plane.clone().qr().q(), (&means * plane).qr().q()];
+        let depths = plane::depths(blocks);
+        let planes = [Projection::out_of(depths.clone()), Projection::out_of(&means * depths)];
         let distances_2 = DMatrix::from_fn(blocks.len(), blocks.len(), |i, j| {
             let ([ax, ay], [bx, by]) = (blocks[i].place_mm, blocks[j].place_mm);
             (ax - bx).powi(2) + (ay - by).powi(2)
         });
-        let residuals = DVector::from_column_slice(residuals_mm);
-        let left = |values: DVector<f64>, plane: &DMatrix<f64>| {
-            (&values - plane * (plane.transpose() * &values)).norm_squared()
-        };
-        let observed = [left(residuals.clone(), &planes[0]), left(&means * residuals, &planes[1])];
+        let residuals = DMatrix::from_column_slice(blocks.len(), 1, residuals_mm);
+        let observed =
+            [planes[0].left(&residuals).norm_squared(), planes[1].left(&(&means * residuals)).norm_squared()];
         Some(Cut { planes, means, distances_2, observed })
     }
 
@@ -137,9 +123,6 @@ impl Cut {
         let reach_2 = length_mm * length_mm / std::f64::consts::PI;
         let covariance = self.distances_2.map(|distance_2| (-distance_2 / reach_2).exp());
         let of_parts = &self.means * &covariance * self.means.transpose();
-        let left = |covariance: &DMatrix<f64>, plane: &DMatrix<f64>| {
-            covariance.trace() - (plane.transpose() * covariance * plane).trace()
-        };
-        [left(&covariance, &self.planes[0]), left(&of_parts, &self.planes[1])]
+        [self.planes[0].trace_left(&covariance), self.planes[1].trace_left(&of_parts)]
     }
 }

@@ -4,7 +4,6 @@ use super::*;
 use crate::calib::Board;
 use crate::geometry::{Camera, OrganizedCloud, PinholeCamera};
 use crate::sim::{BoardCell, BoardPrint, RobotNoise, ScannerDistortion};
-use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 const STILL: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
@@ -35,16 +34,10 @@ fn views(seed: u64, count: usize, distortion: &ScannerDistortion) -> (Vec<PlaneV
 /// What is left of the true error where boards were, beside what turns planes into planes: rms, mm.
 fn left_mm(found: &ScannerErrors, distortion: &ScannerDistortion, views: &[PlaneView]) -> [f64; 2] {
     let of = |value: &dyn Fn([f64; 2]) -> f64| {
-        let (mut normal, mut right, mut all) = (Matrix3::zeros(), Vector3::zeros(), Vec::new());
-        for block in views.iter().flat_map(|view| &view.blocks) {
-            let row = Vector3::new(1.0, block.direction[0], block.direction[1]);
-            let mm = value(block.direction);
-            normal += row * row.transpose();
-            right += row * mm;
-            all.push((row, mm));
-        }
-        let linear = normal.try_inverse().expect("a plane") * right;
-        (all.iter().map(|(row, mm)| (mm - row.dot(&linear)).powi(2)).sum::<f64>() / all.len() as f64).sqrt()
+        let blocks = views.iter().flat_map(|view| &view.blocks);
+        let all: Vec<([f64; 2], f64)> = blocks.map(|block| (block.direction, value(block.direction))).collect();
+        let linear = plane::fit(all.iter().copied()).expect("a plane");
+        field::rms(&all.iter().map(|(at, mm)| mm - plane::at(&linear, *at)).collect::<Vec<_>>())
     };
     let field = found.field.expect("a correction");
     [of(&|at| distortion.at_mm(at)), of(&|at| distortion.at_mm(at) - field.at_mm(at))]

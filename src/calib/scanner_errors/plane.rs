@@ -1,0 +1,48 @@
+//! A plane before the camera is linear in (1, x, y): by least squares, and what it leaves of other values.
+
+use super::plane_view::Block;
+use nalgebra::{DMatrix, Matrix3, Vector3};
+
+/// The coefficients of 1, x and y through these values; `None` where the directions hold none.
+pub(super) fn fit(values: impl IntoIterator<Item = ([f64; 2], f64)>) -> Option<Vector3<f64>> {
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for ([x, y], value) in values {
+        let row = Vector3::new(1.0, x, y);
+        normal += row * row.transpose();
+        right += row * value;
+    }
+    normal.cholesky().map(|found| found.solve(&right))
+}
+
+/// Its value at a direction.
+pub(super) fn at(plane: &Vector3<f64>, [x, y]: [f64; 2]) -> f64 {
+    plane.dot(&Vector3::new(1.0, x, y))
+}
+
+/// What a change of each coefficient makes of the depths of these blocks, mm.
+pub(super) fn depths(blocks: &[Block]) -> DMatrix<f64> {
+    DMatrix::from_fn(blocks.len(), 3, |row, column| {
+        let Block { direction: [x, y], per_depth, .. } = blocks[row];
+        [1.0, x, y][column] / per_depth.powi(2)
+    })
+}
+
+/// Takes out whatever is a sum of a few columns.
+pub(super) struct Projection(DMatrix<f64>);
+
+impl Projection {
+    /// Takes out these columns.
+    pub fn out_of(columns: DMatrix<f64>) -> Self {
+        Projection(columns.qr().q())
+    }
+
+    /// What is left of each column.
+    pub fn left(&self, values: &DMatrix<f64>) -> DMatrix<f64> {
+        values - &self.0 * (self.0.transpose() * values)
+    }
+
+    /// The trace that is left of a covariance.
+    pub fn trace_left(&self, covariance: &DMatrix<f64>) -> f64 {
+        covariance.trace() - (self.0.transpose() * covariance * &self.0).trace()
+    }
+}
