@@ -206,9 +206,13 @@ impl CellFiles {
         Ok((name(file), disk::read_text(file)?))
     }
 
-    fn intrinsics(&self, key: &'static str, file: Option<&PathBuf>) -> Result<Calibrated<PinholeCamera>, Fault> {
+    fn lens(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(Intrinsics, String), Fault> {
         let (name, text) = self.text(key, file)?;
-        let Intrinsics { camera, extent, errors, .. } = Intrinsics::check(&name, &text)?;
+        Ok((Intrinsics::check(&name, &text)?, text))
+    }
+
+    fn intrinsics(&self, key: &'static str, file: Option<&PathBuf>) -> Result<Calibrated<PinholeCamera>, Fault> {
+        let (Intrinsics { camera, extent, errors, .. }, text) = self.lens(key, file)?;
         let scan_errors = ScanErrors::of(errors.as_ref());
         Ok(Calibrated { value: camera, uncertainty_mm: None, extent, scan_errors, text })
     }
@@ -250,8 +254,7 @@ impl CellFiles {
     /// # Errors
     /// As [`CellFiles::scanner`].
     pub fn scanner_lens(&self) -> Result<Intrinsics, Fault> {
-        let (name, text) = self.text("scanner", self.cell.calibration().scanner.as_ref())?;
-        Ok(Intrinsics::check(&name, &text)?)
+        self.lens("scanner", self.cell.calibration().scanner.as_ref()).map(|(lens, _)| lens)
     }
 
     /// The intrinsics of the flange camera.

@@ -21,10 +21,11 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     let scanner = files.scanner()?;
     let (camera, errors) = (scanner.value, scanner.scan_errors);
     let base_from_camera = files.base_from_camera()?.value;
-    let scan = errors.corrected(load::scan(&args.scan, &camera)?);
+    let scan = load::scan(&args.scan, &camera)?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
-    let view = View { scan: &scan, camera: &camera, base_from_camera, range: errors.range };
     let begin = Instant::now();
+    let scan = errors.corrected(scan);
+    let view = View { scan: &scan, camera: &camera, base_from_camera, range: errors.range };
     let located = locate(&taught.panel, view, recipe.locate());
     let elapsed_ms = begin.elapsed().as_secs_f64() * 1e3;
     if let Some(folder) = &args.pictures {

@@ -33,7 +33,8 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let Some(scan_file) = &args.scan else { return Err(Fault::NoScan) };
     let recipe = load::recipe(&args.recipe)?;
     let (scanner, base_from_camera) = (cell_files.scanner()?, cell_files.base_from_camera()?);
-    let scan = load::scan(scan_file, &scanner.value)?; // Refused with the file's name before anything is kept.
+    // Refused with the file's name before anything is kept.
+    let scan = scanner.scan_errors.corrected(load::scan(scan_file, &scanner.value)?);
     let teaching = given((args, scan_file), &cell_files, &recipe)?;
     let name =
         |index: usize| args.corner.get(index).map_or_else(|| index.to_string(), |file| file.display().to_string());

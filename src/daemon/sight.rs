@@ -116,12 +116,13 @@ impl Sight {
         (self.dry, self.corners) = (None, Corners::default());
         let errors = &cycle.calibrations.scan_errors;
         let scan = match eyes.scan() {
-            Ok(scan) => errors.corrected(scan),
+            Ok(scan) => scan,
             Err(error) => return blind(Kind::Locate, 0, &error, record),
         };
         let picture = scan.picture();
         record.picture("scan", &picture)?;
         let begun = Instant::now();
+        let scan = errors.corrected(scan);
         let (camera, base_from_camera) = (&cycle.calibrations.scanner, cycle.calibrations.base_from_camera);
         let view = locate::View { scan: &scan, camera, base_from_camera, range: errors.range };
         let located = stages::locate::locate(&cycle.panel, view, cycle.recipe.locate());

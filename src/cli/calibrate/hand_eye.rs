@@ -17,6 +17,7 @@ use crate::calib::turned::same_way_round;
 use crate::calib::{Arrangement, Board, BoardObservation, CalibError, HandEye, Station, gate, next_pose};
 use crate::cell::{FlangeCameraMount, MountedPose, ScannerMount};
 use crate::geometry::{Base, Frame, KukaPose, PinholeCamera, Point, Rigid};
+use crate::locate::ScanErrors;
 use crate::verdict::{Judgement, Reason};
 use rayon::prelude::*;
 use serde_json::json;
@@ -44,7 +45,7 @@ struct Look {
 fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let board = boards::board(&args.board)?;
     let lens = intrinsics(&args.intrinsics)?;
-    let camera = lens.camera;
+    let (camera, errors) = (lens.camera, ScanErrors::of(lens.errors.as_ref()));
     let cell = cell(common)?;
     let arm = InUse::of(args.robot.as_deref(), common)?;
     let (mut looks, aside) = looks(args, (&board, arm.as_ref()), &camera, progress)?;
@@ -72,7 +73,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         found = found.with_lens(&camera, &stations, covariance).map_err(Fault::stage)?;
     }
     let measured: Vec<Station<A::From>> =
-        looks.iter().filter_map(|look| Some(station(look, points_of::<A>(look, &camera)?))).collect();
+        looks.iter().filter_map(|look| Some(station(look, points_of::<A>(look, (&camera, &errors))?))).collect();
     let second = match measured.len() >= MIN_STATIONS {
         true => Some(calibrated(&measured, Some(found.at))?),
         false => None,
@@ -127,7 +128,7 @@ fn refused(error: &CalibError, out: &Path) -> Outcome {
 }
 
 /// The corners as the 3D camera measured them, where it measured most of them.
-fn points_of<A: Mounted>(look: &Look, camera: &PinholeCamera) -> Option<BoardObservation<A::From>> {
+fn points_of<A: Mounted>(look: &Look, camera: (&PinholeCamera, &ScanErrors)) -> Option<BoardObservation<A::From>> {
     let seen = look.sight.measured(camera, &look.detected)?;
     let BoardObservation::Points(points) = &seen else { return None };
     if 2 * points.len() < look.detected.corners.len() {

@@ -6,6 +6,7 @@ use crate::calib::detect::{self, Detected};
 use crate::calib::{Board, BoardObservation, CalibError};
 use crate::files;
 use crate::geometry::{Camera, ColorPicture, GrayPicture, OrganizedCloud, PinholeCamera};
+use crate::locate::ScanErrors;
 use std::path::Path;
 
 /// A file's picture, and its points where it has them.
@@ -62,9 +63,19 @@ impl Sight {
         self.detect(board, half_window_px)
     }
 
-    /// The corners as the 3D camera measured them; `None` for a picture.
-    pub fn measured(&self, camera: &PinholeCamera, detected: &Detected) -> Option<BoardObservation<Camera>> {
-        self.cloud.as_ref().map(|cloud| detect::measured(cloud, camera, &detected.corners))
+    /// The corners as the 3D camera measured them, without its own errors; `None` for a picture.
+    pub fn measured(
+        &self,
+        (camera, errors): (&PinholeCamera, &ScanErrors),
+        detected: &Detected,
+    ) -> Option<BoardObservation<Camera>> {
+        let measured = detect::measured(self.cloud.as_ref()?, camera, &detected.corners);
+        Some(match (measured, &errors.field) {
+            (BoardObservation::Points(corners), Some(field)) => BoardObservation::Points(
+                corners.into_iter().map(|(corner, point)| (corner, field.corrected_point(point))).collect(),
+            ),
+            (measured, _) => measured,
+        })
     }
 
     /// The points; `None` for a picture.

@@ -55,7 +55,8 @@ fn look(
     };
     let sight = Sight::read(image, &camera.value)?;
     let detected = sight.detect_telling(board, window, progress).map_err(Fault::stage)?;
-    let measured_square_mm = sight.measured(&camera.value, &detected).and_then(|seen| seen.square_mm(board));
+    let measured_square_mm =
+        sight.measured((&camera.value, &camera.scan_errors), &detected).and_then(|seen| seen.square_mm(board));
     let seen = detected.corners;
     let outside = health::outside_of_lens(&camera.extent, seen.iter().map(|(_, pixel)| *pixel));
     let (base_from_board, pnp_rms_px) = match base_from_flange {
