@@ -2,13 +2,12 @@
 
 use super::args::{Common, Doctor};
 use super::calibrate::now_unix_s;
-use super::doctor::SCARCE_MB;
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::{disk, doctor, health};
 use crate::check::{self, FileReport};
 use crate::config::Problems;
-use crate::daemon::{Equipment, Examined, FLOOR_MB, RecipeText, SetupSource};
+use crate::daemon::{Equipment, Examined, RecipeText, SetupSource};
 use crate::files;
 use crate::geometry::ColorPicture;
 use crate::recipe::Recipe;
@@ -97,7 +96,9 @@ impl SetupSource for FolderSource {
         let unreadable = |fault: Fault| vec![Reason::new("calibration", fault.to_string())];
         let verified = health::judge(&self.files).map(|judged| judged.reasons).unwrap_or_else(unreadable);
         let ending = health::ending(&self.files).unwrap_or_default();
-        scarce(self.files.store_folder()).into_iter().chain(verified).chain(ending).collect()
+        let store = self.files.store_folder();
+        let room = free_mb(store).ok().and_then(|free_mb| doctor::scarce(&store.display().to_string(), free_mb));
+        room.into_iter().chain(verified).chain(ending).collect()
     }
 
     fn examine(&self) -> Vec<Examined> {
@@ -125,17 +126,6 @@ impl SetupSource for FolderSource {
             Equipment { name: name.replace('_', " "), calibration, verification: verification(&store, name) }
         });
         Ok((judged.verdict, reasons, equipment.collect()))
-    }
-}
-
-/// Little room where the store is.
-fn scarce(store: &Path) -> Option<Reason> {
-    let free_mb = free_mb(store).ok()?;
-    let found = format!("{free_mb} MB are free where the store is, {}", store.display());
-    match free_mb {
-        ..FLOOR_MB => Some(Reason::new("disk_full", format!("{found}; no cycle begins below {FLOOR_MB} MB"))),
-        FLOOR_MB..SCARCE_MB => Some(Reason::new("disk_scarce", format!("{found}: room for a few cycles only"))),
-        _ => None,
     }
 }
 

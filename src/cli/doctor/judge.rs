@@ -4,9 +4,10 @@ use super::check::Check;
 use crate::cell::{Mains, ZividSettings, ZividUse};
 use crate::daemon::FLOOR_MB;
 use crate::devices::zivid::{Flicker, Light, Warmth};
+use crate::verdict::Reason;
 
 /// Below this there is room for a few cycles only, MB.
-pub(in crate::cli) const SCARCE_MB: u64 = 10_000;
+const SCARCE_MB: u64 = 10_000;
 /// What is written and read in the same minute may differ by as much, s.
 const CLOCK_SLACK_S: i64 = 60;
 
@@ -22,6 +23,18 @@ pub(super) fn disk(folder: &str, free_mb: u64) -> Check {
         FLOOR_MB..SCARCE_MB => Check::right("disk", format!("{found}; room for a few cycles only")),
         _ => Check::right("disk", found),
     }
+}
+
+/// The same as an alarm; `None` where there is room.
+pub(in crate::cli) fn scarce(folder: &str, free_mb: u64) -> Option<Reason> {
+    let code = match free_mb {
+        ..FLOOR_MB => "disk_full",
+        FLOOR_MB..SCARCE_MB => "disk_scarce",
+        _ => return None,
+    };
+    let Check { found, advice, .. } = disk(folder, free_mb);
+    let words = if advice.is_empty() { found } else { format!("{found}; {advice}") };
+    Some(Reason::new(code, words))
 }
 
 /// Is the clock kept by another one? `None` where nobody knows.
@@ -210,6 +223,9 @@ mod tests {
         assert!(disk("store", FLOOR_MB).ok && disk("store", 50_000).found.starts_with("50000 MB free"));
         let full = disk("store", FLOOR_MB - 1);
         assert!(!full.ok && full.advice.contains("1000 MB"));
+        let alarm = |free_mb| scarce("store", free_mb).map(|reason| reason.code.into_owned());
+        let codes = [FLOOR_MB - 1, FLOOR_MB, SCARCE_MB].map(alarm);
+        assert_eq!(codes, [Some("disk_full".to_owned()), Some("disk_scarce".to_owned()), None]);
         let buffer = |largest| receive_buffer(largest, 20_874_880, Some([5_472, 3_648]));
         assert!(buffer(Some(20_874_880)).ok && buffer(Some(20_874_880)).found.contains("5472×3648"));
         for small in [Some(8_388_608), None] {

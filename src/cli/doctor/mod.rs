@@ -20,7 +20,7 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::verdict::{Judgement, Reason, Verdict};
 use check::Check;
-pub(in crate::cli) use judge::SCARCE_MB;
+pub(in crate::cli) use judge::scarce;
 use serde_json::json;
 
 /// Looks at everything and tells.

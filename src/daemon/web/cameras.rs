@@ -1,6 +1,7 @@
 //! What both cameras see between cycles, with the figures of the picture. While a cycle is under way nothing is taken, and why not is told.
 
 use super::camera_views::View;
+use super::clock::now_unix_ms;
 use super::guard::{By, not_found, refusal};
 use super::layout::{Frame, Script, local};
 use super::reading::ended;
@@ -21,7 +22,6 @@ use axum::{Extension, Json};
 use maud::{Markup, html};
 use serde_json::json;
 use std::sync::Arc;
-use std::time::{SystemTime, UNIX_EPOCH};
 
 /// The widest picture that is sent, px.
 const WIDEST: usize = 1_280;
@@ -125,10 +125,9 @@ fn taken(web: &Web, at: usize) -> Result<(), Reason> {
     let cameras = cameras.ok_or_else(|| Reason::new("not_now", message))?;
     let taken = cameras.take(EYES[at].2)?;
     let jpeg = encoded(&taken.picture).map_err(|problem| Reason::new("camera", problem))?;
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let view = View {
         jpeg,
-        unix_ms: i64::try_from(since.as_millis()).unwrap_or(i64::MAX),
+        unix_ms: now_unix_ms(),
         size_px: [taken.picture.width, taken.picture.height],
         quality: PictureQuality::of(&taken.picture),
         conditions: taken.conditions,

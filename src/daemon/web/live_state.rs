@@ -1,9 +1,9 @@
 //! How the cell stands, as a page shows it.
 
+use super::clock::now_unix_ms;
 use crate::daemon::reply::Reply;
 use crate::verdict::{Reason, Verdict};
 use serde::Serialize;
-use std::time::{SystemTime, UNIX_EPOCH};
 
 /// How the cell stands.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
@@ -35,7 +35,7 @@ pub(super) struct Live {
 impl Live {
     pub fn of(reply: Reply, (frame, frame_name): (u64, Option<String>)) -> Self {
         Live {
-            answered_ms: unix_ms(),
+            answered_ms: now_unix_ms().unsigned_abs(),
             answers: reply.state.is_some(),
             state: reply.state,
             phase: reply.phase,
@@ -60,9 +60,4 @@ impl Live {
     pub fn says_the_same(&self, other: &Live) -> bool {
         Live { answered_ms: 0, ..self.clone() } == Live { answered_ms: 0, ..other.clone() }
     }
-}
-
-fn unix_ms() -> u64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    u64::try_from(since.as_millis()).unwrap_or(u64::MAX)
 }

@@ -19,6 +19,7 @@ mod assets;
 mod audit;
 mod camera_views;
 mod cameras;
+mod clock;
 mod compare;
 mod cycle;
 mod doctor;

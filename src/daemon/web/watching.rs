@@ -1,9 +1,10 @@
 //! Looks at the cell once a minute, for the alarms between cycles (`standing`).
 
+use super::clock::now_unix_ms;
 use super::standing::Found;
 use super::state::{Web, blocking};
 use std::sync::Arc;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 /// It is looked so often.
 const EVERY: Duration = Duration::from_secs(60);
@@ -17,8 +18,7 @@ pub(super) async fn follow(web: Arc<Web>) {
             Found { cell: shared.setup.standing(), cameras }
         });
         if let Some(found) = found.await {
-            let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-            web.standing.look(&found, i64::try_from(since.as_millis()).unwrap_or(i64::MAX));
+            web.standing.look(&found, now_unix_ms());
         }
         tokio::time::sleep(EVERY).await;
     }
