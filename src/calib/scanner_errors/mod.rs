@@ -11,6 +11,7 @@
 //!
 //! Not measured: errors that turn a plane into another plane, which no flat board shows; lenses (`intrinsics`).
 
+mod block;
 mod field;
 mod found;
 mod gate;
@@ -21,9 +22,10 @@ mod spread;
 #[cfg(test)]
 mod tests;
 
+pub use block::Block;
 pub use found::ScannerErrors;
 pub use gate::{MIN_PLACES, checks};
-pub use plane_view::{Block, BoardScan, PlaneView};
+pub use plane_view::{BoardScan, PlaneView};
 
 use super::error::CalibError;
 use crate::geometry::{Camera, DepthField, FieldRectangle, PinholeCamera, Pixel};

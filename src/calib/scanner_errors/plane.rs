@@ -1,6 +1,6 @@
 //! A plane before the camera is linear in (1, x, y): by least squares, and what it leaves of other values.
 
-use super::plane_view::Block;
+use super::block::Block;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// The coefficients of 1, x and y through these values; `None` where the directions hold none.

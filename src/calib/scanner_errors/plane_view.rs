@@ -5,6 +5,7 @@ use super::super::chain::BoardObservation;
 use super::super::detect;
 use super::super::error::CalibError;
 use super::super::pose::board_pose;
+use super::block::Block;
 use super::plane;
 use crate::geometry::{
     Camera, DepthField, OrganizedCloud, PinholeCamera, Point, REFERENCE_DEPTH_MM, median_between,
@@ -34,17 +35,6 @@ pub struct BoardScan<'a> {
     pub board: &'a Board,
     /// The board's corners in its picture.
     pub corners: &'a Corners,
-}
-
-/// A block of the board's points.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Block {
-    /// Its direction, (X/Z, Y/Z).
-    pub direction: [f64; 2],
-    /// Its place on the board, from the board's middle, mm.
-    pub place_mm: [f64; 2],
-    /// 1/z, 1/mm.
-    pub per_depth: f64,
 }
 
 /// A scan as blocks.

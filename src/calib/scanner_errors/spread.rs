@@ -7,8 +7,9 @@
 //! much larger than L² has the variance σ² L² / area, as if each square of the side L had one error of its own. A likelihood was tried in place
 //! of (1): it looks at the finest detail, where a form of K that is not the camera's made L a factor of three wrong.
 
+use super::block::Block;
 use super::plane::{self, Projection};
-use super::plane_view::{Block, PlaneView};
+use super::plane_view::PlaneView;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
