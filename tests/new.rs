@@ -173,6 +173,18 @@ fn a_recipe_for_a_compliant_tool_has_its_force() {
     assert_eq!(written(compliant, &[]), Some(20.0), "what is proposed");
     assert_eq!(written(compliant, &["--force-n", "12"]), Some(12.0));
     assert_eq!(written(spring, &[]), None);
+    for (cell, force_n, words) in [
+        (compliant, "500", "exceeds [tool] max_force_n"),
+        (compliant, "-3", "path.force_n: found -3"),
+        (spring, "12", "the cell's [tool] is a spring"),
+    ] {
+        fs::write(folder.path().join("cell.toml"), cell).expect("written");
+        let command = format!("new recipe --yes --cell cell.toml --panel door --out no.toml --force-n {force_n}");
+        let output = super::commands::panelprep(folder.path(), &command);
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(2) && told.contains(words), "{force_n}: {told}");
+        assert!(!folder.path().join("no.toml").exists());
+    }
 }
 
 /// On the terminal: an empty line takes the proposal, a wrong answer is asked again.

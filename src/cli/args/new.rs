@@ -103,7 +103,7 @@ pub struct NewRecipe {
     #[arg(long, value_name = "MM")]
     pub disc_diameter_mm: Option<String>,
     /// Force with which the cell's compliant tool presses; asked where the cell's file has such a tool.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
     pub force_n: Option<String>,
 }
 

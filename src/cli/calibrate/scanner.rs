@@ -95,7 +95,9 @@ fn refused(message: String, all: &[Read], args: &Args) -> Outcome {
 fn tell_aside(outcome: &mut Outcome, all: &[Read]) {
     for (name, _, view) in all {
         if let Err(error) = view {
-            outcome.say(format!("{name}: left out: {error}"));
+            let why = error.to_string();
+            let named = if why.starts_with(name.as_str()) { why } else { format!("{name}: {why}") };
+            outcome.say(format!("left out: {named}"));
         }
     }
 }

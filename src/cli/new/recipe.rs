@@ -7,6 +7,7 @@ use super::super::outcome::Outcome;
 use super::ask::{Asker, Question};
 use super::setting::set;
 use crate::cell::Cell;
+use crate::check::check_files;
 use crate::config::{Problem, Problems};
 use crate::recipe::Recipe;
 use crate::verdict::{Judgement, Verdict};
@@ -29,10 +30,14 @@ pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
     if args.out.symlink_metadata().is_ok() {
         return Err(Fault::IsThere { file: args.out.clone() });
     }
-    let answers = Answers::of(args, common, &mut Asker::on_terminal(args.yes))?;
+    let cell = cell_here(common);
+    let answers = Answers::of(args, cell.as_ref().map(|(_, cell)| cell), &mut Asker::on_terminal(args.yes))?;
     let name = args.out.display().to_string();
     let text = text(&name, &answers)?;
     Recipe::check(&name, &text)?;
+    if let Some((cell, _)) = &cell {
+        fits((&common.cell.display().to_string(), cell), (&name, &text))?;
+    }
     disk::write_new(&args.out, &text)?;
     let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words = vec![format!("written: {name}; `panelprep check {name}` accepts it")];
@@ -56,7 +61,7 @@ struct Answers {
 }
 
 impl Answers {
-    fn of(args: &NewRecipe, common: &Common, asker: &mut Asker<'_>) -> Result<Self, Fault> {
+    fn of(args: &NewRecipe, cell: Option<&Cell>, asker: &mut Asker<'_>) -> Result<Self, Fault> {
         let question =
             Question::new("the panel's name, under which it is taught", "--panel", args.panel.as_deref());
         let panel = asker.words(&question)?;
@@ -68,9 +73,8 @@ impl Answers {
             "the region's four corners in the scan's picture, px, as `panelprep look` shows them: u,v u,v u,v u,v";
         let question = Question::new(words, "--corners-px", args.corners_px.as_deref());
         let corners_px = asker.numbers(&question.proposing(CORNERS_PX))?;
-        let cell = cell_here(common);
         let [least, greatest] =
-            cell.as_ref().and_then(cells_box).unwrap_or(BOX_MM).map(|corner| corner.map(plain).join(","));
+            cell.and_then(cells_box).unwrap_or(BOX_MM).map(|corner| corner.map(plain).join(","));
         let words = "least corner of the box in which the panel is searched, mm in the robot's base: x,y,z";
         let question = Question::new(words, "--box-min-mm", args.box_min_mm.as_deref());
         let box_min = asker.numbers(&question.proposing(least))?;
@@ -92,10 +96,18 @@ impl Answers {
     }
 }
 
-/// The cell's file, where there is one.
-fn cell_here(common: &Common) -> Option<Cell> {
+/// The cell's file with its text, where there is one that is right.
+fn cell_here(common: &Common) -> Option<(String, Cell)> {
     let text = disk::read_text(&common.cell).ok()?;
-    Cell::check(&common.cell.display().to_string(), &text).ok()
+    let cell = Cell::check(&common.cell.display().to_string(), &text).ok()?;
+    Some((text, cell))
+}
+
+/// Whether the cell can do what the recipe asks for, as `panelprep check` sees it.
+fn fits(cell: (&str, &str), recipe: (&str, &str)) -> Result<(), Fault> {
+    let report = check_files(&[cell, recipe], None).pop();
+    let problems = Problems { file: recipe.0.to_owned(), list: report.map_or(vec![], |report| report.problems) };
+    if problems.list.is_empty() { Ok(()) } else { Err(Fault::Configuration(problems)) }
 }
 
 /// The box of the cell in which the tool's tip stays.
