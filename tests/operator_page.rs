@@ -35,20 +35,28 @@ pub fn with_page(folder: &Path, more: &str) -> String {
     format!("http://{address}")
 }
 
-/// The folder of the browser's modules, where they and a browser are there.
+/// The folder of the browser's modules, where they and a browser are there; else it says that nobody looked at the page.
 fn modules() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/browser");
     let is_there =
         ["playwright-core", "axe-core"].iter().all(|name| folder.join("node_modules").join(name).is_dir());
     let runs =
         |program: &str| Command::new(program).arg("--version").output().is_ok_and(|told| told.status.success());
-    (is_there && runs("node") && runs("chromium")).then_some(folder)
+    if is_there && runs("node") && runs("chromium") {
+        return Some(folder);
+    }
+    eprintln!(
+        "not run: node, chromium or target/browser is missing, so nobody looked at the page; make setup installs what it can"
+    );
+    None
 }
 
 /// People with a browser who do what this script says.
-fn in_browser(script: &str, base: &str, (pictures, modules): (&Path, &Path)) -> Child {
+fn in_browser(script: &str, base: &str, modules: &Path) -> Child {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let pictures = here.join("target/page");
     Command::new("node")
-        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/page").join(script))
+        .arg(here.join("tests/page").join(script))
         .args([base.as_ref(), pictures.as_os_str(), modules.as_os_str()])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
@@ -57,23 +65,24 @@ fn in_browser(script: &str, base: &str, (pictures, modules): (&Path, &Path)) -> 
         .expect("node starts")
 }
 
+/// They come to the end of it.
+fn looked_through(browser: Child, service: &Service) {
+    let browser = browser.wait_with_output().expect("it ends");
+    let [told, problems] = [&browser.stdout, &browser.stderr].map(|text| String::from_utf8_lossy(text));
+    assert!(browser.status.success(), "{told}\n{problems}\n{}", service.log());
+    assert_eq!(told.lines().last(), Some("whole"), "{told}\n{problems}");
+}
+
 /// The whole of a part without a mouse; the focus is always seen.
 #[test]
 fn a_part_is_run_and_signed_with_the_keyboard_alone() {
-    let Some(modules) = modules() else {
-        eprintln!("not run: node, chromium or target/browser is missing; make setup installs what it can");
-        return;
-    };
+    let Some(modules) = modules() else { return };
     let folder = taught("clean");
     let folder = folder.path();
     let base = with_page(folder, POST);
     ["operator", "inspector"].iter().for_each(|role| add_account(folder, role));
     let service = Service::start(folder);
-    let pictures = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/page");
-    let browser = in_browser("keyboard.mjs", &base, (&pictures, &modules)).wait_with_output().expect("it ends");
-    let [told, problems] = [&browser.stdout, &browser.stderr].map(|text| String::from_utf8_lossy(text));
-    assert!(browser.status.success(), "{told}\n{problems}\n{}", service.log());
-    assert_eq!(told.lines().last(), Some("whole"), "{told}\n{problems}");
+    looked_through(in_browser("keyboard.mjs", &base, &modules), &service);
     drop(service);
     let store = panelprep::store::Store::open(&folder.join("cell/store")).expect("a store");
     let signed = store.signed_by_persons(panelprep::record::CycleId(1)).expect("read");
@@ -86,31 +95,19 @@ fn a_part_is_run_and_signed_with_the_keyboard_alone() {
 /// Two passes or one: what the robot executed of each is drawn, and told.
 #[test]
 fn scan_and_path_are_seen_in_three_dimensions() {
-    let Some(modules) = modules() else {
-        eprintln!("not run: node, chromium or target/browser is missing; make setup installs what it can");
-        return;
-    };
+    let Some(modules) = modules() else { return };
     let folder = taught("good");
     let folder = folder.path();
     let base = with_page(folder, "");
     add_account(folder, "viewer");
     let service = Service::start(folder);
     one_cycle(&service);
-    let pictures = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/page");
-    let browser = in_browser("scene.mjs", &base, (&pictures, &modules)).wait_with_output().expect("it ends");
-    let [told, problems] = [&browser.stdout, &browser.stderr].map(|text| String::from_utf8_lossy(text));
-    assert!(browser.status.success(), "{told}\n{problems}\n{}", service.log());
-    assert_eq!(told.lines().last(), Some("whole"), "{told}\n{problems}");
+    looked_through(in_browser("scene.mjs", &base, &modules), &service);
 }
 
 #[test]
 fn people_run_judge_and_sign_a_part_in_a_browser() {
-    let Some(modules) = modules() else {
-        eprintln!(
-            "not run: node, chromium or target/browser is missing, so nobody looked at the page; make setup installs what it can"
-        );
-        return;
-    };
+    let Some(modules) = modules() else { return };
     let folder = taught("clean");
     let folder = folder.path();
     let base = with_page(folder, POST);
@@ -118,8 +115,7 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
         add_account(folder, role);
     }
     let mut service = Some(Service::start(folder));
-    let pictures = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/page");
-    let mut browser = in_browser("browser.mjs", &base, (&pictures, &modules));
+    let mut browser = in_browser("browser.mjs", &base, &modules);
     let mut told = Vec::new();
     for line in BufReader::new(browser.stdout.take().expect("its words")).lines() {
         let line = line.expect("text");
