@@ -6,8 +6,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Licences that ask for no more than to be named with their text, so that the package may carry them.
-const ALLOWED: [&str; 13] = [
+/// Licences that ask for no more than to be named with their text, so that the package may carry them. The MPL also asks to say where
+/// the unchanged sources are: the package's licence file names each crate's repository.
+const ALLOWED: [&str; 14] = [
     "0BSD",
     "Apache-2.0",
     "BSD-2-Clause",
@@ -18,6 +19,7 @@ const ALLOWED: [&str; 13] = [
     "ISC",
     "MIT",
     "MIT-0",
+    "MPL-2.0",
     "Unicode-3.0",
     "Unlicense",
     "Zlib",
