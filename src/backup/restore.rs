@@ -143,6 +143,7 @@ fn placed(
             return Ok(Restored { found: verified.found, ..restored });
         }
         (restored.links, restored.files) = (verified.links, verified.files);
+        Store::mark_restored(&staged).map_err(BackupError::Store)?;
         like(&staged, folder.metadata().ok().as_ref()).map_err(BackupError::file("write", &staged))?;
         puts.push((staged, folder.to_owned()));
         restored.store = Some(folder.to_owned());

@@ -6,6 +6,7 @@
 
 mod arm;
 mod board_size;
+mod broker;
 mod calibration;
 mod date;
 mod devices;
@@ -14,6 +15,7 @@ mod keep;
 mod lens_extent;
 mod limits;
 mod names;
+mod office;
 mod page;
 mod provenance;
 mod removal;
@@ -29,6 +31,7 @@ mod tests;
 
 pub use arm::{Arm, ArmAxes, ArmGeometry, ArmModel, ArmTable, KeepOut, PerAxis};
 pub use board_size::BoardSize;
+pub use broker::{Broker, BrokerLogin};
 pub use calibration::{
     FlangeCameraMount, Intrinsics, LensCovariance, Mount, MountedPose, ScannerMount, TargetMount, ToolMount,
 };
@@ -39,6 +42,7 @@ pub use keep::{Keep, KeepFor};
 pub use lens_extent::{LensExtent, Supported};
 pub use limits::{Limits, Workspace};
 pub use names::{Feedback, InputsOutputs, Output};
+pub use office::{CellName, Office};
 pub use page::Page;
 pub use provenance::Provenance;
 pub use removal::{RemovalCalibration, RemovalNumbers};
@@ -128,10 +132,11 @@ pub struct Cell {
     rough: RoughMounts,
     arm: Arm,
     page: Page,
+    office: Option<Office>,
 }
 
 /// The keys at the top of a cell's file, by which it is distinguished from other files.
-pub const CELL_KEYS: [&str; 15] = [
+pub const CELL_KEYS: [&str; 16] = [
     "store",
     "socket",
     "socket_role",
@@ -147,6 +152,7 @@ pub const CELL_KEYS: [&str; 15] = [
     "arm",
     "keep_out",
     "page",
+    "office",
 ];
 
 impl Cell {
@@ -174,6 +180,7 @@ impl Cell {
         let rough = rough::take_rough(&top.section("rough"));
         let arm = arm::take_arm(&top.section("arm"), &top.sections("keep_out"));
         let page = page::take_page(folder, &top.section("page"));
+        let office = office::take_office(folder, &top.section("office"));
         top.done();
         let store = store?;
         Some(Cell {
@@ -193,6 +200,7 @@ impl Cell {
             rough: rough?,
             arm: arm?,
             page: page?,
+            office: office?,
         })
     }
 
@@ -279,6 +287,11 @@ impl Cell {
     /// The arm and what it must keep out of.
     pub fn arm(&self) -> &Arm {
         &self.arm
+    }
+
+    /// Where records go, where that is set.
+    pub fn office(&self) -> Option<&Office> {
+        self.office.as_ref()
     }
 
     /// The operator's page.

@@ -43,6 +43,7 @@ mod lending;
 mod live_scene;
 mod live_view;
 mod moves;
+mod office;
 mod pending;
 mod ports;
 mod pressing;
@@ -80,6 +81,7 @@ pub use error::DaemonError;
 pub use gateway::{Gateway, Loader};
 pub use lending::{AllCameras, BorrowedFlangeCamera, BorrowedScanner, LastState, SharedCameras, ShotRequest};
 pub use live_view::{LiveFilm, LiveFrame, LiveView};
+pub use office::{OfficeParts, OfficeSender, OfficeStatus};
 pub use ports::{
     CameraAnswer, CameraCommand, CameraFault, CameraPort, Command, Figure, Finding, Keeper, Kept, LinkedRobot,
     LinkedTool, News, NoCameras, Note, Picture2d, Port, Record, RecordAnswer, RecordCommand, RecordError,

@@ -68,7 +68,7 @@ impl Part {
 }
 
 /// Every table, column by column; in this order the rows of a store without a chain are taken into one.
-pub(super) static PARTS: [Part; 24] = [
+pub(super) static PARTS: [Part; 26] = [
     Part::row(
         "taught_panels",
         "taught panel",
@@ -144,6 +144,12 @@ pub(super) static PARTS: [Part; 24] = [
         "signatures",
         "signature",
         &["cycle_id", "kind", "unix_ms", "record_hash", "previous_hash", "signature", "public_key"],
+    ),
+    Part::row("outbox_epochs", "epoch of what the office is to have", &["epoch", "unix_ms", "why"]),
+    Part::row(
+        "outbox",
+        "entry of what the office is to have",
+        &["epoch_id", "number", "kind", "row_key", "unix_ms"],
     ),
 ];
 

@@ -1,8 +1,10 @@
 //! Cycles: the inputs of each, the findings of its phases, and how it ended.
 
+use super::commit::{Failed, Writing};
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
-use super::{finding_times, parts};
+use super::{finding_times, outbox, parts};
+use crate::office::Kind;
 use crate::record::{Budget, CycleId, CycleRecord, Finding, KeptFile, RecordingFile};
 use crate::verdict::{Judgement, Reason, Verdict};
 use rusqlite::{OptionalExtension, Row, params};
@@ -93,10 +95,12 @@ impl Store {
     /// Where it cannot be written, or there is no such cycle or it is over.
     pub fn conclude(&mut self, id: CycleId, verdict: Verdict, reasons: &[Reason]) -> Result<(), StoreError> {
         let (ended_unix_s, reasons) = (self.unix_s(), self.text(&reasons)?);
+        let unix_ms = unix_ms(self.clock());
         self.change(
             (id, "cycle_ends"),
             "UPDATE cycles SET ended_unix_s = ?2, verdict = ?3, reasons = ?4 WHERE id = ?1 AND verdict IS NULL",
             params![id.0, ended_unix_s, verdict.word(), reasons],
+            |writing| outbox::insert(writing, Kind::Cycle, id.0, unix_ms),
         )
     }
 
@@ -111,7 +115,7 @@ impl Store {
         }
         let budget = self.text(budget)?;
         let sql = "UPDATE cycles SET budget = ?2 WHERE id = ?1 AND verdict IS NULL";
-        self.change((id, "cycle_budgets"), sql, params![id.0, budget])
+        self.change((id, "cycle_budgets"), sql, params![id.0, budget], |_| Ok(()))
     }
 
     fn change(
@@ -119,11 +123,15 @@ impl Store {
         (id, part): (CycleId, &'static str),
         sql: &str,
         values: &[&dyn rusqlite::ToSql],
+        beside: impl Fn(&mut Writing<'_>) -> Result<(), Failed>,
     ) -> Result<(), StoreError> {
         self.writable()?;
         let path = self.path().to_owned();
         self.commit("write a cycle to", |writing| match writing.execute(sql, values)? {
-            1 => writing.chain(part, id.0),
+            1 => {
+                writing.chain(part, id.0)?;
+                beside(writing)
+            }
             _ => Err(StoreError::UnknownCycle { path: path.clone(), what: "running cycle", id: id.0 }.into()),
         })
     }

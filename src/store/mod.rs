@@ -37,6 +37,7 @@ mod key_file;
 mod lease;
 mod motions;
 mod opening;
+mod outbox;
 mod parts;
 mod passes;
 mod past;

@@ -96,7 +96,10 @@ impl Store {
         } else {
             store.changed.iter().for_each(|words| tracing::warn!("the store was changed: {words}"));
             store.keep_incident(&store.changed.clone())?;
+            // Numbers that are gone may be in the office already.
+            store.begin_epoch("rows of the store were found changed or gone")?;
         }
+        store.begin_epoch_if_restored()?;
         if let Err(error) = store.reserve.take() {
             tracing::warn!("no reserve for a full disk could be taken in {}: {error}", folder.display());
             if error.kind() == std::io::ErrorKind::StorageFull {

@@ -5,15 +5,15 @@ use super::error::StoreError;
 use super::{
     acknowledgements, chain, checkpoints, contacts, cycles, discs, finding_times, incidents, journal, motions,
 };
-use super::{parts, people, prune, requests, signatures, teaching, verifications};
+use super::{outbox, parts, people, prune, requests, signatures, teaching, verifications};
 use rusqlite::Connection;
 use std::path::Path;
 
 /// The newest schema that this program knows. 1: taught panels. 2: cycles, findings, journal, motions.
 /// 3: verifications. 4: discs. 5: strikes of verifications. 6: the chain, checkpoints, incidents, removed files.
 /// 7: requests, contact paths, facts of a cycle. 8: accounts and the audit trail, parts, times of findings, acknowledgements,
-/// signatures.
-pub(super) const SCHEMA: i64 = 8;
+/// signatures. 9: what the office is to have.
+pub(super) const SCHEMA: i64 = 9;
 /// The first with a chain.
 pub(super) const CHAINED: i64 = 6;
 
@@ -95,6 +95,10 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
         {
             transaction.execute_batch(tables)?;
         }
+    }
+    if found < 9 {
+        transaction.execute_batch(outbox::TABLES)?;
+        outbox::begin(transaction, found >= CHAINED)?;
     }
     if found < CHAINED {
         for tables in [chain::TABLES, checkpoints::TABLES, incidents::TABLES, prune::TABLES] {

@@ -8,6 +8,8 @@ use super::chain::{self, hex};
 use super::commit::Writing;
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
+use super::outbox;
+use crate::office::Kind;
 use crate::record::CycleId;
 use crate::signing::{
     BEGIN, CellKey, FORM, HEAD_FORM, Meaning, PersonSignature, Said, SignedCycle, SignedHead, SigningError,
@@ -212,6 +214,7 @@ impl Store {
             }
             insert(writing, before + 1, &row)?;
             writing.chain("signatures", before + 1)?;
+            outbox::insert(writing, Kind::Signature, before + 1, row.unix_ms)?;
             Ok(true)
         })?;
         Ok(is_written.then_some(row))
@@ -276,6 +279,13 @@ impl Store {
         let mut statement = self.connection.prepare(&sql).map_err(failed)?;
         let rows = statement.query_map([id.map(|id| id.0)], SignatureRow::of).map_err(failed)?;
         rows.collect::<Result<_, _>>().map_err(failed)
+    }
+
+    pub(super) fn signature(&self, number: i64) -> Result<SignatureRow, StoreError> {
+        let sql = format!("SELECT {COLUMNS} FROM signatures WHERE id = ?1");
+        let row =
+            self.connection.prepare_cached(&sql).and_then(|mut row| row.query_row([number], SignatureRow::of));
+        row.map_err(|error| self.failed("read a signature of", &error))
     }
 
     fn signature_of_cycle(&self, id: CycleId) -> Result<Option<SignatureRow>, StoreError> {

@@ -4,8 +4,10 @@
 use super::database::{DATABASE, Store};
 use super::error::StoreError;
 use super::head::HeadFile;
+use super::outbox;
 use crate::calib::health::{Strike, Verification};
 use crate::files::content_hash;
+use crate::office::Kind;
 use rusqlite::{Connection, OpenFlags, params};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -129,6 +131,7 @@ impl Store {
             )?;
             let number = writing.last_insert_rowid();
             writing.chain("verifications", number)?;
+            outbox::insert(writing, Kind::Verification, number, verification.at_unix_s.saturating_mul(1_000))?;
             Ok(number)
         })
     }

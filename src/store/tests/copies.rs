@@ -87,7 +87,7 @@ fn an_earlier_programs_database_is_kept_before_its_tables_are_changed() {
     become_the_first_schema(&path);
     fs::remove_file(path.join("panelprep.head")).expect("the first program wrote none");
     let refused = Store::copy_rows(&path, &folder.path().join("copy")).expect_err("an earlier one").to_string();
-    assert!(refused.contains("has schema 1, this program works with 8: start the service once"), "{refused}");
+    assert!(refused.contains("has schema 1, this program works with 9: start the service once"), "{refused}");
 
     let rows = |file: &str| -> (i64, i64) {
         let connection = Connection::open(path.join(file)).expect("opens");
@@ -105,7 +105,7 @@ fn an_earlier_programs_database_is_kept_before_its_tables_are_changed() {
     let earlier = fs::read(path.join(DATABASE)).expect("read");
     drop(Store::create(&path).expect("brought up to date"));
     assert_eq!(kept(), ["panelprep.schema-1.sqlite"]);
-    assert_eq!((rows("panelprep.schema-1.sqlite"), rows(DATABASE)), ((1, 1), (8, 1)));
+    assert_eq!((rows("panelprep.schema-1.sqlite"), rows(DATABASE)), ((1, 1), (9, 1)));
     drop(Store::create(&path).expect("once is enough"));
     assert_eq!(kept().len(), 1);
 

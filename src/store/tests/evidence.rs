@@ -344,7 +344,8 @@ fn a_store_without_a_chain_is_taken_into_one() {
     let folder = whole();
     let drop_all = "DROP TABLE chain; DROP TABLE checkpoints; DROP TABLE incidents; DROP TABLE pruned; DROP TABLE permits; \
                     DROP TABLE contacts; DROP TABLE cycle_facts; DROP TABLE requests; DROP TABLE cycle_parts; \
-                    DROP TABLE finding_times; DROP TABLE acknowledgements; DROP TABLE accounts; DROP TABLE audit; DROP TABLE signatures; PRAGMA user_version = 5";
+                    DROP TABLE finding_times; DROP TABLE acknowledgements; DROP TABLE accounts; DROP TABLE audit; DROP TABLE signatures; \
+                    DROP TABLE outbox; DROP TABLE outbox_epochs; PRAGMA user_version = 5";
     behind_its_back(&folder, drop_all);
     let path = store_in(&folder);
     // Beside a head that knows better it was rolled back, not left by an earlier program.

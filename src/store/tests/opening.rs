@@ -48,7 +48,7 @@ fn a_store_of_the_first_schema_keeps_its_panels_and_gets_the_new_tables() {
     assert_eq!(store.journal().expect("a journal"), []);
     let found: i64 =
         store.connection.pragma_query_value(None, "user_version", |row| row.get(0)).expect("a version");
-    assert_eq!(found, 8);
+    assert_eq!(found, 9);
 }
 
 #[test]

@@ -1,0 +1,104 @@
+//! What a cell asks of the broker.
+
+use super::error::BrokerError;
+use super::link::Link;
+use crate::cell::{Broker, CellName};
+use crate::office::{Chunk, subject};
+use async_nats::jetstream::context::PublishAckFuture;
+use async_nats::jetstream::message::PublishMessage;
+use async_nats::jetstream::stream::LastRawMessageErrorKind;
+
+/// A cell's connection.
+#[derive(Debug)]
+pub struct CellLink {
+    link: Link,
+    cell: CellName,
+}
+
+/// A message that was sent, until the broker says that it has it on its disk.
+pub struct Sending {
+    ack: PublishAckFuture,
+    address: String,
+}
+
+impl Sending {
+    /// Waits for the broker's word.
+    ///
+    /// # Errors
+    /// Where it refuses the message, another stream took it, or nothing comes in time.
+    pub async fn taken(self) -> Result<(), BrokerError> {
+        let refused = |problem: String| BrokerError::Refused { address: self.address.clone(), problem };
+        let ack = self.ack.await.map_err(|error| refused(error.to_string()))?;
+        match ack.stream == subject::STREAM {
+            true => Ok(()),
+            false => Err(refused(format!("the stream {} took it, not {}", ack.stream, subject::STREAM))),
+        }
+    }
+}
+
+impl CellLink {
+    /// Connects.
+    ///
+    /// # Errors
+    /// Where the broker cannot be reached, or refuses.
+    pub async fn connect(broker: &Broker, cell: &CellName) -> Result<Self, BrokerError> {
+        let link = Link::connect(broker, &format!("panelprep {cell}")).await?;
+        Ok(CellLink { link, cell: cell.clone() })
+    }
+
+    /// Which stream takes records: its name, and when it was made. Another one has nothing of what the one before it took.
+    ///
+    /// # Errors
+    /// Where there is none.
+    pub async fn stream(&self) -> Result<String, BrokerError> {
+        let stream = self.link.context.get_stream(subject::STREAM).await;
+        let stream = stream.map_err(|error| BrokerError::NoStream {
+            address: self.link.address.clone(),
+            stream: subject::STREAM,
+            problem: error.to_string(),
+        })?;
+        let info = stream.cached_info();
+        Ok(format!("{} {}", info.config.name, info.created.unix_timestamp_nanos()))
+    }
+
+    /// Up to which number the office has everything of this epoch; `None` where it never said so.
+    ///
+    /// # Errors
+    /// Where the broker cannot tell.
+    pub async fn archived(&self, epoch: &str) -> Result<Option<u64>, BrokerError> {
+        let context = &self.link.context;
+        let stream = context.get_stream_no_info(subject::ARCHIVED_STREAM).await;
+        let stream = stream.map_err(|error| self.link.failed("ask what the office has", error))?;
+        let last = stream.get_last_raw_message_by_subject(&subject::archived(&self.cell, epoch)).await;
+        let message = match last {
+            Ok(message) => message,
+            Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => return Ok(None),
+            Err(error) => return Err(self.link.failed("ask what the office has", error)),
+        };
+        let number = std::str::from_utf8(&message.payload).ok().and_then(|text| text.parse().ok());
+        let wrong = || self.link.failed("understand what the office has", "its word is no number");
+        number.map(Some).ok_or_else(wrong)
+    }
+
+    /// Sends a part; the broker's word comes later.
+    ///
+    /// # Errors
+    /// Where it cannot be sent.
+    pub async fn send(&self, chunk: &Chunk) -> Result<Sending, BrokerError> {
+        let refused = |problem: String| BrokerError::Refused { address: self.link.address.clone(), problem };
+        let bytes = chunk.bytes().map_err(|error| refused(error.to_string()))?;
+        let message = PublishMessage::build().payload(bytes.into()).message_id(chunk.message_id());
+        let sent = self.link.context.send_publish(subject::records(&self.cell), message).await;
+        let ack = sent.map_err(|error| refused(error.to_string()))?;
+        Ok(Sending { ack, address: self.link.address.clone() })
+    }
+
+    /// Tells the cell's state to whoever listens now; it may be lost.
+    ///
+    /// # Errors
+    /// Where it cannot be sent.
+    pub async fn tell_state(&self, state: Vec<u8>) -> Result<(), BrokerError> {
+        let told = self.link.client.publish(subject::state(&self.cell), state.into()).await;
+        told.map_err(|error| self.link.failed("tell the cell's state", error))
+    }
+}

@@ -1,0 +1,52 @@
+//! Why the broker did not do what was asked.
+
+use std::path::PathBuf;
+
+/// What went wrong at the broker.
+#[derive(Debug, thiserror::Error)]
+pub enum BrokerError {
+    /// A file of the login cannot be used.
+    #[error("{}: {problem}", path.display())]
+    Login {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// It does not answer, or refuses us.
+    #[error("the broker {address} cannot be reached: {problem}")]
+    Connect {
+        /// Its address.
+        address: String,
+        /// What the connection says.
+        problem: String,
+    },
+    /// It has no stream of ours.
+    #[error("the broker {address} has no stream {stream}: {problem}; `panelprep archive run` makes it")]
+    NoStream {
+        /// Its address.
+        address: String,
+        /// The stream.
+        stream: &'static str,
+        /// What the broker says.
+        problem: String,
+    },
+    /// It did not take a message, or did not say that it did.
+    #[error("the broker {address} did not take a message: {problem}")]
+    Refused {
+        /// Its address.
+        address: String,
+        /// What the broker says.
+        problem: String,
+    },
+    /// Something else.
+    #[error("the broker {address}: cannot {doing}: {problem}")]
+    Failed {
+        /// Its address.
+        address: String,
+        /// What was tried.
+        doing: &'static str,
+        /// What the broker says.
+        problem: String,
+    },
+}

@@ -1,0 +1,153 @@
+//! What the archive asks of the broker.
+
+use super::error::BrokerError;
+use super::link::Link;
+use crate::cell::{Broker, CellName};
+use crate::office::subject;
+use async_nats::Subscriber;
+use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
+use async_nats::jetstream::stream::{Config, DiscardPolicy, RetentionPolicy, StorageType};
+use async_nats::jetstream::{AckKind, Message};
+use futures_util::StreamExt;
+use std::time::Duration;
+
+/// The archive's place in the stream.
+const CONSUMER: &str = "archive";
+/// What was delivered and not acknowledged for so long is delivered again.
+const ACK_WAIT: Duration = Duration::from_secs(60);
+/// Messages that are delivered and not acknowledged: the parts of what is not whole yet among them.
+const PENDING: i64 = 20_000;
+/// The broker knows a message again for so long; afterwards the archive does.
+const KNOWN: Duration = Duration::from_secs(3_600);
+/// A batch waits for its first message so long.
+const EXPIRES: Duration = Duration::from_secs(1);
+
+/// The archive's connection.
+#[derive(Debug)]
+pub struct OfficeLink {
+    link: Link,
+    consumer: PullConsumer,
+}
+
+/// A message that the broker has delivered, and keeps until it is acknowledged.
+#[derive(Debug)]
+pub struct Delivery {
+    message: Message,
+    address: String,
+}
+
+impl Delivery {
+    /// Its bytes.
+    pub fn bytes(&self) -> &[u8] {
+        &self.message.payload
+    }
+
+    /// Where it came: which cell may send there is the broker's business.
+    pub fn subject(&self) -> &str {
+        &self.message.subject
+    }
+
+    /// It is kept: the broker may forget it.
+    ///
+    /// # Errors
+    /// Where that cannot be told; it is delivered again.
+    pub async fn acknowledge(&self) -> Result<(), BrokerError> {
+        self.tell(AckKind::Ack).await
+    }
+
+    /// It is nothing that could ever be kept.
+    ///
+    /// # Errors
+    /// Where that cannot be told; it is delivered again.
+    pub async fn refuse(&self) -> Result<(), BrokerError> {
+        self.tell(AckKind::Term).await
+    }
+
+    async fn tell(&self, kind: AckKind) -> Result<(), BrokerError> {
+        let failed = |error: async_nats::Error| BrokerError::Failed {
+            address: self.address.clone(),
+            doing: "acknowledge a message",
+            problem: error.to_string(),
+        };
+        self.message.ack_with(kind).await.map_err(failed)
+    }
+}
+
+impl OfficeLink {
+    /// Connects, and makes the streams where they are not there; at most so many bytes wait in the broker.
+    ///
+    /// # Errors
+    /// Where the broker cannot be reached, refuses, or has no JetStream.
+    pub async fn connect(broker: &Broker, most_bytes: i64) -> Result<Self, BrokerError> {
+        let link = Link::connect(broker, "panelprep archive").await?;
+        let records = Config {
+            name: subject::STREAM.to_owned(),
+            subjects: vec![subject::ALL_RECORDS.to_owned()],
+            retention: RetentionPolicy::WorkQueue,
+            discard: DiscardPolicy::New,
+            storage: StorageType::File,
+            max_bytes: most_bytes,
+            duplicate_window: KNOWN,
+            ..Config::default()
+        };
+        let archived = Config {
+            name: subject::ARCHIVED_STREAM.to_owned(),
+            subjects: vec![subject::ALL_ARCHIVED.to_owned()],
+            storage: StorageType::File,
+            max_messages_per_subject: 1,
+            ..Config::default()
+        };
+        for config in [archived, records] {
+            let made = link.context.create_or_update_stream(config).await;
+            made.map_err(|error| link.failed("make a stream", error))?;
+        }
+        let stream = link.context.get_stream(subject::STREAM).await;
+        let stream = stream.map_err(|error| link.failed("find its stream", error))?;
+        let config = pull::Config {
+            durable_name: Some(CONSUMER.to_owned()),
+            ack_policy: AckPolicy::Explicit,
+            ack_wait: ACK_WAIT,
+            max_ack_pending: PENDING,
+            ..pull::Config::default()
+        };
+        let consumer = stream.get_or_create_consumer(CONSUMER, config).await;
+        let consumer = consumer.map_err(|error| link.failed("take a place in its stream", error))?;
+        Ok(OfficeLink { link, consumer })
+    }
+
+    /// The next messages, at most so many; none where none come within a second.
+    ///
+    /// # Errors
+    /// Where the broker does not answer.
+    pub async fn next(&self, most: usize) -> Result<Vec<Delivery>, BrokerError> {
+        let failed = |problem: String| self.link.failed("deliver messages", problem);
+        let batch = self.consumer.batch().max_messages(most).expires(EXPIRES).messages().await;
+        let mut batch = batch.map_err(|error| failed(error.to_string()))?;
+        let mut all = Vec::new();
+        while let Some(message) = batch.next().await {
+            let message = message.map_err(|error| failed(error.to_string()))?;
+            all.push(Delivery { message, address: self.link.address.clone() });
+        }
+        Ok(all)
+    }
+
+    /// Says up to which number the office has everything of an epoch of a cell; waits until the broker has it on its disk.
+    ///
+    /// # Errors
+    /// Where the broker does not take it.
+    pub async fn say_archived(&self, cell: &CellName, epoch: &str, number: u64) -> Result<(), BrokerError> {
+        let said = self.link.context.publish(subject::archived(cell, epoch), number.to_string().into()).await;
+        let failed = |problem: String| self.link.failed("say what is archived", problem);
+        let ack = said.map_err(|error| failed(error.to_string()))?;
+        ack.await.map(drop).map_err(|error| failed(error.to_string()))
+    }
+
+    /// What all cells say of their state from now on.
+    ///
+    /// # Errors
+    /// Where the broker does not let us listen.
+    pub async fn states(&self) -> Result<Subscriber, BrokerError> {
+        let heard = self.link.client.subscribe(subject::ALL_STATES).await;
+        heard.map_err(|error| self.link.failed("listen to the cells", error))
+    }
+}

@@ -1,0 +1,74 @@
+//! `[office]`: where the cell's records go. Off until `broker` is set.
+
+use super::broker::Broker;
+use crate::config::Section;
+use std::fmt;
+use std::path::Path;
+
+/// The longest name of a cell.
+const MOST_CHARACTERS: usize = 40;
+const BEHIND_MIN: std::ops::RangeInclusive<usize> = 1..=100_000;
+
+/// Where the cell's records go.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Office {
+    /// The broker that takes them.
+    pub broker: Broker,
+    /// The name by which the office knows this cell.
+    pub cell: CellName,
+    /// A record that the office does not have after so many minutes is an alarm.
+    pub behind_min: usize,
+}
+
+/// The name of a cell: letters, digits, `-` and `_`, so that it is also a part of a subject, of a message's name and of an address.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct CellName(String);
+
+impl CellName {
+    /// Reads a name.
+    ///
+    /// # Errors
+    /// Says what is allowed.
+    pub fn new(name: &str) -> Result<Self, String> {
+        let is_allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        if !name.is_empty() && name.len() <= MOST_CHARACTERS && name.chars().all(is_allowed) {
+            return Ok(CellName(name.to_owned()));
+        }
+        Err(format!(
+            "found \"{}\", allowed are 1 to {MOST_CHARACTERS} letters, digits, '-' and '_', such as \"cell-1\"",
+            name.escape_debug()
+        ))
+    }
+
+    /// As it is written.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl fmt::Display for CellName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// The outer `None` is a problem, the inner one no office.
+pub(super) fn take_office(folder: &Path, section: &Section<'_, '_>) -> Option<Option<Office>> {
+    let broker = Broker::take(folder, section);
+    let cell = section.take::<Option<String>>("cell", (), Some(None));
+    let behind_min = section.take::<usize>("behind_min", BEHIND_MIN, Some(60));
+    section.done();
+    let (Some(broker), Some(cell), Some(behind_min)) = (broker, cell, behind_min) else { return None };
+    let Some(broker) = broker else { return Some(None) };
+    let Some(cell) = cell else {
+        section.problem("cell", "is missing: the name by which the office knows this cell, such as \"cell-1\"");
+        return None;
+    };
+    match CellName::new(&cell) {
+        Ok(cell) => Some(Some(Office { broker, cell, behind_min })),
+        Err(problem) => {
+            section.problem("cell", problem);
+            None
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! The cell's records on their way to the office: a thread of its own that reads what the store has for the office, sends it to the
+//! broker, and asks what the office has. Nothing in the cell waits for it, and nothing that the office says changes what the cell
+//! does: it is sent again, or it is an alarm.
+//!
+//! `sending` is one round of it, `progress_file` what is remembered between two processes, `status` what people are told.
+
+mod progress_file;
+mod sending;
+mod state;
+mod status;
+
+pub use status::OfficeStatus;
+
+use super::gateway::Gateway;
+use super::web::SetupSource;
+use crate::cell;
+use sending::Sender;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+use tokio::runtime::Builder;
+use tokio::sync::oneshot;
+
+/// It is looked for something new so often.
+const EVERY: Duration = Duration::from_secs(1);
+/// After a failure it is tried again after one second, then two, four, and so on up to this.
+const LONGEST_PAUSE: Duration = Duration::from_secs(60);
+/// How far it steps back behind the loop and the robot's link.
+const NICE: i32 = 5;
+
+/// What the sender is made of.
+pub struct OfficeParts {
+    /// `[office]` of the cell's file.
+    pub office: cell::Office,
+    /// The store's folder.
+    pub folder: PathBuf,
+    /// Where the cell's state is asked for.
+    pub gateway: Gateway,
+    /// What is wrong with the cell between cycles.
+    pub setup: Arc<dyn SetupSource>,
+    /// What people are told of it.
+    pub status: OfficeStatus,
+}
+
+/// The sender while it works; it ends when this is dropped.
+#[derive(Debug)]
+pub struct OfficeSender {
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl OfficeSender {
+    /// Starts it.
+    ///
+    /// # Errors
+    /// Where the system gives no thread.
+    pub fn start(parts: OfficeParts) -> std::io::Result<Self> {
+        let runtime = Builder::new_current_thread().enable_io().enable_time().max_blocking_threads(2).build()?;
+        let (end, ended) = oneshot::channel();
+        let work = move || {
+            #[expect(
+                clippy::let_underscore_must_use,
+                reason = "where it is not permitted, the system shares out as it does"
+            )]
+            let _ = rustix::process::setpriority_process(None, NICE);
+            runtime.block_on(async {
+                tokio::select! {
+                    () = run(parts) => {}
+                    _ = ended => {}
+                }
+            });
+        };
+        let thread = thread::Builder::new().name("office".to_owned()).spawn(work)?;
+        Ok(OfficeSender { end: Some(end), thread: Some(thread) })
+    }
+}
+
+impl Drop for OfficeSender {
+    fn drop(&mut self) {
+        drop(self.end.take());
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+async fn run(parts: OfficeParts) {
+    let OfficeParts { office, folder, gateway, setup, status } = parts;
+    let mut pause = EVERY;
+    let mut sender = Sender::new(office, folder, status.clone());
+    let mut teller = state::Teller::new(gateway, setup);
+    loop {
+        match sender.round(&mut teller).await {
+            Ok(is_more) => {
+                pause = EVERY;
+                status.works();
+                if is_more {
+                    continue;
+                }
+                tokio::time::sleep(EVERY).await;
+            }
+            Err(problem) => {
+                if status.fails(&problem) {
+                    tracing::warn!("records do not reach the office: {problem}");
+                }
+                sender.forget_link();
+                tokio::time::sleep(pause).await;
+                pause = LONGEST_PAUSE.min(pause * 2);
+            }
+        }
+    }
+}

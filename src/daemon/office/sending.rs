@@ -1,0 +1,198 @@
+//! One round: what is new goes to the broker, and the office's word comes back.
+
+use super::progress_file;
+use super::state::Teller;
+use super::status::OfficeStatus;
+use crate::broker::{BrokerError, CellLink, Sending};
+use crate::cell::Office;
+use crate::office::{Body, Envelope, Message, OfficeSays, Position, Progress, What, chunks};
+use crate::store::Store;
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// Records that are read at a time.
+const AT_ONCE: usize = 200;
+/// Bytes that are on their way at a time.
+const MOST_BYTES: usize = 32 << 20;
+/// Files of which it is remembered that this stream has them: most records name the same recipe and calibrations.
+const MOST_FILES: usize = 50_000;
+/// The office is asked so often.
+const ASK_EVERY: Duration = Duration::from_secs(5);
+
+/// What sends.
+pub(super) struct Sender {
+    office: Office,
+    folder: PathBuf,
+    status: OfficeStatus,
+    progress: Progress,
+    store: Option<Store>,
+    link: Option<CellLink>,
+    asked: Option<Instant>,
+    files: BTreeSet<String>,
+}
+
+impl Sender {
+    pub fn new(office: Office, folder: PathBuf, status: OfficeStatus) -> Self {
+        let progress = progress_file::read(&folder);
+        Sender { office, folder, status, progress, store: None, link: None, asked: None, files: BTreeSet::new() }
+    }
+
+    /// After a failure all begins anew.
+    pub fn forget_link(&mut self) {
+        (self.link, self.store, self.asked) = (None, None, None);
+    }
+
+    /// Sends what is new; whether there is more at once.
+    pub async fn round(&mut self, teller: &mut Teller) -> Result<bool, String> {
+        let last = self.last()?;
+        let was = self.progress.clone();
+        let sent = self.exchange(teller, &last).await;
+        if self.progress != was {
+            let written = progress_file::write(&self.folder, &self.progress);
+            let path = progress_file::path(&self.folder);
+            written.map_err(|error| format!("{}: {error}", path.display()))?;
+        }
+        self.tell_status(&last)?;
+        sent
+    }
+
+    async fn exchange(&mut self, teller: &mut Teller, last: &[Position]) -> Result<bool, String> {
+        let broken = |error: BrokerError| error.to_string();
+        if self.link.is_none() {
+            let link = CellLink::connect(&self.office.broker, &self.office.cell).await.map_err(broken)?;
+            let stream = link.stream().await.map_err(broken)?;
+            self.progress.at_stream(&stream);
+            self.files.clear();
+            tracing::info!("records go to the office by {}", self.office.broker.address);
+            self.link = Some(link);
+        }
+        let Some(link) = &self.link else { return Ok(false) };
+        if let Some(state) = teller.now(&self.office.cell, last).await {
+            let bytes = state.bytes().map_err(|error| error.to_string())?;
+            link.tell_state(bytes).await.map_err(broken)?;
+        }
+        if self.asked.is_none_or(|asked| asked.elapsed() >= ASK_EVERY) {
+            self.ask(last).await?;
+        }
+        for last in last {
+            if self.progress.sent(&last.epoch) < last.number {
+                self.send(&last.epoch).await?;
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    fn store(&mut self) -> Result<&Store, String> {
+        if self.store.is_none() {
+            self.store = Some(Store::open(&self.folder).map_err(|error| error.to_string())?);
+        }
+        self.store.as_ref().ok_or_else(|| "the store is closed".to_owned())
+    }
+
+    fn last(&mut self) -> Result<Vec<Position>, String> {
+        self.store()?.outbox_epochs().map_err(|error| error.to_string())
+    }
+
+    /// Asks what the office has of each epoch. What it lacks is sent again.
+    async fn ask(&mut self, last: &[Position]) -> Result<(), String> {
+        let Some(link) = &self.link else { return Ok(()) };
+        let stream = link.stream().await.map_err(|error| error.to_string())?;
+        self.progress.at_stream(&stream);
+        let mut more = Vec::new();
+        for last in last {
+            let Some(archived) = link.archived(&last.epoch).await.map_err(|error| error.to_string())? else {
+                continue;
+            };
+            match self.progress.told(&last.epoch, archived, last.number) {
+                OfficeSays::Known => {}
+                OfficeSays::HasLess => {
+                    self.files.clear();
+                    tracing::warn!(
+                        "the office has no more than {archived} of epoch {}: the rest is sent again",
+                        last.epoch
+                    );
+                }
+                OfficeSays::HasMore => more.push((last.epoch.clone(), archived, last.number)),
+            }
+        }
+        self.status.has_more(more);
+        self.asked = Some(Instant::now());
+        Ok(())
+    }
+
+    /// Sends some records of an epoch, each after its files, and waits until the broker has them.
+    async fn send(&mut self, epoch: &str) -> Result<(), String> {
+        let after = Position { epoch: epoch.to_owned(), number: self.progress.sent(epoch) };
+        let envelopes = self.store()?.outbox_after(&after, AT_ONCE).map_err(|error| error.to_string())?;
+        let mut under_way: Vec<(Position, Vec<Sending>)> = Vec::new();
+        let mut bytes = 0;
+        let mut broken = None;
+        for envelope in envelopes {
+            match self.begin(&envelope, &mut bytes).await {
+                Ok(sending) => under_way.push((envelope.position, sending)),
+                Err(problem) => {
+                    broken = Some(problem);
+                    break;
+                }
+            }
+            if bytes >= MOST_BYTES {
+                break;
+            }
+        }
+        for (position, all) in under_way {
+            for sending in all {
+                sending.taken().await.map_err(|error| error.to_string())?;
+            }
+            self.progress.took(&position);
+        }
+        broken.map_or(Ok(()), Err)
+    }
+
+    async fn begin(&mut self, envelope: &Envelope, bytes: &mut usize) -> Result<Vec<Sending>, String> {
+        let cell = self.office.cell.clone();
+        let mut whole: Vec<(What, Vec<u8>)> = Vec::new();
+        if let Body::Signature { files, .. } = &envelope.body {
+            for file in files.iter().filter(|file| file.gone.is_none()) {
+                if self.files.len() >= MOST_FILES {
+                    self.files.clear();
+                }
+                if !self.files.insert(file.hash.clone()) {
+                    continue;
+                }
+                // A file that is damaged stops nothing: the office is told that it never came, by `archive check`.
+                match self.store()?.blob(&file.hash) {
+                    Ok(content) => whole.push((What::File(file.hash.clone()), content)),
+                    Err(error) => tracing::warn!("the office does not get {}: {error}", file.name),
+                }
+            }
+        }
+        let message = Message { cell: cell.clone(), envelope: envelope.clone() };
+        let message = message.bytes().map_err(|error| error.to_string())?;
+        whole.push((What::Message(envelope.position.clone()), message));
+        let link = self.link.as_ref().ok_or_else(|| "the connection is lost".to_owned())?;
+        let mut sending = Vec::new();
+        for (what, content) in whole {
+            *bytes += content.len();
+            for chunk in chunks(&cell, &what, &content).map_err(|error| error.to_string())? {
+                sending.push(link.send(&chunk).await.map_err(|error| error.to_string())?);
+            }
+        }
+        Ok(sending)
+    }
+
+    fn tell_status(&mut self, last: &[Position]) -> Result<(), String> {
+        let behind = self.progress.behind(last);
+        let mut oldest: Option<i64> = None;
+        for last in last {
+            let archived = Position { epoch: last.epoch.clone(), number: self.progress.archived(&last.epoch) };
+            if archived.number < last.number {
+                let since = self.store()?.outbox_waits_since(&archived).map_err(|error| error.to_string())?;
+                oldest = [oldest, since].into_iter().flatten().min();
+            }
+        }
+        self.status.is_behind(behind, oldest);
+        Ok(())
+    }
+}

@@ -1,0 +1,90 @@
+//! What people are told of the way to the office.
+
+use crate::verdict::Reason;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// How it stands; clones are the same one.
+#[derive(Debug, Clone, Default)]
+pub struct OfficeStatus(Arc<Mutex<Stands>>);
+
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+struct Stands {
+    /// Why nothing is sent now.
+    problem: Option<String>,
+    /// What the office does not have yet.
+    behind: u64,
+    /// Since when the oldest of it waits, ms since 1970.
+    waits_since_unix_ms: Option<i64>,
+    /// Epochs of which the office says that it has more than the store ever had: name, its number, the store's.
+    more: Vec<(String, u64, u64)>,
+}
+
+impl OfficeStatus {
+    fn change<T>(&self, change: impl FnOnce(&mut Stands) -> T) -> T {
+        change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    pub(super) fn works(&self) {
+        self.change(|stands| stands.problem = None);
+    }
+
+    /// Whether this is told for the first time.
+    pub(super) fn fails(&self, problem: &str) -> bool {
+        self.change(|stands| stands.problem.replace(problem.to_owned()).as_deref() != Some(problem))
+    }
+
+    pub(super) fn is_behind(&self, behind: u64, waits_since_unix_ms: Option<i64>) {
+        self.change(|stands| (stands.behind, stands.waits_since_unix_ms) = (behind, waits_since_unix_ms));
+    }
+
+    pub(super) fn has_more(&self, more: Vec<(String, u64, u64)>) {
+        self.change(|stands| stands.more = more);
+    }
+
+    /// What is wrong, for the alarms between cycles: a record that waits longer than `behind_min`, and an office that has more than the
+    /// cell.
+    pub fn reasons(&self, behind_min: usize, now_unix_ms: i64) -> Vec<Reason> {
+        let Stands { problem, behind, waits_since_unix_ms, more } = self.change(|stands| stands.clone());
+        let mut reasons = Vec::new();
+        let waits_min = waits_since_unix_ms.map_or(0, |since| (now_unix_ms - since).max(0) / 60_000);
+        if behind > 0 && usize::try_from(waits_min).is_ok_and(|min| min >= behind_min) {
+            let why = problem.map_or("the archive does not take them".to_owned(), |problem| problem);
+            let words = format!(
+                "{behind} records are not in the office; the oldest waits for {waits_min} min, allowed are {behind_min}: {why}"
+            );
+            reasons.push(Reason::new("office_behind", words));
+        }
+        for (epoch, office, store) in more {
+            let words = format!(
+                "the office has {office} records of epoch {epoch}, the store of this cell {store}: the store was rolled back, or another \
+                 cell has the same name"
+            );
+            reasons.push(Reason::new("office_contradicts", words));
+        }
+        reasons
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_that_waits_too_long_is_an_alarm_with_its_cause() {
+        let status = OfficeStatus::default();
+        let minute = 60_000;
+        status.is_behind(3, Some(10 * minute));
+        assert_eq!(status.reasons(60, 69 * minute), []);
+        let late = |status: &OfficeStatus| status.reasons(60, 70 * minute);
+        assert_eq!(late(&status)[0].code, "office_behind");
+        assert!(
+            late(&status)[0].message.ends_with("waits for 60 min, allowed are 60: the archive does not take them")
+        );
+        assert!(status.fails("no route") && !status.fails("no route"), "told once");
+        assert!(late(&status)[0].message.ends_with(": no route"));
+        status.is_behind(0, None);
+        assert_eq!(late(&status), []);
+        status.has_more(vec![("ab".to_owned(), 9, 3)]);
+        assert_eq!(late(&status)[0].code, "office_contradicts");
+    }
+}

@@ -1,0 +1,118 @@
+//! The content of what is sent.
+
+use super::position::{Kind, Listed, Position};
+use crate::files::content_hash;
+use crate::record::{CycleId, PartNames};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// Something that the office is to have, with its name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Envelope {
+    /// Its name.
+    pub position: Position,
+    /// When the cell wrote it, ms since 1970.
+    pub unix_ms: i64,
+    /// Its content.
+    pub body: Body,
+}
+
+/// What is sent. Each content is canonical JSON, whose hash names it.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Body {
+    /// A [`CycleEnd`].
+    Cycle(Vec<u8>),
+    /// A signed statement.
+    Signature {
+        /// The bytes that are signed (`signing::Statement`).
+        statement: Vec<u8>,
+        /// The signature, 64 bytes.
+        signature: Vec<u8>,
+        /// The key that verifies it, 64 hexadecimal digits.
+        public_key: String,
+        /// The files that the statement names and that are sent.
+        files: Vec<NamedFile>,
+    },
+    /// A [`VerificationSeen`].
+    Verification(Vec<u8>),
+}
+
+impl Body {
+    /// What it is.
+    pub fn kind(&self) -> Kind {
+        match self {
+            Body::Cycle(_) => Kind::Cycle,
+            Body::Signature { .. } => Kind::Signature,
+            Body::Verification(_) => Kind::Verification,
+        }
+    }
+
+    /// The bytes that its hash is of.
+    pub fn content(&self) -> &[u8] {
+        match self {
+            Body::Cycle(content) | Body::Verification(content) => content,
+            Body::Signature { statement, .. } => statement,
+        }
+    }
+}
+
+impl Envelope {
+    /// Its line in a list.
+    pub fn listed(&self) -> Listed {
+        Listed { position: self.position.clone(), kind: self.body.kind(), hash: content_hash(self.body.content()) }
+    }
+}
+
+/// A file that a record names.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NamedFile {
+    /// What it is in the record, "picture overlay" or "recipe".
+    pub name: String,
+    /// Its SHA-256.
+    pub hash: String,
+    /// Why the cell has it no more, so that it is not sent; `None` where it is sent.
+    pub gone: Option<String>,
+}
+
+/// How a cycle ended, as the store's row says it; its signed record follows as a statement.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CycleEnd {
+    /// Its number in the cell's store.
+    pub cycle: CycleId,
+    /// When it began, s since 1970.
+    pub started_unix_s: i64,
+    /// When it ended, s since 1970.
+    pub ended_unix_s: Option<i64>,
+    /// The panel.
+    pub panel: String,
+    /// The version of what was taught.
+    pub taught_version: String,
+    /// SHA-256 of the recipe.
+    pub recipe_hash: String,
+    /// The program's version.
+    pub program_version: String,
+    /// Its verdict's word.
+    pub verdict: String,
+    /// Its reasons as the store has them: a list of objects with code and message.
+    pub reasons: Value,
+    /// The part; `None` where none was named.
+    pub part: Option<PartNames>,
+}
+
+/// A verification of a calibration.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VerificationSeen {
+    /// What was verified: `scanner`, `flange_camera`, `tool` or `tool_force`.
+    pub subject: String,
+    /// What it was off, mm; of a force N.
+    pub error: f64,
+    /// What was allowed, in the same unit.
+    pub limit: f64,
+    /// Hash of the calibration files.
+    pub calibration_hash: String,
+    /// When, s since 1970.
+    pub at_unix_s: i64,
+}

@@ -1,0 +1,80 @@
+//! How a cell stands, as it tells the office again and again. What is told may be lost: the next one comes soon.
+
+use super::error::OfficeError;
+use super::position::Position;
+use crate::cell::CellName;
+use serde::{Deserialize, Serialize};
+
+const FORM: &str = "panelprep-state-1";
+/// The longest one.
+const MOST_BYTES: usize = 64 * 1024;
+
+/// How a cell stands.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CellState {
+    form: String,
+    cell: String,
+    /// The cell's clock, ms since 1970.
+    pub unix_ms: i64,
+    /// The program's version.
+    pub version: String,
+    /// The state's word; `None` where the loop does not answer.
+    pub state: Option<String>,
+    /// The phase of the cycle that runs.
+    pub phase: Option<String>,
+    /// The panel.
+    pub panel: Option<String>,
+    /// The cycle.
+    pub cycle: Option<i64>,
+    /// How far the path has come: waypoint and how many there are.
+    pub waypoint: Option<[u32; 2]>,
+    /// Why it stands as it does: codes and messages.
+    pub reasons: Vec<Told>,
+    /// What is wrong with the cell between cycles: a disk, a calibration that ends.
+    pub standing: Vec<Told>,
+    /// The last number of each epoch that the cell has for the office.
+    pub last: Vec<Position>,
+}
+
+/// A reason in words.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Told {
+    /// Its code.
+    pub code: String,
+    /// In words.
+    pub message: String,
+}
+
+impl CellState {
+    /// Of this cell, with nothing told yet.
+    pub fn of(cell: &CellName) -> Self {
+        CellState { form: FORM.to_owned(), cell: cell.as_str().to_owned(), ..CellState::default() }
+    }
+
+    /// The bytes that are sent.
+    ///
+    /// # Errors
+    /// Where JSON cannot hold it.
+    pub fn bytes(&self) -> Result<Vec<u8>, OfficeError> {
+        serde_json::to_vec(self).map_err(|error| OfficeError::form("state of a cell", error))
+    }
+
+    /// Reads a state, with the cell that it is of.
+    ///
+    /// # Errors
+    /// Where it is none.
+    pub fn read(bytes: &[u8]) -> Result<(CellName, Self), OfficeError> {
+        let wrong = |problem: String| OfficeError::form("state of a cell", problem);
+        if bytes.len() > MOST_BYTES {
+            let [found, allowed] = [bytes.len(), MOST_BYTES].map(|count| format!("{count} bytes"));
+            return Err(OfficeError::Large { found, allowed });
+        }
+        let state: CellState = serde_json::from_slice(bytes).map_err(|error| wrong(error.to_string()))?;
+        if state.form != FORM {
+            return Err(wrong(format!("its form is \"{}\", known is \"{FORM}\"", state.form.escape_debug())));
+        }
+        Ok((CellName::new(&state.cell).map_err(wrong)?, state))
+    }
+}

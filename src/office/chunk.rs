@@ -1,0 +1,139 @@
+//! Parts of messages and files, small enough for the broker: one line of JSON that says of what, and then the part's bytes.
+
+use super::error::OfficeError;
+use super::message::is_epoch;
+use super::position::Position;
+use crate::cell::CellName;
+use serde::{Deserialize, Serialize};
+
+const FORM: &str = "panelprep-part-1";
+/// Bytes of one part: with its line it is below the 1 MB that a broker allows by itself.
+const PART_BYTES: usize = 512 * 1024;
+/// Parts of one thing: 2 GB.
+const MOST_PARTS: u32 = 4_096;
+/// The longest line.
+const HEAD_BYTES: usize = 1_024;
+
+/// Of what a part is.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum What {
+    /// Of a [`Message`](super::Message).
+    Message(Position),
+    /// Of the file with this SHA-256.
+    File(String),
+}
+
+/// A part.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Chunk {
+    /// Which cell sends it.
+    pub cell: CellName,
+    /// Of what.
+    pub what: What,
+    /// Which part, from 1.
+    pub part: u32,
+    /// Of how many.
+    pub parts: u32,
+    /// Its bytes.
+    pub bytes: Vec<u8>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Head {
+    form: String,
+    cell: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    position: Option<Position>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    file: Option<String>,
+    part: u32,
+    parts: u32,
+}
+
+/// Cuts bytes into parts; nothing is one part too.
+///
+/// # Errors
+/// Where they are too many.
+pub fn chunks(cell: &CellName, what: &What, bytes: &[u8]) -> Result<Vec<Chunk>, OfficeError> {
+    let count = bytes.len().div_ceil(PART_BYTES).max(1);
+    let allowed = || OfficeError::Large { found: format!("{count} parts"), allowed: format!("{MOST_PARTS} parts") };
+    let parts = u32::try_from(count).ok().filter(|parts| *parts <= MOST_PARTS).ok_or_else(allowed)?;
+    let of = |part: u32| {
+        let from = (part as usize - 1) * PART_BYTES;
+        let bytes = bytes[from..bytes.len().min(from + PART_BYTES)].to_vec();
+        Chunk { cell: cell.clone(), what: what.clone(), part, parts, bytes }
+    };
+    Ok((1..=parts).map(of).collect())
+}
+
+impl Chunk {
+    /// The name by which the broker knows it again.
+    pub fn message_id(&self) -> String {
+        let Chunk { cell, what, part, .. } = self;
+        match what {
+            What::Message(Position { epoch, number }) => format!("{cell}/{epoch}/{number}/{part}"),
+            What::File(hash) => format!("{cell}/file/{hash}/{part}"),
+        }
+    }
+
+    /// The bytes that are sent.
+    ///
+    /// # Errors
+    /// Where JSON cannot hold the line.
+    pub fn bytes(&self) -> Result<Vec<u8>, OfficeError> {
+        let (position, file) = match &self.what {
+            What::Message(position) => (Some(position.clone()), None),
+            What::File(hash) => (None, Some(hash.clone())),
+        };
+        let cell = self.cell.as_str().to_owned();
+        let head = Head { form: FORM.to_owned(), cell, position, file, part: self.part, parts: self.parts };
+        let mut bytes = serde_json::to_vec(&head).map_err(|error| OfficeError::form("line of a part", error))?;
+        bytes.push(b'\n');
+        bytes.extend_from_slice(&self.bytes);
+        Ok(bytes)
+    }
+
+    /// Reads a part.
+    ///
+    /// # Errors
+    /// Where it is none, or larger than any.
+    pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
+        let wrong = |problem: String| OfficeError::form("line of a part", problem);
+        let end = bytes.iter().take(HEAD_BYTES).position(|byte| *byte == b'\n');
+        let end = end.ok_or_else(|| wrong("it does not end".to_owned()))?;
+        let head: Head = serde_json::from_slice(&bytes[..end]).map_err(|error| wrong(error.to_string()))?;
+        if head.form != FORM {
+            return Err(wrong(format!("its form is \"{}\", known is \"{FORM}\"", head.form.escape_debug())));
+        }
+        let what = match (head.position, head.file) {
+            (Some(position), None) => {
+                is_epoch(&position.epoch).map_err(wrong)?;
+                What::Message(position)
+            }
+            (None, Some(hash)) => {
+                is_hash(&hash).map_err(wrong)?;
+                What::File(hash)
+            }
+            _ => return Err(wrong("it is of a message or of a file, never of both or of none".to_owned())),
+        };
+        if !(1..=MOST_PARTS).contains(&head.parts) || !(1..=head.parts).contains(&head.part) {
+            return Err(wrong(format!("part {} of {}; allowed are 1 to {MOST_PARTS}", head.part, head.parts)));
+        }
+        let bytes = bytes[end + 1..].to_vec();
+        if bytes.len() > PART_BYTES {
+            let [found, allowed] = [bytes.len(), PART_BYTES].map(|count| format!("{count} bytes"));
+            return Err(OfficeError::Large { found, allowed });
+        }
+        let cell = CellName::new(&head.cell).map_err(wrong)?;
+        Ok(Chunk { cell, what, part: head.part, parts: head.parts, bytes })
+    }
+}
+
+/// A file's name becomes a path: nothing else may.
+fn is_hash(hash: &str) -> Result<(), String> {
+    match hash.len() == 64 && hash.bytes().all(|byte| byte.is_ascii_hexdigit() && !byte.is_ascii_uppercase()) {
+        true => Ok(()),
+        false => Err(format!("the file is \"{}\", allowed is a SHA-256", hash.escape_debug())),
+    }
+}

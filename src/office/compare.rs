@@ -1,0 +1,55 @@
+//! Whether a cell and the office hold the same.
+
+use super::position::{Listed, Position};
+use std::collections::BTreeMap;
+
+/// Messages of one kind; the rest is counted.
+const MOST: usize = 50;
+
+/// What came of it.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Compared {
+    /// What both have, with one hash.
+    pub same: u64,
+    /// What differs, in words.
+    pub found: Vec<String>,
+}
+
+/// Holds the office's list of a cell against the cell's own.
+pub fn compare(cell: &[Listed], office: &[Listed]) -> Compared {
+    let by_position = |list: &[Listed]| -> BTreeMap<Position, Listed> {
+        list.iter().map(|line| (line.position.clone(), line.clone())).collect()
+    };
+    let (cell, mut office) = (by_position(cell), by_position(office));
+    let mut compared = Compared::default();
+    let (mut missing, mut other) = (Vec::new(), Vec::new());
+    for (position, line) in cell {
+        match office.remove(&position) {
+            Some(found) if found == line => compared.same += 1,
+            Some(found) => other.push(format!(
+                "{} differs: the cell has a {} with the SHA-256 {}, the office a {} with {}",
+                named(&position),
+                line.kind.word(),
+                line.hash,
+                found.kind.word(),
+                found.hash
+            )),
+            None => missing.push(format!("{} is not in the office yet: {}", named(&position), line.kind.word())),
+        }
+    }
+    let more = office.keys().map(|position| format!("{} is in the office and not in the cell", named(position)));
+    let more: Vec<String> = more.collect();
+    for (mut words, of_all) in
+        [(other, "differ"), (missing, "are not in the office"), (more, "are not in the cell")]
+    {
+        let rest = words.len().saturating_sub(MOST);
+        words.truncate(MOST);
+        compared.found.append(&mut words);
+        compared.found.extend((rest > 0).then(|| format!("{rest} more {of_all}")));
+    }
+    compared
+}
+
+fn named(position: &Position) -> String {
+    format!("number {} of epoch {}", position.number, position.epoch)
+}

@@ -1,0 +1,152 @@
+//! A message: one line of JSON that says what follows, and then the content's bytes as the cell has them.
+
+use super::body::{Body, CycleEnd, Envelope, NamedFile, VerificationSeen};
+use super::error::OfficeError;
+use super::position::{Kind, Position};
+use crate::cell::CellName;
+use crate::files::content_hash;
+use crate::signing::{PublicKey, Statement};
+use serde::{Deserialize, Serialize};
+
+const FORM: &str = "panelprep-office-1";
+/// The longest head, bytes: a record names some hundred files.
+const HEAD_BYTES: usize = 1 << 20;
+
+/// What a cell sends.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Message {
+    /// Which cell.
+    pub cell: CellName,
+    /// What.
+    pub envelope: Envelope,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Head {
+    form: String,
+    cell: String,
+    epoch: String,
+    number: u64,
+    kind: Kind,
+    unix_ms: i64,
+    hash: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    signed: Option<SignedHead>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SignedHead {
+    signature: String,
+    public_key: String,
+    files: Vec<NamedFile>,
+}
+
+impl Message {
+    /// The bytes that are sent.
+    ///
+    /// # Errors
+    /// Where JSON cannot hold the head.
+    pub fn bytes(&self) -> Result<Vec<u8>, OfficeError> {
+        let Envelope { position, unix_ms, body } = &self.envelope;
+        let signed = match body {
+            Body::Signature { signature, public_key, files, .. } => {
+                Some(SignedHead { signature: hex(signature), public_key: public_key.clone(), files: files.clone() })
+            }
+            Body::Cycle(_) | Body::Verification(_) => None,
+        };
+        let head = Head {
+            form: FORM.to_owned(),
+            cell: self.cell.as_str().to_owned(),
+            epoch: position.epoch.clone(),
+            number: position.number,
+            kind: body.kind(),
+            unix_ms: *unix_ms,
+            hash: content_hash(body.content()),
+            signed,
+        };
+        let mut bytes = serde_json::to_vec(&head).map_err(|error| OfficeError::form("head of a message", error))?;
+        bytes.push(b'\n');
+        bytes.extend_from_slice(body.content());
+        Ok(bytes)
+    }
+
+    /// Reads a message. Its content has the hash that its head states, reads as what its kind is, and is signed by the key that it
+    /// names; whether that key is the cell's is for whoever knows the cell's key.
+    ///
+    /// # Errors
+    /// Where it is not so.
+    pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
+        let end = bytes.iter().take(HEAD_BYTES).position(|byte| *byte == b'\n');
+        let Some(end) = end else { return Err(OfficeError::form("head of a message", "its line does not end")) };
+        let head = |problem: String| OfficeError::form("head of a message", problem);
+        let read: Head = serde_json::from_slice(&bytes[..end]).map_err(|error| head(error.to_string()))?;
+        if read.form != FORM {
+            return Err(head(format!("its form is \"{}\", known is \"{FORM}\"", read.form.escape_debug())));
+        }
+        let cell = CellName::new(&read.cell).map_err(head)?;
+        let position = position(&read).map_err(head)?;
+        let content = bytes[end + 1..].to_vec();
+        let found = content_hash(&content);
+        if found != read.hash {
+            return Err(OfficeError::Hash { number: read.number, found, stated: read.hash });
+        }
+        let body = match (read.kind, read.signed) {
+            (Kind::Cycle, None) => {
+                let _: CycleEnd = content_of(&content, "end of a cycle")?;
+                Body::Cycle(content)
+            }
+            (Kind::Verification, None) => {
+                let _: VerificationSeen = content_of(&content, "verification")?;
+                Body::Verification(content)
+            }
+            (Kind::Signature, Some(signed)) => signature(content, signed, read.number)?,
+            (kind, _) => return Err(head(format!("a {} with or without a signature", kind.word()))),
+        };
+        Ok(Message { cell, envelope: Envelope { position, unix_ms: read.unix_ms, body } })
+    }
+}
+
+fn content_of<T: serde::de::DeserializeOwned>(content: &[u8], what: &'static str) -> Result<T, OfficeError> {
+    serde_json::from_slice(content).map_err(|error| OfficeError::form(what, error))
+}
+
+fn position(head: &Head) -> Result<Position, String> {
+    is_epoch(&head.epoch)?;
+    if head.number == 0 || i64::try_from(head.number).is_err() {
+        return Err(format!("number {}; numbers begin with 1", head.number));
+    }
+    Ok(Position { epoch: head.epoch.clone(), number: head.number })
+}
+
+/// Whether this is an epoch's name.
+pub(super) fn is_epoch(epoch: &str) -> Result<(), String> {
+    match epoch.len() == 32 && epoch.bytes().all(|byte| byte.is_ascii_hexdigit() && !byte.is_ascii_uppercase()) {
+        true => Ok(()),
+        false => Err(format!("the epoch is \"{}\", allowed are 32 hexadecimal digits", epoch.escape_debug())),
+    }
+}
+
+fn signature(statement: Vec<u8>, head: SignedHead, number: u64) -> Result<Body, OfficeError> {
+    let wrong = |problem: String| OfficeError::Signature { number, problem };
+    let signature =
+        unhex(&head.signature).ok_or_else(|| wrong("its signature is no hexadecimal number".to_owned()))?;
+    let key = PublicKey::of_hex(&head.public_key).map_err(|error| wrong(error.to_string()))?;
+    let names = Statement::read(&statement).map_err(|error| wrong(error.to_string()))?.public_key;
+    if names != head.public_key || !key.verifies(&statement, &signature) {
+        return Err(wrong(format!("the signature is not one of these bytes by the key {}", head.public_key)));
+    }
+    Ok(Body::Signature { statement, signature, public_key: head.public_key, files: head.files })
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn unhex(text: &str) -> Option<Vec<u8>> {
+    if !text.is_ascii() || text.len() % 2 != 0 {
+        return None;
+    }
+    (0..text.len()).step_by(2).map(|at| u8::from_str_radix(text.get(at..at + 2)?, 16).ok()).collect()
+}

@@ -1,0 +1,63 @@
+//! The name of what the office is to have, and its place in a list.
+
+use serde::{Deserialize, Serialize};
+use strum::{EnumString, IntoStaticStr, VariantArray};
+
+/// A place among all that one store sends.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct Position {
+    /// A random name, 32 hexadecimal digits; a new one begins where a store does not know all of its past.
+    pub epoch: String,
+    /// From 1, without gaps; 0 before the first.
+    pub number: u64,
+}
+
+/// What it is.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Serialize,
+    Deserialize,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+)]
+#[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
+pub enum Kind {
+    /// A cycle has ended.
+    Cycle,
+    /// A statement was signed, by the cell or by a person.
+    Signature,
+    /// A calibration was verified.
+    Verification,
+}
+
+impl Kind {
+    /// As it is written.
+    pub fn word(self) -> &'static str {
+        self.into()
+    }
+
+    /// The kind that is written so.
+    pub fn of_word(word: &str) -> Option<Kind> {
+        word.parse().ok()
+    }
+}
+
+/// One line of a list that two places hold against each other.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Listed {
+    /// Its name.
+    #[serde(flatten)]
+    pub position: Position,
+    /// What it is.
+    pub kind: Kind,
+    /// SHA-256 of its content.
+    pub hash: String,
+}

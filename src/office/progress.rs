@@ -1,0 +1,77 @@
+//! How far a cell has sent each epoch, and how far the office says that it has it.
+//!
+//! The office has the last word: what it does not have is sent again, also where the broker once took it. So a broker or a
+//! database that comes back without its last days costs nothing but time. Losing this costs no more: everything is then sent again, and the
+//! office knows it by its names.
+
+use super::position::Position;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// How far it has come, kept beside the store.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Progress {
+    /// Which stream of which broker took what was sent: its name and when it was made.
+    stream: String,
+    /// The last number that the broker took, by epoch.
+    sent: BTreeMap<String, u64>,
+    /// The last number up to which the office has all, by epoch.
+    archived: BTreeMap<String, u64>,
+}
+
+/// What came of a word of the office.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OfficeSays {
+    /// It has what the cell knows that it has, or more.
+    Known,
+    /// It has less than it once had: what it does not have is sent again.
+    HasLess,
+    /// It has more than the store ever had: the store does not know its own past, or two cells have one name.
+    HasMore,
+}
+
+impl Progress {
+    /// Up to which number of an epoch nothing needs to be sent.
+    pub fn sent(&self, epoch: &str) -> u64 {
+        self.sent.get(epoch).copied().unwrap_or(0)
+    }
+
+    /// Up to which number of an epoch the office has all.
+    pub fn archived(&self, epoch: &str) -> u64 {
+        self.archived.get(epoch).copied().unwrap_or(0)
+    }
+
+    /// How many numbers the office does not have yet, given the last number of each epoch.
+    pub fn behind(&self, last: &[Position]) -> u64 {
+        last.iter().map(|last| last.number.saturating_sub(self.archived(&last.epoch))).sum()
+    }
+
+    /// The broker's stream as it is found. In another one than before is nothing of what was sent.
+    pub fn at_stream(&mut self, stream: &str) {
+        if self.stream != stream {
+            stream.clone_into(&mut self.stream);
+            self.sent = self.archived.clone();
+        }
+    }
+
+    /// The broker took everything up to here.
+    pub fn took(&mut self, position: &Position) {
+        self.sent.insert(position.epoch.clone(), position.number);
+    }
+
+    /// The office says up to where it has all of an epoch, whose last number in the store is `last`.
+    pub fn told(&mut self, epoch: &str, archived: u64, last: u64) -> OfficeSays {
+        if archived > last {
+            return OfficeSays::HasMore;
+        }
+        let before = self.archived.insert(epoch.to_owned(), archived).unwrap_or(0);
+        if archived < before {
+            self.sent.insert(epoch.to_owned(), archived);
+            return OfficeSays::HasLess;
+        }
+        let sent = self.sent.entry(epoch.to_owned()).or_default();
+        *sent = archived.max(*sent);
+        OfficeSays::Known
+    }
+}

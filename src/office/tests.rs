@@ -1,0 +1,196 @@
+use super::*;
+use crate::cell::CellName;
+use crate::record::CycleId;
+use crate::signing::{self, CellKey, FORM, Meaning, PersonSignature, Said, Statement, StorePlace};
+use proptest::prelude::*;
+
+const EPOCH: &str = "0123456789abcdef0123456789abcdef";
+
+fn cell() -> CellName {
+    CellName::new("cell-1").expect("a name")
+}
+
+fn at(number: u64) -> Position {
+    Position { epoch: EPOCH.to_owned(), number }
+}
+
+fn end_of_cycle() -> Message {
+    let end = CycleEnd {
+        cycle: CycleId(7),
+        started_unix_s: 1_700_000_000,
+        ended_unix_s: Some(1_700_000_100),
+        panel: "wing".to_owned(),
+        taught_version: "0011223344556677".to_owned(),
+        recipe_hash: "ab".repeat(32),
+        program_version: "0.1.0".to_owned(),
+        verdict: "pass".to_owned(),
+        reasons: serde_json::json!([]),
+        part: None,
+    };
+    let body = Body::Cycle(signing::canonical(&end).expect("JSON"));
+    Message { cell: cell(), envelope: Envelope { position: at(1), unix_ms: 5, body } }
+}
+
+fn signature() -> Message {
+    let key = CellKey::of_random(&[7; 32]);
+    let person = PersonSignature {
+        cycle: CycleId(7),
+        record_hash: "cd".repeat(32),
+        name: "Ada".to_owned(),
+        user: "ada".to_owned(),
+        meaning: Meaning::Reviewed,
+        remark: None,
+    };
+    let statement = Statement {
+        form: FORM.to_owned(),
+        number: 2,
+        previous: "ef".repeat(32),
+        unix_ms: 6,
+        public_key: key.public().hex(),
+        store: StorePlace { link: 1, hash: "01".repeat(32) },
+        says: Said::Person(person),
+    };
+    let statement = statement.canonical().expect("JSON");
+    let body = Body::Signature {
+        signature: key.sign(&statement).to_vec(),
+        statement,
+        public_key: key.public().hex(),
+        files: vec![NamedFile { name: "recipe".to_owned(), hash: "ab".repeat(32), gone: None }],
+    };
+    Message { cell: cell(), envelope: Envelope { position: at(2), unix_ms: 6, body } }
+}
+
+#[test]
+fn a_message_reads_back_and_each_changed_byte_is_found() {
+    for message in [end_of_cycle(), signature()] {
+        let bytes = message.bytes().expect("bytes");
+        assert_eq!(Message::read(&bytes), Ok(message.clone()));
+        let content = bytes.iter().position(|byte| *byte == b'\n').expect("a line") + 1;
+        for index in content..bytes.len() {
+            let mut changed = bytes.clone();
+            changed[index] ^= 1;
+            assert!(Message::read(&changed).is_err(), "byte {index} of the content");
+        }
+    }
+}
+
+/// Whoever sends another content with its right hash still needs the cell's key.
+#[test]
+fn a_statement_that_somebody_else_wrote_is_refused() {
+    let message = signature();
+    let Body::Signature { statement, signature, public_key, files } = message.envelope.body.clone() else {
+        unreachable!()
+    };
+    let text = String::from_utf8(statement).expect("text").replace("Ada", "Eve");
+    let body = Body::Signature { statement: text.into_bytes(), signature, public_key, files };
+    let forged = Message { envelope: Envelope { body, ..message.envelope }, ..message };
+    let refused = Message::read(&forged.bytes().expect("bytes")).expect_err("refused").to_string();
+    assert!(
+        refused.starts_with("number 2 is not what its cell signed: the signature is not one of these bytes"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn a_large_message_comes_in_parts_in_any_order_and_twice() {
+    let bytes: Vec<u8> = (0..1_300_000_u32).map(|index| (index % 251) as u8).collect();
+    let what = What::File(crate::files::content_hash(&bytes));
+    let parts = chunks(&cell(), &what, &bytes).expect("parts");
+    assert_eq!(parts.iter().map(|part| part.bytes.len()).collect::<Vec<_>>(), [524_288, 524_288, 251_424]);
+    let mut assembly = Assembly::default();
+    for index in [2, 0, 0, 2] {
+        let sent = parts[index].bytes().expect("bytes");
+        assert_eq!(assembly.take(Chunk::read(&sent).expect("a part")), Ok(None));
+    }
+    assert!(assembly.waits_for(&cell(), &what));
+    let whole = assembly.take(parts[1].clone()).expect("no contradiction").expect("whole");
+    assert_eq!(whole, Assembled { cell: cell(), what: what.clone(), bytes });
+    assert!(!assembly.waits_for(&cell(), &what));
+}
+
+#[test]
+fn parts_that_contradict_one_another_are_refused_and_forgotten() {
+    let what = What::Message(at(3));
+    let part = |part, parts| Chunk { cell: cell(), what: what.clone(), part, parts, bytes: vec![1] };
+    let mut assembly = Assembly::default();
+    assert_eq!(assembly.take(part(1, 2)), Ok(None));
+    assert_eq!(assembly.take(part(1, 3)), Err(OfficeError::Parts { part: 1, found: 3, before: 2 }));
+    assert!(!assembly.waits_for(&cell(), &what), "both are sent again");
+    let wrong = Chunk { what: What::File("ab".repeat(32)), ..part(1, 1) };
+    assert!(assembly.take(wrong).expect_err("another content").to_string().contains("it was named abab"));
+}
+
+#[test]
+fn what_is_no_part_is_refused_with_what_is_allowed() {
+    let head = |what: &str| format!("{{\"form\":\"panelprep-part-1\",\"cell\":\"cell-1\",{what}}}\nx");
+    let file = "ab".repeat(32);
+    for (bytes, problem) in [
+        (String::new(), "it does not end"),
+        (head("\"file\":\"../etc/passwd\",\"part\":1,\"parts\":1"), "allowed is a SHA-256"),
+        (head(&format!("\"file\":\"{file}\",\"part\":2,\"parts\":1")), "part 2 of 1; allowed are 1 to 4096"),
+        (head(&format!("\"file\":\"{file}\",\"part\":0,\"parts\":5000")), "part 0 of 5000"),
+        (head("\"part\":1,\"parts\":1"), "never of both or of none"),
+        (
+            head(&format!("\"file\":\"{file}\",\"part\":1,\"parts\":1")).replace("cell-1", "a.*"),
+            "allowed are 1 to 40 letters",
+        ),
+        (head(&format!("\"file\":\"{file}\",\"part\":1,\"parts\":1")).replace("part-1", "part-2"), "known is"),
+    ] {
+        let found = Chunk::read(bytes.as_bytes()).expect_err("refused").to_string();
+        assert!(found.contains(problem), "{found}");
+    }
+}
+
+#[test]
+fn the_office_has_the_last_word_on_what_it_has() {
+    let mut progress = Progress::default();
+    progress.at_stream("one");
+    progress.took(&at(9));
+    assert_eq!(progress.told(EPOCH, 5, 9), OfficeSays::Known);
+    assert_eq!((progress.sent(EPOCH), progress.archived(EPOCH), progress.behind(&[at(12)])), (9, 5, 7));
+    // Another stream has nothing of what was sent; what is in the office need not be sent again.
+    progress.at_stream("two");
+    assert_eq!(progress.sent(EPOCH), 5);
+    progress.took(&at(12));
+    // A database that was restored.
+    assert_eq!(progress.told(EPOCH, 2, 12), OfficeSays::HasLess);
+    assert_eq!(progress.sent(EPOCH), 2);
+    // More than the store ever had is a contradiction, and changes nothing.
+    assert_eq!(progress.told(EPOCH, 13, 12), OfficeSays::HasMore);
+    assert_eq!((progress.sent(EPOCH), progress.archived(EPOCH)), (2, 2));
+    // Another process sent it.
+    assert_eq!(progress.told(EPOCH, 12, 12), OfficeSays::Known);
+    assert_eq!((progress.sent(EPOCH), progress.behind(&[at(12)])), (12, 0));
+}
+
+#[test]
+fn two_lists_are_held_against_each_other_by_name_and_hash() {
+    let line = |number, hash: &str| Listed { position: at(number), kind: Kind::Cycle, hash: hash.repeat(32) };
+    let cell = [line(1, "aa"), line(2, "bb"), line(3, "cc")];
+    assert_eq!(compare(&cell, &cell), Compared { same: 3, found: Vec::new() });
+    let office = [line(1, "aa"), line(2, "b0"), line(9, "dd")];
+    let compared = compare(&cell, &office);
+    assert_eq!(compared.same, 1);
+    for (words, part) in compared.found.iter().zip([
+        "number 2 of epoch 0123456789abcdef0123456789abcdef differs: the cell has a cycle with the SHA-256 bb",
+        "number 3 of epoch 0123456789abcdef0123456789abcdef is not in the office yet: cycle",
+        "number 9 of epoch 0123456789abcdef0123456789abcdef is in the office and not in the cell",
+    ]) {
+        assert!(words.starts_with(part), "{words}");
+    }
+    assert_eq!(compared.found.len(), 3);
+}
+
+proptest! {
+    #[test]
+    fn no_bytes_bring_a_reader_down(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+        let _ = (Chunk::read(&bytes), Message::read(&bytes));
+    }
+
+    #[test]
+    fn a_part_reads_back(number in 1_u64..1 << 40, part in 1_u32..=4_096, more in 0_u32..4_096, bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+        let parts = (part + more).min(4_096);
+        let chunk = Chunk { cell: cell(), what: What::Message(at(number)), part, parts, bytes };
+        prop_assert_eq!(Chunk::read(&chunk.bytes().expect("bytes")), Ok(chunk));
+    }
+}
