@@ -142,6 +142,11 @@ impl OfficeLink {
         ack.await.map(drop).map_err(|error| failed(error.to_string()))
     }
 
+    /// That the connection is lost, as an error.
+    pub fn lost(&self) -> BrokerError {
+        self.link.failed("listen to the cells", "the connection is lost")
+    }
+
     /// What all cells say of their state from now on.
     ///
     /// # Errors

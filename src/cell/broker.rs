@@ -33,9 +33,9 @@ pub enum BrokerLogin {
 const PORT: u16 = 4222;
 
 impl Broker {
-    /// Takes `broker` and what belongs to it; the outer `None` is a problem, the inner one no broker.
-    pub fn take(folder: &Path, section: &Section<'_, '_>) -> Option<Option<Broker>> {
-        let keys = ["broker", "ca", "credentials", "user", "password_file"];
+    /// Takes the address under this key and what belongs to it; the outer `None` is a problem, the inner one no broker.
+    pub fn take(folder: &Path, section: &Section<'_, '_>, key: &'static str) -> Option<Option<Broker>> {
+        let keys = [key, "ca", "credentials", "user", "password_file"];
         let [address, ca, credentials, user, password_file] =
             keys.map(|key| section.take::<Option<String>>(key, (), Some(None)));
         let (address, ca, credentials, user, password_file) = (address?, ca?, credentials?, user?, password_file?);
@@ -53,7 +53,7 @@ impl Broker {
         match read(&address) {
             Ok(address) => Some(Some(Broker { address, ca: ca.map(file), login })),
             Err(problem) => {
-                section.problem("broker", problem);
+                section.problem(key, problem);
                 None
             }
         }

@@ -54,7 +54,7 @@ impl fmt::Display for CellName {
 
 /// The outer `None` is a problem, the inner one no office.
 pub(super) fn take_office(folder: &Path, section: &Section<'_, '_>) -> Option<Option<Office>> {
-    let broker = Broker::take(folder, section);
+    let broker = Broker::take(folder, section, "broker");
     let cell = section.take::<Option<String>>("cell", (), Some(None));
     let behind_min = section.take::<usize>("behind_min", BEHIND_MIN, Some(60));
     section.done();

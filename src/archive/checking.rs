@@ -1,0 +1,243 @@
+//! Proves that the archive holds what the cells sent: every name without a gap, every content with its hash, every signature by its
+//! key, every statement after the one before it, every file whole, and the same as in the cells whose lists are given.
+
+use super::database;
+use super::error::ArchiveError;
+use super::files::{Files, Held};
+use super::settings::ArchiveSettings;
+use crate::cell::CellName;
+use crate::office::{Body, Envelope, Kind, Listed, Message, Position, compare};
+use crate::signing::{BEGIN, Statement};
+use std::collections::{BTreeMap, BTreeSet};
+use tokio_postgres::{Client, Row};
+
+/// Records that are read at a time.
+const AT_ONCE: i64 = 500;
+/// Messages of one cell; the rest is counted.
+const MOST: usize = 200;
+
+/// What a cell says that it has.
+#[derive(Debug, Clone)]
+pub struct CellList {
+    /// The cell.
+    pub cell: CellName,
+    /// Its list (`panelprep store list`).
+    pub listed: Vec<Listed>,
+}
+
+/// What came of one cell.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct CheckedCell {
+    /// The cell.
+    pub cell: String,
+    /// Records of it.
+    pub records: u64,
+    /// Signatures among them that hold.
+    pub signatures: u64,
+    /// Files that they name and that are whole.
+    pub files: u64,
+    /// Files that the cell no longer had.
+    pub gone: u64,
+    /// Records that the cell has too, with the same hash; `None` where no list of it was given.
+    pub same: Option<u64>,
+    /// The keys by which its statements are signed.
+    pub keys: Vec<String>,
+    /// What is not right, in words.
+    pub found: Vec<String>,
+}
+
+/// Checks every cell of the archive, and those with a list.
+///
+/// # Errors
+/// Where the database or the folder cannot be read.
+pub async fn check(settings: &ArchiveSettings, lists: &[CellList]) -> Result<Vec<CheckedCell>, ArchiveError> {
+    let client = database::open(&settings.database).await?;
+    let files = Files::at(&settings.files);
+    let rows = client.query("SELECT DISTINCT cell FROM records", &[]).await;
+    let rows = rows.map_err(ArchiveError::database("read its cells"))?;
+    let mut cells: BTreeSet<String> = rows.iter().map(|row| row.get(0)).collect();
+    cells.extend(lists.iter().map(|list| list.cell.as_str().to_owned()));
+    let mut checked = Vec::new();
+    for cell in cells {
+        let list = lists.iter().find(|list| list.cell.as_str() == cell);
+        checked.push(one(&client, &files, &cell, list).await?);
+    }
+    Ok(checked)
+}
+
+async fn one(
+    client: &Client,
+    files: &Files,
+    cell: &str,
+    list: Option<&CellList>,
+) -> Result<CheckedCell, ArchiveError> {
+    let mut checked = CheckedCell { cell: cell.to_owned(), ..CheckedCell::default() };
+    let mut statements = BTreeMap::new();
+    let mut office: Vec<Listed> = Vec::new();
+    let mut after = Position { epoch: String::new(), number: 0 };
+    loop {
+        let page = page(client, cell, &after).await?;
+        if page.is_empty() {
+            break;
+        }
+        for row in &page {
+            let listed = record(row, cell, &mut checked, &mut statements);
+            gap(&after, &listed.position, &mut checked.found);
+            after = listed.position.clone();
+            if list.is_some() {
+                office.push(listed);
+            }
+        }
+    }
+    checked.found.extend(unchained(&statements));
+    contradictions(client, cell, &mut checked).await?;
+    files_of(client, files, cell, &mut checked).await?;
+    if let Some(list) = list {
+        let compared = compare(&list.listed, &office);
+        checked.same = Some(compared.same);
+        checked.found.extend(compared.found);
+    }
+    let rest = checked.found.len().saturating_sub(MOST);
+    checked.found.truncate(MOST);
+    checked.found.extend((rest > 0).then(|| format!("{rest} more are not told")));
+    Ok(checked)
+}
+
+async fn page(client: &Client, cell: &str, after: &Position) -> Result<Vec<Row>, ArchiveError> {
+    let sql = "SELECT epoch, number, kind, unix_ms, hash, content, signature, public_key FROM records
+        WHERE cell = $1 AND (epoch, number) > ($2, $3) ORDER BY epoch, number LIMIT $4";
+    let number = i64::try_from(after.number).unwrap_or(i64::MAX);
+    let rows = client.query(sql, &[&cell, &after.epoch, &number, &AT_ONCE]).await;
+    rows.map_err(ArchiveError::database("read its records"))
+}
+
+fn position(row: &Row) -> Position {
+    Position { epoch: row.get(0), number: row.get::<_, i64>(1).unsigned_abs() }
+}
+
+/// A statement's hash, and the one that it names before it.
+type Link = (String, String);
+
+/// Holds a row to what it says of itself, as the message that it was.
+fn record(row: &Row, cell: &str, checked: &mut CheckedCell, statements: &mut BTreeMap<u64, Vec<Link>>) -> Listed {
+    let position = position(row);
+    let word: String = row.get(2);
+    let (unix_ms, hash, content): (i64, String, Vec<u8>) = (row.get(3), row.get(4), row.get(5));
+    let (signature, public_key): (Option<Vec<u8>>, Option<String>) = (row.get(6), row.get(7));
+    checked.records += 1;
+    let name = format!("number {} of epoch {}", position.number, position.epoch);
+    let kind = Kind::of_word(&word);
+    let body = match (kind, signature, public_key) {
+        (Some(Kind::Cycle), None, None) => Some(Body::Cycle(content)),
+        (Some(Kind::Verification), None, None) => Some(Body::Verification(content)),
+        (Some(Kind::Signature), Some(signature), Some(public_key)) => {
+            Some(Body::Signature { statement: content, signature, public_key, files: Vec::new() })
+        }
+        _ => None,
+    };
+    let Some(body) = body else {
+        checked.found.push(format!("{name}: its kind is \"{word}\", which does not fit the rest of its row"));
+        return Listed { position, kind: kind.unwrap_or(Kind::Cycle), hash };
+    };
+    let envelope = Envelope { position, unix_ms, body };
+    let listed = envelope.listed();
+    if listed.hash != hash {
+        checked.found.push(format!("{name} was changed: its SHA-256 is {}, it came with {hash}", listed.hash));
+    }
+    match read_again(cell, envelope) {
+        Err(problem) => checked.found.push(format!("{name}: {problem}")),
+        Ok(Some((statement, public_key))) => {
+            checked.signatures += 1;
+            if !checked.keys.contains(&public_key) {
+                checked.keys.push(public_key);
+            }
+            statements.entry(statement.number).or_default().push((listed.hash.clone(), statement.previous));
+        }
+        Ok(None) => {}
+    }
+    listed
+}
+
+/// Reads it as the message that it was, so that its signature is verified once more.
+fn read_again(cell: &str, envelope: Envelope) -> Result<Option<(Statement, String)>, String> {
+    let message = Message { cell: CellName::new(cell)?, envelope };
+    let bytes = message.bytes().map_err(|error| error.to_string())?;
+    let read = Message::read(&bytes).map_err(|error| error.to_string())?;
+    match read.envelope.body {
+        Body::Signature { statement, public_key, .. } => {
+            let statement = Statement::read(&statement).map_err(|error| error.to_string())?;
+            Ok(Some((statement, public_key)))
+        }
+        Body::Cycle(_) | Body::Verification(_) => Ok(None),
+    }
+}
+
+fn gap(before: &Position, here: &Position, found: &mut Vec<String>) {
+    let first = if before.epoch == here.epoch { before.number + 1 } else { 1 };
+    let last = here.number - 1;
+    if first > last {
+        return;
+    }
+    let numbers = if first == last { format!("number {first}") } else { format!("numbers {first} to {last}") };
+    found.push(format!("{numbers} of epoch {} never came", here.epoch));
+}
+
+/// Statements that are missing, that do not follow from the one before, or that stand twice under one number.
+fn unchained(statements: &BTreeMap<u64, Vec<Link>>) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut before: Option<(u64, &str)> = None;
+    for (number, links) in statements {
+        let hashes: BTreeSet<&str> = links.iter().map(|(hash, _)| hash.as_str()).collect();
+        if hashes.len() > 1 {
+            found.push(format!("there are {} signed records number {number}: the chain was forked", hashes.len()));
+        }
+        let expected = match before {
+            Some((last, hash)) if last + 1 == *number => Some(hash),
+            None if *number == 1 => Some(BEGIN),
+            _ => {
+                let first = before.map_or(1, |(last, _)| last + 1);
+                found.push(format!("signed records number {first} to {} are missing", number - 1));
+                None
+            }
+        };
+        let Some((hash, previous)) = links.first() else { continue };
+        if expected.is_some_and(|expected| expected != previous) {
+            found.push(format!("signed record number {number} does not follow from number {}", number - 1));
+        }
+        before = Some((*number, hash));
+    }
+    found
+}
+
+async fn contradictions(client: &Client, cell: &str, checked: &mut CheckedCell) -> Result<(), ArchiveError> {
+    let sql = "SELECT epoch, number, hash FROM contradictions WHERE cell = $1 ORDER BY epoch, number";
+    let rows = client.query(sql, &[&cell]).await.map_err(ArchiveError::database("read contradictions"))?;
+    checked.found.extend(rows.iter().map(|row| {
+        let Position { epoch, number } = position(row);
+        let hash: String = row.get(2);
+        format!("number {number} of epoch {epoch} came a second time with the SHA-256 {hash}")
+    }));
+    Ok(())
+}
+
+async fn files_of(
+    client: &Client,
+    files: &Files,
+    cell: &str,
+    checked: &mut CheckedCell,
+) -> Result<(), ArchiveError> {
+    let sql = "SELECT hash, min(name), bool_and(gone IS NOT NULL) FROM record_files WHERE cell = $1 GROUP BY hash";
+    let rows = client.query(sql, &[&cell]).await.map_err(ArchiveError::database("read the files of records"))?;
+    for row in rows {
+        let (hash, name, is_gone): (String, String, bool) = (row.get(0), row.get(1), row.get(2));
+        match files.held(&hash)? {
+            Held::Whole => checked.files += 1,
+            Held::Missing if is_gone => checked.gone += 1,
+            Held::Missing => checked.found.push(format!("the file {hash}, {name}, never came")),
+            Held::Damaged(found) => {
+                checked.found.push(format!("the file {hash}, {name}, is damaged: its SHA-256 is {found}"));
+            }
+        }
+    }
+    Ok(())
+}

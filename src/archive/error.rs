@@ -1,0 +1,73 @@
+//! Why the archive cannot work.
+
+use crate::broker::BrokerError;
+use std::path::{Path, PathBuf};
+
+/// What went wrong at the archive.
+#[derive(Debug, thiserror::Error)]
+pub enum ArchiveError {
+    /// The database cannot be reached, or refuses us.
+    #[error("the database {place} cannot be used: {problem}")]
+    Connect {
+        /// User, host, port and name.
+        place: String,
+        /// What the connection says.
+        problem: String,
+    },
+    /// The database refused something.
+    #[error("the database: cannot {doing}: {problem}")]
+    Database {
+        /// What was tried.
+        doing: &'static str,
+        /// What PostgreSQL says.
+        problem: String,
+    },
+    /// Tables of a later version of this program.
+    #[error("the database has tables of version {found}, this program knows up to {known}: use the newer program")]
+    Newer {
+        /// Their version.
+        found: i32,
+        /// The newest that this program knows.
+        known: i32,
+    },
+    /// The broker.
+    #[error(transparent)]
+    Broker(#[from] BrokerError),
+    /// A file refused.
+    #[error("cannot {doing} {}: {source}", path.display())]
+    File {
+        /// What was tried.
+        doing: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// Something that a file holds cannot be used.
+    #[error("{}: {problem}", path.display())]
+    Unfit {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+    },
+}
+
+impl ArchiveError {
+    pub(super) fn database(doing: &'static str) -> impl Fn(tokio_postgres::Error) -> ArchiveError {
+        move |error| {
+            // What the server says is below the library's own words.
+            let problem = error.as_db_error().map_or(error.to_string(), ToString::to_string);
+            ArchiveError::Database { doing, problem }
+        }
+    }
+
+    pub(super) fn file<'p>(doing: &'static str, path: &'p Path) -> impl Fn(std::io::Error) -> ArchiveError + 'p {
+        move |source| ArchiveError::File { doing, path: path.to_owned(), source }
+    }
+
+    /// Whether it may be over by itself: a network, a server that starts again, a disk that is full.
+    pub fn may_pass(&self) -> bool {
+        !matches!(self, ArchiveError::Newer { .. } | ArchiveError::Unfit { .. })
+    }
+}

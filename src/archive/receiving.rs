@@ -1,0 +1,226 @@
+//! The archive's loop: from the broker into database and folder.
+
+use super::database;
+use super::error::ArchiveError;
+use super::files::Files;
+use super::keeping::{self, Kept};
+use super::settings::ArchiveSettings;
+use crate::broker::{Delivery, OfficeLink};
+use crate::cell::CellName;
+use crate::office::{Assembly, CellState, Chunk, Message, OfficeError, What, subject};
+use futures_util::StreamExt;
+use std::collections::BTreeMap;
+use std::time::Duration;
+use tokio_postgres::Client;
+
+/// Messages of the broker at a time.
+const AT_ONCE: usize = 500;
+/// After a failure it is tried again after one second, then two, four, and so on up to this.
+const LONGEST_PAUSE: Duration = Duration::from_secs(30);
+const GB: i64 = 1_000_000_000;
+
+/// Works until `ended` comes. What fails and may pass is tried again, with a connection of its own.
+///
+/// # Errors
+/// Where the database has tables of a newer program, or a file of the settings cannot be used.
+pub async fn run(settings: &ArchiveSettings, ended: impl Future<Output = ()>) -> Result<(), ArchiveError> {
+    tokio::select! {
+        failed = again_and_again(settings) => Err(failed),
+        () = ended => Ok(()),
+    }
+}
+
+async fn again_and_again(settings: &ArchiveSettings) -> ArchiveError {
+    let mut pause = Duration::from_secs(1);
+    let mut told = String::new();
+    loop {
+        let since = std::time::Instant::now();
+        let Err(error) = work(settings).await;
+        if !error.may_pass() {
+            return error;
+        }
+        if since.elapsed() > LONGEST_PAUSE {
+            pause = Duration::from_secs(1);
+        }
+        if told != error.to_string() {
+            told = error.to_string();
+            tracing::warn!("{error}; it is tried again");
+        }
+        tokio::time::sleep(pause).await;
+        pause = LONGEST_PAUSE.min(pause * 2);
+    }
+}
+
+async fn work(settings: &ArchiveSettings) -> Result<std::convert::Infallible, ArchiveError> {
+    let mut client = database::open(&settings.database).await?;
+    let most_bytes = i64::try_from(settings.waiting_gb).unwrap_or(i64::MAX).saturating_mul(GB);
+    let link = OfficeLink::connect(&settings.broker, most_bytes).await?;
+    tracing::info!("takes what cells send by {}", settings.broker.address);
+    // A cell may have missed it, or the broker lost it.
+    for (cell, epoch, archived) in keeping::epochs(&client).await? {
+        link.say_archived(&cell, &epoch, archived).await?;
+    }
+    let listener = database::open(&settings.database).await?;
+    let records = receive(&mut client, &link, Files::at(&settings.files));
+    tokio::select! {
+        Err(error) = records => Err(error),
+        Err(error) = listen(&listener, &link) => Err(error),
+    }
+}
+
+async fn receive(
+    client: &mut Client,
+    link: &OfficeLink,
+    files: Files,
+) -> Result<std::convert::Infallible, ArchiveError> {
+    let mut receiver = Receiver { files, assembly: Assembly::default(), waiting: BTreeMap::new() };
+    loop {
+        let batch = link.next(AT_ONCE).await?;
+        receiver.take(client, link, batch).await?;
+    }
+}
+
+/// What cells tell of their state; what is missed comes again in two seconds.
+async fn listen(client: &Client, link: &OfficeLink) -> Result<std::convert::Infallible, ArchiveError> {
+    let mut states = link.states().await?;
+    loop {
+        match states.next().await {
+            Some(state) => keep_state(client, &state.subject, &state.payload).await?,
+            None => return Err(link.lost().into()),
+        }
+    }
+}
+
+struct Receiver {
+    files: Files,
+    assembly: Assembly,
+    /// Parts that are not acknowledged yet, since what they belong to is not whole.
+    waiting: BTreeMap<(CellName, What), Vec<Delivery>>,
+}
+
+impl Receiver {
+    async fn take(
+        &mut self,
+        client: &mut Client,
+        link: &OfficeLink,
+        batch: Vec<Delivery>,
+    ) -> Result<(), ArchiveError> {
+        let (mut messages, mut done) = (Vec::new(), Vec::new());
+        for delivery in batch {
+            match self.one(delivery).await? {
+                Taken::Waits => {}
+                Taken::Kept(deliveries) => done.extend(deliveries),
+                Taken::Message(message, deliveries) => {
+                    messages.push(*message);
+                    done.extend(deliveries);
+                }
+            }
+        }
+        if !messages.is_empty() {
+            let Kept { new, known, contradictions, archived } = keeping::keep(client, &messages).await?;
+            contradictions.iter().for_each(|words| tracing::error!("{words}"));
+            tracing::debug!("{new} new records, {known} that were there");
+            for ((cell, epoch), number) in archived {
+                link.say_archived(&cell, &epoch, number).await?;
+            }
+        }
+        for delivery in &done {
+            delivery.acknowledge().await?;
+        }
+        Ok(())
+    }
+
+    async fn one(&mut self, delivery: Delivery) -> Result<Taken, ArchiveError> {
+        let read = Chunk::read(delivery.bytes()).and_then(|chunk| sent_by(delivery.subject(), chunk));
+        let chunk = match read {
+            Ok(chunk) => chunk,
+            Err(error) => return refused(&delivery, &error).await,
+        };
+        let key = (chunk.cell.clone(), chunk.what.clone());
+        let whole = match self.assembly.take(chunk) {
+            Ok(whole) => whole,
+            Err(error) => {
+                for part in self.waiting.remove(&key).unwrap_or_default() {
+                    part.refuse().await?;
+                }
+                return refused(&delivery, &error).await;
+            }
+        };
+        self.waiting.entry(key.clone()).or_default().push(delivery);
+        let Some(whole) = whole else { return Ok(Taken::Waits) };
+        let deliveries = self.waiting.remove(&key).unwrap_or_default();
+        match &whole.what {
+            What::File(hash) => {
+                self.files.put(hash, &whole.bytes)?;
+                Ok(Taken::Kept(deliveries))
+            }
+            What::Message(position) => match Message::read(&whole.bytes) {
+                Ok(message) if message.cell == whole.cell && message.envelope.position == *position => {
+                    Ok(Taken::Message(Box::new(message), deliveries))
+                }
+                Ok(_) => {
+                    tracing::error!("cell {} sent a message under another name than it has", whole.cell);
+                    refuse_all(deliveries).await
+                }
+                Err(error) => {
+                    tracing::error!("cell {}: {error}", whole.cell);
+                    refuse_all(deliveries).await
+                }
+            },
+        }
+    }
+}
+
+enum Taken {
+    /// Parts of it are missing.
+    Waits,
+    /// It is kept, or it can never be.
+    Kept(Vec<Delivery>),
+    /// It is whole and goes into the database.
+    Message(Box<Message>, Vec<Delivery>),
+}
+
+/// A cell may send under its own name alone: the broker says who may send there.
+fn sent_by(subject: &str, chunk: Chunk) -> Result<Chunk, OfficeError> {
+    match subject == subject::records(&chunk.cell) {
+        true => Ok(chunk),
+        false => Err(OfficeError::Form {
+            what: "line of a part",
+            problem: format!("it names the cell {} and came by {}", chunk.cell, subject.escape_debug()),
+        }),
+    }
+}
+
+async fn refused(delivery: &Delivery, error: &OfficeError) -> Result<Taken, ArchiveError> {
+    tracing::error!("what came by {} is refused: {error}", delivery.subject().escape_debug());
+    delivery.refuse().await?;
+    Ok(Taken::Kept(Vec::new()))
+}
+
+async fn refuse_all(deliveries: Vec<Delivery>) -> Result<Taken, ArchiveError> {
+    for delivery in &deliveries {
+        delivery.refuse().await?;
+    }
+    Ok(Taken::Kept(Vec::new()))
+}
+
+/// The newest state of each cell, for pages. One that cannot be read is told and dropped.
+async fn keep_state(client: &Client, by: &str, bytes: &[u8]) -> Result<(), ArchiveError> {
+    let (cell, _) = match CellState::read(bytes) {
+        Ok(read) if by == subject::state(&read.0) => read,
+        Ok((cell, _)) => {
+            tracing::error!("a state of the cell {cell} came by {}", by.escape_debug());
+            return Ok(());
+        }
+        Err(error) => {
+            tracing::error!("what came by {}: {error}", by.escape_debug());
+            return Ok(());
+        }
+    };
+    let text = String::from_utf8_lossy(bytes).into_owned();
+    let sql =
+        "INSERT INTO cells (cell, heard_unix_ms, state) VALUES ($1, (extract(epoch FROM now()) * 1000)::bigint, $2)
+        ON CONFLICT (cell) DO UPDATE SET heard_unix_ms = EXCLUDED.heard_unix_ms, state = EXCLUDED.state";
+    let kept = client.execute(sql, &[&cell.as_str(), &text]).await;
+    kept.map(drop).map_err(ArchiveError::database("keep the state of a cell"))
+}

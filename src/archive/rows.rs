@@ -1,0 +1,81 @@
+//! Which rows a message becomes, for the pages of the office. Pure.
+
+use crate::history::{Known, PastCycle, Quantity};
+use crate::office::{Body, CycleEnd, Message, VerificationSeen};
+use crate::record::CycleRecord;
+use crate::signing::{Said, SignedCycle, Statement};
+use strum::IntoEnumIterator;
+
+/// The rows of a message.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Rows {
+    Cycle(CycleEnd),
+    Verification(VerificationSeen),
+    Signature(SignatureRows),
+}
+
+/// Of a statement.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct SignatureRows {
+    pub cycle: i64,
+    /// The statement's number among all of its cell.
+    pub statement: u64,
+    pub unix_ms: i64,
+    /// Who signed and what it means, in words; `None` for the cell itself.
+    pub person: Option<(String, &'static str)>,
+    /// The numbers of the cycle, where the cell's own statement tells them and this program reads its record.
+    pub quantities: Option<Quantities>,
+}
+
+/// Numbers of a cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Quantities {
+    pub started_unix_s: i64,
+    pub panel: String,
+    /// Word, value and limit as JSON.
+    pub values: Vec<(&'static str, f64, String)>,
+}
+
+impl Rows {
+    /// Of a message, whose content was read once before.
+    pub fn of(message: &Message) -> Result<Self, String> {
+        let wrong = |error: serde_json::Error| error.to_string();
+        match &message.envelope.body {
+            Body::Cycle(content) => serde_json::from_slice(content).map(Rows::Cycle).map_err(wrong),
+            Body::Verification(content) => serde_json::from_slice(content).map(Rows::Verification).map_err(wrong),
+            Body::Signature { statement, .. } => {
+                let statement = Statement::read(statement).map_err(|error| error.to_string())?;
+                Ok(Rows::Signature(signature(&statement)))
+            }
+        }
+    }
+}
+
+fn signature(statement: &Statement) -> SignatureRows {
+    let (person, quantities) = match &statement.says {
+        Said::Person(person) => (Some((person.name.clone(), person.meaning.words())), None),
+        Said::Cycle(cycle) => (None, quantities(cycle)),
+    };
+    SignatureRows {
+        cycle: statement.cycle().0,
+        statement: statement.number,
+        unix_ms: statement.unix_ms,
+        person,
+        quantities,
+    }
+}
+
+/// A record of another version of the program may not read; it is kept all the same.
+fn quantities(cycle: &SignedCycle) -> Option<Quantities> {
+    let record: CycleRecord = serde_json::from_value(cycle.record.clone()).ok()?;
+    let past = PastCycle { record, part: cycle.part.clone(), disc: None };
+    if past.record.is_air_run() {
+        return None;
+    }
+    let value = |known: Known| {
+        let (value, limit) = Quantity::Known(known).of(&past)?;
+        value.is_finite().then(|| (known.word(), value, serde_json::to_string(&limit).unwrap_or_default()))
+    };
+    let values = Known::iter().filter_map(value).collect();
+    Some(Quantities { started_unix_s: past.record.started_unix_s, panel: past.record.panel, values })
+}

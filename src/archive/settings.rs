@@ -1,0 +1,85 @@
+//! `archive.toml`: where the broker, the database and the folder of files are.
+
+use crate::cell::Broker;
+use crate::config::{self, Problems, Section};
+use std::path::{Path, PathBuf};
+
+/// Where the archive gets and keeps what cells send.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ArchiveSettings {
+    /// The broker.
+    pub broker: Broker,
+    /// At most so much waits in the broker, GB: what comes then stays in its cell.
+    pub waiting_gb: usize,
+    /// The database.
+    pub database: Database,
+    /// The folder of files: pictures, recipes, calibrations.
+    pub files: PathBuf,
+}
+
+/// A PostgreSQL database.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Database {
+    /// The host's name or address, or the folder of its Unix socket.
+    pub host: String,
+    /// Its port.
+    pub port: u16,
+    /// The database's name.
+    pub name: String,
+    /// The user.
+    pub user: String,
+    /// The file in which the password stands alone; `None` where the database wants none.
+    pub password_file: Option<PathBuf>,
+    /// The certificate authority's file, PEM: with it the connection is encrypted, and another certificate is refused.
+    pub ca: Option<PathBuf>,
+}
+
+const WAITING_GB: std::ops::RangeInclusive<usize> = 1..=10_000;
+const PORT: std::ops::RangeInclusive<usize> = 1..=65_535;
+
+impl ArchiveSettings {
+    /// Checks the text of the archive's file; names in it are relative to its folder.
+    ///
+    /// # Errors
+    /// Every problem with its line and key.
+    pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
+        let folder = Path::new(file).parent().unwrap_or(Path::new(""));
+        config::check(file, text, |top| {
+            let broker = take_broker(folder, &top.section("broker"));
+            let database = take_database(folder, &top.section("database"));
+            let files = top.take::<String>("files", (), Some("archive".to_owned()));
+            top.done();
+            let (broker, waiting_gb) = broker?;
+            Some(ArchiveSettings { broker, waiting_gb, database: database?, files: folder.join(files?) })
+        })
+    }
+}
+
+fn take_broker(folder: &Path, section: &Section<'_, '_>) -> Option<(Broker, usize)> {
+    let broker = Broker::take(folder, section, "address");
+    let waiting_gb = section.take::<usize>("waiting_gb", WAITING_GB, Some(20));
+    section.done();
+    let Some(broker) = broker? else {
+        section.problem("address", "is missing: the broker's address, such as \"nats://127.0.0.1:4222\"");
+        return None;
+    };
+    Some((broker, waiting_gb?))
+}
+
+fn take_database(folder: &Path, section: &Section<'_, '_>) -> Option<Database> {
+    let host = section.take::<String>("host", (), Some("127.0.0.1".to_owned()));
+    let port = section.take::<usize>("port", PORT, Some(5_432));
+    let name = section.take::<String>("name", (), Some("panelprep".to_owned()));
+    let user = section.take::<String>("user", (), Some("panelprep".to_owned()));
+    let [password_file, ca] =
+        ["password_file", "ca"].map(|key| section.take::<Option<String>>(key, (), Some(None)));
+    section.done();
+    Some(Database {
+        host: host?,
+        port: u16::try_from(port?).ok()?,
+        name: name?,
+        user: user?,
+        password_file: password_file?.map(|name| folder.join(name)),
+        ca: ca?.map(|name| folder.join(name)),
+    })
+}
