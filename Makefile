@@ -3,14 +3,14 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: browser deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo test test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults
+.PHONY: browser deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo test test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
 	@echo 'make test    format check, lints, all tests'
 	@echo 'make test-long  the same tests with more random walks, and those that take minutes'
 	@echo 'make package a Debian package for the system that this machine has; make package-test installs, upgrades and purges it in a folder'
-	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults'
+	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-office'
 	@echo 'make deny    licences, duplicates, sources and known faults of all crates; make mutants: changes of the code that no test notices'
 	@echo 'make fuzz    search for bytes over which a reader falls, SECONDS=60 each; one alone: make fuzz-krl SECONDS=600'
 	@echo 'make zivid   build the Zivid camera library where the SDK is installed'
@@ -91,7 +91,7 @@ mutants: setup $(CARGO_MUTANTS)
 # each. What is found is written to target/fuzz/found; what leads on is kept in target/fuzz/corpus. All crates are built
 # with counters, in a folder of their own: the first build takes some ten minutes.
 SECONDS := 60
-FUZZ_TARGETS := framer wire channel session request recipe cell lens mounts pcd ply clip picture pose tape zivid_settings krl backup worker labels tool
+FUZZ_TARGETS := framer wire channel session request recipe cell lens mounts pcd ply clip picture pose tape zivid_settings krl backup worker labels tool office
 FUZZ_HOST := $(shell rustc -vV 2>/dev/null | sed -n 's/^host: //p')
 FUZZ := target/fuzz/$(FUZZ_HOST)/fuzz/examples/fuzz
 FUZZ_FLAGS := --cfg fuzzing -Cpasses=sancov-module $(addprefix -Cllvm-args=-sanitizer-coverage-,level=4 inline-8bit-counters pc-table trace-compares)
@@ -152,7 +152,7 @@ $(ZIVID_STUB): $(shell find $(ZIVID) -name '*.h' -o -name '*.cpp')
 	$(ZIVID_BUILD) -Werror -I$(ZIVID)/stub $(ZIVID)/panelprep_zivid.cpp $(ZIVID)/stub/play.cpp -o $@.new
 	mv $@.new $@
 
-bench: bench-seeds bench-robots bench-locate bench-inspect bench-damage bench-link bench-calib bench-surface bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults
+bench: bench-seeds bench-robots bench-locate bench-inspect bench-damage bench-link bench-calib bench-surface bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
 
 # Every command of the manual, from the package to a cell in daily work, over the devices' real interfaces and in real time.
 bench-manual: setup
@@ -194,6 +194,10 @@ bench-link: setup
 # The search over ten thousand cycles: every kind of query within 100 ms at its 95th percentile.
 bench-history: setup
 	cargo bench --locked --bench history
+
+# Needs nats-server and PostgreSQL of Debian; without them it says that it did not run. Some 30 minutes.
+bench-office: setup
+	cargo bench --locked --bench office
 
 # One simulation of everything, with faults of every kind at every moment: `WORLDS` seeds in one thread. One seed again:
 # cargo bench --locked --bench world -- seed=N, or seed=N script='[…]' as a failing one prints it.

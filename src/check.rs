@@ -11,6 +11,7 @@ mod report;
 mod says;
 mod text;
 
+use crate::archive::ArchiveSettings;
 use crate::cell::{
     CELL_KEYS, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RemovalCalibration, RobotCorrection,
     ScannerMount, TargetMount, ToolMount, ZividSettings,
@@ -20,7 +21,7 @@ use crate::krl::{Kss, LOWEST_KSS};
 use crate::recipe::{RECIPE_KEYS, Recipe};
 use crate::requirements::recipe_fits::unfit;
 use crate::requirements::{Purpose, Unmet, unmet};
-use says::{say_cell, say_correction, say_intrinsics, say_mount, say_recipe, say_removal};
+use says::{say_archive, say_cell, say_correction, say_intrinsics, say_mount, say_recipe, say_removal};
 
 pub use report::FileReport;
 pub use text::{NotText, decode};
@@ -32,7 +33,7 @@ struct Kind {
     check: fn(&str, &str) -> Result<Vec<String>, Problems>,
 }
 
-const KINDS: [Kind; 9] = [
+const KINDS: [Kind; 10] = [
     Kind { name: CELL, keys: &CELL_KEYS, check: |name, text| Cell::check(name, text).map(|cell| say_cell(&cell)) },
     Kind {
         name: RECIPE,
@@ -57,6 +58,11 @@ const KINDS: [Kind; 9] = [
         name: "removal",
         keys: &["removal"],
         check: |name, text| RemovalCalibration::check(name, text).map(|found| say_removal(&found)),
+    },
+    Kind {
+        name: "archive",
+        keys: &["broker", "database", "files"],
+        check: |name, text| ArchiveSettings::check(name, text).map(|settings| say_archive(&settings)),
     },
 ];
 

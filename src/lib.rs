@@ -56,6 +56,7 @@ pub mod requirements;
 pub mod stages;
 
 pub mod archive;
+
 pub mod check;
 pub mod daemon;
 

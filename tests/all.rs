@@ -24,8 +24,11 @@ mod live;
 mod locate;
 mod manual;
 mod new;
+mod office;
 mod operator_page;
 mod patterns;
+#[allow(dead_code, reason = "the bench uses the rest")]
+mod plant;
 mod poor_pictures;
 mod quiet;
 mod record;

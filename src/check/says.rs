@@ -1,5 +1,6 @@
 //! What the program understood of a file, in words.
 
+use crate::archive::ArchiveSettings;
 use crate::cell::{
     Camera, Cell, Gige, Intrinsics, Mount, MountedPose, RemovalCalibration, RobotCorrection, RobotKind, Tool,
     ZividCamera,
@@ -175,6 +176,15 @@ pub(super) fn say_correction(correction: &RobotCorrection) -> Vec<String> {
     vec![
         format!("correction of the arm, {}", correction.numbers.kind()),
         format!("pictures that were left out: {before} mm rms off without it, {after} mm with it"),
+    ]
+}
+
+pub(super) fn say_archive(settings: &ArchiveSettings) -> Vec<String> {
+    let ArchiveSettings { broker, waiting_gb, database, files } = settings;
+    vec![
+        format!("broker {}, at most {waiting_gb} GB wait in it", broker.address),
+        format!("database {} of {} at {}:{}", database.name, database.user, database.host, database.port),
+        format!("files in {}", files.display()),
     ]
 }
 

@@ -1,5 +1,6 @@
 //! The command line, as `interfaces` fixes it for scripts.
 
+mod archive;
 mod backup;
 mod files;
 mod history;
@@ -14,10 +15,11 @@ mod shooting;
 mod simulated;
 mod simulation;
 
+pub use archive::{Archive, ArchiveTask, CheckArchive, RunArchive};
 pub use backup::{Backup, BackupPart, Restore};
 pub use files::{Check, Doctor, Inspect, Label, Locate, Look, Plan, PurposeName, Refine, Teach, Tune};
 pub use history::{EndName, History, HistoryTask, SearchArguments};
-pub use keeping::{Explain, PageOf, Replay, StoreCommand, StoreTask, VerifyStore};
+pub use keeping::{Explain, PageOf, RenewStore, Replay, StoreCommand, StoreTask, VerifyStore};
 pub use new::{FlangeCameraKind, New, NewCell, NewFile, NewRecipe, RobotKindName, ScannerKind};
 pub use package_files::PackageFiles;
 pub use people::{User, UserTask};
@@ -212,6 +214,8 @@ pub enum Command {
     #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
         panelprep store verify --cell target/cell/cell.toml")]
     Store(StoreCommand),
+    /// The office's archive: takes the records that cells send, and proves later that it holds what they have.
+    Archive(Archive),
     /// Accounts of the operator's page: who may log in, as what. The first administrator is made here.
     #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
         panelprep user list --cell target/cell/cell.toml\n\

@@ -3,6 +3,7 @@
 //!
 //! Each command is a file of its name: `run` reads and tells, `stage` computes.
 
+mod archive;
 pub mod args;
 mod asking;
 mod backup;
@@ -114,6 +115,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::History(args) => history::run(args, common),
         Command::Record(args) => record::run(args, common),
         Command::Store(args) => store::run(args, common),
+        Command::Archive(args) => archive::run(args),
         Command::User(args) => user::run(args, common),
         Command::Backup(args) => backup::run(args, common),
         Command::Restore(args) => backup::restore(args, common),

@@ -16,10 +16,10 @@ use super::setup_source::FolderSource;
 use super::zivid;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
-    self, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, OperatorPage, PageParts,
-    Ports, PreparedCycle, RecordIn, Recorded, RecordedPort, Recording, RecordingSwitch, Request, RequestHandler,
-    RequestQueue, RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord,
-    WrittenPage,
+    self, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, OfficeParts, OfficeSender,
+    OfficeStatus, OperatorPage, PageParts, Ports, PreparedCycle, RecordIn, Recorded, RecordedPort, Recording,
+    RecordingSwitch, Request, RequestHandler, RequestQueue, RequestSender, Requester as _, ServiceParts,
+    SetupSource, SharedCameras, Socket, StartRequest, StoreRecord, WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::record::{CycleId, RecordingFile};
@@ -73,7 +73,9 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let socket =
         Socket::listen(&path, files.cell.socket_role(), gateway.clone(), &supervisor).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
-    let page = operator_page((&files, common), gateway, view.clone())?;
+    let office = OfficeStatus::default();
+    let page = operator_page((&files, common), (gateway.clone(), view.clone()), &office)?;
+    let office = office_sender((&files, common), gateway, office)?;
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
     let written = WrittenPage::default();
@@ -115,7 +117,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     }
     let ended = ended.map_err(Fault::of_loop)?;
     // The page's connections to the store end before the store's own one, which then leaves a database without a log.
-    drop((socket, page, person));
+    drop((socket, page, office, person));
     #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
     let ended = ended.state;
@@ -126,12 +128,11 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
 /// Serves the operator's page, where the cell's file names an address for it.
 fn operator_page(
     (files, common): (&Arc<CellFiles>, &Common),
-    gateway: Gateway,
-    view: LiveView,
+    (gateway, view): (Gateway, LiveView),
+    office: &OfficeStatus,
 ) -> Result<Option<OperatorPage>, Fault> {
     let page = files.cell.page().clone();
-    let setup =
-        Arc::new(FolderSource { recipes: page.recipes.clone(), files: files.clone(), common: common.clone() });
+    let setup = Arc::new(FolderSource::new(files, common, office));
     let records = Arc::new(StoreRecords(files.clone()));
     let parts = PageParts { page, folder: files.store_folder().to_owned(), gateway, view, setup, records };
     let page = OperatorPage::serve(parts).map_err(Fault::stage)?;
@@ -142,6 +143,19 @@ fn operator_page(
         }
     }
     Ok(page)
+}
+
+/// Sends records to the office, where the cell's file names a broker.
+fn office_sender(
+    (files, common): (&Arc<CellFiles>, &Common),
+    gateway: Gateway,
+    status: OfficeStatus,
+) -> Result<Option<OfficeSender>, Fault> {
+    let Some(office) = files.cell.office().cloned() else { return Ok(None) };
+    let setup = Arc::new(FolderSource::new(files, common, &status));
+    let folder = files.store_folder().to_owned();
+    let cell: (Gateway, Arc<dyn SetupSource>) = (gateway, setup);
+    OfficeSender::start(OfficeParts { office, folder, cell: Some(cell), status }).map(Some).map_err(Fault::stage)
 }
 
 /// Opens the store. On a disk that is full to the last byte the service starts all the same: it answers, refuses whatever is

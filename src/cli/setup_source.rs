@@ -7,7 +7,7 @@ use super::load::CellFiles;
 use super::{disk, doctor, health};
 use crate::check::{self, FileReport};
 use crate::config::Problems;
-use crate::daemon::{Equipment, Examined, RecipeText, SetupSource};
+use crate::daemon::{Equipment, Examined, OfficeStatus, RecipeText, SetupSource};
 use crate::files;
 use crate::geometry::ColorPicture;
 use crate::recipe::Recipe;
@@ -29,9 +29,17 @@ pub struct FolderSource {
     pub files: Arc<CellFiles>,
     /// What every command is told.
     pub common: Common,
+    /// How the way to the office stands.
+    pub office: OfficeStatus,
 }
 
 impl FolderSource {
+    /// With the recipes' folder that the cell's file names.
+    pub fn new(files: &Arc<CellFiles>, common: &Common, office: &OfficeStatus) -> Self {
+        let recipes = files.cell.page().recipes.clone();
+        FolderSource { recipes, files: files.clone(), common: common.clone(), office: office.clone() }
+    }
+
     /// The file of a recipe that is offered: a name that is none of them leads nowhere.
     fn file(&self, name: &str) -> Result<PathBuf, String> {
         match self.recipes()?.iter().any(|known| known == name) {
@@ -98,7 +106,9 @@ impl SetupSource for FolderSource {
         let ending = health::ending(&self.files).unwrap_or_default();
         let store = self.files.store_folder();
         let room = free_mb(store).ok().and_then(|free_mb| doctor::scarce(&store.display().to_string(), free_mb));
-        room.into_iter().chain(verified).chain(ending).collect()
+        let behind_min = self.files.cell.office().map(|office| office.behind_min);
+        let office = behind_min.map(|behind_min| self.office.reasons(behind_min, now_unix_s() * 1_000));
+        room.into_iter().chain(verified).chain(ending).chain(office.into_iter().flatten()).collect()
     }
 
     fn examine(&self) -> Vec<Examined> {

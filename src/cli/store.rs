@@ -1,12 +1,14 @@
-//! `panelprep store verify`: is everything in the store what was written?
+//! `panelprep store`: is everything in the store what was written, and what is the office to have of it?
 
-use super::args::{Common, StoreCommand, StoreTask, VerifyStore};
+use super::args::{Common, RenewStore, StoreCommand, StoreTask, VerifyStore};
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
+use crate::office::Listed;
 use crate::store::{Store, Verified};
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
+use std::path::PathBuf;
 
 /// Does what is asked.
 ///
@@ -15,15 +17,43 @@ use serde_json::json;
 pub fn run(args: &StoreCommand, common: &Common) -> Result<Outcome, Fault> {
     match &args.what {
         StoreTask::Verify(args) => verify(args, common),
+        StoreTask::List => list(common),
+        StoreTask::Renew(args) => renew(args, common),
     }
 }
 
 /// A copy somewhere else, `--store`, needs no cell.
+fn folder(common: &Common) -> Result<PathBuf, Fault> {
+    match &common.store {
+        Some(folder) => Ok(folder.clone()),
+        None => Ok(CellFiles::read(common)?.store_folder().to_owned()),
+    }
+}
+
+fn renew(args: &RenewStore, common: &Common) -> Result<Outcome, Fault> {
+    let folder = folder(common)?;
+    // A mistyped folder must not become a store.
+    drop(Store::open(&folder).map_err(Fault::stage)?);
+    Store::renew_outbox(&folder, &args.why).map_err(Fault::stage)?;
+    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
+    outcome.say("records from now on belong to a new epoch");
+    Ok(outcome)
+}
+
+fn list(common: &Common) -> Result<Outcome, Fault> {
+    let listed = Store::open(&folder(common)?).and_then(|store| store.outbox_list()).map_err(Fault::stage)?;
+    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
+    outcome.words.clear();
+    for Listed { position, kind, hash } in &listed {
+        outcome.say(format!("{} {:>7} {:<12} {hash}", position.epoch, position.number, kind.word()));
+    }
+    outcome.say(format!("{} in all", listed.len()));
+    outcome.put("records", json!(listed));
+    Ok(outcome)
+}
+
 fn verify(args: &VerifyStore, common: &Common) -> Result<Outcome, Fault> {
-    let folder = match &common.store {
-        Some(folder) => folder.clone(),
-        None => CellFiles::read(common)?.store_folder().to_owned(),
-    };
+    let folder = folder(common)?;
     let verified = Store::verify(&folder, !args.rows_only).map_err(Fault::stage)?;
     let Verified { found, known, links, files, pruned, signatures, keys } = verified;
     let reason = |words: &String| Reason::new("store_changed", words.clone());

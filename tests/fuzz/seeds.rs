@@ -276,6 +276,26 @@ pub fn labels() -> Vec<Vec<u8>> {
 }
 
 /// Replies of a compliant tool, and what is none.
+pub fn office_parts() -> Vec<Vec<u8>> {
+    let hash = "ab".repeat(32);
+    let epoch = "0123456789abcdef".repeat(2);
+    let end = "{\"cycle\":1,\"ended_unix_s\":2,\"panel\":\"wing\",\"part\":null,\"program_version\":\"0\",\"reasons\":[],\
+               \"recipe_hash\":\"ab\",\"started_unix_s\":1,\"taught_version\":\"00\",\"verdict\":\"pass\"}";
+    let end_hash = panelprep::files::content_hash(end.as_bytes());
+    texts(&[
+        &format!("{{\"form\":\"panelprep-part-1\",\"cell\":\"c\",\"file\":\"{hash}\",\"part\":1,\"parts\":1}}\nx"),
+        &format!(
+            "{{\"form\":\"panelprep-part-1\",\"cell\":\"c\",\"position\":{{\"epoch\":\"{epoch}\",\"number\":1}},\"part\":1,\"parts\":2}}\nx"
+        ),
+        &format!(
+            "{{\"form\":\"panelprep-office-1\",\"cell\":\"c\",\"epoch\":\"{epoch}\",\"number\":1,\"kind\":\"cycle\",\"unix_ms\":1,\
+             \"hash\":\"{end_hash}\"}}\n{end}"
+        ),
+        "{\"form\":\"panelprep-state-1\",\"cell\":\"c\",\"unix_ms\":1,\"version\":\"0\",\"state\":\"idle\",\"phase\":null,\"panel\":null,\
+         \"cycle\":null,\"waypoint\":null,\"reasons\":[],\"standing\":[],\"last\":[]}",
+    ])
+}
+
 pub fn tools() -> Vec<Vec<u8>> {
     texts(&[
         "1040 19.7 17.25 1 0k",

@@ -11,6 +11,7 @@ use panelprep::devices::zivid::{message, wire};
 use panelprep::eki::{ChannelFile, Framer, MAX_DOCUMENT_BYTES, Time};
 use panelprep::force::{Press, Session, SessionLimits};
 use panelprep::geometry::PinholeCamera;
+use panelprep::office::{Assembly, CellState, Chunk, Message};
 use panelprep::recipe::Recipe;
 use panelprep::{backup, files, krl, labels, tape};
 use std::io::Read;
@@ -27,7 +28,7 @@ pub struct Target {
 }
 
 /// All of them.
-pub const TARGETS: [Target; 21] = [
+pub const TARGETS: [Target; 22] = [
     Target { name: "framer", run: framer, seeds: seeds::messages },
     Target { name: "wire", run: messages, seeds: seeds::messages },
     Target { name: "channel", run: channel, seeds: seeds::channels },
@@ -49,6 +50,7 @@ pub const TARGETS: [Target; 21] = [
     Target { name: "worker", run: worker, seeds: seeds::frames },
     Target { name: "labels", run: label, seeds: seeds::labels },
     Target { name: "tool", run: tool, seeds: seeds::tools },
+    Target { name: "office", run: office, seeds: seeds::office_parts },
 ];
 
 /// The camera of the small pictures and clouds among the seeds.
@@ -67,6 +69,22 @@ pub const CAMERA: PinholeCamera = PinholeCamera {
 };
 
 /// What a compliant tool says, from its log-in on, in one piece and cut in two: the same comes of it.
+/// A part, and what a message, a state and a list may be made of.
+fn office(bytes: &[u8]) {
+    if let Ok(chunk) = Chunk::read(bytes) {
+        assert_eq!(Chunk::read(&chunk.bytes().expect("bytes")).as_ref(), Ok(&chunk));
+        let mut assembly = Assembly::default();
+        drop(assembly.take(chunk.clone()));
+        drop(assembly.take(chunk));
+    }
+    if let Ok(message) = Message::read(bytes) {
+        assert_eq!(Message::read(&message.bytes().expect("bytes")).as_ref(), Ok(&message));
+    }
+    if let Ok((_, state)) = CellState::read(bytes) {
+        drop(state.bytes().expect("bytes"));
+    }
+}
+
 fn tool(bytes: &[u8]) {
     let limits = SessionLimits {
         login: "ferba".to_owned(),

@@ -19,6 +19,26 @@ pub enum StoreTask {
     #[command(after_help = "Example, of a copy:\n  panelprep store verify --store /media/copy/store --rows-only\n\
         Exit codes: 0 nothing was found, 1 something was found, 2 there is no store to read.")]
     Verify(VerifyStore),
+    /// List what the office is to have of this cell: each end of a cycle, signature and verification by its name, with the SHA-256 of
+    /// its content. `panelprep archive check` holds the office's own list against it.
+    #[command(
+        after_help = "Example, to be taken to the office:\n  panelprep store list --cell target/cell/cell.toml --json > target/cell-1.json"
+    )]
+    List,
+    /// Begin a new epoch of what the office is to have: records from now on get names that no earlier record of this cell can have. For a
+    /// store that was copied back by other means than `panelprep restore`, which does this by itself.
+    #[command(
+        after_help = "Example:\n  panelprep store renew --why 'disk image of May brought back' --cell target/cell/cell.toml"
+    )]
+    Renew(RenewStore),
+}
+
+/// Options of `store renew`.
+#[derive(Debug, Clone, Args)]
+pub struct RenewStore {
+    /// Why; it is kept in the store.
+    #[arg(long, value_name = "WORDS")]
+    pub why: String,
 }
 
 /// Options of `store verify`.

@@ -15,6 +15,7 @@ use super::gateway::Gateway;
 use super::web::SetupSource;
 use crate::cell;
 use sending::Sender;
+use state::Teller;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
@@ -35,10 +36,8 @@ pub struct OfficeParts {
     pub office: cell::Office,
     /// The store's folder.
     pub folder: PathBuf,
-    /// Where the cell's state is asked for.
-    pub gateway: Gateway,
-    /// What is wrong with the cell between cycles.
-    pub setup: Arc<dyn SetupSource>,
+    /// Where the cell's state is asked for, and what is wrong with it between cycles; `None` where no service runs.
+    pub cell: Option<(Gateway, Arc<dyn SetupSource>)>,
     /// What people are told of it.
     pub status: OfficeStatus,
 }
@@ -84,12 +83,12 @@ impl Drop for OfficeSender {
 }
 
 async fn run(parts: OfficeParts) {
-    let OfficeParts { office, folder, gateway, setup, status } = parts;
+    let OfficeParts { office, folder, cell, status } = parts;
     let mut pause = EVERY;
     let mut sender = Sender::new(office, folder, status.clone());
-    let mut teller = state::Teller::new(gateway, setup);
+    let mut teller = cell.map(|(gateway, setup)| Teller::new(gateway, setup));
     loop {
-        match sender.round(&mut teller).await {
+        match sender.round(teller.as_mut()).await {
             Ok(is_more) => {
                 pause = EVERY;
                 status.works();

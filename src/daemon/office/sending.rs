@@ -44,7 +44,7 @@ impl Sender {
     }
 
     /// Sends what is new; whether there is more at once.
-    pub async fn round(&mut self, teller: &mut Teller) -> Result<bool, String> {
+    pub async fn round(&mut self, teller: Option<&mut Teller>) -> Result<bool, String> {
         let last = self.last()?;
         let was = self.progress.clone();
         let sent = self.exchange(teller, &last).await;
@@ -57,7 +57,7 @@ impl Sender {
         sent
     }
 
-    async fn exchange(&mut self, teller: &mut Teller, last: &[Position]) -> Result<bool, String> {
+    async fn exchange(&mut self, teller: Option<&mut Teller>, last: &[Position]) -> Result<bool, String> {
         let broken = |error: BrokerError| error.to_string();
         if self.link.is_none() {
             let link = CellLink::connect(&self.office.broker, &self.office.cell).await.map_err(broken)?;
@@ -68,7 +68,11 @@ impl Sender {
             self.link = Some(link);
         }
         let Some(link) = &self.link else { return Ok(false) };
-        if let Some(state) = teller.now(&self.office.cell, last).await {
+        let state = match teller {
+            Some(teller) => teller.now(&self.office.cell, last).await,
+            None => None,
+        };
+        if let Some(state) = state {
             let bytes = state.bytes().map_err(|error| error.to_string())?;
             link.tell_state(bytes).await.map_err(broken)?;
         }

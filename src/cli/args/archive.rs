@@ -1,0 +1,50 @@
+//! Arguments of `panelprep archive`.
+
+use clap::{Args, Subcommand};
+use std::path::PathBuf;
+
+/// Options of `archive`.
+#[derive(Debug, Clone, Args)]
+pub struct Archive {
+    /// What to do.
+    #[command(subcommand)]
+    pub what: ArchiveTask,
+}
+
+/// What may be done with an archive.
+#[derive(Debug, Clone, Subcommand)]
+pub enum ArchiveTask {
+    /// Take what cells send from the broker, keep it in PostgreSQL and a folder, and tell the cells what the archive has, until a signal
+    /// ends it. Whatever fails (broker, database, disk) is tried again.
+    #[command(
+        after_help = "The settings are those of config/archive.toml. On a machine with nats-server -js and PostgreSQL:\n  \
+        panelprep archive run --settings /etc/panelprep/archive.toml"
+    )]
+    Run(RunArchive),
+    /// Prove that the archive holds what cells sent: no number without a record, every content with its hash, every signature by its
+    /// key, every signed record after the one before it, every file whole; and the same as in the cells that are named.
+    #[command(after_help = "Example, with one cell's store on this machine and the list of another one:\n  \
+        panelprep archive check --settings /etc/panelprep/archive.toml cell-1=/var/lib/panelprep/store cell-2=cell-2.json\n\
+        The list is what `panelprep store list --json` prints in that cell.\n\
+        Exit codes: 0 nothing was found, 1 something was found, 2 the archive or a list cannot be read.")]
+    Check(CheckArchive),
+}
+
+/// Options of `archive run`.
+#[derive(Debug, Clone, Args)]
+pub struct RunArchive {
+    /// The archive's settings: broker, database, folder of files.
+    #[arg(long, value_name = "FILE", default_value = "config/archive.toml")]
+    pub settings: PathBuf,
+}
+
+/// Options of `archive check`.
+#[derive(Debug, Clone, Args)]
+pub struct CheckArchive {
+    /// Cells to compare with: the cell's name, and its store's folder or the file of its list.
+    #[arg(value_name = "CELL=STORE_OR_LIST")]
+    pub cells: Vec<String>,
+    /// The archive's settings.
+    #[arg(long, value_name = "FILE", default_value = "config/archive.toml")]
+    pub settings: PathBuf,
+}

@@ -1,0 +1,195 @@
+//! Records on their way to the office while everything is killed: `make bench-office`.
+//!
+//! 50 cells, each a process of its own with a real store and the service's sender, write the cycles of a day (144 each, one every ten
+//! minutes) as fast as they are told. Meanwhile broker, database, archive and cells are killed 1,000 times in all, as a power cut does, and
+//! their network is cut and held up. Afterwards `archive check` holds the archive against every store: nothing lost, nothing twice, in
+//! order. Then a single cell catches up 10,000 records at once, and the growth of database and folder is printed.
+//!
+//! `CELLS`, `KILLS`, `CYCLES` and `SEED` change the numbers. The cells' clock is not simulated: what is compressed is the time between cycles.
+
+#[path = "office/cell.rs"]
+mod cell;
+#[path = "office/network.rs"]
+mod network;
+#[path = "../plant/mod.rs"]
+#[allow(dead_code, reason = "the tests use the rest")]
+mod plant;
+
+use network::Network;
+use plant::{Server, archive_settings, broker, database, free_port, nats_server, postgres_programs};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitCode, Stdio};
+use std::time::{Duration, Instant};
+
+const CATCH_UP: usize = 10_000;
+const CATCH_UP_S: f64 = 60.0;
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().collect();
+    if arguments.get(1).is_some_and(|word| word == "--cell") {
+        return cell::run(&arguments[2..]);
+    }
+    let (Some(_), Some(programs)) = (nats_server(), postgres_programs()) else {
+        println!("not run: nats-server or PostgreSQL is not installed");
+        return ExitCode::SUCCESS;
+    };
+    let number = |name: &str, usual: usize| std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual);
+    let (cells, kills, cycles) = (number("CELLS", 50), number("KILLS", 1_000), number("CYCLES", 144));
+    let seed = number("SEED", 1) as u64;
+    let mut all_met = killed(&programs, (cells, kills, cycles), seed);
+    all_met &= caught_up(&programs);
+    if all_met { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+struct Plant {
+    folder: tempfile::TempDir,
+    settings: PathBuf,
+    broker: Server,
+    broker_port: u16,
+    database: Server,
+    archive: Child,
+}
+
+fn archive(settings: &Path) -> Child {
+    let log = fs::OpenOptions::new().create(true).append(true).open(settings.with_extension("log")).expect("a log");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_panelprep"));
+    command.args(["archive", "run", "--settings"]).arg(settings).stdout(Stdio::null()).stderr(log);
+    command.spawn().expect("the archive starts")
+}
+
+impl Plant {
+    fn start(programs: &Path) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (broker_port, database_port) = (free_port(), free_port());
+        let broker = broker(folder.path(), broker_port);
+        let database = database(programs, folder.path(), database_port);
+        let settings = archive_settings(folder.path(), broker_port, database_port);
+        let archive = archive(&settings);
+        Plant { folder, settings, broker, broker_port, database, archive }
+    }
+
+    /// What `archive check` says of these cells; `None` where it finds something.
+    fn check(&self, cells: &[(String, PathBuf)]) -> Result<serde_json::Value, String> {
+        let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+            .args(["--json", "archive", "check", "--settings"])
+            .arg(&self.settings)
+            .args(cells.iter().map(|(name, store)| format!("{name}={}", store.display())))
+            .output()
+            .expect("it runs");
+        let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+        if output.status.success() { Ok(found) } else { Err(format!("{}", found["reasons"])) }
+    }
+}
+
+impl Drop for Plant {
+    fn drop(&mut self) {
+        let _ = self.archive.kill();
+        let _ = self.archive.wait();
+    }
+}
+
+fn sum(found: &serde_json::Value, what: &str) -> u64 {
+    found["cells"].as_array().into_iter().flatten().filter_map(|cell| cell[what].as_u64()).sum()
+}
+
+/// Cells that write and are killed; everything else is, too.
+fn killed(programs: &Path, (count, kills, cycles): (usize, usize, usize), seed: u64) -> bool {
+    let mut plant = Plant::start(programs);
+    let network = Network::to(plant.broker_port, seed);
+    let names: Vec<(String, PathBuf)> = (0..count)
+        .map(|number| (format!("cell-{number}"), plant.folder.path().join(format!("cell-{number}"))))
+        .collect();
+    let start = |(name, folder): &(String, PathBuf)| cell::start(name, folder, network.port, cycles);
+    let mut running: Vec<Child> = names.iter().map(start).collect();
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let (begun, mut killed) = (Instant::now(), [0_usize; 4]);
+    for _ in 0..kills {
+        std::thread::sleep(Duration::from_millis(random.random_range(50..400)));
+        let which = random.random_range(0..4_usize);
+        killed[which] += 1;
+        match which {
+            0 => plant.broker.begin(),
+            1 => plant.database.start(),
+            2 => {
+                let _ = plant.archive.kill();
+                let _ = plant.archive.wait();
+                plant.archive = archive(&plant.settings);
+            }
+            _ => {
+                let one = random.random_range(0..count);
+                let _ = running[one].kill();
+                let _ = running[one].wait();
+                running[one] = start(&names[one]);
+            }
+        }
+    }
+    let under_fire_s = begun.elapsed().as_secs_f64();
+    network.heal();
+    plant.broker.start();
+    let stores: Vec<(String, PathBuf)> = names.clone();
+    let found = loop {
+        let all_written = names.iter().all(|(_, folder)| cell::has_written(folder, cycles));
+        let waited_s = begun.elapsed().as_secs_f64() - under_fire_s;
+        if all_written {
+            match plant.check(&stores) {
+                Ok(found) => break Ok(found),
+                Err(problem) if waited_s > 600.0 => break Err(problem),
+                Err(_) => {}
+            }
+        } else if waited_s > 1_200.0 {
+            break Err("the cells did not write all of their cycles".to_owned());
+        }
+        std::thread::sleep(Duration::from_secs(2));
+    };
+    for child in &mut running {
+        let _ = child.kill();
+        let _ = child.wait();
+    }
+    let [brokers, databases, archives, cells] = killed;
+    println!("{count} cells with at least {cycles} cycles each, {kills} kills in {under_fire_s:.0} s: broker {brokers}, database {databases}, \
+              archive {archives}, cells {cells}; {} connections cut, {} held up", network.cut(), network.held_up());
+    match found {
+        Ok(found) => {
+            let (records, same) = (sum(&found, "records"), sum(&found, "same"));
+            println!("  {records} records in the archive, {same} the same in the cells; {} signatures hold, {} files are whole; lost 0, twice 0, \
+                      out of order 0 (archive check)", sum(&found, "signatures"), sum(&found, "files"));
+            println!("  everything was in the archive {:.0} s after the last kill", begun.elapsed().as_secs_f64() - under_fire_s);
+            records == same
+        }
+        Err(problem) => {
+            println!("  NOT MET: {problem}");
+            false
+        }
+    }
+}
+
+/// One cell that was long without an office.
+fn caught_up(programs: &Path) -> bool {
+    let folder = tempfile::tempdir().expect("a folder");
+    let store = folder.path().join("store");
+    let written = Instant::now();
+    cell::write(&store, CATCH_UP / 2);
+    println!("a store with {CATCH_UP} records was written in {:.0} s", written.elapsed().as_secs_f64());
+    let plant = Plant::start(programs);
+    let begun = Instant::now();
+    let mut sender = cell::start("cell-1", &store, plant.broker_port, 0);
+    while cell::archived(&store) < CATCH_UP as u64 {
+        if begun.elapsed() > Duration::from_secs(900) {
+            println!("  NOT MET: {} of {CATCH_UP} after 900 s", cell::archived(&store));
+            return false;
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let took_s = begun.elapsed().as_secs_f64();
+    let _ = sender.kill();
+    let _ = sender.wait();
+    let is_met = took_s <= CATCH_UP_S;
+    println!("  the archive had all of them after {took_s:.1} s ({:.0} a second; {CATCH_UP_S:.0} s wanted){}", CATCH_UP as f64 / took_s,
+        if is_met { "" } else { "  NOT MET" });
+    let proven = plant.check(&[("cell-1".to_owned(), store)]);
+    println!("  archive check: {}", proven.as_ref().map_or_else(Clone::clone, |found| format!("{} the same", sum(found, "same"))));
+    is_met && proven.is_ok()
+}

@@ -1,0 +1,95 @@
+//! A cell as a process of its own: a store that is written to, and the service's sender.
+
+use panelprep::cell::{Broker, BrokerLogin, CellName, Office};
+use panelprep::daemon::{OfficeParts, OfficeSender, OfficeStatus};
+use panelprep::record::{CycleId, Finding, Kind, Picture};
+use panelprep::signing::CellKey;
+use panelprep::store::{CycleStart, Store};
+use panelprep::verdict::{Judgement, Verdict};
+use std::path::Path;
+use std::process::{Child, Command, ExitCode, Stdio};
+use std::time::Duration;
+
+/// Between two cycles.
+const PAUSE: Duration = Duration::from_millis(500);
+/// Bytes of the one picture of a cycle.
+const PICTURE_BYTES: usize = 20_000;
+
+/// Starts this program as a cell.
+pub fn start(name: &str, folder: &Path, broker_port: u16, cycles: usize) -> Child {
+    let mut command = Command::new(std::env::current_exe().expect("this program"));
+    command.args(["--cell", name]).arg(folder).args([broker_port.to_string(), cycles.to_string()]);
+    command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it starts")
+}
+
+/// Is a cell until it is killed: writes until its store has so many cycles, and sends.
+pub fn run(arguments: &[String]) -> ExitCode {
+    let [name, folder, port, cycles] = arguments else { return ExitCode::FAILURE };
+    let folder = Path::new(folder);
+    let cycles: usize = cycles.parse().expect("a number");
+    let mut store = Store::create(folder).expect("a store");
+    store.recover().expect("recovered");
+    let broker = Broker { address: format!("nats://127.0.0.1:{port}"), ca: None, login: BrokerLogin::Anybody };
+    let office = Office { broker, cell: CellName::new(name).expect("a name"), behind_min: 60 };
+    let parts = OfficeParts { office, folder: folder.to_owned(), cell: None, status: OfficeStatus::default() };
+    let _sender = OfficeSender::start(parts).expect("a thread");
+    loop {
+        sign_what_is_not(folder);
+        if store.ended_cycles().expect("read").len() < cycles {
+            cycle(&mut store);
+        }
+        std::thread::sleep(PAUSE);
+    }
+}
+
+fn key() -> CellKey {
+    CellKey::of_random(&[7; 32])
+}
+
+fn sign_what_is_not(folder: &Path) {
+    Store::sign_missing(folder, &key(), &|_, _| {}).expect("signed");
+}
+
+fn cycle(store: &mut Store) -> CycleId {
+    let start = CycleStart {
+        panel: "wing".to_owned(),
+        taught_version: "0011223344556677".to_owned(),
+        recipe_text: "panel = \"wing\"\n".to_owned(),
+        file_texts: vec![("cell".to_owned(), "x = 1\n".to_owned())],
+        recording: None,
+    };
+    let id = store.begin_cycle(&start).expect("begun");
+    let mut picture = format!("picture of cycle {id}").into_bytes();
+    picture.resize(PICTURE_BYTES, b'.');
+    let hash = store.put_blob(&picture).expect("kept");
+    let judgement = Judgement { verdict: Verdict::Pass, reasons: vec![] };
+    let pictures = vec![Picture { name: "overlay".to_owned(), caption: "what was seen".to_owned(), hash }];
+    let finding = Finding { pictures, ..Finding::new(Kind::Inspect, 0, judgement) };
+    store.note(id, &finding).expect("noted");
+    store.conclude(id, Verdict::Pass, &[]).expect("over");
+    id
+}
+
+/// Writes a store with so many cycles, each signed.
+pub fn write(folder: &Path, cycles: usize) {
+    let mut store = Store::create(folder).expect("a store");
+    let key = key();
+    for _ in 0..cycles {
+        let id = cycle(&mut store);
+        store.sign_cycle(&key, id).expect("signed");
+    }
+}
+
+/// Whether a store has all its cycles, each signed.
+pub fn has_written(folder: &Path, cycles: usize) -> bool {
+    let Ok(store) = Store::open(folder) else { return false };
+    let (ended, signed) = (store.ended_cycles().map(|all| all.len()), store.signatures().map(|all| all.len()));
+    ended.is_ok_and(|count| count >= cycles) && signed.is_ok_and(|count| count >= cycles)
+}
+
+/// Up to which number the cell knows that the archive has everything.
+pub fn archived(folder: &Path) -> u64 {
+    let text = std::fs::read_to_string(folder.join("office.json")).unwrap_or_default();
+    let found: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    found["archived"].as_object().into_iter().flatten().filter_map(|(_, number)| number.as_u64()).sum()
+}

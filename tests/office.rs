@@ -1,0 +1,335 @@
+//! Records from a cell to the office and back, with a real broker and a real database, and what kills, lies and mistakes do to them.
+
+use super::commands::json;
+use super::plant::{Server, archive_settings, broker, database, free_port, nats_server, postgres_programs};
+use super::service::{START, Service, taught};
+use panelprep::broker::CellLink;
+use panelprep::cell::{Broker, BrokerLogin, CellName, Office};
+use panelprep::daemon::{OfficeParts, OfficeSender, OfficeStatus};
+use panelprep::office::{Chunk, What, chunks};
+use panelprep::record::CycleId;
+use panelprep::signing::CellKey;
+use panelprep::store::{CycleStart, Store};
+use panelprep::verdict::Verdict;
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// Broker, database and archive.
+struct Plant {
+    folder: TempDir,
+    settings: PathBuf,
+    broker_port: u16,
+    broker: Server,
+    database: Server,
+    archive: Option<Child>,
+}
+
+impl Drop for Plant {
+    fn drop(&mut self) {
+        self.kill_archive();
+    }
+}
+
+impl Plant {
+    /// `None`, and it says so, where the servers are not installed.
+    fn start() -> Option<Self> {
+        let (Some(_), Some(programs)) = (nats_server(), postgres_programs()) else {
+            eprintln!("not run: nats-server or PostgreSQL is not installed");
+            return None;
+        };
+        let folder = tempfile::tempdir().expect("a folder");
+        let (broker_port, database_port) = (free_port(), free_port());
+        let broker = broker(folder.path(), broker_port);
+        let database = database(&programs, folder.path(), database_port);
+        let settings = archive_settings(folder.path(), broker_port, database_port);
+        let mut plant = Plant { folder, settings, broker_port, broker, database, archive: None };
+        plant.start_archive();
+        Some(plant)
+    }
+
+    fn start_archive(&mut self) {
+        let log = fs::OpenOptions::new().create(true).append(true).open(self.folder.path().join("archive.log"));
+        let child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+            .args(["archive", "run", "--settings"])
+            .arg(&self.settings)
+            .stdout(Stdio::null())
+            .stderr(log.expect("a log"))
+            .spawn();
+        self.archive = Some(child.expect("the archive starts"));
+    }
+
+    fn kill_archive(&mut self) {
+        if let Some(mut child) = self.archive.take() {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+
+    fn log(&self) -> String {
+        fs::read_to_string(self.folder.path().join("archive.log")).unwrap_or_default()
+    }
+
+    /// `archive check` with these cells.
+    fn check(&self, cells: &str) -> (i32, Value) {
+        json(self.folder.path(), &format!("archive check --settings {} {cells}", self.settings.display()))
+    }
+
+    /// Waits until the archive holds the same as the cell.
+    fn holds(&self, cell: &str, store: &Path) -> Value {
+        let since = Instant::now();
+        loop {
+            let (exit, found) = self.check(&format!("{cell}={}", store.display()));
+            if exit == 0 {
+                return found;
+            }
+            assert!(since.elapsed() < PATIENCE, "{found}\n{}", self.log());
+            std::thread::sleep(Duration::from_millis(200));
+        }
+    }
+
+    fn office(&self, cell: &str) -> Office {
+        let address = format!("nats://127.0.0.1:{}", self.broker_port);
+        let broker = Broker { address, ca: None, login: BrokerLogin::Anybody };
+        Office { broker, cell: CellName::new(cell).expect("a name"), behind_min: 60 }
+    }
+}
+
+/// A store with its sender, as the service has them.
+struct Cell {
+    folder: TempDir,
+    store: Store,
+    status: OfficeStatus,
+    sender: Option<OfficeSender>,
+}
+
+impl Cell {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = Store::create(&folder.path().join("store")).expect("a store");
+        Cell { folder, store, status: OfficeStatus::default(), sender: None }
+    }
+
+    fn path(&self) -> PathBuf {
+        self.folder.path().join("store")
+    }
+
+    fn send(&mut self, office: Office) {
+        let parts = OfficeParts { office, folder: self.path(), cell: None, status: self.status.clone() };
+        self.sender = Some(OfficeSender::start(parts).expect("a thread"));
+    }
+
+    fn cycles(&mut self, count: usize) {
+        let key = CellKey::of_random(&[7; 32]);
+        for number in 0..count {
+            let start = CycleStart {
+                panel: "wing".to_owned(),
+                taught_version: "0011223344556677".to_owned(),
+                recipe_text: format!("# {number}\n"),
+                file_texts: vec![("cell".to_owned(), "x = 1\n".to_owned())],
+                recording: None,
+            };
+            let id: CycleId = self.store.begin_cycle(&start).expect("begun");
+            self.store.conclude(id, Verdict::Pass, &[]).expect("over");
+            self.store.sign_cycle(&key, id).expect("signed");
+        }
+    }
+}
+
+fn count(found: &Value, what: &str) -> u64 {
+    found["cells"][0][what].as_u64().unwrap_or_else(|| panic!("{what}: {found}"))
+}
+
+/// As people use it: a cell with `[office]`, one cycle, and the proof afterwards.
+#[test]
+fn a_cycle_of_the_service_is_in_the_office_with_its_pictures_and_is_proven_there() {
+    let Some(plant) = Plant::start() else { return };
+    let folder = taught("plain");
+    let file = folder.path().join("cell/cell.toml");
+    let office = format!("\n[office]\nbroker = \"nats://127.0.0.1:{}\"\ncell = \"cell-1\"\n", plant.broker_port);
+    fs::write(&file, fs::read_to_string(&file).expect("a cell") + &office).expect("written");
+    let service = Service::start(folder.path());
+    service.reset();
+    service.done(&format!("{START} --part SN-0017 --wait"));
+    let store = Store::open(&folder.path().join("cell/store")).expect("a store");
+    service.wait("its record is signed", |_| !store.signatures().expect("read").is_empty());
+    let found = plant.holds("cell-1", &folder.path().join("cell/store"));
+    assert!(count(&found, "records") >= 3 && count(&found, "signatures") == 1, "{found}");
+    assert_eq!(found["cells"][0]["same"], found["cells"][0]["records"]);
+    assert!(count(&found, "files") > 5, "pictures: {found}");
+    // A list that was carried to the office proves the same.
+    let (exit, list) = json(folder.path(), "store list --cell cell/cell.toml");
+    assert_eq!(exit, 0, "{list}");
+    let carried = plant.folder.path().join("cell-1.json");
+    fs::write(&carried, list.to_string()).expect("written");
+    assert_eq!(plant.check(&format!("cell-1={}", carried.display())).0, 0);
+    // A picture that somebody changes at the office is named.
+    let files: Vec<PathBuf> = walk(&plant.folder.path().join("files"));
+    fs::write(&files[0], b"another picture").expect("spoilt");
+    let (exit, found) = plant.check("");
+    assert!(exit == 1 && found.to_string().contains("is damaged: its SHA-256 is"), "{found}");
+}
+
+fn walk(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().map(|entry| entry.expect("an entry").path());
+    let mut files: Vec<PathBuf> = Vec::new();
+    for path in entries {
+        if path.is_dir() { files.extend(walk(&path)) } else { files.push(path) }
+    }
+    files.sort();
+    files
+}
+
+/// Whatever is killed meanwhile, every record arrives once.
+#[test]
+fn nothing_is_lost_or_kept_twice_where_everything_is_killed_in_turn() {
+    let Some(mut plant) = Plant::start() else { return };
+    let mut cell = Cell::new();
+    for round in 0..6 {
+        cell.send(plant.office("cell-1"));
+        cell.cycles(40);
+        match round % 4 {
+            0 => plant.broker.kill(),
+            1 => plant.database.kill(),
+            2 => plant.kill_archive(),
+            _ => cell.sender = None,
+        }
+        cell.cycles(20);
+        plant.broker.start();
+        plant.database.start();
+        if round % 4 == 2 {
+            plant.start_archive();
+        }
+    }
+    cell.send(plant.office("cell-1"));
+    let found = plant.holds("cell-1", &cell.path());
+    assert_eq!((count(&found, "records"), count(&found, "same"), count(&found, "signatures")), (720, 720, 360));
+}
+
+/// A broker whose disk is lost, and a database that is brought back without its last records: the cell sends again what is missing.
+#[test]
+fn what_a_broker_or_a_database_forgets_is_sent_again() {
+    let Some(mut plant) = Plant::start() else { return };
+    let mut cell = Cell::new();
+    cell.send(plant.office("cell-1"));
+    cell.cycles(5);
+    plant.holds("cell-1", &cell.path());
+    // What the broker took is lost with its disk before the archive has it.
+    plant.kill_archive();
+    cell.cycles(5);
+    let progress = cell.path().join("office.json");
+    let since = Instant::now();
+    while !fs::read_to_string(&progress).unwrap_or_default().contains(":20}") {
+        assert!(since.elapsed() < PATIENCE, "{:?}", fs::read_to_string(&progress));
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    plant.broker.kill();
+    fs::remove_dir_all(plant.folder.path().join("nats")).expect("its disk");
+    plant.broker.start();
+    plant.start_archive();
+    let found = plant.holds("cell-1", &cell.path());
+    assert_eq!(count(&found, "same"), 20);
+    // A database of yesterday.
+    plant.kill_archive();
+    sql(
+        &plant,
+        "DELETE FROM record_files WHERE number > 7; DELETE FROM records WHERE number > 7; UPDATE epochs SET archived = 7",
+    );
+    plant.start_archive();
+    assert_eq!(count(&plant.holds("cell-1", &cell.path()), "same"), 20);
+}
+
+fn sql(plant: &Plant, statements: &str) {
+    let text = fs::read_to_string(&plant.settings).expect("settings");
+    let port = text.rsplit_once("port = ").expect("a port").1.trim().to_owned();
+    let psql = postgres_programs().expect("programs").join("psql");
+    let arguments =
+        ["-h", "127.0.0.1", "-p", &port, "-U", "panelprep", "-v", "ON_ERROR_STOP=1", "-q", "-c", statements];
+    let done = Command::new(psql).args(arguments).arg("panelprep").output().expect("psql");
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+}
+
+/// Another cell under the same name, a record that somebody changes in the database, and garbage: each is told, none replaces anything.
+#[test]
+fn contradictions_changes_and_garbage_are_told_and_replace_nothing() {
+    let Some(plant) = Plant::start() else { return };
+    let mut cell = Cell::new();
+    cell.send(plant.office("cell-1"));
+    cell.cycles(3);
+    plant.holds("cell-1", &cell.path());
+    garbage(&plant);
+    // Whoever speaks under the cell's name, epoch and number without its key.
+    let mut forged = cell.store.outbox_after(&cell.store.outbox_epochs().expect("epochs")[0], 1).expect("none");
+    assert!(forged.is_empty());
+    let begin = panelprep::office::Position { number: 0, ..cell.store.outbox_epochs().expect("epochs")[0].clone() };
+    forged = cell.store.outbox_after(&begin, 1).expect("the first");
+    let panelprep::office::Body::Cycle(content) = &mut forged[0].body else { panic!("a cycle") };
+    *content = String::from_utf8(content.clone()).expect("text").replace("\"pass\"", "\"fail\"").into_bytes();
+    let name = CellName::new("cell-1").expect("a name");
+    let message = panelprep::office::Message { cell: name.clone(), envelope: forged[0].clone() };
+    let what = What::Message(message.envelope.position.clone());
+    // The broker knows the name of a part again, so another one is taken, as after its hour.
+    let mut parts = chunks(&name, &what, &message.bytes().expect("bytes")).expect("parts");
+    assert_eq!(parts.len(), 1);
+    let second = parts[0].bytes.split_off(40);
+    parts[0].parts = 2;
+    parts.push(Chunk { part: 2, bytes: second, ..parts[0].clone() });
+    parts.reverse();
+    publish(&plant, &parts);
+    let since = Instant::now();
+    let told = loop {
+        let (exit, found) = plant.check(&format!("cell-1={}", cell.path().display()));
+        if exit == 1 {
+            break found.to_string();
+        }
+        assert!(since.elapsed() < PATIENCE, "{found}\n{}", plant.log());
+        std::thread::sleep(Duration::from_millis(100));
+    };
+    assert!(told.contains("came a second time with the SHA-256"), "{told}");
+    assert!(told.contains("\"same\":6"), "the first one stands: {told}");
+    assert!(plant.log().contains("refused"), "{}", plant.log());
+    // What somebody changes in the database.
+    sql(
+        &plant,
+        "DELETE FROM contradictions; UPDATE records SET content = convert_to(replace(convert_from(content, 'UTF8'), 'wing', 'tail'), 'UTF8') WHERE number = 2",
+    );
+    let (exit, found) = plant.check("");
+    let found = found.to_string();
+    assert!(exit == 1 && found.contains("number 2 of epoch") && found.contains("was changed"), "{found}");
+    assert!(found.contains("is not what its cell signed"), "{found}");
+}
+
+fn runtime() -> tokio::runtime::Runtime {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime")
+}
+
+fn publish(plant: &Plant, parts: &[Chunk]) {
+    let office = plant.office("cell-1");
+    runtime().block_on(async {
+        let link = CellLink::connect(&office.broker, &office.cell).await.expect("connected");
+        for part in parts {
+            link.send(part).await.expect("sent").taken().await.expect("taken");
+        }
+    });
+}
+
+/// What is no part of anything, and parts that contradict one another.
+fn garbage(plant: &Plant) {
+    let name = CellName::new("cell-1").expect("a name");
+    let part = |hash: &str, part, parts| Chunk {
+        cell: name.clone(),
+        what: What::File(hash.repeat(32)),
+        part,
+        parts,
+        bytes: b"nothing".to_vec(),
+    };
+    publish(plant, &[part("ab", 1, 1), part("cd", 1, 2), part("cd", 2, 3)]);
+    let other = CellName::new("cell-2").expect("a name");
+    // In another cell's name.
+    publish(plant, &[Chunk { cell: other, ..part("ef", 1, 1) }]);
+}

@@ -1,0 +1,152 @@
+//! Servers of the office for tests: Debian's nats-server and PostgreSQL, each in a folder and on a port of its own. Where one is
+//! not installed, whoever asks is told so, and says that it did not run.
+
+use std::fs;
+use std::net::{TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A port that nobody has at this moment.
+pub fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("its number").port()
+}
+
+/// A server that is killed when the test ends.
+pub struct Server {
+    child: Option<Child>,
+    start: Box<dyn Fn() -> Child + Send>,
+    port: u16,
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+impl Server {
+    fn new(port: u16, start: impl Fn() -> Child + Send + 'static) -> Self {
+        let mut server = Server { child: None, start: Box::new(start), port };
+        server.start();
+        server
+    }
+
+    /// Starts it and waits until its port answers.
+    pub fn start(&mut self) {
+        self.begin();
+        let since = Instant::now();
+        while TcpStream::connect(("127.0.0.1", self.port)).is_err() {
+            assert!(since.elapsed() < PATIENCE, "the server on port {} does not answer", self.port);
+            // PostgreSQL waits for no process of a server that was killed: it ends.
+            if self.child.as_mut().is_some_and(|child| child.try_wait().is_ok_and(|ended| ended.is_some())) {
+                self.begin();
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Starts it, and does not wait.
+    pub fn begin(&mut self) {
+        self.kill();
+        self.child = Some((self.start)());
+    }
+
+    /// Ends it as a power cut does, without a word.
+    pub fn kill(&mut self) {
+        if let Some(mut child) = self.child.take() {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+/// What `nats-server` is called here; `None` where it is not installed.
+pub fn nats_server() -> Option<&'static str> {
+    Command::new("nats-server").arg("--version").output().ok().map(|_| "nats-server")
+}
+
+/// A broker with JetStream that keeps its streams in this folder.
+pub fn broker(folder: &Path, port: u16) -> Server {
+    let folder = folder.join("nats");
+    Server::new(port, move || {
+        Command::new("nats-server")
+            .args(["-js", "-a", "127.0.0.1", "-p", &port.to_string(), "-sd"])
+            .arg(&folder)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("nats-server starts")
+    })
+}
+
+/// The folder of PostgreSQL's programs; `None` where it is not installed.
+pub fn postgres_programs() -> Option<PathBuf> {
+    let versions = fs::read_dir("/usr/lib/postgresql").ok()?;
+    let mut folders: Vec<PathBuf> = versions.filter_map(|entry| Some(entry.ok()?.path().join("bin"))).collect();
+    folders.sort();
+    folders.into_iter().rev().find(|folder| folder.join("postgres").is_file())
+}
+
+/// A command as a user that PostgreSQL accepts: it refuses to run as root.
+fn as_user(program: &Path) -> Command {
+    if !rustix::process::geteuid().is_root() {
+        return Command::new(program);
+    }
+    let mut command = Command::new("setpriv");
+    command.args(["--reuid=postgres", "--regid=postgres", "--clear-groups", "--"]).arg(program);
+    command
+}
+
+/// A database server with the database and the user `panelprep`, in this folder.
+pub fn database(programs: &Path, folder: &Path, port: u16) -> Server {
+    let data = folder.join("postgres");
+    fs::create_dir_all(&data).expect("a folder");
+    if rustix::process::geteuid().is_root() {
+        // The folder above must let the other user in.
+        let open = |path: &Path| fs::set_permissions(path, std::os::unix::fs::PermissionsExt::from_mode(0o755));
+        open(folder).expect("opened");
+        let given = Command::new("chown").arg("postgres").arg(&data).status().expect("chown");
+        assert!(given.success());
+    }
+    let data_text = data.display().to_string();
+    if !data.join("PG_VERSION").exists() {
+        let made = as_user(&programs.join("initdb"))
+            .args(["-D", &data_text, "-U", "panelprep", "--auth=trust", "-E", "UTF8", "--no-sync"])
+            .stdout(Stdio::null())
+            .status();
+        assert!(made.expect("initdb").success());
+    }
+    let (programs, started) = (programs.to_owned(), programs.to_owned());
+    let server = Server::new(port, move || {
+        // What a killed server leaves is not its own: a new one looks itself whether it may start.
+        as_user(&started.join("postgres"))
+            .args(["-D", &data_text, "-p", &port.to_string(), "-k", "", "-c", "listen_addresses=127.0.0.1"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("postgres starts")
+    });
+    let since = Instant::now();
+    loop {
+        let arguments = ["-h", "127.0.0.1", "-p", &port.to_string(), "-U", "panelprep", "panelprep"];
+        let made = Command::new(programs.join("createdb")).args(arguments).stderr(Stdio::null()).status();
+        if made.expect("createdb").success() {
+            return server;
+        }
+        assert!(since.elapsed() < PATIENCE, "the database cannot be made");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}
+
+/// The archive's settings for these ports, in this folder.
+pub fn archive_settings(folder: &Path, broker_port: u16, database_port: u16) -> PathBuf {
+    let file = folder.join("archive.toml");
+    let text = format!(
+        "files = \"files\"\n[broker]\naddress = \"nats://127.0.0.1:{broker_port}\"\nwaiting_gb = 5\n[database]\nport = {database_port}\n"
+    );
+    fs::write(&file, text).expect("written");
+    file
+}
