@@ -11,13 +11,13 @@ mod report;
 mod says;
 mod text;
 
-use crate::archive::ArchiveSettings;
 use crate::cell::{
     CELL_KEYS, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RemovalCalibration, RobotCorrection,
     ScannerMount, TargetMount, ToolMount, ZividSettings,
 };
 use crate::config::{self, Problem, Problems};
 use crate::krl::{Kss, LOWEST_KSS};
+use crate::office::ArchiveSettings;
 use crate::recipe::{RECIPE_KEYS, Recipe};
 use crate::requirements::recipe_fits::unfit;
 use crate::requirements::{Purpose, Unmet, unmet};

@@ -56,7 +56,6 @@ pub mod requirements;
 pub mod stages;
 
 pub mod archive;
-
 pub mod check;
 pub mod daemon;
 

@@ -25,7 +25,7 @@ fn the_files_that_ship_are_right() {
         }
     }
     kinds.sort();
-    assert_eq!(kinds, [Some("cell"), Some("cell"), Some("recipe")]);
+    assert_eq!(kinds, [Some("archive"), Some("cell"), Some("cell"), Some("recipe")]);
 }
 
 /// What is loaded on the controller has neither errors nor traps, alone and side by side.

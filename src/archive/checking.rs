@@ -4,8 +4,8 @@
 use super::database;
 use super::error::ArchiveError;
 use super::files::{Files, Held};
-use super::settings::ArchiveSettings;
 use crate::cell::CellName;
+use crate::office::ArchiveSettings;
 use crate::office::{Body, Envelope, Kind, Listed, Message, Position, compare};
 use crate::signing::{BEGIN, Statement};
 use std::collections::{BTreeMap, BTreeSet};

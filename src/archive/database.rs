@@ -1,8 +1,8 @@
 //! A connection to the database.
 
 use super::error::ArchiveError;
-use super::settings::Database;
 use super::tables;
+use crate::office::Database;
 use rustls::pki_types::CertificateDer;
 use rustls::pki_types::pem::PemObject;
 use std::path::Path;

@@ -19,10 +19,8 @@ mod files;
 mod keeping;
 mod receiving;
 mod rows;
-mod settings;
 mod tables;
 
 pub use checking::{CellList, CheckedCell, check};
 pub use error::ArchiveError;
 pub use receiving::run;
-pub use settings::{ArchiveSettings, Database};

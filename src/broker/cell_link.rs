@@ -80,14 +80,14 @@ impl CellLink {
         number.map(Some).ok_or_else(wrong)
     }
 
-    /// Sends a part; the broker's word comes later.
+    /// Sends a part, for the `again`th time since the office did not have it; the broker's word comes later.
     ///
     /// # Errors
     /// Where it cannot be sent.
-    pub async fn send(&self, chunk: &Chunk) -> Result<Sending, BrokerError> {
+    pub async fn send(&self, chunk: &Chunk, again: u64) -> Result<Sending, BrokerError> {
         let refused = |problem: String| BrokerError::Refused { address: self.link.address.clone(), problem };
         let bytes = chunk.bytes().map_err(|error| refused(error.to_string()))?;
-        let message = PublishMessage::build().payload(bytes.into()).message_id(chunk.message_id());
+        let message = PublishMessage::build().payload(bytes.into()).message_id(chunk.message_id(again));
         let sent = self.link.context.send_publish(subject::records(&self.cell), message).await;
         let ack = sent.map_err(|error| refused(error.to_string()))?;
         Ok(Sending { ack, address: self.link.address.clone() })

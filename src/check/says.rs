@@ -1,11 +1,11 @@
 //! What the program understood of a file, in words.
 
-use crate::archive::ArchiveSettings;
 use crate::cell::{
     Camera, Cell, Gige, Intrinsics, Mount, MountedPose, RemovalCalibration, RobotCorrection, RobotKind, Tool,
     ZividCamera,
 };
 use crate::geometry::{Degrees, Frame, Vector, polygon};
+use crate::office::ArchiveSettings;
 use crate::recipe::Recipe;
 use crate::words::{fixed, list};
 use std::collections::BTreeMap;

@@ -68,13 +68,14 @@ pub fn chunks(cell: &CellName, what: &What, bytes: &[u8]) -> Result<Vec<Chunk>, 
 }
 
 impl Chunk {
-    /// The name by which the broker knows it again.
-    pub fn message_id(&self) -> String {
+    /// The name by which the broker knows it again, unless it is sent `again` since the office does not have it.
+    pub fn message_id(&self, again: u64) -> String {
         let Chunk { cell, what, part, .. } = self;
-        match what {
+        let name = match what {
             What::Message(Position { epoch, number }) => format!("{cell}/{epoch}/{number}/{part}"),
             What::File(hash) => format!("{cell}/file/{hash}/{part}"),
-        }
+        };
+        if again == 0 { name } else { format!("{name}/{again}") }
     }
 
     /// The bytes that are sent.

@@ -9,6 +9,7 @@
 //!
 //! Pure: sockets are the business of `broker`, `daemon/office` and `archive`.
 
+mod archive_settings;
 mod assembly;
 mod body;
 mod cell_state;
@@ -20,6 +21,7 @@ mod position;
 mod progress;
 pub mod subject;
 
+pub use archive_settings::{ArchiveSettings, Database};
 pub use assembly::{Assembled, Assembly};
 pub use body::{Body, CycleEnd, Envelope, NamedFile, VerificationSeen};
 pub use cell_state::{CellState, Told};

@@ -18,6 +18,9 @@ pub struct Progress {
     sent: BTreeMap<String, u64>,
     /// The last number up to which the office has all, by epoch.
     archived: BTreeMap<String, u64>,
+    /// How often sending began again: a broker drops what it knows, so what is sent again needs another name.
+    #[serde(default)]
+    again: u64,
 }
 
 /// What came of a word of the office.
@@ -40,6 +43,11 @@ impl Progress {
     /// Up to which number of an epoch the office has all.
     pub fn archived(&self, epoch: &str) -> u64 {
         self.archived.get(epoch).copied().unwrap_or(0)
+    }
+
+    /// How often sending began again.
+    pub fn again(&self) -> u64 {
+        self.again
     }
 
     /// How many numbers the office does not have yet, given the last number of each epoch.
@@ -68,6 +76,7 @@ impl Progress {
         let before = self.archived.insert(epoch.to_owned(), archived).unwrap_or(0);
         if archived < before {
             self.sent.insert(epoch.to_owned(), archived);
+            self.again += 1;
             return OfficeSays::HasLess;
         }
         let sent = self.sent.entry(epoch.to_owned()).or_default();

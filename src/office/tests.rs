@@ -194,3 +194,14 @@ proptest! {
         prop_assert_eq!(Chunk::read(&chunk.bytes().expect("bytes")), Ok(chunk));
     }
 }
+
+/// A broker drops what it knows by its name: what the office lost would never come again.
+#[test]
+fn what_is_sent_again_has_another_name() {
+    let part = chunks(&cell(), &What::Message(at(3)), b"x").expect("parts").remove(0);
+    assert_eq!(part.message_id(0), format!("cell-1/{EPOCH}/3/1"));
+    let mut progress = Progress::default();
+    progress.told(EPOCH, 5, 9);
+    progress.told(EPOCH, 2, 9);
+    assert_eq!(part.message_id(progress.again()), format!("cell-1/{EPOCH}/3/1/1"));
+}

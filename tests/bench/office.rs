@@ -36,7 +36,8 @@ fn main() -> ExitCode {
         println!("not run: nats-server or PostgreSQL is not installed");
         return ExitCode::SUCCESS;
     };
-    let number = |name: &str, usual: usize| std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual);
+    let number =
+        |name: &str, usual: usize| std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual);
     let (cells, kills, cycles) = (number("CELLS", 50), number("KILLS", 1_000), number("CYCLES", 144));
     let seed = number("SEED", 1) as u64;
     let mut all_met = killed(&programs, (cells, kills, cycles), seed);
@@ -149,14 +150,25 @@ fn killed(programs: &Path, (count, kills, cycles): (usize, usize, usize), seed: 
         let _ = child.wait();
     }
     let [brokers, databases, archives, cells] = killed;
-    println!("{count} cells with at least {cycles} cycles each, {kills} kills in {under_fire_s:.0} s: broker {brokers}, database {databases}, \
-              archive {archives}, cells {cells}; {} connections cut, {} held up", network.cut(), network.held_up());
+    println!(
+        "{count} cells with at least {cycles} cycles each, {kills} kills in {under_fire_s:.0} s: broker {brokers}, database {databases}, \
+              archive {archives}, cells {cells}; {} connections cut, {} held up",
+        network.cut(),
+        network.held_up()
+    );
     match found {
         Ok(found) => {
             let (records, same) = (sum(&found, "records"), sum(&found, "same"));
-            println!("  {records} records in the archive, {same} the same in the cells; {} signatures hold, {} files are whole; lost 0, twice 0, \
-                      out of order 0 (archive check)", sum(&found, "signatures"), sum(&found, "files"));
-            println!("  everything was in the archive {:.0} s after the last kill", begun.elapsed().as_secs_f64() - under_fire_s);
+            println!(
+                "  {records} records in the archive, {same} the same in the cells; {} signatures hold, {} files are whole; lost 0, twice 0, \
+                      out of order 0 (archive check)",
+                sum(&found, "signatures"),
+                sum(&found, "files")
+            );
+            println!(
+                "  everything was in the archive {:.0} s after the last kill",
+                begun.elapsed().as_secs_f64() - under_fire_s
+            );
             records == same
         }
         Err(problem) => {
@@ -187,9 +199,15 @@ fn caught_up(programs: &Path) -> bool {
     let _ = sender.kill();
     let _ = sender.wait();
     let is_met = took_s <= CATCH_UP_S;
-    println!("  the archive had all of them after {took_s:.1} s ({:.0} a second; {CATCH_UP_S:.0} s wanted){}", CATCH_UP as f64 / took_s,
-        if is_met { "" } else { "  NOT MET" });
+    println!(
+        "  the archive had all of them after {took_s:.1} s ({:.0} a second; {CATCH_UP_S:.0} s wanted){}",
+        CATCH_UP as f64 / took_s,
+        if is_met { "" } else { "  NOT MET" }
+    );
     let proven = plant.check(&[("cell-1".to_owned(), store)]);
-    println!("  archive check: {}", proven.as_ref().map_or_else(Clone::clone, |found| format!("{} the same", sum(found, "same"))));
+    println!(
+        "  archive check: {}",
+        proven.as_ref().map_or_else(Clone::clone, |found| format!("{} the same", sum(found, "same")))
+    );
     is_met && proven.is_ok()
 }

@@ -180,7 +180,7 @@ impl Sender {
         for (what, content) in whole {
             *bytes += content.len();
             for chunk in chunks(&cell, &what, &content).map_err(|error| error.to_string())? {
-                sending.push(link.send(&chunk).await.map_err(|error| error.to_string())?);
+                sending.push(link.send(&chunk, self.progress.again()).await.map_err(|error| error.to_string())?);
             }
         }
         Ok(sending)

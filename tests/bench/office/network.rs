@@ -31,7 +31,9 @@ impl Network {
         let shared = counts.clone();
         thread::spawn(move || {
             for (number, cell) in listener.incoming().enumerate() {
-                let (Ok(cell), Ok(broker)) = (cell, TcpStream::connect(("127.0.0.1", broker_port))) else { continue };
+                let (Ok(cell), Ok(broker)) = (cell, TcpStream::connect(("127.0.0.1", broker_port))) else {
+                    continue;
+                };
                 for (number, from, to) in [(2 * number, &cell, &broker), (2 * number + 1, &broker, &cell)] {
                     let (from, to) = (from.try_clone().expect("a copy"), to.try_clone().expect("a copy"));
                     let (counts, random) = (shared.clone(), Pcg64Mcg::seed_from_u64(seed ^ ((number as u64) << 8)));
