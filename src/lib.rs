@@ -43,19 +43,19 @@ pub mod locate;
 pub mod office;
 pub mod surface;
 
+pub mod broker;
 pub mod page;
 pub mod path;
 pub mod removal;
 pub mod report;
 pub mod store;
 
+pub mod archive;
 pub mod backup;
-pub mod broker;
 pub mod devices;
 pub mod requirements;
 pub mod stages;
 
-pub mod archive;
 pub mod check;
 pub mod daemon;
 

@@ -46,6 +46,13 @@ impl Files {
         write().map_err(ArchiveError::file("write", &path))
     }
 
+    /// The bytes of a file that is whole; a hash that is none names nothing.
+    pub fn get(&self, hash: &str) -> Option<Vec<u8>> {
+        let is_hash = hash.len() == 64 && hash.bytes().all(|byte| byte.is_ascii_hexdigit());
+        let bytes = is_hash.then(|| fs::read(self.path(hash)).ok()).flatten()?;
+        (content_hash(&bytes) == hash).then_some(bytes)
+    }
+
     /// How the file with this hash stands.
     pub fn held(&self, hash: &str) -> Result<Held, ArchiveError> {
         let path = self.path(hash);

@@ -5,6 +5,7 @@ use super::rows::{Quantities, Rows, SignatureRows};
 use crate::cell::CellName;
 use crate::files::content_hash;
 use crate::office::{Body, CycleEnd, Message, VerificationSeen};
+use crate::verdict::Verdict;
 use futures_util::future::try_join_all;
 use std::collections::BTreeMap;
 use tokio_postgres::{Client, Transaction};
@@ -157,7 +158,20 @@ async fn cycle(transaction: &Transaction<'_>, cell: &str, end: &CycleEnd) -> Res
         &end.recipe_hash,
         &end.program_version,
     ];
-    transaction.execute(sql, &values).await.map(drop).map_err(ArchiveError::database("keep a cycle"))
+    let failed = ArchiveError::database("keep a cycle");
+    if transaction.execute(sql, &values).await.map_err(&failed)? == 0 {
+        return Ok(());
+    }
+    let sql =
+        "INSERT INTO recipe_uses AS used (panel, recipe_hash, cell, first_unix_s, last_unix_s, cycles, passed)
+        VALUES ($1, $2, $3, $4, $4, 1, $5) ON CONFLICT (panel, recipe_hash, cell) DO UPDATE SET
+            first_unix_s = least(used.first_unix_s, EXCLUDED.first_unix_s),
+            last_unix_s = greatest(used.last_unix_s, EXCLUDED.last_unix_s),
+            cycles = used.cycles + 1, passed = used.passed + EXCLUDED.passed";
+    let passed = i64::from(end.verdict == Verdict::Pass.word());
+    let values: [&(dyn tokio_postgres::types::ToSql + Sync); 5] =
+        [&end.panel, &end.recipe_hash, &cell, &end.started_unix_s, &passed];
+    transaction.execute(sql, &values).await.map(drop).map_err(&failed)
 }
 
 async fn verification(

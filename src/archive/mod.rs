@@ -17,6 +17,7 @@ mod database;
 mod error;
 mod files;
 mod keeping;
+pub mod reading;
 mod receiving;
 mod rows;
 mod tables;

@@ -96,6 +96,21 @@ const TABLES: &str = "
         calibration_hash TEXT NOT NULL,
         PRIMARY KEY (cell, subject, at_unix_s, calibration_hash)
     );
+    CREATE TABLE recipe_uses (
+        panel TEXT NOT NULL,
+        recipe_hash TEXT NOT NULL,
+        cell TEXT NOT NULL,
+        first_unix_s BIGINT NOT NULL,
+        last_unix_s BIGINT NOT NULL,
+        cycles BIGINT NOT NULL,
+        passed BIGINT NOT NULL,
+        PRIMARY KEY (panel, recipe_hash, cell)
+    );
+    CREATE TABLE accounts (
+        name TEXT PRIMARY KEY,
+        printed_name TEXT NOT NULL,
+        password_hash TEXT NOT NULL
+    );
     CREATE TABLE cells (
         cell TEXT PRIMARY KEY,
         heard_unix_ms BIGINT NOT NULL,

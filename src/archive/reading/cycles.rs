@@ -1,0 +1,176 @@
+//! Cycles of all cells, the newest first, and one of them with its records.
+
+use super::reader::Reader;
+use crate::archive::error::ArchiveError;
+use crate::signing::{Said, SignedCycle, Statement};
+
+/// A search; what is empty does not matter.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct CycleQuery {
+    /// The cell's name.
+    pub cell: String,
+    /// The panel's name.
+    pub panel: String,
+    /// The part's serial number, in capitals or not.
+    pub serial: String,
+    /// The verdict's word.
+    pub verdict: String,
+    /// From this time on, s since 1970.
+    pub from_unix_s: Option<i64>,
+    /// Before this time.
+    pub until_unix_s: Option<i64>,
+    /// Older than this cycle of an earlier page: its begin, cell and number.
+    pub before: Option<(i64, String, i64)>,
+    /// At most so many.
+    pub limit: i64,
+}
+
+/// A cycle.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct CycleRow {
+    /// The cell.
+    pub cell: String,
+    /// Its number there.
+    pub cycle: i64,
+    /// When it began, s since 1970.
+    pub started_unix_s: i64,
+    /// When it ended.
+    pub ended_unix_s: Option<i64>,
+    /// The panel.
+    pub panel: String,
+    /// The part's serial number.
+    pub serial: Option<String>,
+    /// The work order.
+    pub work_order: Option<String>,
+    /// The operator.
+    pub operator: Option<String>,
+    /// The verdict's word.
+    pub verdict: String,
+    /// Its reasons as JSON: code and message.
+    pub reasons: String,
+    /// SHA-256 of the recipe.
+    pub recipe_hash: String,
+    /// The program's version.
+    pub program_version: String,
+}
+
+/// What was signed of a cycle.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SignedBy {
+    /// The statement's number among all of its cell.
+    pub statement: i64,
+    /// Its SHA-256.
+    pub record_hash: String,
+    /// When, ms since 1970.
+    pub unix_ms: i64,
+    /// The person's printed name and what the signature means; `None` for the cell itself.
+    pub person: Option<(String, String)>,
+}
+
+/// A cycle with what was signed of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    /// The cycle.
+    pub row: CycleRow,
+    /// Signatures, in order.
+    pub signed: Vec<SignedBy>,
+    /// What the cell's own statement says; `None` where it has not come.
+    pub statement: Option<SignedCycle>,
+}
+
+const COLUMNS: &str = "cell, cycle, started_unix_s, ended_unix_s, panel, serial, work_order, operator, verdict, reasons, recipe_hash, program_version";
+
+fn of(row: &tokio_postgres::Row) -> CycleRow {
+    CycleRow {
+        cell: row.get(0),
+        cycle: row.get(1),
+        started_unix_s: row.get(2),
+        ended_unix_s: row.get(3),
+        panel: row.get(4),
+        serial: row.get(5),
+        work_order: row.get(6),
+        operator: row.get(7),
+        verdict: row.get(8),
+        reasons: row.get(9),
+        recipe_hash: row.get(10),
+        program_version: row.get(11),
+    }
+}
+
+impl Reader {
+    /// Cycles that match, the newest first.
+    ///
+    /// # Errors
+    /// Where the database does not answer.
+    pub async fn cycles(&self, query: &CycleQuery) -> Result<Vec<CycleRow>, ArchiveError> {
+        let CycleQuery { cell, panel, serial, verdict, from_unix_s, until_unix_s, before, limit } = query;
+        let serial = serial.to_lowercase();
+        let (before_s, before_cell, before_cycle) = before.clone().unwrap_or((i64::MAX, String::new(), i64::MAX));
+        let (from_s, until_s) = (from_unix_s.unwrap_or(i64::MIN), until_unix_s.unwrap_or(i64::MAX));
+        let mut values: Vec<&(dyn tokio_postgres::types::ToSql + Sync)> =
+            vec![&before_s, &before_cell, &before_cycle, &from_s, &until_s, limit];
+        // Only what is asked for stands in the query, so that the server chooses the index by it.
+        let mut conditions = String::new();
+        for (column, value) in [("cell", cell), ("panel", panel), ("lower(serial)", &serial), ("verdict", verdict)]
+        {
+            if !value.is_empty() {
+                values.push(value);
+                conditions += &format!(" AND {column} = ${}", values.len());
+            }
+        }
+        let sql = format!(
+            "SELECT {COLUMNS} FROM cycles WHERE started_unix_s <= $1 AND (started_unix_s, cell, cycle) < ($1, $2, $3)
+             AND started_unix_s >= $4 AND started_unix_s < $5{conditions}
+             ORDER BY started_unix_s DESC, cell DESC, cycle DESC LIMIT $6"
+        );
+        Ok(self.rows(&sql, &values).await?.iter().map(of).collect())
+    }
+
+    /// A cycle of a cell with what was signed of it; of several under one number, the newest.
+    ///
+    /// # Errors
+    /// Where the database does not answer.
+    pub async fn record(&self, cell: &str, cycle: i64) -> Result<Option<Record>, ArchiveError> {
+        let sql = format!(
+            "SELECT {COLUMNS} FROM cycles WHERE cell = $1 AND cycle = $2 ORDER BY started_unix_s DESC LIMIT 1"
+        );
+        let rows = self.rows(&sql, &[&cell, &cycle]).await?;
+        let Some(row) = rows.first().map(of) else { return Ok(None) };
+        let sql =
+            "SELECT statement, record_hash, unix_ms, name, meaning FROM signatures WHERE cell = $1 AND cycle = $2
+            ORDER BY statement";
+        let signed = self.rows(sql, &[&cell, &cycle]).await?.into_iter().map(|row| SignedBy {
+            statement: row.get(0),
+            record_hash: row.get(1),
+            unix_ms: row.get(2),
+            person: row.get::<_, Option<String>>(3).zip(row.get::<_, Option<String>>(4)),
+        });
+        let signed: Vec<SignedBy> = signed.collect();
+        let mut statement = None;
+        if let Some(own) = signed.iter().rfind(|one| one.person.is_none()) {
+            let sql = "SELECT content FROM records WHERE cell = $1 AND kind = 'signature' AND hash = $2 LIMIT 1";
+            let rows = self.rows(sql, &[&cell, &own.record_hash]).await?;
+            let content: Option<Vec<u8>> = rows.first().map(|row| row.get(0));
+            statement =
+                content.and_then(|content| Statement::read(&content).ok()).and_then(|read| match read.says {
+                    Said::Cycle(cycle) => Some(cycle),
+                    Said::Person(_) => None,
+                });
+        }
+        Ok(Some(Record { row, signed, statement }))
+    }
+
+    /// The names of panels that cycles were about lately, and of all cells.
+    ///
+    /// # Errors
+    /// Where the database does not answer.
+    pub async fn names(&self) -> Result<(Vec<String>, Vec<String>), ArchiveError> {
+        // Each next name by the index: a table of a million cycles is not read for ten names.
+        let panels = "WITH RECURSIVE name AS (SELECT min(panel) AS panel FROM cycles
+            UNION ALL SELECT (SELECT min(panel) FROM cycles WHERE panel > name.panel) FROM name WHERE name.panel IS NOT NULL)
+            SELECT panel FROM name WHERE panel IS NOT NULL LIMIT 1000";
+        let panels = self.rows(panels, &[]).await?.iter().map(|row| row.get(0)).collect();
+        let cells = self.rows("SELECT DISTINCT cell FROM epochs ORDER BY cell", &[]).await?;
+        Ok((panels, cells.iter().map(|row| row.get(0)).collect()))
+    }
+}

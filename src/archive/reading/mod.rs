@@ -1,0 +1,17 @@
+//! What pages of the office read: cells, cycles, numbers over many cells, verifications, recipes, accounts.
+//!
+//! Every query uses an index and ends after a number of rows, so that it takes as long with a million records as with a thousand.
+
+mod accounts;
+mod cells;
+mod cycles;
+mod numbers;
+mod reader;
+mod recipes;
+
+pub use accounts::OfficeAccount;
+pub use cells::{CellNow, Counted};
+pub use cycles::{CycleQuery, CycleRow, Record, SignedBy};
+pub use numbers::{CellNumbers, Value};
+pub use reader::Reader;
+pub use recipes::RecipeUse;

@@ -1,0 +1,71 @@
+//! A number of a panel over all cells, and verifications of all cells: which cell differs from the others?
+
+use super::reader::Reader;
+use crate::archive::error::ArchiveError;
+use crate::history::TrendPoint;
+use crate::verdict::Limit;
+use std::collections::BTreeMap;
+
+/// Values of one cell, the oldest first.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct CellNumbers {
+    /// The cell.
+    pub cell: String,
+    /// Its values.
+    pub points: Vec<TrendPoint>,
+}
+
+/// A value with the cell that it is of, as a file lists it.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Value {
+    /// The cell.
+    pub cell: String,
+    /// The value.
+    #[serde(flatten)]
+    pub point: TrendPoint,
+}
+
+fn by_cell(values: Vec<Value>) -> Vec<CellNumbers> {
+    let mut cells: BTreeMap<String, Vec<TrendPoint>> = BTreeMap::new();
+    for Value { cell, point } in values {
+        cells.entry(cell).or_default().push(point);
+    }
+    cells.into_iter().map(|(cell, points)| CellNumbers { cell, points }).collect()
+}
+
+impl Reader {
+    /// The newest values of a quantity of a panel over all cells, at most so many; by cell, the oldest first.
+    ///
+    /// # Errors
+    /// Where the database does not answer.
+    pub async fn numbers(&self, panel: &str, quantity: &str, most: i64) -> Result<Vec<CellNumbers>, ArchiveError> {
+        let sql = "SELECT cell, started_unix_s, value, allowed FROM quantities WHERE panel = $1 AND quantity = $2
+            ORDER BY started_unix_s DESC LIMIT $3";
+        let rows = self.rows(sql, &[&panel, &quantity, &most]).await?;
+        let value = |row: &tokio_postgres::Row| {
+            let limit = serde_json::from_str(&row.get::<_, String>(3)).unwrap_or(Limit::Unlimited);
+            let point = TrendPoint { cycle: None, at_unix_s: row.get(1), serial: None, value: row.get(2), limit };
+            Value { cell: row.get(0), point }
+        };
+        Ok(by_cell(rows.iter().rev().map(value).collect()))
+    }
+
+    /// The newest verifications of a subject over all cells, at most so many of each; by cell, the oldest first.
+    ///
+    /// # Errors
+    /// Where the database does not answer.
+    pub async fn verifications(&self, subject: &str, most: i64) -> Result<Vec<CellNumbers>, ArchiveError> {
+        let sql = "SELECT epochs.cell, seen.at_unix_s, seen.error, seen.allowed
+            FROM (SELECT DISTINCT cell FROM epochs) AS epochs
+            CROSS JOIN LATERAL (SELECT at_unix_s, error, allowed FROM verifications
+                WHERE verifications.cell = epochs.cell AND subject = $1 ORDER BY at_unix_s DESC LIMIT $2) AS seen
+            ORDER BY epochs.cell, seen.at_unix_s";
+        let rows = self.rows(sql, &[&subject, &most]).await?;
+        let value = |row: &tokio_postgres::Row| {
+            let limit = Limit::AtMost(row.get(3));
+            let point = TrendPoint { cycle: None, at_unix_s: row.get(1), serial: None, value: row.get(2), limit };
+            Value { cell: row.get(0), point }
+        };
+        Ok(by_cell(rows.iter().map(value).collect()))
+    }
+}

@@ -1,0 +1,57 @@
+//! A reader of the archive: one connection to the database, and the folder of files.
+
+use crate::archive::database;
+use crate::archive::error::ArchiveError;
+use crate::archive::files::Files;
+use crate::office::ArchiveSettings;
+use std::sync::Arc;
+use tokio::sync::Mutex;
+use tokio_postgres::Client;
+use tokio_postgres::types::ToSql;
+
+/// A reader of the archive; clones share one connection, which is made anew where it was lost.
+#[derive(Clone)]
+pub struct Reader {
+    settings: Arc<ArchiveSettings>,
+    client: Arc<Mutex<Option<Arc<Client>>>>,
+    files: Files,
+}
+
+pub(super) type Values<'v> = &'v [&'v (dyn ToSql + Sync)];
+
+impl Reader {
+    /// Of the archive with these settings; nothing is connected yet.
+    pub fn new(settings: &ArchiveSettings) -> Self {
+        let files = Files::at(&settings.files);
+        Reader { settings: Arc::new(settings.clone()), client: Arc::default(), files }
+    }
+
+    /// The bytes of a file that a record names; `None` where it is not there or not whole.
+    pub fn file(&self, hash: &str) -> Option<Vec<u8>> {
+        self.files.get(hash)
+    }
+
+    async fn client(&self) -> Result<Arc<Client>, ArchiveError> {
+        let mut client = self.client.lock().await;
+        match client.as_ref().filter(|client| !client.is_closed()) {
+            Some(client) => Ok(client.clone()),
+            None => {
+                let new = Arc::new(database::open(&self.settings.database).await?);
+                *client = Some(new.clone());
+                Ok(new)
+            }
+        }
+    }
+
+    pub(super) async fn rows(&self, sql: &str, values: Values<'_>) -> Result<Vec<tokio_postgres::Row>, ArchiveError> {
+        let failed = ArchiveError::database("read the archive");
+        let client = self.client().await?;
+        // Prepared by the library again and again would be a round trip more; the server plans these in less than a millisecond.
+        client.query(sql, values).await.map_err(failed)
+    }
+
+    pub(super) async fn change(&self, sql: &str, values: Values<'_>) -> Result<u64, ArchiveError> {
+        let client = self.client().await?;
+        client.execute(sql, values).await.map_err(ArchiveError::database("write to the archive"))
+    }
+}

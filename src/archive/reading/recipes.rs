@@ -1,0 +1,45 @@
+//! Recipes by their content: where each version ran, and since when.
+
+use super::reader::Reader;
+use crate::archive::error::ArchiveError;
+
+/// A version of a recipe in a cell.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct RecipeUse {
+    /// The panel that it is of.
+    pub panel: String,
+    /// SHA-256 of its text.
+    pub recipe_hash: String,
+    /// The cell.
+    pub cell: String,
+    /// When a cycle first began with it in this cell, s since 1970.
+    pub first_unix_s: i64,
+    /// When one began with it last.
+    pub last_unix_s: i64,
+    /// Cycles with it in this cell.
+    pub cycles: i64,
+    /// Those of them that passed.
+    pub passed: i64,
+}
+
+impl Reader {
+    /// Every version of a panel's recipe in every cell, the one that was used last first.
+    ///
+    /// # Errors
+    /// Where the database does not answer.
+    pub async fn recipes(&self, panel: &str) -> Result<Vec<RecipeUse>, ArchiveError> {
+        let sql =
+            "SELECT recipe_hash, cell, first_unix_s, last_unix_s, cycles, passed FROM recipe_uses WHERE panel = $1
+            ORDER BY last_unix_s DESC LIMIT 1000";
+        let used = |row: &tokio_postgres::Row| RecipeUse {
+            panel: panel.to_owned(),
+            recipe_hash: row.get(0),
+            cell: row.get(1),
+            first_unix_s: row.get(2),
+            last_unix_s: row.get(3),
+            cycles: row.get(4),
+            passed: row.get(5),
+        };
+        Ok(self.rows(sql, &[&panel]).await?.iter().map(used).collect())
+    }
+}
