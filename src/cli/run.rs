@@ -16,10 +16,10 @@ use super::setup_source::FolderSource;
 use super::zivid;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
-    self, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, OfficeParts, OfficeSender,
-    OfficeStatus, OperatorPage, PageParts, Ports, PreparedCycle, RecordIn, Recorded, RecordedPort, Recording,
-    RecordingSwitch, Request, RequestHandler, RequestQueue, RequestSender, Requester as _, ServiceParts,
-    SetupSource, SharedCameras, Socket, StartRequest, StoreRecord, WrittenPage,
+    self, Alarms, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, OfficeParts,
+    OfficeSender, OfficeStatus, OperatorPage, PageParts, People, Ports, PreparedCycle, RecordIn, Recorded,
+    RecordedPort, Recording, RecordingSwitch, Request, RequestHandler, RequestQueue, RequestSender, Requester as _,
+    ServiceParts, SetupSource, SharedCameras, Socket, StartRequest, StoreRecord, WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::record::{CycleId, RecordingFile};
@@ -74,7 +74,8 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         Socket::listen(&path, files.cell.socket_role(), gateway.clone(), &supervisor).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
     let office = OfficeStatus::default();
-    let page = operator_page((&files, common), (gateway.clone(), view.clone()), &office)?;
+    let fronts = Fronts::new(&files, common, gateway.clone(), &office);
+    let page = operator_page(&files, &fronts, view.clone())?;
     let office = office_sender((&files, common), gateway, office)?;
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
@@ -117,7 +118,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     }
     let ended = ended.map_err(Fault::of_loop)?;
     // The page's connections to the store end before the store's own one, which then leaves a database without a log.
-    drop((socket, page, office, person));
+    drop((socket, page, office, fronts, person));
     #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
     let ended = ended.state;
@@ -125,16 +126,38 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome(&ended))
 }
 
+/// What the fronts that people log in to have in common.
+struct Fronts {
+    gateway: Gateway,
+    people: Arc<People>,
+    alarms: Arc<Alarms>,
+    setup: Arc<FolderSource>,
+}
+
+impl Fronts {
+    fn new(files: &Arc<CellFiles>, common: &Common, gateway: Gateway, office: &OfficeStatus) -> Self {
+        let people = Arc::new(People::new(files.store_folder().to_owned()));
+        Fronts {
+            gateway,
+            alarms: Arc::new(Alarms::new(people.clone())),
+            people,
+            setup: Arc::new(FolderSource::new(files, common, office)),
+        }
+    }
+}
+
 /// Serves the operator's page, where the cell's file names an address for it.
-fn operator_page(
-    (files, common): (&Arc<CellFiles>, &Common),
-    (gateway, view): (Gateway, LiveView),
-    office: &OfficeStatus,
-) -> Result<Option<OperatorPage>, Fault> {
-    let page = files.cell.page().clone();
-    let setup = Arc::new(FolderSource::new(files, common, office));
-    let records = Arc::new(StoreRecords(files.clone()));
-    let parts = PageParts { page, folder: files.store_folder().to_owned(), gateway, view, setup, records };
+fn operator_page(files: &Arc<CellFiles>, fronts: &Fronts, view: LiveView) -> Result<Option<OperatorPage>, Fault> {
+    let parts = PageParts {
+        page: files.cell.page().clone(),
+        folder: files.store_folder().to_owned(),
+        people: fronts.people.clone(),
+        alarms: fronts.alarms.clone(),
+        gateway: fronts.gateway.clone(),
+        view,
+        setup: fronts.setup.clone(),
+        records: Arc::new(StoreRecords(files.clone())),
+    };
     let page = OperatorPage::serve(parts).map_err(Fault::stage)?;
     if let Some(page) = &page {
         tracing::info!("operator's page: {}", page.url);

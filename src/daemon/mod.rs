@@ -28,9 +28,11 @@
 
 mod abrasion;
 mod acts;
+mod alarms;
 mod answers;
 mod caller;
 mod cameras;
+mod clock;
 mod computing;
 mod contacts;
 mod corner_views;
@@ -45,6 +47,7 @@ mod live_view;
 mod moves;
 mod office;
 mod pending;
+mod people;
 mod ports;
 mod pressing;
 mod protocol;
@@ -60,10 +63,13 @@ mod run;
 mod running;
 mod sent;
 mod setup;
+mod setup_source;
 mod sight;
 mod single;
 mod single_interlocks;
 mod socket;
+mod standing;
+mod store_access;
 mod tool_reports;
 mod underway;
 mod web;
@@ -74,6 +80,7 @@ mod words;
 #[cfg(test)]
 mod tests;
 
+pub use alarms::{Alarms, Seen as SeenAlarm};
 pub use caller::whoever_runs_this;
 pub use cameras::Cameras;
 pub use computing::{Computing, Memory, Readable, Seen};
@@ -82,6 +89,7 @@ pub use gateway::{Gateway, Loader};
 pub use lending::{AllCameras, BorrowedFlangeCamera, BorrowedScanner, LastState, SharedCameras, ShotRequest};
 pub use live_view::{LiveFilm, LiveFrame, LiveView};
 pub use office::{OfficeParts, OfficeSender, OfficeStatus};
+pub use people::{LogIn, People};
 pub use ports::{
     CameraAnswer, CameraCommand, CameraFault, CameraPort, Command, Figure, Finding, Keeper, Kept, LinkedRobot,
     LinkedTool, News, NoCameras, Note, Picture2d, Port, Record, RecordAnswer, RecordCommand, RecordError,
@@ -100,9 +108,10 @@ pub use request_handler::{EndedCycle, RequestHandler, ServiceParts, WrittenPage}
 pub use request_queue::{NotTaken, RequestQueue, RequestSender, request_queue};
 pub use run::{LoopOutcome, LoopStart, Ports, run};
 pub use setup::{Calibrations, CellSetup, CycleSetup};
+pub use setup_source::{Equipment, Examined, RecipeText, SetupSource};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Socket, SocketError};
-pub use web::{Equipment, Examined, OperatorPage, PageError, PageParts, RecipeText, RecordSource, SetupSource};
+pub use web::{OperatorPage, PageError, PageParts, RecordSource};
 pub use wiring::Wiring;
 pub use without_store::wait_for;
 pub use words::{refusal, request_word, why};

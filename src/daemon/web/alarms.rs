@@ -4,13 +4,13 @@ use super::downloads::{self, Form};
 use super::guard::{By, refusal};
 use super::layout::{Frame, Script, local};
 use super::reading::{Answer, ended, reading};
-use super::standing::Standing;
 use super::state::{Web, blocking, entry};
 use super::words::Language;
 use crate::accounts::{AuditEntry, Permission};
-use crate::history::{Acknowledgement, Alarm, Priority, Query, alarm_table};
+use crate::daemon::alarms;
+use crate::history::{Alarm, Priority, alarm_table};
 use crate::record::CycleId;
-use crate::store::{Store, StoreError};
+use crate::store::StoreError;
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
@@ -18,24 +18,7 @@ use axum::{Extension, Json};
 use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::json;
-use std::cmp::Reverse;
 use std::sync::Arc;
-
-/// The newest cycles whose alarms are shown.
-const CYCLES: usize = 50;
-
-/// Those of the newest cycles, and those that arose between cycles: what lasts first, then by priority and time.
-fn read(store: &Store, standing: &Standing) -> Result<Vec<Alarm>, StoreError> {
-    let newest = store.search(&Query { limit: CYCLES, ..Query::default() })?;
-    let mut all = standing.alarms(&store.acknowledgements(None)?);
-    for hit in newest.hits {
-        all.extend(store.alarms(hit.cycle)?);
-    }
-    all.sort_by_key(|alarm| {
-        Reverse((alarm.is_active(), alarm.is_active().then_some(alarm.priority), alarm.raised_unix_ms))
-    });
-    Ok(all)
-}
 
 pub(super) async fn page(state: State<Arc<Web>>, by: By) -> Answer {
     listed(state, by, Form::Page).await
@@ -51,7 +34,7 @@ pub(super) async fn json(state: State<Arc<Web>>, by: By) -> Answer {
 
 async fn listed(State(web): State<Arc<Web>>, Extension(visitor): By, as_what: Form) -> Answer {
     let shared = web.clone();
-    let alarms = reading(&web, &visitor, move |store| read(store, &shared.standing)).await?;
+    let alarms = reading(&web, &visitor, move |store| shared.alarms.of(store)).await?;
     Ok(match as_what {
         Form::Page => {
             let words = visitor.language();
@@ -166,29 +149,15 @@ fn kept(web: &Web, line: AuditEntry, seen: &Seen, who: String) -> Result<bool, S
             Err(_) => return Ok(false),
         },
     };
-    let alarms = match cycle {
-        None => web.read(|store| Ok(web.standing.alarms(&store.acknowledgements(None)?)))?,
-        Some(cycle) => match web.read(|store| store.alarms(cycle)) {
-            Err(StoreError::UnknownCycle { .. }) => return Ok(false),
-            read => read?,
-        },
-    };
-    let is_meant = |alarm: &&Alarm| alarm.code == seen.code && alarm.raised_unix_ms == raised_unix_ms;
-    let Some(alarm) = alarms.iter().find(is_meant).filter(|alarm| alarm.acknowledged.is_none()) else {
-        return Ok(false);
-    };
-    let acknowledgement = Acknowledgement { unix_ms: 0, cycle, code: alarm.code.clone(), raised_unix_ms, who };
-    web.write(|store| store.acknowledge(&acknowledgement))?;
-    let of = cycle.map_or("between cycles".to_owned(), |cycle| format!("of cycle {cycle}"));
-    let subject = format!("{} {of}, raised {raised_unix_ms}", seen.code);
-    web.audit(&AuditEntry { subject: Some(subject), ..line });
-    Ok(true)
+    let seen = alarms::Seen { cycle, code: seen.code.clone(), raised_unix_ms };
+    web.alarms.acknowledge(&seen, who, line)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::daemon::web::words::Words;
+    use crate::history::Acknowledgement;
 
     fn alarm(gone_unix_ms: Option<i64>) -> Alarm {
         Alarm {

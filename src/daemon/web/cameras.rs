@@ -1,13 +1,13 @@
 //! What both cameras see between cycles, with the figures of the picture. While a cycle is under way nothing is taken, and why not is told.
 
 use super::camera_views::View;
-use super::clock::now_unix_ms;
 use super::guard::{By, not_found, refusal};
 use super::layout::{Frame, Script, local};
 use super::reading::ended;
 use super::state::{Web, blocking, entry};
 use super::words::Language;
 use crate::accounts::{AuditEntry, Permission};
+use crate::daemon::clock::now_unix_ms;
 use crate::daemon::lending::Eye;
 use crate::devices::cameras::PictureQuality;
 use crate::files;

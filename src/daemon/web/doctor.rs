@@ -3,9 +3,9 @@
 use super::guard::By;
 use super::layout::Frame;
 use super::reading::{Answer, ended};
-use super::setup_source::Examined;
 use super::state::{Web, blocking};
 use super::words::Language;
+use crate::daemon::setup_source::Examined;
 use axum::Extension;
 use axum::extract::State;
 use maud::{Markup, html};

@@ -4,9 +4,9 @@
 use super::guard::{By, refusal};
 use super::layout::{Frame, Script};
 use super::reading::{Answer, ended};
-use super::setup_source::SetupSource;
 use super::state::{Web, blocking};
 use super::versions::difference;
+use crate::daemon::setup_source::SetupSource;
 use crate::files;
 use crate::page::drawing::sheet;
 use crate::recipe::Drawn;

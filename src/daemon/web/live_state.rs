@@ -1,6 +1,6 @@
 //! How the cell stands, as a page shows it.
 
-use super::clock::now_unix_ms;
+use crate::daemon::clock::now_unix_ms;
 use crate::daemon::reply::Reply;
 use crate::verdict::{Reason, Verdict};
 use serde::Serialize;

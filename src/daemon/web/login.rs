@@ -6,6 +6,7 @@ use super::reading::ended;
 use super::state::{Web, blocking, entry, hashing};
 use super::visitor::Visitor;
 use crate::accounts::{self, Account, AuditEntry};
+use crate::daemon::people::LogIn;
 use crate::random;
 use axum::extract::{Path, Query, State};
 use axum::http::{StatusCode, header};
@@ -62,22 +63,16 @@ pub(super) async fn log_in(
 ) -> Response {
     let wrong = |message: &str| refusal(StatusCode::UNAUTHORIZED, "log_in", message);
     let words = visitor.language();
-    if accounts::checked_name(&name).is_err() {
-        return wrong(words.word("login.wrong"));
-    }
-    if let Some(pauses) = web.pauses(&name, words) {
-        return wrong(&pauses);
-    }
     let line = AuditEntry { who: Some(name.clone()), role: None, ..entry(&visitor, "log in") };
-    let (shared, tried) = (web.clone(), name.clone());
-    let checked = hashing(&web, move || judged(&shared, &tried, &password)).await.flatten();
-    let Some(account) = checked else {
-        let is_paused = web.lockout().wrong(&name, web.now_s());
-        let why = if is_paused { "wrong password; the account pauses" } else { "wrong name or password" };
-        keep(&web, AuditEntry { refused: Some(why.to_owned()), ..line }).await;
-        return wrong(words.word("login.wrong"));
+    let account = match web.people().log_in(&name, password).await {
+        LogIn::Right(account) => account,
+        LogIn::Wrong(why) => {
+            keep(&web, AuditEntry { refused: Some(why.to_owned()), ..line }).await;
+            return wrong(words.word("login.wrong"));
+        }
+        LogIn::Pauses(_) => return wrong(&web.pauses(&name, words).unwrap_or_default()),
+        LogIn::Unknown => return wrong(words.word("login.wrong")),
     };
-    web.lockout().right(&name);
     keep(&web, AuditEntry { role: Some(account.role), ..line }).await;
     begin(&web, &visitor, account)
 }
@@ -94,20 +89,6 @@ fn begin(web: &Web, visitor: &Visitor, account: Account) -> Response {
     web.sessions().begin((&token, csrf), who, web.now_s());
     let cookie = set_cookie(web, &token, "");
     ([(header::SET_COOKIE, cookie)], Json(json!({ "message": "" }))).into_response()
-}
-
-/// The account, where it may log in by this password.
-fn judged(web: &Web, name: &str, password: &str) -> Option<Account> {
-    let account = match web.read(|store| store.accounts()) {
-        Ok(mut accounts) => accounts.remove(name),
-        Err(error) => {
-            tracing::warn!("nobody can log in: {error}");
-            None
-        }
-    };
-    let hash = account.as_ref().map_or("", |account| &account.password_hash);
-    let is_right = accounts::is_right(password, hash);
-    account.filter(|account| is_right && account.is_enabled)
 }
 
 pub(super) async fn log_out(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
@@ -144,7 +125,7 @@ pub(super) async fn change_password(
     let (shared, line) = (web.clone(), entry(&visitor, "change own password"));
     let name = person.name.clone();
     let changed = hashing(&web, move || -> Result<(), String> {
-        let account = judged(&shared, &person.name, &password).ok_or("the old password is wrong")?;
+        let account = shared.people().judged(&person.name, &password).ok_or("the old password is wrong")?;
         let salt = random::bytes().map_err(|error| error.to_string())?;
         let password_hash = accounts::hashed(&new, &person.name, salt).map_err(|error| error.to_string())?;
         let account = Account { password_hash, ..account };

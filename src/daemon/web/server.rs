@@ -6,14 +6,16 @@ use super::live;
 use super::live_state::Live;
 use super::record_source::RecordSource;
 use super::routes;
-use super::setup_source::SetupSource;
 use super::state::{Web, WebParts};
 use super::tls;
 use super::watching;
 use super::words::Words;
 use crate::cell;
+use crate::daemon::alarms::Alarms;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::live_view::LiveView;
+use crate::daemon::people::People;
+use crate::daemon::setup_source::SetupSource;
 use crate::disk;
 use axum::Router;
 use axum::extract::ConnectInfo;
@@ -51,6 +53,10 @@ pub struct PageParts {
     pub page: cell::Page,
     /// The store's folder.
     pub folder: PathBuf,
+    /// Who may log in.
+    pub people: Arc<People>,
+    /// The alarms of the cell.
+    pub alarms: Arc<Alarms>,
     /// Where requests go.
     pub gateway: Gateway,
     /// What the cameras see.
@@ -79,7 +85,7 @@ impl OperatorPage {
     /// # Errors
     /// Where the certificate or the file of words cannot be used, or the system refuses.
     pub fn serve(parts: PageParts) -> Result<Option<Self>, PageError> {
-        let PageParts { page, folder, gateway, view, setup, records } = parts;
+        let PageParts { page, folder, people, alarms, gateway, view, setup, records } = parts;
         let Some(address) = page.listen else { return Ok(None) };
         let words = words(&page)?;
         let is_local = address.ip().is_loopback() && page.certificate.is_none();
@@ -114,7 +120,8 @@ impl OperatorPage {
             records,
             is_tls,
             hosts,
-            folder,
+            people,
+            alarms,
             idle_min,
             sessions,
         };

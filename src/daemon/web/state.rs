@@ -5,19 +5,17 @@ use super::frame::Frames;
 use super::live_state::Live;
 use super::record_source::RecordSource;
 use super::sessions::Sessions;
-use super::setup_source::SetupSource;
-use super::standing::Standing;
 use super::visitor::Visitor;
 use super::words::{Language, Words};
 use crate::accounts::{AuditEntry, Lockout};
+use crate::daemon::alarms::Alarms;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::live_scene::LiveScene;
+use crate::daemon::people::People;
+use crate::daemon::setup_source::SetupSource;
 use crate::store::{Store, StoreError};
-use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread;
-use std::time::Instant;
-use tokio::sync::{Semaphore, oneshot, watch};
+use tokio::sync::{Semaphore, watch};
 
 /// What the page's handlers share.
 pub(super) struct Web {
@@ -32,19 +30,13 @@ pub(super) struct Web {
     pub is_tls: bool,
     /// The hosts by which a page without TLS may be asked for.
     pub hosts: Option<[String; 2]>,
-    hashing: Semaphore,
+    people: Arc<People>,
     /// Whoever has the cell looked at from the bottom up.
     pub examining: Semaphore,
     /// What the cameras saw last between cycles.
     pub views: Views,
-    /// Alarms between cycles.
-    pub standing: Standing,
-    pub folder: PathBuf,
+    pub alarms: Arc<Alarms>,
     sessions: Mutex<Sessions>,
-    lockout: Mutex<Lockout>,
-    reader: Mutex<Option<Store>>,
-    writer: Mutex<Option<Store>>,
-    begun: Instant,
 }
 
 /// What a page is made with.
@@ -57,7 +49,8 @@ pub(super) struct WebParts {
     pub records: Arc<dyn RecordSource>,
     pub is_tls: bool,
     pub hosts: Option<[String; 2]>,
-    pub folder: PathBuf,
+    pub people: Arc<People>,
+    pub alarms: Arc<Alarms>,
     pub idle_min: usize,
     pub sessions: usize,
 }
@@ -75,35 +68,31 @@ impl Web {
             records: parts.records,
             is_tls: parts.is_tls,
             hosts: parts.hosts,
-            hashing: Semaphore::new(1),
+            people: parts.people,
             examining: Semaphore::new(1),
             views: Views::default(),
-            standing: Standing::default(),
-            folder: parts.folder,
+            alarms: parts.alarms,
             sessions: Mutex::new(Sessions::new(idle_s, parts.sessions)),
-            lockout: Mutex::default(),
-            reader: Mutex::default(),
-            writer: Mutex::default(),
-            begun: Instant::now(),
         }
     }
 
     /// Seconds on a clock that does not jump.
     pub fn now_s(&self) -> f64 {
-        self.begun.elapsed().as_secs_f64()
+        self.people.now_s()
     }
 
     pub fn sessions(&self) -> MutexGuard<'_, Sessions> {
-        lock(&self.sessions)
+        // Every change is made whole under the lock.
+        self.sessions.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub fn lockout(&self) -> MutexGuard<'_, Lockout> {
-        lock(&self.lockout)
+        self.people.lockout()
     }
 
     /// In which words this account's password may not be tried now, after wrong ones.
     pub fn pauses(&self, name: &str, words: Language<'_>) -> Option<String> {
-        let left_s = self.lockout().pauses_s(name, self.now_s())?;
+        let left_s = self.people.pauses_s(name)?;
         Some(format!("{} {:.0} s", words.word("login.pauses"), left_s.ceil()))
     }
 
@@ -112,14 +101,7 @@ impl Web {
     /// # Errors
     /// Where the store cannot be opened or read.
     pub fn read<T>(&self, read: impl FnOnce(&Store) -> Result<T, StoreError>) -> Result<T, StoreError> {
-        let mut reader = lock(&self.reader);
-        let store = match reader.take() {
-            Some(store) => store,
-            None => Store::open(&self.folder)?,
-        };
-        let result = read(&store);
-        *reader = Some(store);
-        result
+        self.people.read(read)
     }
 
     /// Writes a row that no cycle waits for, on the calling thread, which may wait for the disk.
@@ -127,22 +109,17 @@ impl Web {
     /// # Errors
     /// Where the store cannot be opened or written.
     pub fn write<T>(&self, write: impl FnOnce(&mut Store) -> Result<T, StoreError>) -> Result<T, StoreError> {
-        let mut writer = lock(&self.writer);
-        let mut store = match writer.take() {
-            Some(store) => store,
-            None => Store::for_people(&self.folder)?,
-        };
-        let result = write(&mut store);
-        *writer = Some(store);
-        result
+        self.people.write(write)
     }
 
     /// Keeps a line of the audit trail; where the disk refuses, the service's log has it.
     pub fn audit(&self, entry: &AuditEntry) {
-        if let Err(error) = self.write(|store| store.keep_audit(entry)) {
-            let (what, who) = (&entry.what, entry.who.as_deref().unwrap_or("nobody who is logged in"));
-            tracing::warn!("the audit trail could not be written: {error}; {what} by {who}");
-        }
+        self.people.audit(entry);
+    }
+
+    /// The accounts and who tries to use them.
+    pub fn people(&self) -> &Arc<People> {
+        &self.people
     }
 }
 
@@ -162,22 +139,12 @@ pub(super) fn entry(visitor: &Visitor, what: &str) -> AuditEntry {
     }
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // Every change is made whole under the lock.
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// Runs work that may wait for a disk or take long beside the page's runtime.
 pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     tokio::task::spawn_blocking(work).await.ok()
 }
 
-/// Works with passwords, one at a time, on a thread that ends with it: a hash takes 19 MiB and most of a processor, and each
-/// thread that lives on would keep as much.
+/// Works with passwords, one at a time, beside the page's runtime.
 pub(super) async fn hashing<T: Send + 'static>(web: &Web, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
-    let _turn = web.hashing.acquire().await.ok()?;
-    let (tell, told) = oneshot::channel();
-    let hash = move || drop(tell.send(work()));
-    thread::Builder::new().name("password".to_owned()).spawn(hash).ok()?;
-    told.await.ok()
+    web.people.hashing(work).await
 }

@@ -11,15 +11,17 @@ use super::live_state::Live;
 use super::record_source::RecordSource;
 use super::routes;
 use super::server::PageParts;
-use super::setup_source::{Equipment, Examined, RecipeText, SetupSource};
 use super::state::{Web, WebParts};
 use super::words::Words;
 use crate::accounts::{self, Account, AuditEntry, Role};
+use crate::daemon::alarms::Alarms;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::live_view::LiveView;
+use crate::daemon::people::People;
 use crate::daemon::reply::{Exit, Reply};
 use crate::daemon::request::Request as CellRequest;
 use crate::daemon::request_queue::request_queue;
+use crate::daemon::setup_source::{Equipment, Examined, RecipeText, SetupSource};
 use crate::geometry::ColorPicture;
 use crate::record::CycleId;
 use crate::store::{PersonSigns, Store};
@@ -181,6 +183,7 @@ impl Site {
         let loader = Arc::new(|_| Err(vec![Reason::new("bad_input", "no cell here")]));
         let (_, live) = tokio::sync::watch::channel(Arc::new(Live::default()));
         let gateway = Gateway::new(sender, loader, None);
+        let people = Arc::new(People::new(folder_of_store));
         let web = Web::new(WebParts {
             gateway: gateway.clone(),
             live,
@@ -190,7 +193,8 @@ impl Site {
             records: Arc::new(Source),
             is_tls: false,
             hosts: Some(["127.0.0.1:8090".to_owned(), "localhost:8090".to_owned()]),
-            folder: folder_of_store,
+            people: people.clone(),
+            alarms: Arc::new(Alarms::new(people)),
             idle_min: 30,
             sessions: 2,
         });
@@ -203,7 +207,9 @@ impl Site {
     pub fn parts(&self, page: crate::cell::Page) -> PageParts {
         let (folder, gateway) = (self.folder.path().join("store"), self.gateway.clone());
         let (setup, records) = (Arc::new(Source), Arc::new(Source));
-        PageParts { page, folder, gateway, view: LiveView::default(), setup, records }
+        let people = Arc::new(People::new(folder.clone()));
+        let alarms = Arc::new(Alarms::new(people.clone()));
+        PageParts { page, folder, people, alarms, gateway, view: LiveView::default(), setup, records }
     }
 
     /// Sends a request with these headers.

@@ -1,7 +1,5 @@
-//! Looks at the cell once a minute, for the alarms between cycles (`standing`).
+//! Looks at the cell once a minute, for the alarms between cycles (`daemon::alarms`).
 
-use super::clock::now_unix_ms;
-use super::standing::Found;
 use super::state::{Web, blocking};
 use std::sync::Arc;
 use std::time::Duration;
@@ -13,13 +11,7 @@ const EVERY: Duration = Duration::from_secs(60);
 pub(super) async fn follow(web: Arc<Web>) {
     loop {
         let shared = web.clone();
-        let found = blocking(move || {
-            let cameras = shared.gateway.cameras.as_ref().and_then(|cameras| cameras.check());
-            Found { cell: shared.setup.standing(), cameras }
-        });
-        if let Some(found) = found.await {
-            web.standing.look(&found, now_unix_ms());
-        }
+        blocking(move || shared.alarms.look(&*shared.setup, shared.gateway.cameras.as_ref())).await;
         tokio::time::sleep(EVERY).await;
     }
 }

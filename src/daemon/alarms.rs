@@ -1,0 +1,109 @@
+//! The alarms of the cell, for every front that shows them: those of the newest cycles, and those between cycles.
+
+use super::clock::now_unix_ms;
+use super::lending::SharedCameras;
+use super::people::People;
+use super::setup_source::SetupSource;
+use super::standing::{Found, Standing};
+use crate::accounts::AuditEntry;
+use crate::history::{Acknowledgement, Alarm, Query};
+use crate::record::CycleId;
+use crate::store::{Store, StoreError};
+use std::cmp::Reverse;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// The newest cycles whose alarms are shown.
+const CYCLES: usize = 50;
+/// The cell is looked at so often, whichever front asks for it.
+const EVERY: Duration = Duration::from_secs(60);
+
+/// An alarm as a person names it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Seen {
+    /// Its cycle; `None` for what arose between cycles.
+    pub cycle: Option<CycleId>,
+    /// Its code.
+    pub code: String,
+    /// When it was raised, ms since 1970.
+    pub raised_unix_ms: i64,
+}
+
+/// The alarms of the cell. One of it serves all fronts.
+#[derive(Debug)]
+pub struct Alarms {
+    people: Arc<People>,
+    standing: Standing,
+    looked: Mutex<Option<Instant>>,
+}
+
+impl Alarms {
+    /// Alarms of the store that these people have.
+    pub fn new(people: Arc<People>) -> Self {
+        Alarms { people, standing: Standing::default(), looked: Mutex::default() }
+    }
+
+    /// All of them: what lasts first, then by priority and time. On the calling thread, which may wait for the disk.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn all(&self) -> Result<Vec<Alarm>, StoreError> {
+        self.people.read(|store| self.of(store))
+    }
+
+    /// As [`Alarms::all`], for whoever reads this store already.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn of(&self, store: &Store) -> Result<Vec<Alarm>, StoreError> {
+        let newest = store.search(&Query { limit: CYCLES, ..Query::default() })?;
+        let mut all = self.standing.alarms(&store.acknowledgements(None)?);
+        for hit in newest.hits {
+            all.extend(store.alarms(hit.cycle)?);
+        }
+        all.sort_by_key(|alarm| {
+            Reverse((alarm.is_active(), alarm.is_active().then_some(alarm.priority), alarm.raised_unix_ms))
+        });
+        Ok(all)
+    }
+
+    /// Looks at the cell, where nobody has within the last minute; a camera may take its time.
+    pub fn look(&self, setup: &dyn SetupSource, cameras: Option<&SharedCameras>) {
+        {
+            let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
+            if looked.is_some_and(|at| at.elapsed() < EVERY) {
+                return;
+            }
+            *looked = Some(Instant::now());
+        }
+        let found = Found { cell: setup.standing(), cameras: cameras.and_then(SharedCameras::check) };
+        self.standing.look(&found, now_unix_ms());
+    }
+
+    /// Keeps that a person has seen an alarm, and says so in the audit trail. False where there is no such alarm, or somebody
+    /// has acknowledged it already.
+    ///
+    /// # Errors
+    /// Where the store cannot be read or written.
+    pub fn acknowledge(&self, seen: &Seen, who: String, line: AuditEntry) -> Result<bool, StoreError> {
+        let Seen { cycle, code, raised_unix_ms } = seen;
+        let (cycle, raised_unix_ms) = (*cycle, *raised_unix_ms);
+        let alarms = match cycle {
+            None => self.people.read(|store| Ok(self.standing.alarms(&store.acknowledgements(None)?)))?,
+            Some(cycle) => match self.people.read(|store| store.alarms(cycle)) {
+                Err(StoreError::UnknownCycle { .. }) => return Ok(false),
+                read => read?,
+            },
+        };
+        let is_meant = |alarm: &&Alarm| alarm.code == *code && alarm.raised_unix_ms == raised_unix_ms;
+        let Some(alarm) = alarms.iter().find(is_meant).filter(|alarm| alarm.acknowledged.is_none()) else {
+            return Ok(false);
+        };
+        let acknowledgement = Acknowledgement { unix_ms: 0, cycle, code: alarm.code.clone(), raised_unix_ms, who };
+        self.people.write(|store| store.acknowledge(&acknowledgement))?;
+        let of = cycle.map_or("between cycles".to_owned(), |cycle| format!("of cycle {cycle}"));
+        let subject = format!("{code} {of}, raised {raised_unix_ms}");
+        self.people.audit(&AuditEntry { subject: Some(subject), ..line });
+        Ok(true)
+    }
+}
