@@ -22,6 +22,7 @@ mod removal;
 mod robot_correction;
 mod rough;
 mod scanner_errors;
+mod sparkplug;
 mod tool;
 mod zivid;
 mod zivid_settings;
@@ -49,6 +50,7 @@ pub use removal::{RemovalCalibration, RemovalNumbers};
 pub use robot_correction::{CorrectionNumbers, GEOMETRY_NUMBERS, RobotCorrection, SMOOTH_NUMBERS};
 pub use rough::RoughMounts;
 pub use scanner_errors::MeasuredScanner;
+pub use sparkplug::{BrokerTls, NodeCommands, SparkplugNode};
 pub use tool::{CompliantTool, Tool, ToolAddress};
 pub use zivid::ZividCamera;
 pub use zivid_settings::{Mains, ZividSettings, ZividUse};
@@ -133,10 +135,11 @@ pub struct Cell {
     arm: Arm,
     page: Page,
     office: Option<Office>,
+    sparkplug: Option<SparkplugNode>,
 }
 
 /// The keys at the top of a cell's file, by which it is distinguished from other files.
-pub const CELL_KEYS: [&str; 16] = [
+pub const CELL_KEYS: [&str; 17] = [
     "store",
     "socket",
     "socket_role",
@@ -153,6 +156,7 @@ pub const CELL_KEYS: [&str; 16] = [
     "keep_out",
     "page",
     "office",
+    "sparkplug",
 ];
 
 impl Cell {
@@ -181,6 +185,7 @@ impl Cell {
         let arm = arm::take_arm(&top.section("arm"), &top.sections("keep_out"));
         let page = page::take_page(folder, &top.section("page"));
         let office = office::take_office(folder, &top.section("office"));
+        let sparkplug = sparkplug::take_sparkplug(folder, &top.section("sparkplug"));
         top.done();
         let store = store?;
         Some(Cell {
@@ -201,6 +206,7 @@ impl Cell {
             arm: arm?,
             page: page?,
             office: office?,
+            sparkplug: sparkplug?,
         })
     }
 
@@ -297,6 +303,11 @@ impl Cell {
     /// The operator's page.
     pub fn page(&self) -> &Page {
         &self.page
+    }
+
+    /// The cell as an edge node of MQTT Sparkplug, where it is one.
+    pub fn sparkplug(&self) -> Option<&SparkplugNode> {
+        self.sparkplug.as_ref()
     }
 
     /// The same cell with its arm corrected as this file says, the one that `[calibration]` names.
