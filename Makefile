@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: browser deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo test test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
+.PHONY: browser sparkplug-peers deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo test test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
@@ -49,12 +49,23 @@ browser:
 	    playwright-core@1.65.1 axe-core@4.14.1 || echo 'playwright-core and axe-core could not be had: the browser test will not run' >&2; \
 	fi
 
+# Host applications of MQTT Sparkplug that other people wrote, for its tests; each in an environment of its own, since they want different
+# versions of the same library. Without python3, pip or the broker mosquitto the tests say that they did not run.
+sparkplug-peers:
+	@for peer in pysparkplug:pysparkplug==0.6.1 wrapper:mqtt-spb-wrapper==2.1.2; do \
+	  folder=target/sparkplug/$${peer%%:*}; \
+	  if [ ! -x $$folder/bin/python3 ]; then \
+	    python3 -m venv $$folder && $$folder/bin/pip install --quiet --disable-pip-version-check $${peer#*:} || \
+	      { rm -rf $$folder; echo "$${peer#*:} could not be had: a test of MQTT Sparkplug will not run" >&2; }; \
+	  fi; \
+	done
+
 demo: setup
 	cargo build --release --locked
 	target/release/panelprep demo --out $(DEMO_OUT)
 
 # Some tests wait for a watchdog or a cable, and some compute: three at a time keep two cores busy.
-test: setup browser
+test: setup browser sparkplug-peers
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
 	RUST_TEST_THREADS=3 cargo test --locked
@@ -91,7 +102,7 @@ mutants: setup $(CARGO_MUTANTS)
 # each. What is found is written to target/fuzz/found; what leads on is kept in target/fuzz/corpus. All crates are built
 # with counters, in a folder of their own: the first build takes some ten minutes.
 SECONDS := 60
-FUZZ_TARGETS := framer wire channel session request recipe cell lens mounts pcd ply clip picture pose tape zivid_settings krl backup worker labels tool office
+FUZZ_TARGETS := framer wire channel session request recipe cell lens mounts pcd ply clip picture pose tape zivid_settings krl backup worker labels tool office sparkplug
 FUZZ_HOST := $(shell rustc -vV 2>/dev/null | sed -n 's/^host: //p')
 FUZZ := target/fuzz/$(FUZZ_HOST)/fuzz/examples/fuzz
 FUZZ_FLAGS := --cfg fuzzing -Cpasses=sancov-module $(addprefix -Cllvm-args=-sanitizer-coverage-,level=4 inline-8bit-counters pc-table trace-compares)

@@ -35,6 +35,7 @@ pub mod force;
 pub mod history;
 pub mod panel;
 pub mod signing;
+pub mod sparkplug;
 pub mod tape;
 
 pub mod calib;

@@ -3,13 +3,16 @@
 use super::targets::CAMERA;
 use panelprep::devices::zivid::wire;
 use panelprep::geometry::ColorPicture;
+use panelprep::sparkplug::{Metric, NodeCommand, Payload, Wire};
 use panelprep::{files, tape};
+use prost::Message as _;
 use serde_json::json;
 use sha2::{Digest, Sha256};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::path::Path;
+use strum::VariantArray;
 
 fn shipped(name: &str) -> Vec<u8> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -304,4 +307,24 @@ pub fn tools() -> Vec<Vec<u8>> {
         "1040 1e2 2 1 0k1040 1 2 1 0k",
         "1040 nan 1 1 0k",
     ])
+}
+
+/// Commands to an edge node of MQTT Sparkplug, and what a host says of itself.
+pub fn node_commands() -> Vec<Vec<u8>> {
+    let metric = |name: Option<&str>, alias, value| Metric {
+        name: name.map(str::to_owned),
+        alias,
+        value,
+        ..Metric::default()
+    };
+    let yes = Some(Wire::Boolean(true));
+    let payload = |metrics| Payload { timestamp: Some(1_700_000_000_000), metrics, seq: None }.encode_to_vec();
+    let all: Vec<_> =
+        NodeCommand::VARIANTS.iter().map(|one| metric(Some(one.name()), one.alias(), yes.clone())).collect();
+    vec![
+        payload(all),
+        payload(vec![metric(None, Some(1_002), yes.clone()), metric(Some("Start"), None, yes)]),
+        payload(vec![metric(Some("Node Control/Stop"), None, Some(Wire::Text("now".to_owned())))]),
+        b"{\"online\":true,\"timestamp\":1700000000000}".to_vec(),
+    ]
 }

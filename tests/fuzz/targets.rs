@@ -13,6 +13,7 @@ use panelprep::force::{Press, Session, SessionLimits};
 use panelprep::geometry::PinholeCamera;
 use panelprep::office::{Assembly, CellState, Chunk, Message};
 use panelprep::recipe::Recipe;
+use panelprep::sparkplug::{Act, CellView, EdgeNode, Event, HostState, Ids, NodeSetup, Now, commands, values};
 use panelprep::{backup, files, krl, labels, tape};
 use std::io::Read;
 use std::time::Duration;
@@ -28,7 +29,7 @@ pub struct Target {
 }
 
 /// All of them.
-pub const TARGETS: [Target; 22] = [
+pub const TARGETS: [Target; 23] = [
     Target { name: "framer", run: framer, seeds: seeds::messages },
     Target { name: "wire", run: messages, seeds: seeds::messages },
     Target { name: "channel", run: channel, seeds: seeds::channels },
@@ -51,6 +52,7 @@ pub const TARGETS: [Target; 22] = [
     Target { name: "labels", run: label, seeds: seeds::labels },
     Target { name: "tool", run: tool, seeds: seeds::tools },
     Target { name: "office", run: office, seeds: seeds::office_parts },
+    Target { name: "sparkplug", run: node, seeds: seeds::node_commands },
 ];
 
 /// The camera of the small pictures and clouds among the seeds.
@@ -297,4 +299,37 @@ fn label(bytes: &[u8]) {
         Err(error) => assert!(!error.to_string().is_empty()),
         Ok(file) => assert_eq!(labels::read(labels::write(&file).as_bytes()).expect("it reads back"), file),
     }
+}
+
+/// A message of an MQTT broker on each topic of a node that is born, three times within a second: at most one request of each kind
+/// comes of it, and nothing but a birth is published.
+fn node(bytes: &[u8]) {
+    let now = |steady_ms| Now { unix_ms: 1_700_000_000_000, steady_ms };
+    let (group_id, edge_node_id) = ("G".to_owned(), "cell".to_owned());
+    let ids = Ids { group_id, edge_node_id, primary_host_id: Some("host".to_owned()) };
+    let mut node = EdgeNode::new(NodeSetup { ids, commands_allowed: true, aliases: true });
+    node.step(Event::Connecting, now(0));
+    node.step(Event::Subscribed, now(0));
+    node.step(Event::Seen(values(&CellView::default())), now(0));
+    let (state, ncmd) = ("spBv1.0/STATE/host", "spBv1.0/G/NCMD/cell");
+    let online = Event::Received { topic: state, payload: br#"{"online":true,"timestamp":1}"#, is_retained: true };
+    node.step(online, now(0));
+    let mut acts = Vec::new();
+    for steady_ms in 1..4 {
+        let messages = [(ncmd, false), (ncmd, true), ("strange", false)];
+        for (topic, is_retained) in messages {
+            acts.extend(node.step(Event::Received { topic, payload: bytes, is_retained }, now(steady_ms)));
+        }
+    }
+    let asked: Vec<_> = acts.iter().filter(|act| matches!(act, Act::Ask { .. })).collect();
+    assert!(asked.iter().enumerate().all(|(place, act)| !asked[..place].contains(act)), "{asked:?}");
+    assert!(acts.iter().filter(|act| matches!(act, Act::Publish(_))).count() <= 1);
+    let told = commands(bytes, true);
+    assert!(!told.is_empty() && told.len() <= 32);
+    for error in told.iter().filter_map(|one| one.as_ref().err()) {
+        assert!((1..1_200).contains(&error.to_string().len()), "{error}");
+    }
+    let is_host = HostState::read(bytes).is_some();
+    let acts = node.step(Event::Received { topic: state, payload: bytes, is_retained: false }, now(5));
+    assert_eq!(acts.iter().any(|act| matches!(act, Act::Note(_))), !is_host, "{acts:?}");
 }

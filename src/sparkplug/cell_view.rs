@@ -1,0 +1,105 @@
+//! What is told of the cell: as the loop says it, and as the store has it.
+
+use crate::cycle::Robot;
+
+/// What the cell shows. What is not known is `None`.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct CellView {
+    /// What the loop says now.
+    pub now: LoopView,
+    /// What the store and the disk say, a little later.
+    pub kept: KeptView,
+}
+
+/// What the loop says now; nothing of it where the loop does not answer.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct LoopView {
+    /// The PackML word of the state.
+    pub state: Option<String>,
+    /// How the robot stands, from which the mode follows.
+    pub robot: Option<Robot>,
+    /// The phase, or the one in which a held cycle goes on.
+    pub phase: Option<String>,
+    /// The cycle that runs, or ran last since the service started.
+    pub cycle: Option<i64>,
+    /// Its panel.
+    pub panel: Option<String>,
+    /// Its abrasions so far.
+    pub pass: Option<u8>,
+    /// How long the film was watched, s, and how long it is to be watched.
+    pub film_s: Option<f64>,
+    /// How long it is to be watched, s.
+    pub film_total_s: Option<f64>,
+    /// Waypoints executed of the path that is under way.
+    pub waypoint: Option<u32>,
+    /// All of its waypoints.
+    pub waypoints: Option<u32>,
+}
+
+/// What the store and the disk say.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct KeptView {
+    /// The part's serial number in the newest cycle.
+    pub serial: Option<String>,
+    /// Its work order.
+    pub work_order: Option<String>,
+    /// The grids on which the film broke last in the newest cycle; `None` before its first valid film.
+    pub failed_grids: Option<Vec<String>>,
+    /// The newest cycle that is over.
+    pub last_cycle: Option<i64>,
+    /// Its verdict.
+    pub last_verdict: Option<&'static str>,
+    /// Alarms that last.
+    pub active_alarms: Option<usize>,
+    /// The code of the one that was raised last.
+    pub newest_alarm: Option<String>,
+    /// Whole hours since the last verification of the 3D camera.
+    pub scanner_verified_h: Option<i64>,
+    /// … of the flange camera.
+    pub flange_camera_verified_h: Option<i64>,
+    /// … of the tool.
+    pub tool_verified_h: Option<i64>,
+    /// What the disc in use has swept, mm².
+    pub disc_worn_mm2: Option<f64>,
+    /// Free room on the store's disk, MB.
+    pub free_mb: Option<u64>,
+    /// Cycles that are over.
+    pub cycles: Option<i64>,
+    /// … of them with the verdict pass.
+    pub passed: Option<i64>,
+    /// Abrasions that began.
+    pub abrasions: Option<i64>,
+}
+
+/// The mode of PackML: in production while the robot is in automatic, in manual while a person has it in T1 or T2; not known while
+/// nothing is heard from it.
+pub(super) fn mode(robot: Option<Robot>) -> Option<(i64, &'static str)> {
+    match robot? {
+        Robot::Unknown | Robot::LinkLost => None,
+        Robot::NotAutomatic => Some((3, "manual")),
+        Robot::Ready | Robot::Restarted | Robot::EmergencyStop | Robot::GuardOpen | Robot::DrivesOff => {
+            Some((1, "production"))
+        }
+    }
+}
+
+/// The number that PackML gives a state, by the word of the state.
+pub(super) fn state_number(word: &str) -> Option<i64> {
+    let all = [
+        ("clearing", 1),
+        ("stopped", 2),
+        ("starting", 3),
+        ("idle", 4),
+        ("execute", 6),
+        ("stopping", 7),
+        ("aborting", 8),
+        ("aborted", 9),
+        ("holding", 10),
+        ("held", 11),
+        ("unholding", 12),
+        ("resetting", 15),
+        ("completing", 16),
+        ("complete", 17),
+    ];
+    all.iter().find(|(known, _)| *known == word).map(|(_, number)| *number)
+}

@@ -1,0 +1,171 @@
+//! Commands to the node: what a message on its command topic asks for, and what of it is refused.
+
+use super::metrics::{METRICS, alias};
+use super::payload::{Metric, Payload, Wire};
+use crate::cycle::Request;
+use prost::Message as _;
+use strum::VariantArray;
+
+/// What a host may ask for. None of it begins a motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, VariantArray)]
+pub enum NodeCommand {
+    /// To tell everything again.
+    Rebirth,
+    /// To hold the cycle.
+    Hold,
+    /// To stop.
+    Stop,
+    /// To abort.
+    Abort,
+}
+
+impl NodeCommand {
+    /// The name of its metric.
+    pub fn name(self) -> &'static str {
+        match self {
+            NodeCommand::Rebirth => "Node Control/Rebirth",
+            NodeCommand::Hold => "Node Control/Hold",
+            NodeCommand::Stop => "Node Control/Stop",
+            NodeCommand::Abort => "Node Control/Abort",
+        }
+    }
+
+    /// Its word in the audit trail.
+    pub fn word(self) -> &'static str {
+        match self {
+            NodeCommand::Rebirth => "rebirth",
+            NodeCommand::Hold => "hold",
+            NodeCommand::Stop => "stop",
+            NodeCommand::Abort => "abort",
+        }
+    }
+
+    /// The alias of its metric; the specification wants none for a rebirth.
+    pub fn alias(self) -> Option<u64> {
+        match self {
+            NodeCommand::Rebirth => None,
+            NodeCommand::Hold => Some(1_001),
+            NodeCommand::Stop => Some(1_002),
+            NodeCommand::Abort => Some(1_003),
+        }
+    }
+
+    /// What the table of the cycle is asked for.
+    pub fn request(self) -> Option<Request> {
+        match self {
+            NodeCommand::Rebirth => None,
+            NodeCommand::Hold => Some(Request::Hold),
+            NodeCommand::Stop => Some(Request::Stop),
+            NodeCommand::Abort => Some(Request::Abort),
+        }
+    }
+
+    /// Those that are offered: all, where commands to the cell are allowed.
+    pub(super) fn offered(commands_allowed: bool) -> impl Iterator<Item = NodeCommand> {
+        let is_offered = move |command: &NodeCommand| commands_allowed || *command == NodeCommand::Rebirth;
+        NodeCommand::VARIANTS.iter().copied().filter(is_offered)
+    }
+}
+
+/// Why something in a command's message is refused.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum CommandError {
+    /// No payload of Sparkplug B.
+    #[error("the message is no Sparkplug B payload: {problem}")]
+    NotAPayload {
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// Too much in one message.
+    #[error("the message has {found} metrics; allowed are up to {MOST_METRICS}")]
+    TooMany {
+        /// How many it has.
+        found: usize,
+    },
+    /// It asks for nothing.
+    #[error("the message has no metric; write true to one of: {allowed}")]
+    Empty {
+        /// What may be written to.
+        allowed: String,
+    },
+    /// A metric that is none, or that is only read.
+    #[error("found the metric {found}; allowed are: {allowed}")]
+    NotWritten {
+        /// Its name or alias.
+        found: String,
+        /// What may be written to.
+        allowed: String,
+    },
+    /// A command that the cell's file does not allow.
+    #[error("{name} is not allowed here: [sparkplug] commands in the cell's file says so")]
+    NotPermitted {
+        /// Its metric.
+        name: &'static str,
+    },
+    /// Another value than true.
+    #[error("{name} was written with another value; allowed is the Boolean true")]
+    NotTrue {
+        /// Its metric.
+        name: &'static str,
+    },
+}
+
+/// More metrics than a host has reason to write at once.
+const MOST_METRICS: usize = 32;
+/// So much of a foreign name is told.
+const MOST_CHARACTERS: usize = 80;
+
+/// What a message on the command topic asks for, each with what is refused of it, in its order.
+pub fn commands(bytes: &[u8], commands_allowed: bool) -> Vec<Result<NodeCommand, CommandError>> {
+    let payload = match Payload::decode(bytes) {
+        Ok(payload) => payload,
+        Err(error) => return vec![Err(CommandError::NotAPayload { problem: error.to_string() })],
+    };
+    if payload.metrics.is_empty() {
+        return vec![Err(CommandError::Empty { allowed: allowed(commands_allowed) })];
+    }
+    if payload.metrics.len() > MOST_METRICS {
+        return vec![Err(CommandError::TooMany { found: payload.metrics.len() })];
+    }
+    payload.metrics.iter().map(|metric| command(metric, commands_allowed)).collect()
+}
+
+fn command(metric: &Metric, commands_allowed: bool) -> Result<NodeCommand, CommandError> {
+    let is_meant = |command: &&NodeCommand| match (&metric.name, metric.alias) {
+        // Where both are given they must agree.
+        (Some(name), Some(alias)) => command.name() == name && command.alias() == Some(alias),
+        (Some(name), None) => command.name() == name,
+        (None, alias) => alias.is_some() && command.alias() == alias,
+    };
+    let Some(command) = NodeCommand::VARIANTS.iter().find(is_meant).copied() else {
+        return Err(CommandError::NotWritten { found: told(metric), allowed: allowed(commands_allowed) });
+    };
+    let name = command.name();
+    if !NodeCommand::offered(commands_allowed).any(|offered| offered == command) {
+        return Err(CommandError::NotPermitted { name });
+    }
+    match metric.value {
+        Some(Wire::Boolean(true)) if metric.is_null != Some(true) => Ok(command),
+        _ => Err(CommandError::NotTrue { name }),
+    }
+}
+
+fn allowed(commands_allowed: bool) -> String {
+    NodeCommand::offered(commands_allowed).map(NodeCommand::name).collect::<Vec<_>>().join(", ")
+}
+
+/// A metric in a message for people: another's bytes go no further than to a limit.
+fn told(metric: &Metric) -> String {
+    let of_alias = |number: u64| METRICS.iter().enumerate().find(|(place, _)| alias(*place) == number);
+    match (&metric.name, metric.alias) {
+        (Some(name), _) => {
+            let name: String = name.chars().take(MOST_CHARACTERS).collect();
+            format!("\"{}\"", name.escape_debug())
+        }
+        (None, Some(number)) => match of_alias(number) {
+            Some((_, known)) => format!("\"{}\", which is only read", known.name),
+            None => format!("with the alias {number}"),
+        },
+        (None, None) => "without name and alias".to_owned(),
+    }
+}

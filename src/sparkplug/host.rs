@@ -1,0 +1,49 @@
+//! The primary host application: without it, where one is named, nothing is published.
+
+use serde::Deserialize;
+
+/// What a host says of itself on its STATE topic, as JSON.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+pub struct HostState {
+    /// Whether it is online.
+    pub online: bool,
+    /// Of which connection it speaks, ms since 1970.
+    pub timestamp: u64,
+}
+
+impl HostState {
+    /// Reads it; `None` where it is not what a host says.
+    pub fn read(bytes: &[u8]) -> Option<Self> {
+        serde_json::from_slice(bytes).ok()
+    }
+}
+
+/// What is known of the primary host. A statement that is older than what was heard before speaks of an earlier connection of the
+/// host and changes nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct PrimaryHost {
+    is_online: bool,
+    /// The newest time of any statement, and of one that said online.
+    newest: Option<u64>,
+    newest_online: Option<u64>,
+}
+
+impl PrimaryHost {
+    pub fn is_online(self) -> bool {
+        self.is_online
+    }
+
+    /// A new connection to the broker: what was heard before says nothing of it but its time.
+    pub fn connected(self) -> Self {
+        PrimaryHost { is_online: false, ..self }
+    }
+
+    pub fn told(self, state: HostState) -> Self {
+        let since = if state.online { self.newest } else { self.newest_online };
+        if since.is_some_and(|since| state.timestamp < since) {
+            return self;
+        }
+        let newest_online = if state.online { Some(state.timestamp) } else { self.newest_online };
+        PrimaryHost { is_online: state.online, newest: self.newest.max(Some(state.timestamp)), newest_online }
+    }
+}

@@ -1,0 +1,29 @@
+//! The cell as an edge node of MQTT Sparkplug B 3.0, without sockets and clocks: what is published, and what a command asks for.
+//!
+//! It is a live view: its data may be lost, and nothing in the cell waits for it. `payload` (protobuf) · `value` · `cell_view` (what is told)
+//! · `metrics` (the table of all that is told) · `topic` · `host` (the primary host) · `command` · `limit` (floods) · `node` (the state
+//! machine). The connection is `daemon/sparkplug`.
+//!
+//! Source: Sparkplug specification, version 3.0.0, Eclipse Foundation, 2022.
+
+mod cell_view;
+mod command;
+mod host;
+mod limit;
+mod metrics;
+mod node;
+mod payload;
+mod topic;
+mod value;
+
+#[cfg(test)]
+mod tests;
+
+pub use cell_view::{CellView, KeptView, LoopView};
+pub use command::{CommandError, NodeCommand, commands};
+pub use host::HostState;
+pub use metrics::{Definition, METRICS, values};
+pub use node::{Act, AuditNote, EdgeNode, Event, Message, NodeSetup, Now};
+pub use payload::{Metric, Payload, Wire};
+pub use topic::Ids;
+pub use value::{DataType, Value};

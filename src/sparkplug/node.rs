@@ -1,0 +1,344 @@
+//! The edge node: what it says to the broker, and what it makes of what comes back. Events in, acts out; it touches no socket and no clock.
+//!
+//! ```text
+//! Connecting ─ Connected ─ (primary host online) ─ NBIRTH ─ NDATA at each change ─ NDEATH
+//! ```
+//!
+//! The death stands at the broker before anything else, as the will of the connection, under the number (`bdSeq`) that the births of
+//! the same connection carry. Births and data are counted by `seq` from 0 to 255 and on from 0.
+
+use super::command::{NodeCommand, commands};
+use super::host::{HostState, PrimaryHost};
+use super::limit::{CommandLimit, LineLimit};
+use super::metrics::{METRICS, alias};
+use super::payload::{Metric, Payload};
+use super::topic::Ids;
+use super::value::{DataType, Value};
+use prost::Message as _;
+
+/// What a node is set up with.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NodeSetup {
+    /// Its names.
+    pub ids: Ids,
+    /// Whether hold, stop and abort are taken.
+    pub commands_allowed: bool,
+    /// Whether data go by alias. Some hosts know no aliases: then each message has names and types.
+    pub aliases: bool,
+}
+
+/// The time, by the clock that people read and by one that never jumps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Now {
+    /// ms since 1970, UTC.
+    pub unix_ms: u64,
+    /// ms since any moment.
+    pub steady_ms: u64,
+}
+
+/// What happens to the node.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Event<'m> {
+    /// A connection to the broker begins; its will is [`EdgeNode::will`] from here on.
+    Connecting,
+    /// The broker has taken all subscriptions.
+    Subscribed,
+    /// The connection is gone.
+    Lost,
+    /// The cell was looked at: the values in the order of [`METRICS`].
+    Seen(Vec<Value>),
+    /// The broker delivered a message.
+    Received {
+        /// Its topic.
+        topic: &'m str,
+        /// Its bytes.
+        payload: &'m [u8],
+        /// Whether the broker had kept it: it may be old.
+        is_retained: bool,
+    },
+    /// The program ends.
+    Leaving,
+}
+
+/// What the node wants done.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Act {
+    /// To publish a message, not retained.
+    Publish(Message),
+    /// To ask the cell, by the same request and gates as every front.
+    Ask {
+        /// For what.
+        command: NodeCommand,
+        /// Whether a line of the audit trail says what came of it.
+        is_noted: bool,
+    },
+    /// To write a line of the audit trail.
+    Note(AuditNote),
+    /// To end the connection, after all that was published, and to begin a new one.
+    Disconnect,
+}
+
+/// A message to the broker.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Message {
+    /// Its topic.
+    pub topic: String,
+    /// Its bytes.
+    pub payload: Vec<u8>,
+    /// The quality of service: 0 for births and data, 1 for a death.
+    pub qos: u8,
+}
+
+/// A line of the audit trail, without time and place.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AuditNote {
+    /// What was attempted.
+    pub what: String,
+    /// What it was attempted on.
+    pub subject: Option<String>,
+    /// Why it was refused; `None` where it was done.
+    pub refused: Option<String>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Session {
+    Offline,
+    /// The subscriptions are there; nothing was published so far.
+    Waiting,
+    Born,
+}
+
+/// The edge node.
+#[derive(Debug, Clone)]
+pub struct EdgeNode {
+    setup: NodeSetup,
+    session: Session,
+    /// The number of this connection, 0 to 255; `None` before the first one.
+    bd_seq: Option<u8>,
+    /// The number of the next message.
+    seq: u8,
+    host: PrimaryHost,
+    /// As the cell was seen last.
+    seen: Option<Vec<Value>>,
+    /// As the broker was told.
+    told: Vec<Value>,
+    commands: CommandLimit,
+    lines: LineLimit,
+}
+
+impl EdgeNode {
+    /// A node that is not connected.
+    pub fn new(setup: NodeSetup) -> Self {
+        EdgeNode {
+            setup,
+            session: Session::Offline,
+            bd_seq: None,
+            seq: 0,
+            host: PrimaryHost::default(),
+            seen: None,
+            told: Vec::new(),
+            commands: CommandLimit::default(),
+            lines: LineLimit::default(),
+        }
+    }
+
+    /// The topics to subscribe to, each with quality of service 1.
+    pub fn subscriptions(&self) -> Vec<String> {
+        let ids = &self.setup.ids;
+        [Some(ids.ncmd()), ids.state()].into_iter().flatten().collect()
+    }
+
+    /// The death of this connection: its will, and what is published where the node leaves by itself.
+    pub fn will(&self, now: Now) -> Message {
+        let payload = Payload {
+            timestamp: Some(now.unix_ms),
+            metrics: vec![self.bd_seq(now)],
+            seq: None, // nobody knows it beforehand
+        };
+        Message { topic: self.setup.ids.ndeath(), payload: payload.encode_to_vec(), qos: 1 }
+    }
+
+    /// Whether the broker was told a birth in this connection.
+    pub fn is_born(&self) -> bool {
+        self.session == Session::Born
+    }
+
+    /// Whether a rebirth is due, and data are kept back until then.
+    pub fn waits_for_rebirth(&self) -> bool {
+        self.commands.waits(NodeCommand::Rebirth)
+    }
+
+    /// One event, and all that follows of it.
+    pub fn step(&mut self, event: Event<'_>, now: Now) -> Vec<Act> {
+        let mut acts = match event {
+            Event::Connecting => {
+                self.bd_seq = Some(self.bd_seq.map_or(0, |last| last.wrapping_add(1)));
+                (self.session, self.host) = (Session::Offline, self.host.connected());
+                vec![]
+            }
+            Event::Subscribed => {
+                self.session = Session::Waiting;
+                vec![]
+            }
+            Event::Lost => {
+                self.session = Session::Offline;
+                vec![]
+            }
+            Event::Seen(values) => {
+                self.seen = Some(values);
+                self.after_a_while(now)
+            }
+            Event::Received { topic, payload, is_retained } => self.received((topic, payload, is_retained), now),
+            Event::Leaving => self.die(now),
+        };
+        acts.extend(self.told(now));
+        acts
+    }
+
+    fn bd_seq(&self, now: Now) -> Metric {
+        let number = Value::whole(self.bd_seq);
+        Metric::of(&number, now.unix_ms).named("bdSeq", DataType::Int64)
+    }
+
+    /// What the broker is told now: a birth where it knows nothing yet, else what has changed.
+    fn told(&mut self, now: Now) -> Option<Act> {
+        let may_publish = self.setup.ids.primary_host_id.is_none() || self.host.is_online();
+        match self.session {
+            Session::Waiting if may_publish => self.birth(now),
+            // Between a rebirth that is asked for and the birth no data go out.
+            Session::Born if !self.waits_for_rebirth() => self.data(now),
+            _ => None,
+        }
+    }
+
+    fn birth(&mut self, now: Now) -> Option<Act> {
+        let seen = self.seen.clone()?;
+        let Now { unix_ms, .. } = now;
+        let of_cell = METRICS.iter().zip(&seen).enumerate().map(|(place, (metric, value))| {
+            self.aliased(Metric::of(value, unix_ms).named(metric.name, metric.datatype), Some(alias(place)))
+        });
+        let written = NodeCommand::offered(self.setup.commands_allowed).map(|command| {
+            let metric = Metric::of(&Value::Truth(false), unix_ms).named(command.name(), DataType::Boolean);
+            self.aliased(metric, command.alias())
+        });
+        let metrics: Vec<_> = [self.bd_seq(now)].into_iter().chain(written).chain(of_cell).collect();
+        (self.session, self.seq, self.told) = (Session::Born, 0, seen);
+        self.commands.forget(NodeCommand::Rebirth);
+        Some(self.counted(self.setup.ids.nbirth(), metrics, now))
+    }
+
+    fn data(&mut self, now: Now) -> Option<Act> {
+        let seen = self.seen.as_ref()?;
+        let changed = METRICS.iter().zip(seen.iter().zip(&self.told)).enumerate();
+        let changed = changed.filter(|(_, (_, (seen, told)))| seen != told).map(|(place, (metric, (value, _)))| {
+            let value = Metric::of(value, now.unix_ms);
+            match self.setup.aliases {
+                true => value.with_alias(alias(place)),
+                false => value.named(metric.name, metric.datatype),
+            }
+        });
+        let metrics: Vec<_> = changed.collect();
+        if metrics.is_empty() {
+            return None;
+        }
+        self.told.clone_from(seen);
+        Some(self.counted(self.setup.ids.ndata(), metrics, now))
+    }
+
+    fn aliased(&self, metric: Metric, alias: Option<u64>) -> Metric {
+        match alias.filter(|_| self.setup.aliases) {
+            Some(alias) => metric.with_alias(alias),
+            None => metric,
+        }
+    }
+
+    fn counted(&mut self, topic: String, metrics: Vec<Metric>, now: Now) -> Act {
+        let payload = Payload { timestamp: Some(now.unix_ms), metrics, seq: Some(u64::from(self.seq)) };
+        self.seq = self.seq.wrapping_add(1);
+        Act::Publish(Message { topic, payload: payload.encode_to_vec(), qos: 0 })
+    }
+
+    /// The end of a session by the node itself.
+    fn die(&mut self, now: Now) -> Vec<Act> {
+        let was = std::mem::replace(&mut self.session, Session::Offline);
+        let death = (was == Session::Born).then(|| Act::Publish(self.will(now)));
+        death.into_iter().chain([Act::Disconnect]).collect()
+    }
+
+    fn received(&mut self, (topic, payload, is_retained): (&str, &[u8], bool), now: Now) -> Vec<Act> {
+        if self.setup.ids.state().is_some_and(|state| state == topic) {
+            return self.host_told(payload, now);
+        }
+        if topic != self.setup.ids.ncmd() {
+            let topic: String = topic.chars().take(100).collect();
+            let refused = "the node has not subscribed to this topic".to_owned();
+            return self.refuse("message", Some(topic.escape_debug().to_string()), refused);
+        }
+        if is_retained {
+            let refused = "the broker had kept this command, so that nobody knows how old it is; a command is sent without \
+                           the retain flag";
+            return self.refuse("command", None, refused.to_owned());
+        }
+        let asked = commands(payload, self.setup.commands_allowed);
+        asked
+            .into_iter()
+            .flat_map(|asked| match asked {
+                Ok(command) => self.asked(command, now),
+                Err(error) => self.refuse("command", None, error.to_string()),
+            })
+            .collect()
+    }
+
+    fn asked(&mut self, command: NodeCommand, now: Now) -> Vec<Act> {
+        if command == NodeCommand::Rebirth && self.session != Session::Born {
+            let refused = "nothing is published while the primary host is offline".to_owned();
+            return self.refuse(command.word(), None, refused);
+        }
+        match self.commands.asked(command, now.steady_ms) {
+            true => self.pass_on(command, now),
+            false => vec![],
+        }
+    }
+
+    fn pass_on(&mut self, command: NodeCommand, now: Now) -> Vec<Act> {
+        let is_noted = self.lines.allows(false);
+        if command != NodeCommand::Rebirth {
+            return vec![Act::Ask { command, is_noted }];
+        }
+        let note = AuditNote { what: command.word().to_owned(), subject: None, refused: None };
+        let note = is_noted.then_some(Act::Note(note));
+        self.birth(now).into_iter().chain(note).collect()
+    }
+
+    fn refuse(&mut self, what: &str, subject: Option<String>, refused: String) -> Vec<Act> {
+        let note = AuditNote { what: what.to_owned(), subject, refused: Some(refused) };
+        self.lines.allows(true).then_some(Act::Note(note)).into_iter().collect()
+    }
+
+    fn host_told(&mut self, payload: &[u8], now: Now) -> Vec<Act> {
+        let Some(state) = HostState::read(payload) else {
+            let refused = "the primary host's state is no JSON object with \"online\" and \"timestamp\"".to_owned();
+            return self.refuse("host state", None, refused);
+        };
+        self.host = self.host.told(state);
+        // A node that has published nothing yet goes on waiting where it is: there is one broker alone.
+        match self.session == Session::Born && !self.host.is_online() {
+            true => self.die(now),
+            false => vec![],
+        }
+    }
+
+    fn after_a_while(&mut self, now: Now) -> Vec<Act> {
+        let mut acts = Vec::new();
+        for command in self.commands.due(now.steady_ms) {
+            let may = command != NodeCommand::Rebirth || self.session == Session::Born;
+            acts.extend(may.then(|| self.pass_on(command, now)).into_iter().flatten());
+        }
+        if let Some(left_out) = self.lines.minute_over(now.steady_ms) {
+            let refused = format!("{left_out} further messages of the last minute have no line of their own");
+            let note = AuditNote { what: "flood".to_owned(), subject: None, refused: Some(refused) };
+            acts.push(Act::Note(note));
+        }
+        acts
+    }
+}

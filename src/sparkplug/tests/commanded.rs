@@ -1,0 +1,144 @@
+//! Commands: what is taken, what is refused, and what a flood comes to.
+
+use super::super::*;
+use super::{at, born, published, shown};
+use prost::Message as _;
+
+/// A message that writes this to a metric.
+fn written(name: Option<&str>, alias: Option<u64>, value: Option<Wire>) -> Vec<u8> {
+    let metric = Metric { name: name.map(str::to_owned), alias, value, ..Metric::default() };
+    Payload { timestamp: Some(5), metrics: vec![metric], seq: None }.encode_to_vec()
+}
+
+fn yes(name: &str) -> Vec<u8> {
+    written(Some(name), None, Some(Wire::Boolean(true)))
+}
+
+fn told(node: &mut EdgeNode, payload: &[u8], ms: u64) -> Vec<Act> {
+    node.step(Event::Received { topic: "spBv1.0/G/NCMD/cell", payload, is_retained: false }, at(ms))
+}
+
+fn refusal(acts: &[Act]) -> String {
+    let [Act::Note(AuditNote { refused: Some(why), .. })] = acts else { panic!("{acts:?}") };
+    why.clone()
+}
+
+/// Each command under its name, its alias and both; a start is none of them.
+#[test]
+fn allowed_commands_are_asked_for() {
+    for (command, alias) in [(NodeCommand::Hold, 1_001), (NodeCommand::Stop, 1_002), (NodeCommand::Abort, 1_003)] {
+        let (name, yes) = (command.name(), Some(Wire::Boolean(true)));
+        for (name, alias) in [(Some(name), None), (None, Some(alias)), (Some(name), Some(alias))] {
+            let acts = told(&mut born(true), &written(name, alias, yes.clone()), 1);
+            assert_eq!(acts, [Act::Ask { command, is_noted: true }]);
+        }
+        let why = refusal(&told(&mut born(false), &self::yes(name), 1));
+        assert!(why.contains("is not allowed here") && why.contains(name), "{why}");
+    }
+    for name in ["Node Control/Start", "Node Control/Reset", "Node Control/Clear", "Node Control/Unhold", "Start"] {
+        let why = refusal(&told(&mut born(true), &yes(name), 1));
+        assert!(why.contains("allowed are: Node Control/Rebirth, Node Control/Hold"), "{why}");
+    }
+}
+
+#[test]
+fn a_rebirth_tells_everything_again_under_the_same_number() {
+    let mut node = born(false);
+    node.step(Event::Seen(shown("held")), at(10));
+    let acts = told(&mut node, &yes("Node Control/Rebirth"), 20);
+    let [(kind, birth)] = &published(&acts)[..] else { panic!("{acts:?}") };
+    assert_eq!((kind.as_str(), birth.seq), ("NBIRTH", Some(0)));
+    assert!(birth.metrics.iter().any(|one| one.value == Some(Wire::Text("held".to_owned()))));
+    assert!(matches!(&acts[1], Act::Note(AuditNote { what, refused: None, .. }) if what == "rebirth"), "{acts:?}");
+
+    // Asked for again at once it waits, and no data go out before it.
+    assert_eq!(told(&mut node, &yes("Node Control/Rebirth"), 30), []);
+    assert_eq!(node.step(Event::Seen(shown("idle")), at(500)), []);
+    let acts = node.step(Event::Seen(shown("idle")), at(1_020));
+    assert_eq!(published(&acts).iter().map(|(kind, _)| kind.as_str()).collect::<Vec<_>>(), ["NBIRTH"]);
+    let acts = node.step(Event::Seen(shown("held")), at(1_500));
+    assert_eq!(published(&acts)[0].1.seq, Some(1), "and on it goes");
+}
+
+/// Every other message asks for nothing, and its line says why.
+#[test]
+fn other_messages_are_refused() {
+    let stop = NodeCommand::Stop.name();
+    let null = Metric {
+        name: Some(stop.to_owned()),
+        is_null: Some(true),
+        value: Some(Wire::Boolean(true)),
+        ..Metric::default()
+    };
+    let of = |metrics| Payload { timestamp: None, metrics, seq: None }.encode_to_vec();
+    let cases: [(Vec<u8>, &str); 12] = [
+        (vec![], "no metric"),
+        (b"stop".to_vec(), "no Sparkplug B payload"),
+        (vec![0xff; 40], "no Sparkplug B payload"),
+        (of(vec![Metric::default(); 33]), "has 33 metrics; allowed are up to 32"),
+        (of(vec![Metric::default()]), "without name and alias"),
+        (of(vec![null]), "allowed is the Boolean true"),
+        (written(Some(stop), None, Some(Wire::Boolean(false))), "allowed is the Boolean true"),
+        (written(Some(stop), None, Some(Wire::Int(1))), "allowed is the Boolean true"),
+        (written(Some(stop), None, None), "allowed is the Boolean true"),
+        (written(Some(stop), Some(1_001), Some(Wire::Boolean(true))), "found the metric"),
+        (written(None, Some(2), Some(Wire::Boolean(true))), "\"State/number\", which is only read"),
+        (written(None, Some(999), Some(Wire::Boolean(true))), "with the alias 999"),
+    ];
+    for (payload, words) in cases {
+        let why = refusal(&told(&mut born(true), &payload, 1));
+        assert!(why.contains(words), "{words}: {why}");
+    }
+    let long = "\u{1b}[31m".repeat(1_000);
+    let why = refusal(&told(&mut born(true), &yes(&long), 1));
+    assert!(why.len() < 1_000 && !why.contains('\u{1b}'), "{why}");
+}
+
+/// A command that the broker kept may be of yesterday; a topic that nobody asked for is the broker's own idea.
+#[test]
+fn a_broker_that_lies_is_not_believed() {
+    let payload = yes(NodeCommand::Stop.name());
+    let topic = "spBv1.0/G/NCMD/cell";
+    let acts = born(true).step(Event::Received { topic, payload: &payload, is_retained: true }, at(1));
+    assert!(refusal(&acts).contains("nobody knows how old it is"));
+    for topic in
+        ["spBv1.0/G/NCMD/other", "spBv1.0/G/DCMD/cell/x", "spBv1.0/G/NBIRTH/cell", "", "spBv1.0/STATE/scada"]
+    {
+        let acts = born(true).step(Event::Received { topic, payload: &payload, is_retained: false }, at(1));
+        assert!(refusal(&acts).contains("has not subscribed"), "{topic}");
+    }
+}
+
+/// Ten thousand stops and ten thousand messages without sense in ten seconds: the cell is asked once a second at most, the last stop
+/// is not lost, and the audit trail has a bounded number of lines and one that counts the others.
+#[test]
+fn a_flood_is_bounded_and_swallows_no_stop() {
+    let mut node = born(true);
+    let (mut asked, mut notes) = (vec![], vec![]);
+    let mut keep = |acts: Vec<Act>, ms: u64| {
+        for act in acts {
+            match act {
+                Act::Ask { command, .. } => asked.push((command, ms)),
+                Act::Note(note) => notes.push(note),
+                _ => {}
+            }
+        }
+    };
+    for ms in 0..10_000 {
+        keep(told(&mut node, &yes(NodeCommand::Stop.name()), ms), ms);
+        keep(told(&mut node, b"nonsense", ms), ms);
+        if ms % 500 == 0 {
+            keep(node.step(Event::Seen(shown("idle")), at(ms)), ms);
+        }
+    }
+    keep(node.step(Event::Seen(shown("idle")), at(10_500)), 10_500);
+    assert!(asked.iter().all(|(command, _)| *command == NodeCommand::Stop));
+    assert!((10..=11).contains(&asked.len()), "{asked:?}");
+    assert_eq!(asked[0].1, 0, "the first one goes on at once");
+    assert!(asked.last().is_some_and(|(_, ms)| *ms >= 9_999), "and so does the last one: {asked:?}");
+    assert_eq!(notes.len(), 20);
+    let acts = node.step(Event::Seen(shown("idle")), at(60_000));
+    let why = refusal(&acts);
+    assert!(why.starts_with("9980 further messages"), "{why}");
+    assert!(told(&mut node, b"nonsense", 60_001).len() == 1, "a new minute");
+}

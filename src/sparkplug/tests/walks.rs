@@ -1,0 +1,149 @@
+//! Random walks: whatever happens in whatever order, what the broker hears is a session of Sparkplug.
+
+use super::super::*;
+use super::{at, metric, node, published, shown};
+use proptest::prelude::*;
+use prost::Message as _;
+
+/// A step of a walk.
+#[derive(Debug, Clone)]
+enum Step {
+    Connect,
+    Subscribed,
+    Lose,
+    See(u8),
+    Host { online: bool, timestamp: u64 },
+    Rebirth,
+    Bytes(Vec<u8>),
+    Leave,
+}
+
+/// Mostly what a healthy broker does next, so that the walk comes to births and data.
+fn step() -> impl Strategy<Value = Step> {
+    prop_oneof![
+        3 => Just(Step::Connect),
+        3 => Just(Step::Subscribed),
+        1 => Just(Step::Lose),
+        8 => (0..4_u8).prop_map(Step::See),
+        4 => (any::<bool>(), 0..20_u64).prop_map(|(online, timestamp)| Step::Host { online, timestamp }),
+        2 => Just(Step::Rebirth),
+        1 => proptest::collection::vec(any::<u8>(), 0..40).prop_map(Step::Bytes),
+        1 => Just(Step::Leave),
+    ]
+}
+
+/// What a host application makes of the messages of one connection.
+#[derive(Default)]
+struct Host {
+    /// The number of the will.
+    bd_seq: u64,
+    born: bool,
+    seq: u64,
+    values: Vec<Option<Wire>>,
+}
+
+impl Host {
+    fn hears(&mut self, kind: &str, payload: &Payload) {
+        match kind {
+            "NBIRTH" => {
+                assert_eq!(payload.seq, Some(0));
+                assert_eq!(metric(payload, "bdSeq").value, Some(Wire::Long(self.bd_seq)));
+                (self.born, self.seq) = (true, 0);
+                self.values = METRICS.iter().map(|one| metric(payload, one.name).value.clone()).collect();
+            }
+            "NDATA" => {
+                assert!(self.born, "data before a birth");
+                self.seq = (self.seq + 1) % 256;
+                assert_eq!(payload.seq, Some(self.seq));
+                assert!(!payload.metrics.is_empty());
+                for one in &payload.metrics {
+                    let place = one.alias.expect("an alias") as usize - 1;
+                    assert_ne!(self.values[place], one.value, "it did not change");
+                    self.values[place].clone_from(&one.value);
+                }
+            }
+            "NDEATH" => {
+                assert!(self.born, "a death without a birth");
+                assert_eq!((payload.seq, payload.metrics.len()), (None, 1));
+                assert_eq!(metric(payload, "bdSeq").value, Some(Wire::Long(self.bd_seq)));
+                self.born = false;
+            }
+            other => panic!("{other}"),
+        }
+    }
+}
+
+const STATES: [&str; 4] = ["idle", "execute", "held", "complete"];
+
+proptest! {
+    #[test]
+    fn the_broker_hears_a_session(
+        with_host in any::<bool>(),
+        walk in proptest::collection::vec((step(), 0..800_u64), 1..120),
+    ) {
+        let mut node = node(with_host.then_some("scada"), true, true);
+        let (mut host, mut ms, mut connected) = (Host::default(), 0, false);
+        // The newest state that was seen, and whether the primary host has said that it is online since the connection began.
+        let (mut seen, mut online) = (None, false);
+        for (step, passed) in walk {
+            ms += passed;
+            let ncmd = "spBv1.0/G/NCMD/cell";
+            let rebirth = Metric {
+                name: Some("Node Control/Rebirth".to_owned()),
+                value: Some(Wire::Boolean(true)),
+                ..Metric::default()
+            };
+            let bytes = match &step {
+                Step::Host { online, timestamp } => {
+                    format!("{{\"online\":{online},\"timestamp\":{timestamp}}}").into_bytes()
+                }
+                Step::Rebirth => Payload { timestamp: None, metrics: vec![rebirth], seq: None }.encode_to_vec(),
+                Step::Bytes(bytes) => bytes.clone(),
+                _ => vec![],
+            };
+            let payload = &bytes[..];
+            let event = match &step {
+                Step::Connect if connected => continue,
+                Step::Connect => Event::Connecting,
+                Step::Subscribed if !connected || node.is_born() => continue,
+                Step::Subscribed => Event::Subscribed,
+                Step::Lose => Event::Lost,
+                Step::See(state) => {
+                    seen = Some(STATES[usize::from(*state)]);
+                    Event::Seen(shown(STATES[usize::from(*state)]))
+                }
+                Step::Host { .. } | Step::Rebirth | Step::Bytes(_) if !connected => continue,
+                Step::Host { online: is_online, .. } => {
+                    online |= *is_online;
+                    Event::Received { topic: "spBv1.0/STATE/scada", payload, is_retained: false }
+                }
+                Step::Rebirth | Step::Bytes(_) => Event::Received { topic: ncmd, payload, is_retained: false },
+                Step::Leave => Event::Leaving,
+            };
+            let begins = event == Event::Connecting;
+            let ends = matches!(event, Event::Lost | Event::Leaving);
+            let acts = node.step(event, at(ms));
+            if begins {
+                let will = Payload::decode(&*node.will(at(ms)).payload).expect("a payload");
+                let Some(Wire::Long(bd_seq)) = metric(&will, "bdSeq").value else { panic!("{will:?}") };
+                (host, connected, online) = (Host { bd_seq, ..Host::default() }, true, false);
+            }
+            for (kind, payload) in published(&acts) {
+                prop_assert!(connected, "{kind} without a connection");
+                prop_assert!(!with_host || online || kind == "NDEATH", "{kind} without its host");
+                host.hears(&kind, &payload);
+            }
+            // At each look a host that listens knows everything.
+            if host.born && matches!(step, Step::See(_)) {
+                let word = METRICS.iter().position(|one| one.name == "State/word").expect("it is there");
+                let told = host.values[word].clone();
+                let lags = told != seen.map(|state| Wire::Text(state.to_owned()));
+                // Only a rebirth that waits for its time keeps data back.
+                prop_assert!(!lags || node.waits_for_rebirth());
+            }
+            if ends || acts.contains(&Act::Disconnect) {
+                (connected, host.born) = (false, false);
+            }
+        }
+    }
+}
