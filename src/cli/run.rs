@@ -19,7 +19,8 @@ use crate::daemon::{
     self, Alarms, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, OfficeParts,
     OfficeSender, OfficeStatus, OperatorPage, PageParts, People, Ports, PreparedCycle, RecordIn, Recorded,
     RecordedPort, Recording, RecordingSwitch, Request, RequestHandler, RequestQueue, RequestSender, Requester as _,
-    ServiceParts, SetupSource, SharedCameras, Socket, StartRequest, StoreRecord, WrittenPage,
+    ServiceParts, SetupSource, SharedCameras, Socket, SparkplugEdge, SparkplugParts, StartRequest,
+    StoreRecord, WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::record::{CycleId, RecordingFile};
@@ -77,6 +78,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let fronts = Fronts::new(&files, common, gateway.clone(), &office);
     let page = operator_page(&files, &fronts, view.clone())?;
     let office = office_sender((&files, common), gateway, office)?;
+    let sparkplug = edge_node(&files, &fronts)?;
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
     let written = WrittenPage::default();
@@ -118,7 +120,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     }
     let ended = ended.map_err(Fault::of_loop)?;
     // The page's connections to the store end before the store's own one, which then leaves a database without a log.
-    drop((socket, page, office, fronts, person));
+    drop((socket, page, office, sparkplug, fronts, person));
     #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
     let ended = ended.state;
@@ -144,6 +146,20 @@ impl Fronts {
             setup: Arc::new(FolderSource::new(files, common, office)),
         }
     }
+}
+
+/// Connects the cell to its MQTT broker, where the cell's file names one.
+fn edge_node(files: &CellFiles, fronts: &Fronts) -> Result<Option<SparkplugEdge>, Fault> {
+    let Some(node) = files.cell.sparkplug().cloned() else { return Ok(None) };
+    tracing::info!("MQTT Sparkplug: edge node {} of the group {}", node.edge_node_id, node.group_id);
+    let parts = SparkplugParts {
+        node,
+        gateway: fronts.gateway.clone(),
+        people: fronts.people.clone(),
+        alarms: fronts.alarms.clone(),
+        setup: fronts.setup.clone(),
+    };
+    SparkplugEdge::serve(parts).map(Some).map_err(Fault::stage)
 }
 
 /// Serves the operator's page, where the cell's file names an address for it.

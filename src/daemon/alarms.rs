@@ -67,6 +67,21 @@ impl Alarms {
         Ok(all)
     }
 
+    /// Those that last, in the order in which they were raised. An alarm of a cycle is gone when the next one begins, so that only
+    /// the newest cycle can have any.
+    ///
+    /// # Errors
+    /// Where the store cannot be read.
+    pub fn lasting(&self, store: &Store) -> Result<Vec<Alarm>, StoreError> {
+        let mut all = self.standing.alarms(&[]);
+        if let Some(newest) = store.last_cycle()? {
+            all.extend(store.alarms(newest)?);
+        }
+        all.retain(Alarm::is_active);
+        all.sort_by_key(|alarm| alarm.raised_unix_ms);
+        Ok(all)
+    }
+
     /// Looks at the cell, where nobody has within the last minute; a camera may take its time.
     pub fn look(&self, setup: &dyn SetupSource, cameras: Option<&SharedCameras>) {
         {

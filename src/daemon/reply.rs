@@ -1,6 +1,7 @@
 //! The reply to a request.
 
 use super::replay::Recorded;
+use crate::cycle::Robot;
 use crate::panel::GridId;
 use crate::verdict::{Reason, Verdict};
 use serde::{Deserialize, Serialize};
@@ -67,12 +68,12 @@ pub struct Reply {
     pub done: Option<String>,
     /// Why it was refused, or why the cell is in this state.
     pub reasons: Vec<Reason>,
-    /// For the operator's page alone: it goes through no socket.
+    /// For the operator's page and the plant: it goes through no socket.
     #[serde(skip)]
     pub extras: Extras,
 }
 
-/// What only the operator's page shows.
+/// What only the operator's page and the plant show.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Extras {
     /// Words of the requests that the table would take now.
@@ -83,6 +84,8 @@ pub struct Extras {
     pub film_total_s: Option<f64>,
     /// Whether the cycle waits for a person's word on a result.
     pub is_review: bool,
+    /// How the robot stands.
+    pub robot: Option<Robot>,
 }
 
 impl Reply {

@@ -173,7 +173,7 @@ impl RequestHandler {
         }
     }
 
-    /// What only the operator's page shows.
+    /// What only the operator's page and the plant show.
     fn extras(&self, state: &State) -> Extras {
         use cycle::Request::{Abort, Accept, AirRun, Clear, Hold, Reset, Start, Stop, Unhold};
         let start = Start { max_passes: 1, max_moves: 0 };
@@ -186,7 +186,8 @@ impl RequestHandler {
         let mut possible: Vec<_> = asked.into_iter().filter(is_taken).map(words::request_word).collect();
         possible.extend(state.at.rests().then_some("new-disc"));
         let is_review = matches!(state.at, At::Held(hold) if hold.why == cycle::Why::Review);
-        Extras { possible, grids: self.grids.clone(), film_total_s: self.film_total_s, is_review }
+        let robot = Some(state.facts.robot);
+        Extras { possible, grids: self.grids.clone(), film_total_s: self.film_total_s, is_review, robot }
     }
 
     /// Why the cell is in this state, and what was last found wrong.

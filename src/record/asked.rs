@@ -55,6 +55,8 @@ pub enum Front {
     Page,
     /// The command that runs one cycle.
     Command,
+    /// A host application, by MQTT Sparkplug.
+    Sparkplug,
     /// SIGTERM or SIGINT.
     Signal,
     /// The program by itself, such as a reset whose self-test failed.
@@ -91,6 +93,7 @@ impl std::fmt::Display for Who {
                 };
             }
             Front::Command => "who ran the command",
+            Front::Sparkplug => return f.write_str("a host application by MQTT Sparkplug; which one is not known"),
             Front::Signal => return f.write_str("a signal to the program; who sent it is not known"),
             Front::Program => return f.write_str("the program itself"),
         };

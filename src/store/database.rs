@@ -104,7 +104,8 @@ impl Store {
         }
     }
 
-    pub(super) fn folder(&self) -> &Path {
+    /// Its folder.
+    pub fn folder(&self) -> &Path {
         self.path().parent().unwrap_or(Path::new("."))
     }
 

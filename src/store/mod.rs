@@ -64,6 +64,7 @@ pub use incidents::Incident;
 pub use key_file::{KeyPlace, cell_key, public_keys};
 pub use lease::Lease;
 pub use passes::PassesOfCycle;
+pub use past::CycleCounts;
 pub use people::NumberedEntry;
 pub use prune::Pruned;
 pub use signatures::{PersonSigns, SignatureRow};

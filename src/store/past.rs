@@ -6,7 +6,32 @@ use crate::history::{DiscWear, PastCycle, TrendPoint};
 use crate::record::CycleId;
 use crate::verdict::Limit;
 
+/// How many cycles there were.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct CycleCounts {
+    /// Cycles that are over.
+    pub ended: i64,
+    /// … of them with the verdict pass.
+    pub passed: i64,
+    /// Paths in contact that began.
+    pub contacts: i64,
+}
+
 impl Store {
+    /// How many cycles there were.
+    ///
+    /// # Errors
+    /// Where they cannot be read.
+    pub fn cycle_counts(&self) -> Result<CycleCounts, StoreError> {
+        let sql = "SELECT (SELECT count(*) FROM cycles WHERE verdict IS NOT NULL),
+            (SELECT count(*) FROM cycles WHERE verdict = 'pass'),
+            (SELECT count(*) FROM motions WHERE motion ->> 'path' = 'contact')";
+        let counts = |row: &rusqlite::Row<'_>| {
+            Ok(CycleCounts { ended: row.get(0)?, passed: row.get(1)?, contacts: row.get(2)? })
+        };
+        self.connection.query_row(sql, [], counts).map_err(|error| self.failed("count the cycles of", &error))
+    }
+
     /// A cycle with its part and what it did to the disc.
     ///
     /// # Errors

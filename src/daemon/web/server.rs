@@ -12,6 +12,7 @@ use super::watching;
 use super::words::Words;
 use crate::cell;
 use crate::daemon::alarms::Alarms;
+use crate::daemon::background::step_back;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::live_view::LiveView;
 use crate::daemon::people::People;
@@ -44,8 +45,6 @@ const AGAIN: Duration = Duration::from_secs(1);
 const GONE: Duration = Duration::from_secs(30);
 /// Threads that wait for the store's disk, hash passwords and encode pictures.
 const BLOCKING: usize = 4;
-/// How far the page steps back behind the loop and the robot's link.
-const NICE: i32 = 5;
 
 /// What the page is made of.
 pub struct PageParts {
@@ -159,14 +158,6 @@ fn words(page: &cell::Page) -> Result<Words, PageError> {
     };
     let file = page.words.clone().unwrap_or_default();
     Words::read(more.as_deref()).map_err(|error| PageError::file(&file, error))
-}
-
-fn step_back() {
-    #[expect(
-        clippy::let_underscore_must_use,
-        reason = "where it is not permitted, the system shares out as it does"
-    )]
-    let _ = rustix::process::setpriority_process(None, NICE);
 }
 
 fn run(

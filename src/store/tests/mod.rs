@@ -1,5 +1,6 @@
 mod contacts;
 mod copies;
+mod counts;
 mod cycles;
 mod discs;
 mod evidence;

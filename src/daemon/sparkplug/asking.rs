@@ -1,0 +1,47 @@
+//! What a host asks of the cell, and the line of the audit trail that says what came of it.
+
+use crate::accounts::{AuditEntry, Role};
+use crate::daemon::gateway::Gateway;
+use crate::daemon::people::People;
+use crate::daemon::reply::Exit;
+use crate::daemon::request::What;
+use crate::record::{Front, Who};
+use crate::sparkplug::{AuditNote, NodeCommand};
+use std::sync::Arc;
+
+/// Where commands and lines of the audit trail go.
+#[derive(Clone)]
+pub(super) struct Asking {
+    pub gateway: Gateway,
+    pub people: Arc<People>,
+    /// From where they come, in the audit trail.
+    pub from: String,
+}
+
+impl Asking {
+    /// Asks the cell, by the same request and gates as the operator's page, and keeps what came of it.
+    pub async fn ask(self, command: NodeCommand, is_noted: bool) {
+        let Some(request) = command.request() else { return };
+        let reply = self.gateway.request(What::Table(request), Who::by(Front::Sparkplug)).await;
+        let reasons: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
+        let refused = (reply.answer != Exit::Done).then(|| reasons.join("; "));
+        let subject = reply.cycle_id.map(|cycle| format!("cycle {cycle}"));
+        if is_noted {
+            self.note(AuditNote { what: command.word().to_owned(), subject, refused }).await;
+        }
+    }
+
+    /// Keeps a line of the audit trail, on a thread that may wait for the disk.
+    pub async fn note(self, note: AuditNote) {
+        let AuditNote { what, subject, refused } = note;
+        // The role by which the cell's file lets hosts ask; who of them asked nobody knows.
+        let role = refused.is_none().then_some(Role::Operator);
+        let (who, from) = (None, self.from.clone());
+        let entry = AuditEntry { unix_ms: 0, who, role, from, what, subject, before: None, after: None, refused };
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "a line that cannot be kept stands in the service's log"
+        )]
+        let _ = tokio::task::spawn_blocking(move || self.people.audit(&entry)).await;
+    }
+}

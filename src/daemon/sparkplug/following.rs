@@ -1,0 +1,118 @@
+//! How the cell stands, for the broker: the loop is asked twice a second, and the store where something has changed or a minute
+//! has passed.
+
+use crate::daemon::alarms::Alarms;
+use crate::daemon::clock::now_unix_ms;
+use crate::daemon::gateway::Gateway;
+use crate::daemon::people::People;
+use crate::daemon::reply::Reply;
+use crate::daemon::request::What;
+use crate::daemon::setup_source::SetupSource;
+use crate::history::{Query, summary};
+use crate::record::{Front, Who};
+use crate::sparkplug::{CellView, KeptView, LoopView};
+use crate::store::{Store, StoreError, free_mb};
+use crate::verdict::Verdict;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::sync::watch;
+use tokio::time::sleep;
+
+/// The loop is asked so often.
+const EVERY: Duration = Duration::from_millis(500);
+/// The store is read at least so often: the record of a cycle's end may come a little after its state, and ages go on.
+const STORE_EVERY: Duration = Duration::from_secs(10);
+
+/// What the view is made of.
+pub(super) struct Followed {
+    pub gateway: Gateway,
+    pub people: Arc<People>,
+    pub alarms: Arc<Alarms>,
+    pub setup: Arc<dyn SetupSource>,
+}
+
+/// Looks at the cell again and again, until nobody listens.
+pub(super) async fn follow(followed: Arc<Followed>, tell: watch::Sender<Option<CellView>>) {
+    let (mut kept, mut read) = (KeptView::default(), None::<(Instant, LoopView)>);
+    while !tell.is_closed() {
+        let reply = followed.gateway.request(What::State, Who::by(Front::Sparkplug)).await;
+        let now = loop_view(reply);
+        let is_due = read.as_ref().is_none_or(|(at, was)| at.elapsed() >= STORE_EVERY || is_another(was, &now));
+        if is_due {
+            let shared = followed.clone();
+            kept = tokio::task::spawn_blocking(move || kept_view(&shared)).await.unwrap_or_default();
+            read = Some((Instant::now(), now.clone()));
+        }
+        tell.send_replace(Some(CellView { now, kept: kept.clone() }));
+        sleep(EVERY).await;
+    }
+}
+
+/// Whether the store may say something else now: a phase, a state or a cycle began.
+fn is_another(was: &LoopView, now: &LoopView) -> bool {
+    let key = |view: &LoopView| (view.state.clone(), view.phase.clone(), view.cycle, view.pass);
+    key(was) != key(now)
+}
+
+fn loop_view(reply: Reply) -> LoopView {
+    // Where the loop does not answer nothing is known of it, and nothing former is told as if it were.
+    if reply.state.is_none() {
+        return LoopView::default();
+    }
+    LoopView {
+        state: reply.state,
+        robot: reply.extras.robot,
+        phase: reply.phase,
+        cycle: reply.cycle_id,
+        panel: reply.panel,
+        pass: reply.pass,
+        film_s: reply.film_s,
+        film_total_s: reply.extras.film_total_s,
+        waypoint: reply.waypoint,
+        waypoints: reply.of,
+    }
+}
+
+/// What the store and the disk say, on the calling thread, which may wait for the disk. Where the store cannot be read, nothing of it
+/// is told.
+fn kept_view(followed: &Followed) -> KeptView {
+    followed.alarms.look(&*followed.setup, followed.gateway.cameras.as_ref());
+    match followed.people.read(|store| read(store, &followed.alarms)) {
+        Ok(view) => view,
+        Err(error) => {
+            tracing::warn!("MQTT Sparkplug tells nothing of the store: {error}");
+            KeptView::default()
+        }
+    }
+}
+
+fn read(store: &Store, alarms: &Alarms) -> Result<KeptView, StoreError> {
+    let now_unix_s = now_unix_ms() / 1_000;
+    let newest = store.last_cycle()?.map(|id| store.past_cycle(id)).transpose()?.map(|past| summary(&past));
+    let newest = newest.as_ref();
+    // Only the newest cycle can still run, so that one of two is over.
+    let hits = store.search(&Query { limit: 2, ..Query::default() })?.hits;
+    let last = hits.iter().find_map(|hit| Some((hit.cycle.0, hit.verdict?)));
+    let lasting = alarms.lasting(store)?;
+    let verified_h = |subject: &str| -> Result<Option<i64>, StoreError> {
+        Ok(store.last_verification(subject)?.map(|last| (now_unix_s - last.at_unix_s).div_euclid(3_600)))
+    };
+    let counts = store.cycle_counts()?;
+    Ok(KeptView {
+        serial: newest.and_then(|newest| newest.part.serial.clone()),
+        work_order: newest.and_then(|newest| newest.part.order.clone()),
+        failed_grids: newest.and_then(|newest| newest.films.failed_at_end.clone()),
+        last_cycle: last.map(|(number, _)| number),
+        last_verdict: last.map(|(_, verdict)| Verdict::word(verdict)),
+        active_alarms: Some(lasting.len()),
+        newest_alarm: lasting.last().map(|alarm| alarm.code.clone()),
+        scanner_verified_h: verified_h("scanner")?,
+        flange_camera_verified_h: verified_h("flange_camera")?,
+        tool_verified_h: verified_h("tool")?,
+        disc_worn_mm2: store.disc_worn_mm2().ok(),
+        free_mb: free_mb(store.folder()).ok(),
+        cycles: Some(counts.ended),
+        passed: Some(counts.passed),
+        abrasions: Some(counts.contacts),
+    })
+}

@@ -1,0 +1,24 @@
+//! The cell at an MQTT broker, as an edge node of Sparkplug B: a live view, whose data may be lost.
+//!
+//! ```text
+//! the loop ─ state, twice a second ─ following ─ view ─┐
+//! the store ─ every minute, and at each change ────────┤
+//! broker ─ TLS ─ connection ─ packets ─ session ─ crate::sparkplug::EdgeNode ─ acts ─ publish
+//!                                                                              └──── asking → Gateway → the loop, audit trail
+//! ```
+//!
+//! It runs on a thread and a runtime of its own. Whatever the broker does, the loop, the robot's link and the cameras wait for none of
+//! it. Commands go through the gateway, as those of every front do.
+
+mod asking;
+mod broker;
+mod edge;
+mod error;
+mod following;
+mod session;
+
+#[cfg(test)]
+mod tests;
+
+pub use edge::{SparkplugEdge, SparkplugParts};
+pub use error::SparkplugError;

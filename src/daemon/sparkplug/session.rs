@@ -1,0 +1,202 @@
+//! One connection to the broker, from its begin to its end.
+
+use super::asking::Asking;
+use super::broker::{Broker, quality};
+use crate::daemon::clock::now_unix_ms;
+use crate::sparkplug::{Act, CellView, EdgeNode, Event, Now, values};
+use rumqttc::{AsyncClient, ConnectReturnCode, ConnectionError, EventLoop, Outgoing, Packet, SubscribeReasonCode};
+use std::time::{Duration, Instant};
+use tokio::sync::{mpsc, oneshot, watch};
+use tokio::task::JoinSet;
+use tokio::time::{MissedTickBehavior, interval, timeout};
+
+/// So many messages wait for the connection. Where they are not taken the connection is given up: its data may be lost, their
+/// order may not.
+const MOST_WAITING: usize = 64;
+/// Packets of the broker that wait for the node; the rest waits in the broker.
+const MOST_PACKETS: usize = 16;
+/// The cell is looked at so often.
+const LOOK_EVERY: Duration = Duration::from_millis(500);
+/// How long the broker has to answer a connection, in s, and to take the last messages of it.
+const CONNECT_WITHIN_S: u64 = 10;
+const LEAVE_WITHIN: Duration = Duration::from_secs(2);
+
+/// The task of the connection ended without a word, which it never should.
+pub(super) const BROKEN: &str = "the connection's task failed";
+
+/// How a connection ended.
+pub(super) enum Ended {
+    /// The program ends.
+    Leaves,
+    /// The primary host went offline.
+    HostOffline,
+    /// It was lost, or never came about, for this reason.
+    Lost(String),
+}
+
+/// What every connection works with.
+pub(super) struct Parts {
+    pub broker: Broker,
+    pub asking: Asking,
+    pub view: watch::Receiver<Option<CellView>>,
+    pub begun: Instant,
+}
+
+impl Parts {
+    fn now(&self) -> Now {
+        let steady_ms = u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX);
+        Now { unix_ms: now_unix_ms().unsigned_abs(), steady_ms }
+    }
+}
+
+struct Session<'s> {
+    parts: &'s Parts,
+    node: &'s mut EdgeNode,
+    client: AsyncClient,
+    packets: mpsc::Receiver<Result<rumqttc::Event, ConnectionError>>,
+    /// Subscriptions that the broker has not taken yet.
+    open_subscriptions: usize,
+}
+
+/// Connects, and serves the connection until it ends.
+pub(super) async fn connected(parts: &Parts, node: &mut EdgeNode, leave: &mut oneshot::Receiver<()>) -> Ended {
+    node.step(Event::Connecting, parts.now());
+    let options = parts.broker.options(node.will(parts.now()));
+    // A connection of its own each time: nothing that waited for a former one is sent in this one.
+    let (client, mut eventloop) = AsyncClient::new(options, MOST_WAITING);
+    eventloop.network_options.set_connection_timeout(CONNECT_WITHIN_S);
+    let (tell, packets) = mpsc::channel(MOST_PACKETS);
+    // Ends with this connection, since dropping a set ends its tasks.
+    let mut polling = JoinSet::new();
+    polling.spawn(poll(eventloop, tell));
+    let mut session = Session { parts, node, client, packets, open_subscriptions: 0 };
+    let ended = session.serve(leave).await;
+    node.step(Event::Lost, parts.now());
+    ended
+}
+
+/// Drives the connection. Dropping a poll half-way may cut a message, so that it has a task of its own.
+async fn poll(mut eventloop: EventLoop, tell: mpsc::Sender<Result<rumqttc::Event, ConnectionError>>) {
+    loop {
+        let event = eventloop.poll().await;
+        let is_over = event.is_err();
+        if tell.send(event).await.is_err() || is_over {
+            return;
+        }
+    }
+}
+
+impl Session<'_> {
+    async fn serve(&mut self, leave: &mut oneshot::Receiver<()>) -> Ended {
+        let mut look = interval(LOOK_EVERY);
+        look.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            let ended = tokio::select! {
+                _ = &mut *leave => {
+                    let acts = self.node.step(Event::Leaving, self.parts.now());
+                    self.perform(acts).await;
+                    return Ended::Leaves;
+                }
+                _ = look.tick() => self.looked().await,
+                packet = self.packets.recv() => match packet {
+                    Some(Ok(event)) => self.heard(event).await,
+                    Some(Err(error)) => Some(Ended::Lost(words(&error))),
+                    None => Some(Ended::Lost(BROKEN.to_owned())),
+                },
+            };
+            if let Some(ended) = ended {
+                return ended;
+            }
+        }
+    }
+
+    async fn looked(&mut self) -> Option<Ended> {
+        let seen = self.parts.view.borrow().as_ref().map(values)?;
+        let acts = self.node.step(Event::Seen(seen), self.parts.now());
+        self.perform(acts).await
+    }
+
+    async fn heard(&mut self, event: rumqttc::Event) -> Option<Ended> {
+        match event {
+            rumqttc::Event::Incoming(Packet::ConnAck(_)) => {
+                let topics = self.node.subscriptions();
+                self.open_subscriptions = topics.len();
+                let all = topics.into_iter().map(|topic| self.client.try_subscribe(topic, quality(1)));
+                let failed = all.filter(Result::is_err).count();
+                (failed > 0).then(|| Ended::Lost("the subscriptions could not be sent".to_owned()))
+            }
+            rumqttc::Event::Incoming(Packet::SubAck(ack)) => {
+                if ack.return_codes.contains(&SubscribeReasonCode::Failure) {
+                    let topics = self.node.subscriptions().join(" and ");
+                    return Some(Ended::Lost(format!("the broker does not let the cell subscribe to {topics}")));
+                }
+                let was_open = self.open_subscriptions > 0;
+                self.open_subscriptions = self.open_subscriptions.saturating_sub(1);
+                if !was_open || self.open_subscriptions > 0 {
+                    return None;
+                }
+                let acts = self.node.step(Event::Subscribed, self.parts.now());
+                self.perform(acts).await
+            }
+            rumqttc::Event::Incoming(Packet::Publish(message)) => {
+                let (topic, payload, is_retained) = (&*message.topic, &*message.payload, message.retain);
+                let acts = self.node.step(Event::Received { topic, payload, is_retained }, self.parts.now());
+                self.perform(acts).await
+            }
+            _ => None,
+        }
+    }
+
+    async fn perform(&mut self, acts: Vec<Act>) -> Option<Ended> {
+        for act in acts {
+            let asking = self.parts.asking.clone();
+            match act {
+                Act::Publish(message) => {
+                    let sent = self.client.try_publish(message.topic, quality(message.qos), false, message.payload);
+                    if sent.is_err() {
+                        return Some(Ended::Lost("the broker takes no messages".to_owned()));
+                    }
+                }
+                // Nothing of the connection waits for the loop or the disk; limits keep these tasks few.
+                Act::Ask { command, is_noted } => drop(tokio::spawn(asking.ask(command, is_noted))),
+                Act::Note(note) => drop(tokio::spawn(asking.note(note))),
+                Act::Disconnect => {
+                    self.disconnect().await;
+                    return Some(Ended::HostOffline);
+                }
+            }
+        }
+        None
+    }
+
+    /// Ends the connection once everything before it was sent.
+    async fn disconnect(&mut self) {
+        if self.client.try_disconnect().is_err() {
+            return;
+        }
+        let sent = async {
+            while let Some(Ok(event)) = self.packets.recv().await {
+                if event == rumqttc::Event::Outgoing(Outgoing::Disconnect) {
+                    return;
+                }
+            }
+        };
+        #[expect(clippy::let_underscore_must_use, reason = "a broker that takes nothing tells the death itself")]
+        let _ = timeout(LEAVE_WITHIN, sent).await;
+    }
+}
+
+fn words(error: &ConnectionError) -> String {
+    match error {
+        ConnectionError::ConnectionRefused(code) => match code {
+            ConnectReturnCode::BadUserNamePassword | ConnectReturnCode::NotAuthorized => {
+                "the broker refuses the user or the password; see [sparkplug] user and password_file".to_owned()
+            }
+            ConnectReturnCode::BadClientId => "the broker refuses the client's name".to_owned(),
+            ConnectReturnCode::RefusedProtocolVersion => "the broker does not speak MQTT 3.1.1".to_owned(),
+            _ => "the broker is not available".to_owned(),
+        },
+        ConnectionError::NetworkTimeout => format!("no answer within {CONNECT_WITHIN_S} s"),
+        other => other.to_string(),
+    }
+}
