@@ -39,6 +39,7 @@ mod robot;
 mod scanner_errors;
 mod service;
 mod shoot;
+mod sparkplug;
 mod supervised;
 mod teach_page;
 mod tool_faults;

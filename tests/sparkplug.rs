@@ -1,0 +1,304 @@
+//! The cell at an MQTT broker: Debian's mosquitto, the program's own service, and two host applications that other people wrote.
+
+mod manual;
+mod peers;
+
+use super::service::{START, Service, taught};
+use panelprep::sparkplug::{METRICS, NodeCommand};
+use panelprep::store::{NumberedEntry, Store};
+use peers::{Broker, Host, PASSWORD, USER, are_there, free_port};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Adds `[sparkplug]` to the cell's file.
+fn with_broker(folder: &Path, more: &str) {
+    let file = folder.join("cell/cell.toml");
+    let cell = fs::read_to_string(&file).expect("a cell");
+    let table = format!("\n[sparkplug]\ngroup_id = \"plant\"\nedge_node_id = \"cell\"\n{more}\n");
+    fs::write(file, cell + &table).expect("written");
+}
+
+fn audit(folder: &Path) -> Vec<NumberedEntry> {
+    Store::open(&folder.join("cell/store")).expect("a store").audit(None, 10_000).expect("read")
+}
+
+/// What a host knows of the cell after these messages, metric by metric; each message is held against the rules of a session.
+#[derive(Default)]
+struct Known {
+    values: BTreeMap<String, Value>,
+    /// The number of the newest message since the birth, and of the connection.
+    seq: Option<u64>,
+    bd_seq: Option<Value>,
+    /// Every value that this metric had, in order.
+    words: Vec<Value>,
+    deaths: Vec<Value>,
+}
+
+impl Known {
+    fn of(messages: &[Value]) -> Self {
+        let mut known = Known::default();
+        messages.iter().for_each(|message| known.hears(message));
+        known
+    }
+
+    fn hears(&mut self, message: &Value) {
+        let metrics = message["metrics"].as_object();
+        match message["kind"].as_str() {
+            Some("NBIRTH") => {
+                assert_eq!(message["seq"], 0, "{message}");
+                let metrics = metrics.expect("metrics");
+                for known in &METRICS {
+                    assert_eq!(metrics[known.name]["type"], known.datatype.word().to_uppercase(), "{}", known.name);
+                }
+                self.values =
+                    metrics.iter().map(|(name, metric)| (name.clone(), metric["value"].clone())).collect();
+                (self.seq, self.bd_seq) = (Some(0), Some(metrics["bdSeq"]["value"].clone()));
+            }
+            Some("NDATA") => {
+                let next = self.seq.expect("a birth before data") + 1;
+                assert_eq!(message["seq"], next % 256, "{message}");
+                self.seq = Some(next % 256);
+                for (name, metric) in metrics.expect("metrics") {
+                    self.values.insert(name.clone(), metric["value"].clone());
+                }
+            }
+            Some("NDEATH") => {
+                assert_eq!(Some(&message["metrics"]["bdSeq"]["value"]), self.bd_seq.as_ref(), "{message}");
+                self.deaths.push(message.clone());
+                self.seq = None;
+            }
+            _ => return,
+        }
+        let qos = u64::from(message["kind"] == "NDEATH");
+        assert_eq!((&message["qos"], &message["retain"]), (&json!(qos), &json!(false)), "{message}");
+        let word = self.values["State/word"].clone();
+        if self.words.last() != Some(&word) {
+            self.words.push(word);
+        }
+    }
+
+    /// Whether these states were seen in this order; others may lie between them.
+    fn saw(&self, states: &[&str]) -> bool {
+        let mut seen = self.words.iter();
+        states.iter().all(|state| seen.any(|word| word == state))
+    }
+}
+
+/// By TLS and password to the broker: nothing before the primary host is online; a whole cycle; a rebirth; a hold by a host, and
+/// commands that are refused; the death by the host's going, by a signal, and by a kill; the broker's own end.
+#[test]
+fn a_primary_host_sees_the_cell_and_may_hold_it() {
+    if !are_there(&["pysparkplug"]) {
+        return;
+    }
+    let folder = taught("good");
+    let folder = folder.path();
+    let mut broker = Broker::start(folder);
+    let tls_port = broker.tls_port;
+    with_broker(
+        folder,
+        &format!(
+            "broker = \"localhost\"\nport = {tls_port}\nca_certificate = \"../ca.pem\"\nuser = \"{USER}\"\n\
+             password_file = \"../password\"\nprimary_host_id = \"scada\"\ncommands = \"operator\""
+        ),
+    );
+    let port = broker.port.to_string();
+    let mut host = Host::start("pysparkplug", "host.py", &[&port, USER, PASSWORD, "plant", "cell", "scada"]);
+    let service = Service::start(folder);
+    let subscribed = "spBv1.0/STATE/scada";
+    let log = || fs::read_to_string(folder.join("mosquitto.log")).unwrap_or_default();
+    service.wait("the node has subscribed", |_| log().contains(&format!("{subscribed} (QoS 1)")));
+    std::thread::sleep(Duration::from_secs(2));
+    assert_eq!(Known::of(host.so_far()).seq, None, "nothing without the primary host");
+    host.does("state {\"online\": true, \"timestamp\": 1000}");
+    let birth = host.until("a birth", |message| message["kind"] == "NBIRTH");
+    assert_eq!(birth["metrics"]["Node Control/Rebirth"]["value"], false, "{birth}");
+    assert_eq!(birth["metrics"]["bdSeq"]["value"], 0);
+
+    service.reset();
+    service.done(START);
+    service.reach("complete");
+    let is = |name: &'static str, value: Value| {
+        move |message: &Value| message["metrics"][name]["value"] == value && message["kind"] != "NDEATH"
+    };
+    host.until("the verdict", is("LastCycle/verdict", json!("pass")));
+    let known = Known::of(&host.heard);
+    assert!(known.saw(&["stopped", "idle", "execute", "complete"]), "{:?}", known.words);
+    let numbers = ["Cycle/number", "LastCycle/number", "Counters/cycles", "Counters/passed"];
+    assert_eq!(
+        numbers.map(|name| known.values[name].clone()),
+        [1, 1, 1, 1].map(Value::from),
+        "{:#?}",
+        known.values
+    );
+    assert!(known.values["Counters/abrasions"].as_i64() >= Some(1), "{:#?}", known.values);
+    assert_eq!(known.values["Cycle/grids_failed"], 0, "after the last film");
+    assert!(known.values["Disc/worn_mm2"].as_f64() > Some(0.0));
+    assert_eq!(known.values["Calibration/scanner_verified_h"], 0);
+    assert!(known.values["Disk/free_MB"].as_i64() > Some(0));
+
+    host.does("write Node Control/Rebirth");
+    let birth = host.until("another birth", |message| message["kind"] == "NBIRTH");
+    assert_eq!(birth["metrics"]["State/word"]["value"], "complete");
+
+    // A cycle is held by a host; what the cell's table does not take is refused as it is for everybody.
+    host.does("write Node Control/Hold");
+    service.wait("a refusal", |_| audit(folder).iter().any(|line| line.entry.what == "hold"));
+    let refused = audit(folder)[0].entry.refused.clone();
+    assert!(refused.is_some_and(|why| why.contains("hold is not possible in state complete")));
+    service.reset();
+    service.done(START);
+    service.wait("work", |service| service.state() == "execute");
+    host.does("write Node Control/Hold");
+    service.reach("held");
+    host.until("it is told", is("State/word", json!("held")));
+    host.does("write Node Control/Stop");
+    service.reach("stopped");
+    for written in ["Node Control/Start", "State/word"] {
+        host.does(&format!("write {written}"));
+    }
+    host.does("write-false Node Control/Abort");
+    service
+        .wait("five refusals", |_| audit(folder).iter().filter(|line| line.entry.refused.is_some()).count() >= 4);
+    assert_eq!(service.state(), "stopped");
+    let done: Vec<_> = audit(folder).into_iter().filter(|line| line.entry.refused.is_none()).collect();
+    let words: Vec<&str> = done.iter().rev().map(|line| line.entry.what.as_str()).collect();
+    assert_eq!(words, ["rebirth", "hold", "stop"]);
+    assert!(done.iter().all(|line| line.entry.from == format!("MQTT broker localhost:{tls_port}")));
+    let store = Store::open(&folder.join("cell/store")).expect("a store");
+    let asked = store.cycle(panelprep::record::CycleId(2)).expect("read").asked;
+    let who: Vec<String> = asked.iter().filter_map(|asked| asked.who.as_ref()).map(ToString::to_string).collect();
+    assert!(who.iter().any(|who| who.contains("a host application by MQTT Sparkplug")), "{who:?}");
+
+    // The host goes, and comes back in a new connection of its own.
+    host.does("state {\"online\": false, \"timestamp\": 1000}");
+    host.until("the death", |message| message["kind"] == "NDEATH");
+    host.does("state {\"online\": true, \"timestamp\": 2000}");
+    let birth = host.until("a birth", |message| message["kind"] == "NBIRTH");
+    assert_eq!(birth["metrics"]["bdSeq"]["value"], 1);
+
+    // The broker goes, and is there again.
+    broker.restart(Duration::from_secs(1));
+    host.until("it is connected again", |message| message["kind"] == "connected");
+    host.does("state {\"online\": true, \"timestamp\": 3000}");
+    let birth = host.until("a birth", |message| message["kind"] == "NBIRTH");
+    assert!(birth["metrics"]["bdSeq"]["value"].as_i64() >= Some(2), "{birth}");
+
+    service.signal(rustix::process::Signal::TERM);
+    host.until("the death", |message| message["kind"] == "NDEATH");
+    assert_eq!(service.ended().code(), Some(0));
+    // What no program can catch the broker tells, by the will.
+    let service = Service::start(folder);
+    let birth = host.until("a birth", |message| message["kind"] == "NBIRTH");
+    assert_eq!(birth["metrics"]["bdSeq"]["value"], 0);
+    service.killed();
+    host.until("the death", |message| message["kind"] == "NDEATH");
+    assert_eq!(Known::of(&host.heard).deaths.len(), 3);
+}
+
+/// A host that knows no aliases is told names; its commands are taken as well.
+#[test]
+fn a_second_host_decodes_every_message() {
+    if !are_there(&["wrapper"]) {
+        return;
+    }
+    let folder = taught("clean");
+    let folder = folder.path();
+    let broker = Broker::start(folder);
+    with_broker(
+        folder,
+        &format!(
+            "broker = \"127.0.0.1\"\nport = {}\nuser = \"{USER}\"\npassword_file = \"../password\"\ncommands = \"operator\"\n\
+             aliases = false",
+            broker.port
+        ),
+    );
+    let port = broker.port.to_string();
+    let mut host = Host::start("wrapper", "second_host.py", &[&port, USER, PASSWORD, "plant"]);
+    let service = Service::start(folder);
+    let has = |message: &Value, name: &str, value: &str| {
+        let metrics = message["metrics"].as_array();
+        metrics.is_some_and(|all| all.iter().any(|metric| metric["name"] == name && metric["value"] == value))
+    };
+    host.until("a birth", |message| message["kind"] == "NBIRTH");
+    service.reset();
+    service.done(START);
+    service.wait("work", |service| service.state() == "execute");
+    host.does("write cell Node Control/Stop");
+    service.reach("stopped");
+    host.until("the verdict", |message| has(message, "LastCycle/verdict", "aborted"));
+    service.signal(rustix::process::Signal::TERM);
+    host.until("the death", |message| message["kind"] == "NDEATH");
+    assert_eq!(service.ended().code(), Some(0));
+    let all: Vec<&Value> = host.heard.iter().filter(|message| message["metrics"].is_array()).collect();
+    assert!(all.len() > 4, "{all:#?}");
+    for message in all {
+        for metric in message["metrics"].as_array().expect("metrics") {
+            assert!(metric["name"].is_string() && metric["alias"].is_null(), "{message}");
+            assert_eq!(metric["value"].is_null(), metric["isNull"] == true, "{metric}");
+        }
+    }
+}
+
+/// Without a role no host may ask for anything but a rebirth; a kept command and a flood of others do nothing but lines of the
+/// audit trail, which are bounded, and the service goes on answering.
+#[test]
+fn a_flood_of_commands_does_nothing() {
+    if !are_there(&["pysparkplug"]) {
+        return;
+    }
+    let folder = taught("clean");
+    let folder = folder.path();
+    let broker = Broker::start(folder);
+    with_broker(
+        folder,
+        &format!(
+            "broker = \"127.0.0.1\"\nport = {}\nuser = \"{USER}\"\npassword_file = \"../password\"",
+            broker.port
+        ),
+    );
+    let port = broker.port.to_string();
+    let mut host = Host::start("pysparkplug", "host.py", &[&port, USER, PASSWORD, "plant", "cell", "scada"]);
+    host.does("write-retained Node Control/Abort");
+    let service = Service::start(folder);
+    let birth = host.until("a birth", |message| message["kind"] == "NBIRTH");
+    assert!(birth["metrics"].get(NodeCommand::Stop.name()).is_none(), "it is not offered: {birth}");
+    service.reset();
+    service.done(START);
+    service.wait("work", |service| service.state() == "execute");
+    host.does("flood 20000");
+    let mut slowest = Duration::ZERO;
+    for _ in 0..20 {
+        let since = Instant::now();
+        service.done("state");
+        slowest = slowest.max(since.elapsed());
+    }
+    service.reach("complete");
+    assert_eq!(service.done("state")["verdict"], "pass", "{}", service.log());
+    assert!(slowest < Duration::from_secs(3), "{slowest:?}");
+    service.wait("a line that counts the others", |_| audit(folder).iter().any(|line| line.entry.what == "flood"));
+    let lines = audit(folder);
+    assert!(lines.len() <= 60 && lines.iter().all(|line| line.entry.refused.is_some()), "{}", lines.len());
+    let has =
+        |words: &str| lines.iter().any(|line| line.entry.refused.as_ref().is_some_and(|why| why.contains(words)));
+    assert!(has("nobody knows how old it is") && has("is not allowed here") && has("found the metric \"Start\""));
+}
+
+/// Nobody is there: the cell runs all the same, and says so in its log.
+#[test]
+fn without_a_broker_the_cell_runs() {
+    let folder = taught("clean");
+    let folder = folder.path();
+    with_broker(folder, &format!("broker = \"127.0.0.1\"\nport = {}", free_port()));
+    let service = Service::start(folder);
+    service.reset();
+    service.done(START);
+    service.reach("complete");
+    assert_eq!(service.done("state")["verdict"], "pass");
+    assert!(service.log().contains("MQTT Sparkplug: no connection to 127.0.0.1"), "{}", service.log());
+    service.signal(rustix::process::Signal::TERM);
+    assert_eq!(service.ended().code(), Some(0));
+}

@@ -1,0 +1,66 @@
+//! The manual's tables of MQTT Sparkplug say what the program does and what its tests look at.
+
+use panelprep::sparkplug::{METRICS, NodeCommand};
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+use strum::VariantArray;
+
+/// The rows of a page that begin so, as cells.
+fn rows(page: &str, begin: &str) -> Vec<Vec<String>> {
+    let text =
+        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("config/manual").join(page)).expect("a page");
+    let rows = text.lines().filter(|line| line.starts_with(begin));
+    rows.map(|line| line.trim_matches('|').split('|').map(|cell| cell.trim().to_owned()).collect()).collect()
+}
+
+/// The table of metrics has those of the program, in their order, with alias, type and meaning; and the commands.
+#[test]
+fn the_manual_lists_every_metric() {
+    let listed: Vec<_> =
+        rows("sparkplug.md", "| ").into_iter().filter(|row| row[0].parse::<u32>().is_ok()).collect();
+    let known = METRICS.iter().enumerate().map(|(place, metric)| {
+        let (alias, name) = ((place + 1).to_string(), format!("`{}`", metric.name));
+        vec![alias, name, metric.datatype.word().to_owned(), metric.meaning.to_owned()]
+    });
+    assert_eq!(listed, known.collect::<Vec<_>>());
+    let listed: Vec<_> =
+        rows("sparkplug.md", "| `Node Control/").into_iter().map(|row| row[..2].to_vec()).collect();
+    let known = NodeCommand::VARIANTS.iter().map(|command| {
+        let alias = command.alias().map_or(String::new(), |alias| alias.to_string());
+        vec![format!("`{}`", command.name()), alias]
+    });
+    assert_eq!(listed, known.collect::<Vec<_>>());
+}
+
+/// The table of assertions has each one once, a test that is named is there, and its summary counts right.
+#[test]
+fn the_assertions_name_tests_that_are_there() {
+    let page = "sparkplug-assertions.md";
+    let all = rows(page, "| `");
+    let names: BTreeSet<&str> = all.iter().map(|row| row[0].as_str()).collect();
+    assert_eq!((all.len(), names.len()), (299, 299), "as many as the specification has");
+    assert_eq!(names.iter().filter(|name| name.chars().all(|c| !c.is_ascii_uppercase())).count(), 295);
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let files = [
+        "src/sparkplug/tests/mod.rs",
+        "src/sparkplug/tests/commanded.rs",
+        "src/sparkplug/tests/walks.rs",
+        "src/daemon/sparkplug/tests.rs",
+        "src/cell/sparkplug.rs",
+        "tests/sparkplug.rs",
+    ];
+    let code: String = files.map(|file| fs::read_to_string(root.join(file)).expect("code")).concat();
+    for row in &all {
+        let is_right = match row[1].as_str() {
+            "tested" => code.contains(&format!("fn {}(", row[2].trim_matches('`'))),
+            "not applicable" | "open" => !row[2].is_empty() && !row[2].starts_with('`'),
+            _ => false,
+        };
+        assert!(is_right, "{row:?}");
+    }
+    for result in ["tested", "not applicable", "open"] {
+        let count = all.iter().filter(|row| row[1] == result).count().to_string();
+        assert_eq!(rows(page, &format!("| {result} |"))[0][1], count, "{result}");
+    }
+}
