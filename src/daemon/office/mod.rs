@@ -12,7 +12,7 @@ mod status;
 pub use status::OfficeStatus;
 
 use super::gateway::Gateway;
-use super::web::SetupSource;
+use super::setup_source::SetupSource;
 use crate::cell;
 use sending::Sender;
 use state::Teller;

@@ -3,7 +3,7 @@
 use crate::cell::CellName;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::request::What;
-use crate::daemon::web::SetupSource;
+use crate::daemon::setup_source::SetupSource;
 use crate::office::{CellState, Position, Told};
 use crate::record::{Front, Who};
 use crate::verdict::Reason;
