@@ -19,8 +19,8 @@ use crate::daemon::{
     self, Alarms, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, OfficeParts,
     OfficeSender, OfficeStatus, OperatorPage, PageParts, People, Ports, PreparedCycle, RecordIn, Recorded,
     RecordedPort, Recording, RecordingSwitch, Request, RequestHandler, RequestQueue, RequestSender, Requester as _,
-    ServiceParts, SetupSource, SharedCameras, Socket, SparkplugEdge, SparkplugParts, StartRequest,
-    StoreRecord, WrittenPage,
+    ServiceParts, SetupSource, SharedCameras, Socket, SparkplugEdge, SparkplugParts, StartRequest, StoreRecord,
+    WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::record::{CycleId, RecordingFile};

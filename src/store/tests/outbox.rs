@@ -55,7 +55,7 @@ fn the_end_of_a_cycle_a_signature_and_a_verification_are_numbered_as_they_are_wr
         [("recipe", &None), ("cell", &None)]
     );
     // From here on, and not again.
-    assert_eq!(store.outbox_after(&second.position, 10).expect("the rest"), [third.clone()]);
+    assert_eq!(store.outbox_after(&second.position, 10).expect("the rest").as_slice(), std::slice::from_ref(third));
     assert_eq!(store.outbox_waits_since(&third.position).expect("read"), None);
     assert_eq!(store.outbox_waits_since(&second.position).expect("read"), Some(third.unix_ms));
     // Each row is in the chain, and nothing but what this program writes is in the tables.
