@@ -61,7 +61,7 @@ const KINDS: [Kind; 10] = [
     },
     Kind {
         name: "archive",
-        keys: &["broker", "database", "files"],
+        keys: &["broker", "database", "files", "fleet"],
         check: |name, text| ArchiveSettings::check(name, text).map(|settings| say_archive(&settings)),
     },
 ];

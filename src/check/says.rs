@@ -180,8 +180,10 @@ pub(super) fn say_correction(correction: &RobotCorrection) -> Vec<String> {
 }
 
 pub(super) fn say_archive(settings: &ArchiveSettings) -> Vec<String> {
-    let ArchiveSettings { broker, waiting_gb, database, files } = settings;
+    let ArchiveSettings { broker, waiting_gb, database, files, fleet } = settings;
+    let page = fleet.as_ref().map_or("none".to_owned(), |fleet| format!("at {}", fleet.listen));
     vec![
+        format!("the office's page: {page}"),
         format!("broker {}, at most {waiting_gb} GB wait in it", broker.address),
         format!("database {} of {} at {}:{}", database.name, database.user, database.host, database.port),
         format!("files in {}", files.display()),

@@ -1,11 +1,15 @@
 //! `panelprep archive`: the office's side of the records.
 
-use super::args::{Archive, ArchiveTask, CheckArchive, RunArchive};
+use super::args::{Archive, ArchiveAccount, ArchiveTask, CheckArchive, Fleet, RunArchive};
 use super::disk;
 use super::fault::Fault;
 use super::outcome::Outcome;
+use super::user;
+use crate::accounts::Role;
+use crate::archive::reading::{OfficeAccount, Reader};
 use crate::archive::{self, ArchiveError, CellList, CheckedCell};
 use crate::cell::CellName;
+use crate::daemon::{FleetAddress, serve_fleet};
 use crate::office::{ArchiveSettings, Listed};
 use crate::store::Store;
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -25,6 +29,7 @@ pub fn run(args: &Archive) -> Result<Outcome, Fault> {
     match &args.what {
         ArchiveTask::Run(args) => serve(args),
         ArchiveTask::Check(args) => check(args),
+        ArchiveTask::Account(args) => account(args),
     }
 }
 
@@ -39,19 +44,53 @@ fn runtime() -> Result<Runtime, Fault> {
 
 fn serve(args: &RunArchive) -> Result<Outcome, Fault> {
     let settings = settings(&args.settings)?;
+    let ended = until_a_signal()?;
+    runtime()?.block_on(archive::run(&settings, ended)).map_err(Fault::stage)?;
+    Ok(ended_in_words("the archive has ended"))
+}
+
+/// Serves the office's page.
+///
+/// # Errors
+/// Where the settings have problems, or the address cannot be had.
+pub fn fleet(args: &Fleet) -> Result<Outcome, Fault> {
+    let settings = settings(&args.settings)?;
+    let ended = until_a_signal()?;
+    let told = |address: &FleetAddress| {
+        tracing::info!("the office's page: {}", address.url);
+        if let Some(fingerprint) = &address.fingerprint {
+            tracing::info!("SHA-256 of its own certificate: {fingerprint}");
+        }
+    };
+    runtime()?.block_on(serve_fleet(&settings, told, ended)).map_err(Fault::stage)?;
+    Ok(ended_in_words("the office's page has ended"))
+}
+
+fn account(args: &ArchiveAccount) -> Result<Outcome, Fault> {
+    let settings = settings(&args.settings)?;
+    let printed_name = args.printed_name.clone().unwrap_or_else(|| args.name.clone());
+    let account = user::checked((&args.name, &printed_name), Role::Viewer, &user::password(&args.name)?)?;
+    let account = OfficeAccount { name: account.name, printed_name, password_hash: account.password_hash };
+    runtime()?.block_on(Reader::new(&settings).keep_account(&account)).map_err(Fault::stage)?;
+    Ok(ended_in_words(&format!("account {}: it may look at the office's page", account.name)))
+}
+
+fn ended_in_words(words: &str) -> Outcome {
+    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
+    outcome.words = vec![words.to_owned()];
+    outcome
+}
+
+fn until_a_signal() -> Result<impl Future<Output = ()>, Fault> {
     let mut signals = Signals::new([SIGTERM, SIGINT]).map_err(Fault::stage)?;
     let (tell, told) = oneshot::channel();
     let wait = move || {
         if signals.forever().next().is_some() && tell.send(()).is_err() {
-            tracing::debug!("the archive had ended by itself");
+            tracing::debug!("nobody waits for the signal any more");
         }
     };
     std::thread::Builder::new().name("signals".to_owned()).spawn(wait).map_err(Fault::stage)?;
-    let ended = async { drop(told.await) };
-    runtime()?.block_on(archive::run(&settings, ended)).map_err(Fault::stage)?;
-    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
-    outcome.words = vec!["the archive has ended".to_owned()];
-    Ok(outcome)
+    Ok(async { drop(told.await) })
 }
 
 fn check(args: &CheckArchive) -> Result<Outcome, Fault> {

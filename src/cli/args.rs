@@ -15,7 +15,7 @@ mod shooting;
 mod simulated;
 mod simulation;
 
-pub use archive::{Archive, ArchiveTask, CheckArchive, RunArchive};
+pub use archive::{Archive, ArchiveAccount, ArchiveTask, CheckArchive, Fleet, RunArchive};
 pub use backup::{Backup, BackupPart, Restore};
 pub use files::{Check, Doctor, Inspect, Label, Locate, Look, Plan, PurposeName, Refine, Teach, Tune};
 pub use history::{EndName, History, HistoryTask, SearchArguments};
@@ -216,6 +216,10 @@ pub enum Command {
     Store(StoreCommand),
     /// The office's archive: takes the records that cells send, and proves later that it holds what they have.
     Archive(Archive),
+    /// Serve the office's page over all cells: how they stand, their cycles, numbers, verifications and recipes, from the archive.
+    #[command(after_help = "Example, beside `panelprep archive run` with the same settings:\n  \
+        panelprep fleet --settings /etc/panelprep/archive.toml")]
+    Fleet(Fleet),
     /// Accounts of the operator's page: who may log in, as what. The first administrator is made here.
     #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
         panelprep user list --cell target/cell/cell.toml\n\

@@ -116,6 +116,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Record(args) => record::run(args, common),
         Command::Store(args) => store::run(args, common),
         Command::Archive(args) => archive::run(args),
+        Command::Fleet(args) => archive::fleet(args),
         Command::User(args) => user::run(args, common),
         Command::Backup(args) => backup::run(args, common),
         Command::Restore(args) => backup::restore(args, common),

@@ -116,14 +116,14 @@ impl People {
     }
 }
 
-fn checked((name, printed_name): (&str, &str), role: Role, password: &str) -> Result<Account, Fault> {
+pub(super) fn checked((name, printed_name): (&str, &str), role: Role, password: &str) -> Result<Account, Fault> {
     let problem = |problem: String| Fault::Account { name: name.to_owned(), problem };
     let salt = random::bytes().map_err(|error| problem(format!("there are no random numbers: {error}")))?;
     Account::checked((name, printed_name), (role, true), (Some(password), salt), None).map_err(problem)
 }
 
 /// Asks for the password twice at a terminal; else reads a line.
-fn password(name: &str) -> Result<String, Fault> {
+pub(super) fn password(name: &str) -> Result<String, Fault> {
     let problem = |problem: String| Fault::Account { name: name.to_owned(), problem };
     let stdin = std::io::stdin();
     if !stdin.is_terminal() {

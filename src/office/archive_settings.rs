@@ -2,6 +2,7 @@
 
 use crate::cell::Broker;
 use crate::config::{self, Problems, Section};
+use core::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 /// Where the archive gets and keeps what cells send.
@@ -15,6 +16,17 @@ pub struct ArchiveSettings {
     pub database: Database,
     /// The folder of files: pictures, recipes, calibrations.
     pub files: PathBuf,
+    /// The office's page; `None` where there is none.
+    pub fleet: Option<FleetPage>,
+}
+
+/// Where the office's page is served.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FleetPage {
+    /// The address and port.
+    pub listen: SocketAddr,
+    /// The certificate's file and its key's, PEM; without them the program makes its own where others can reach the page.
+    pub certificate: Option<[PathBuf; 2]>,
 }
 
 /// A PostgreSQL database.
@@ -48,9 +60,16 @@ impl ArchiveSettings {
             let broker = take_broker(folder, &top.section("broker"));
             let database = take_database(folder, &top.section("database"));
             let files = top.take::<String>("files", (), Some("archive".to_owned()));
+            let fleet = take_fleet(folder, &top.section("fleet"));
             top.done();
             let (broker, waiting_gb) = broker?;
-            Some(ArchiveSettings { broker, waiting_gb, database: database?, files: folder.join(files?) })
+            Some(ArchiveSettings {
+                broker,
+                waiting_gb,
+                database: database?,
+                files: folder.join(files?),
+                fleet: fleet?,
+            })
         })
     }
 }
@@ -64,6 +83,30 @@ fn take_broker(folder: &Path, section: &Section<'_, '_>) -> Option<(Broker, usiz
         return None;
     };
     Some((broker, waiting_gb?))
+}
+
+/// The outer `None` is a problem, the inner one no page.
+fn take_fleet(folder: &Path, section: &Section<'_, '_>) -> Option<Option<FleetPage>> {
+    let [listen, certificate, key] =
+        ["listen", "certificate", "certificate_key"].map(|key| section.take::<Option<String>>(key, (), Some(None)));
+    section.done();
+    let (listen, certificate, key) = (listen?, certificate?, key?);
+    if certificate.is_some() != key.is_some() {
+        section.problem("certificate", "certificate and certificate_key belong together");
+        return None;
+    }
+    let Some(text) = listen else { return Some(None) };
+    match text.parse::<SocketAddr>() {
+        Ok(listen) => {
+            let certificate = certificate.zip(key).map(|(file, key)| [folder.join(file), folder.join(key)]);
+            Some(Some(FleetPage { listen, certificate }))
+        }
+        Err(_) => {
+            let allowed = "allowed is an IP address and a port, such as \"127.0.0.1:8444\"";
+            section.problem("listen", format!("found \"{text}\", {allowed}"));
+            None
+        }
+    }
 }
 
 fn take_database(folder: &Path, section: &Section<'_, '_>) -> Option<Database> {

@@ -21,7 +21,7 @@ mod position;
 mod progress;
 pub mod subject;
 
-pub use archive_settings::{ArchiveSettings, Database};
+pub use archive_settings::{ArchiveSettings, Database, FleetPage};
 pub use assembly::{Assembled, Assembly};
 pub use body::{Body, CycleEnd, Envelope, NamedFile, VerificationSeen};
 pub use cell_state::{CellState, Told};

@@ -43,7 +43,11 @@ impl Reader {
         }
     }
 
-    pub(super) async fn rows(&self, sql: &str, values: Values<'_>) -> Result<Vec<tokio_postgres::Row>, ArchiveError> {
+    pub(super) async fn rows(
+        &self,
+        sql: &str,
+        values: Values<'_>,
+    ) -> Result<Vec<tokio_postgres::Row>, ArchiveError> {
         let failed = ArchiveError::database("read the archive");
         let client = self.client().await?;
         // Prepared by the library again and again would be a round trip more; the server plans these in less than a millisecond.

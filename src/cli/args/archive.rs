@@ -28,6 +28,32 @@ pub enum ArchiveTask {
         The list is what `panelprep store list --json` prints in that cell.\n\
         Exit codes: 0 nothing was found, 1 something was found, 2 the archive or a list cannot be read.")]
     Check(CheckArchive),
+    /// Make an account for the office's page, or give it a new password, which is read from the terminal or from standard input.
+    #[command(
+        after_help = "Example:\n  panelprep archive account anna --printed-name 'Anna Office' --settings /etc/panelprep/archive.toml"
+    )]
+    Account(ArchiveAccount),
+}
+
+/// Options of `archive account`.
+#[derive(Debug, Clone, Args)]
+pub struct ArchiveAccount {
+    /// The name by which its owner logs in.
+    pub name: String,
+    /// The owner's printed name; without it, the name.
+    #[arg(long, value_name = "NAME")]
+    pub printed_name: Option<String>,
+    /// The archive's settings.
+    #[arg(long, value_name = "FILE", default_value = "config/archive.toml")]
+    pub settings: PathBuf,
+}
+
+/// Options of `fleet`.
+#[derive(Debug, Clone, Args)]
+pub struct Fleet {
+    /// The archive's settings, with `[fleet] listen`.
+    #[arg(long, value_name = "FILE", default_value = "config/archive.toml")]
+    pub settings: PathBuf,
 }
 
 /// Options of `archive run`.

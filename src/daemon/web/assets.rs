@@ -11,8 +11,10 @@ use std::sync::LazyLock;
 
 const STYLE: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
+/// The styles of every page.
+pub(in crate::daemon) const STYLE_SHEET: &str = include_str!("assets/page.css");
 const FILES: [(&str, &str, &str); 10] = [
-    ("page.css", STYLE, include_str!("assets/page.css")),
+    ("page.css", STYLE, STYLE_SHEET),
     ("page.js", SCRIPT, include_str!("assets/page.js")),
     ("run.js", SCRIPT, include_str!("assets/run.js")),
     ("forms.js", SCRIPT, include_str!("assets/forms.js")),

@@ -20,12 +20,12 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
                       form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 
 /// The name of the cookie; with TLS one that only this host can set.
-pub(super) fn cookie_name(is_tls: bool) -> &'static str {
+pub(in crate::daemon) fn cookie_name(is_tls: bool) -> &'static str {
     if is_tls { "__Host-panelprep" } else { "panelprep" }
 }
 
 /// The value of this cookie.
-pub(super) fn cookie<'h>(headers: &'h HeaderMap, name: &str) -> Option<&'h str> {
+pub(in crate::daemon) fn cookie<'h>(headers: &'h HeaderMap, name: &str) -> Option<&'h str> {
     let all = headers.get_all(header::COOKIE).iter().filter_map(|value| value.to_str().ok());
     let mut each = all.flat_map(|value| value.split(';')).filter_map(|part| part.trim().split_once('='));
     each.find(|(found, _)| *found == name).map(|(_, value)| value)

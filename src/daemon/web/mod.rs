@@ -53,6 +53,12 @@ mod words;
 #[cfg(test)]
 mod tests;
 
+pub(super) use assets::STYLE_SHEET;
 pub use error::PageError;
+pub(super) use guard::{cookie, cookie_name};
 pub use record_source::RecordSource;
+pub(super) use server::listen_on;
 pub use server::{OperatorPage, PageParts};
+pub(super) use sessions::Sessions;
+pub(super) use tls::certificate;
+pub(super) use versions::difference;

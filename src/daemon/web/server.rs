@@ -7,7 +7,7 @@ use super::live_state::Live;
 use super::record_source::RecordSource;
 use super::routes;
 use super::state::{Web, WebParts};
-use super::tls;
+use super::tls::{self, Certificate};
 use super::watching;
 use super::words::Words;
 use crate::cell;
@@ -189,6 +189,11 @@ async fn bound(address: SocketAddr) -> TcpListener {
             return listener;
         }
     }
+}
+
+/// Serves these pages on an address, with a certificate or without, until it is dropped.
+pub(in crate::daemon) async fn listen_on(listener: TcpListener, certificate: Option<Certificate>, router: Router) {
+    accept(listener, certificate.map(|certificate| TlsAcceptor::from(certificate.config)), router).await;
 }
 
 async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Router) {

@@ -34,7 +34,7 @@ pub(super) fn shown(words: Language<'_>, name: &str, versions: &[NumberedEntry])
 }
 
 /// The lines that went and that came, with one line around them.
-pub(super) fn difference(before: &str, after: &str) -> Markup {
+pub(in crate::daemon) fn difference(before: &str, after: &str) -> Markup {
     let difference = TextDiff::from_lines(before, after);
     html! {
         pre.scroll tabindex="0" {

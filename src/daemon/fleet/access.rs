@@ -1,0 +1,126 @@
+//! Who may look: people with an account of the office, who log in by a form. Everything but the form needs a session.
+
+use super::frame;
+use super::office::{Shared, failed};
+use crate::accounts::{Role, checked_name};
+use crate::daemon::web::{cookie, cookie_name};
+use crate::random;
+use axum::Form;
+use axum::body::Body;
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Redirect, Response};
+use maud::html;
+use serde::Deserialize;
+
+/// Nothing is fetched from elsewhere, run from a text, or framed.
+const POLICY: &str = "default-src 'none'; style-src 'self'; img-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
+/// What needs no session.
+const OPEN: [&str; 2] = ["/login", "/page.css"];
+
+/// Lets pass whoever has a session, and shows the others the form.
+pub(super) async fn pass(State(shared): State<Shared>, request: Request<Body>, next: Next) -> Response {
+    let path = request.uri().path();
+    let is_open = OPEN.contains(&path);
+    let is_known = token(request.headers(), &shared)
+        .is_some_and(|token| shared.sessions().find(token, shared.now_s(), true).is_some());
+    let mut response = match is_open || is_known {
+        true => next.run(request).await,
+        false => Redirect::to("/login").into_response(),
+    };
+    let headers = response.headers_mut();
+    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY));
+    headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("same-origin"));
+    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
+    response
+}
+
+fn token<'h>(headers: &'h HeaderMap, shared: &Shared) -> Option<&'h str> {
+    cookie(headers, cookie_name(shared.is_tls()))
+}
+
+/// The form.
+pub(super) async fn page() -> Response {
+    form(StatusCode::OK, None)
+}
+
+fn form(status: StatusCode, problem: Option<&str>) -> Response {
+    let body = html! {
+        section.card.narrow {
+            h2 { "Log in" }
+            form method="post" action="/login" {
+                label { "Name" input name="name" autocomplete="username" autofocus required maxlength="40"; }
+                label { "Password" input name="password" type="password" autocomplete="current-password" required maxlength="200"; }
+                @if let Some(problem) = problem { p.bad role="alert" { (problem) } }
+                button.primary type="submit" { "Log in" }
+            }
+            p.note { "Accounts are made at the office's computer: panelprep archive account NAME." }
+        }
+    };
+    (status, frame::page("Log in", "", None, &body)).into_response()
+}
+
+#[derive(Deserialize)]
+pub(super) struct Credentials {
+    name: String,
+    password: String,
+}
+
+/// Begins a session where name and password are right.
+pub(super) async fn log_in(
+    State(shared): State<Shared>,
+    headers: HeaderMap,
+    Form(Credentials { name, password }): Form<Credentials>,
+) -> Response {
+    if is_foreign(&headers) {
+        return form(StatusCode::FORBIDDEN, Some("The form does not come from this page."));
+    }
+    let wrong = || form(StatusCode::UNAUTHORIZED, Some("Name or password is wrong."));
+    if checked_name(&name).is_err() {
+        return wrong();
+    }
+    let now_s = shared.now_s();
+    if let Some(pauses_s) = shared.lockout().pauses_s(&name, now_s) {
+        let words = format!("After wrong passwords this account pauses. Try again in {} s.", pauses_s.ceil());
+        return form(StatusCode::TOO_MANY_REQUESTS, Some(&words));
+    }
+    let account = match shared.reader().account(&name).await {
+        Ok(account) => account,
+        Err(error) => return failed(&error),
+    };
+    let hash = account.as_ref().map_or(String::new(), |account| account.password_hash.clone());
+    let is_right = shared.is_right(password, hash).await;
+    let Some(account) = account.filter(|_| is_right) else {
+        shared.lockout().wrong(&name, now_s);
+        tracing::warn!("{}: wrong name or password at the office's page", name.escape_debug());
+        return wrong();
+    };
+    shared.lockout().right(&name);
+    let (Ok(token), Ok(csrf)) = (random::token(), random::token()) else {
+        return form(StatusCode::SERVICE_UNAVAILABLE, Some("This computer has no random numbers yet. Try again."));
+    };
+    let who = (account.name, account.printed_name, Role::Viewer);
+    shared.sessions().begin((&token, csrf), who, now_s);
+    ([(header::SET_COOKIE, set_cookie(&shared, &token, ""))], Redirect::to("/")).into_response()
+}
+
+/// Ends the session.
+pub(super) async fn log_out(State(shared): State<Shared>, headers: HeaderMap) -> Response {
+    if let Some(token) = token(&headers, &shared) {
+        shared.sessions().end(token);
+    }
+    ([(header::SET_COOKIE, set_cookie(&shared, "", "; Max-Age=0"))], Redirect::to("/login")).into_response()
+}
+
+fn set_cookie(shared: &Shared, token: &str, more: &str) -> String {
+    let secure = if shared.is_tls() { "; Secure" } else { "" };
+    format!("{}={token}; Path=/; HttpOnly; SameSite=Strict{secure}{more}", cookie_name(shared.is_tls()))
+}
+
+/// Whether a browser says that the form comes from elsewhere.
+fn is_foreign(headers: &HeaderMap) -> bool {
+    let site = headers.get("sec-fetch-site").and_then(|value| value.to_str().ok());
+    site.is_some_and(|site| site != "same-origin" && site != "none")
+}

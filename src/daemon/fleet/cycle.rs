@@ -1,0 +1,152 @@
+//! One cycle as the archive has it: what was signed, every number with its limit, the pictures.
+
+use super::frame::{self, time, verdict};
+use super::office::{Shared, failed};
+use crate::archive::reading::{Record, SignedBy};
+use crate::files::content_hash;
+use crate::record::CycleRecord;
+use crate::report::check_row;
+use crate::signing::{SignedCycle, exported_files};
+use axum::Json;
+use axum::extract::{Path, Query, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use maud::{Markup, html};
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+/// Which cycle.
+#[derive(Debug, Clone, Deserialize)]
+pub(super) struct Asked {
+    cell: String,
+    number: i64,
+}
+
+async fn record(shared: &Shared, Asked { cell, number }: &Asked) -> Result<Record, Response> {
+    match shared.reader().record(cell, *number).await {
+        Ok(Some(record)) => Ok(record),
+        Ok(None) => {
+            let words = format!("The archive has no cycle {number} of cell {}.", cell.escape_debug());
+            Err((StatusCode::NOT_FOUND, words).into_response())
+        }
+        Err(error) => Err(failed(&error)),
+    }
+}
+
+pub(super) async fn page(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
+    match record(&shared, &asked).await {
+        Ok(record) => frame::page("Cycle", "/cycles", None, &body(&record)),
+        Err(response) => response,
+    }
+}
+
+pub(super) async fn json(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
+    let Record { row, signed, statement } = match record(&shared, &asked).await {
+        Ok(record) => record,
+        Err(response) => return response,
+    };
+    let signed = signed.iter().map(|one| {
+        let SignedBy { statement, record_hash, unix_ms, person } = one;
+        json!({"statement": statement, "record_hash": record_hash, "unix_ms": unix_ms, "person": person})
+    });
+    Json(json!({"cycle": row, "signed": signed.collect::<Vec<_>>(), "record": statement.map(|cycle| cycle.record)}))
+        .into_response()
+}
+
+/// A file that a record names: a picture as one, everything else as text that no browser runs.
+pub(super) async fn file(State(shared): State<Shared>, Path(hash): Path<String>) -> Response {
+    let reader = shared.reader().clone();
+    let Ok(Some(bytes)) = tokio::task::spawn_blocking(move || reader.file(&hash)).await else {
+        return (
+            StatusCode::NOT_FOUND,
+            "The archive does not have this file, or it is damaged: panelprep archive check",
+        )
+            .into_response();
+    };
+    let kind = match bytes.as_slice() {
+        [0xff, 0xd8, ..] => "image/jpeg",
+        [0x89, b'P', b'N', b'G', ..] => "image/png",
+        _ => "text/plain; charset=utf-8",
+    };
+    // A file of this name never changes.
+    ([(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "private, max-age=31536000, immutable")], bytes)
+        .into_response()
+}
+
+fn body(Record { row, signed, statement }: &Record) -> Markup {
+    let reasons: Vec<Value> = serde_json::from_str(&row.reasons).unwrap_or_default();
+    let text = |reason: &Value, key: &str| reason.get(key).and_then(Value::as_str).unwrap_or("").to_owned();
+    let address = frame::address(&[("cell", &row.cell), ("number", &row.cycle.to_string())]);
+    html! {
+        section.card {
+            h2 { "Cycle " (row.cycle) " of cell " (row.cell) ": " (verdict(&row.verdict)) }
+            @for reason in &reasons { p { (text(reason, "message")) " (" (text(reason, "code")) ")" } }
+            table { tbody {
+                tr { th { "Began (UTC)" } td { (time(row.started_unix_s)) } }
+                tr { th { "Ended" } td { @if let Some(ended) = row.ended_unix_s { (time(ended)) } @else { "–" } } }
+                tr { th { "Panel" } td { (row.panel) } }
+                tr { th { "Serial number" } td { (row.serial.as_deref().unwrap_or("–")) } }
+                tr { th { "Work order" } td { (row.work_order.as_deref().unwrap_or("–")) } }
+                tr { th { "Operator" } td { (row.operator.as_deref().unwrap_or("–")) } }
+                tr { th { "Recipe" } td { a href={ "/recipe?" (frame::address(&[("hash", &row.recipe_hash)])) } { (row.recipe_hash) } } }
+                tr { th { "Program" } td { (row.program_version) } }
+            } }
+            p.links { a href={ "/cycle.json?" (address) } { "JSON" } }
+        }
+        section.card {
+            h2 { "Signatures" }
+            @if signed.is_empty() { p { "⚠ The signed record of this cycle has not come yet." } }
+            ul { @for one in signed { li { (signature(one)) } } }
+        }
+        @if let Some(cycle) = statement { (findings(cycle)) (files(cycle)) }
+    }
+}
+
+fn signature(SignedBy { statement, record_hash, unix_ms, person }: &SignedBy) -> Markup {
+    html! {
+        (time(unix_ms.div_euclid(1_000))) ": "
+        @match person {
+            Some((name, meaning)) => { strong { (name) } ", " (meaning) },
+            None => "signed by the cell",
+        }
+        ", record number " (statement) ", SHA-256 " code { (record_hash) }
+    }
+}
+
+/// Every check of the record; a record of another version of the program is shown as its JSON alone.
+fn findings(cycle: &SignedCycle) -> Markup {
+    let Ok(record) = serde_json::from_value::<CycleRecord>(cycle.record.clone()) else {
+        return html! { section.card { p { "This record was written by another version of the program: read it as JSON." } } };
+    };
+    html! {
+        @for finding in &record.findings {
+            section.card {
+                h2 { (finding.kind.word()) @if finding.pass > 0 { ", after pass " (finding.pass) } ": " (verdict(finding.judgement.verdict.word())) }
+                @for reason in &finding.judgement.reasons { p { (reason.message) " (" (reason.code) ")" } }
+                @if !finding.checks.is_empty() {
+                    div.scroll tabindex="0" { table {
+                        thead { tr { th { "Number" } th { "Value" } th { "Allowed" } } }
+                        tbody { @for check in &finding.checks { @let row = check_row(check, ""); tr { td { (row.name) } td { (row.value) } td { (row.allowed) } } } }
+                    } }
+                }
+                div.evidence { @for picture in &finding.pictures {
+                    figure {
+                        a href={ "/file/" (picture.hash) } { img src={ "/file/" (picture.hash) } alt=(picture.caption) loading="lazy"; }
+                        figcaption { (picture.caption) }
+                    }
+                } }
+            }
+        }
+    }
+}
+
+fn files(cycle: &SignedCycle) -> Markup {
+    let named = exported_files(cycle).into_iter().filter(|(name, _)| !name.starts_with("picture "));
+    html! {
+        section.card {
+            h2 { "What it ran with" }
+            ul { @for (name, hash) in named { li { a href={ "/file/" (hash) } { (name) } " " code { (hash) } } } }
+            p.note { "SHA-256 of nothing is " code { (content_hash(b"")) } "; each file here has the SHA-256 that the signed record names." }
+        }
+    }
+}

@@ -1,0 +1,25 @@
+//! Why there is no page of the office.
+
+use crate::daemon::web::PageError;
+use std::net::SocketAddr;
+
+/// Why there is no page of the office.
+#[derive(Debug, thiserror::Error)]
+pub enum FleetError {
+    /// The settings name no address.
+    #[error(
+        "the archive's settings have no address for its page: set listen in [fleet], such as \"127.0.0.1:8444\""
+    )]
+    NoAddress,
+    /// The address cannot be had.
+    #[error("{address}: the office's page cannot be served here: {source}; name another address at [fleet] listen")]
+    Listen {
+        /// The address.
+        address: SocketAddr,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The certificate.
+    #[error(transparent)]
+    Certificate(#[from] PageError),
+}

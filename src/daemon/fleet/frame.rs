@@ -1,0 +1,119 @@
+//! What stands around every page.
+
+use crate::archive::reading::CycleRow;
+use crate::history::Cell;
+use crate::words::{utc, utc_day};
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use maud::{DOCTYPE, Markup, html};
+
+/// The pages: path and word.
+const PAGES: [(&str, &str); 5] = [
+    ("/", "Cells"),
+    ("/cycles", "Cycles"),
+    ("/numbers", "Numbers"),
+    ("/verifications", "Verifications"),
+    ("/recipes", "Recipes"),
+];
+
+/// The whole page; it loads itself again after so many seconds, where that is set.
+pub(super) fn page(title: &str, here: &str, again_s: Option<u32>, body: &Markup) -> Response {
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width,initial-scale=1";
+                @if let Some(again_s) = again_s { meta http-equiv="refresh" content=(again_s); }
+                title { (title) " – Panelprep office" }
+                link rel="stylesheet" href="/page.css";
+            }
+            body {
+                a.skip href="#main" { "To the content" }
+                header {
+                    nav aria-label="Pages" {
+                        @for (path, word) in PAGES {
+                            a href=(path) aria-current=[(path == here).then_some("page")] { (word) }
+                        }
+                    }
+                    @if !here.is_empty() {
+                        div.who { form method="post" action="/logout" { button.plain type="submit" { "Log out" } } }
+                    }
+                }
+                main #main { h1.hidden { (title) } (body) }
+            }
+        }
+    };
+    ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], page.into_string()).into_response()
+}
+
+/// A time with the seconds, UTC.
+pub(super) fn time(unix_s: i64) -> Markup {
+    html! { time { (utc(unix_s)) } }
+}
+
+/// A day, UTC.
+pub(super) fn day(unix_s: i64) -> Markup {
+    html! { time { (utc_day(unix_s)) } }
+}
+
+/// A mark with the verdict's word: never by colour alone.
+pub(super) fn verdict(word: &str) -> Markup {
+    let mark = match word {
+        "pass" | "accept" => "✔",
+        "fail" | "reject" | "aborted" => "✖",
+        _ => "⚠",
+    };
+    html! { span.verdict { (mark) " " (word) } }
+}
+
+/// Cycles as a table for a spreadsheet.
+pub(super) fn table(rows: &[CycleRow]) -> crate::history::Table {
+    let text = |text: &Option<String>| text.clone().map_or(Cell::Empty, Cell::Text);
+    let columns = [
+        "cell",
+        "cycle",
+        "started_unix_s",
+        "ended_unix_s",
+        "panel",
+        "serial",
+        "work_order",
+        "operator",
+        "verdict",
+        "recipe_hash",
+        "program_version",
+    ];
+    crate::history::Table::new(&columns).with(rows.iter().map(|row| {
+        vec![
+            Cell::Text(row.cell.clone()),
+            Cell::Whole(row.cycle),
+            Cell::Whole(row.started_unix_s),
+            row.ended_unix_s.map_or(Cell::Empty, Cell::Whole),
+            Cell::Text(row.panel.clone()),
+            text(&row.serial),
+            text(&row.work_order),
+            text(&row.operator),
+            Cell::Text(row.verdict.clone()),
+            Cell::Text(row.recipe_hash.clone()),
+            Cell::Text(row.program_version.clone()),
+        ]
+    }))
+}
+
+/// A table as a file of this name.
+pub(super) fn csv(name: &str, table: &crate::history::Table) -> Response {
+    match table.csv() {
+        Ok(text) => {
+            let name = format!("attachment; filename=\"{name}.csv\"");
+            let headers =
+                [(header::CONTENT_TYPE, "text/csv; charset=utf-8".to_owned()), (header::CONTENT_DISPOSITION, name)];
+            (headers, text).into_response()
+        }
+        Err(error) => (axum::http::StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response(),
+    }
+}
+
+/// A part of an address.
+pub(super) fn address(pairs: &[(&str, &str)]) -> String {
+    form_urlencoded::Serializer::new(String::new()).extend_pairs(pairs).finish()
+}

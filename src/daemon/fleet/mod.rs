@@ -1,0 +1,64 @@
+//! The office's page: all cells as they stand, their cycles, numbers over cells, verifications and recipes, from the archive. It
+//! reads and changes nothing: whoever has an account of the office may look.
+//!
+//! `access` lets people in, `frame` stands around every page, and each page is a file.
+
+mod access;
+mod cells;
+mod cycle;
+mod cycles;
+mod error;
+mod frame;
+mod numbers;
+mod office;
+mod recipes;
+mod routes;
+
+pub use error::FleetError;
+
+use super::web::{self, listen_on};
+use crate::archive::reading::Reader;
+use crate::office::{ArchiveSettings, FleetPage};
+use office::Shared;
+use std::net::SocketAddr;
+use tokio::net::TcpListener;
+
+/// Where people open the page.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FleetAddress {
+    /// What people open.
+    pub url: String,
+    /// The fingerprint of the program's own certificate, where it shows that one.
+    pub fingerprint: Option<String>,
+}
+
+/// Serves the page until `ended` comes; `told` hears where, once it listens.
+///
+/// # Errors
+/// Where the settings name no address, the address cannot be had, or a certificate cannot be used.
+pub async fn serve(
+    settings: &ArchiveSettings,
+    told: impl FnOnce(&FleetAddress),
+    ended: impl Future<Output = ()>,
+) -> Result<(), FleetError> {
+    let Some(FleetPage { listen, certificate }) = &settings.fleet else { return Err(FleetError::NoAddress) };
+    let failed = |source| FleetError::Listen { address: *listen, source };
+    let is_local = listen.ip().is_loopback() && certificate.is_none();
+    let certificate = match is_local {
+        true => None,
+        false => Some(web::certificate(certificate.as_ref(), &settings.files, *listen)?),
+    };
+    let listener = TcpListener::bind(listen).await.map_err(failed)?;
+    let address: SocketAddr = listener.local_addr().map_err(failed)?;
+    let is_tls = certificate.is_some();
+    told(&FleetAddress {
+        url: format!("{}://{address}/", if is_tls { "https" } else { "http" }),
+        fingerprint: certificate.as_ref().and_then(|certificate| certificate.fingerprint.clone()),
+    });
+    let router = routes::router(Shared::new(Reader::new(settings), is_tls));
+    tokio::select! {
+        () = listen_on(listener, certificate, router) => {}
+        () = ended => {}
+    }
+    Ok(())
+}

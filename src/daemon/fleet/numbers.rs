@@ -1,0 +1,236 @@
+//! A number of a panel over all cells, and the verifications of all cells: which cell differs from the others, which one drifts?
+
+use super::cycles::choice;
+use super::frame;
+use super::office::{Shared, failed};
+use crate::archive::ArchiveError;
+use crate::archive::reading::CellNumbers;
+use crate::history::{Cell, Known, Table, Trend};
+use crate::report::{ChartWords, trend_chart};
+use crate::verdict::Limit;
+use crate::words::fixed;
+use axum::Json;
+use axum::extract::{Query, State};
+use axum::response::{IntoResponse, Response};
+use maud::{Markup, html};
+use serde::Deserialize;
+
+/// Values over all cells.
+const MOST: i64 = 2_000;
+/// Verifications of each cell.
+const MOST_VERIFICATIONS: i64 = 200;
+/// Newest values of a cell that are held against its earlier ones.
+const LATE: usize = 10;
+const SUBJECTS: [&str; 4] = ["scanner", "flange_camera", "tool", "tool_force"];
+
+/// Which number of which panel.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Asked {
+    panel: String,
+    quantity: String,
+    subject: String,
+}
+
+struct Found {
+    panels: Vec<String>,
+    asked: Asked,
+    cells: Vec<CellNumbers>,
+}
+
+async fn numbers(shared: &Shared, mut asked: Asked) -> Result<Found, ArchiveError> {
+    let (panels, _) = shared.reader().names().await?;
+    if asked.panel.is_empty() {
+        asked.panel = panels.first().cloned().unwrap_or_default();
+    }
+    if asked.quantity.is_empty() {
+        Known::LocalizationError.word().clone_into(&mut asked.quantity);
+    }
+    let cells = shared.reader().numbers(&asked.panel, &asked.quantity, MOST).await?;
+    Ok(Found { panels, asked, cells })
+}
+
+async fn verifications(shared: &Shared, mut asked: Asked) -> Result<Found, ArchiveError> {
+    if !SUBJECTS.contains(&asked.subject.as_str()) {
+        SUBJECTS[0].clone_into(&mut asked.subject);
+    }
+    let cells = shared.reader().verifications(&asked.subject, MOST_VERIFICATIONS).await?;
+    Ok(Found { panels: Vec::new(), asked, cells })
+}
+
+pub(super) async fn page(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
+    match numbers(&shared, asked).await {
+        Ok(found) => frame::page("Numbers", "/numbers", None, &numbers_body(&found)),
+        Err(error) => failed(&error),
+    }
+}
+
+pub(super) async fn csv(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
+    numbers(&shared, asked)
+        .await
+        .map_or_else(|error| failed(&error), |found| frame::csv("numbers", &table(&found.cells)))
+}
+
+pub(super) async fn json(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
+    numbers(&shared, asked).await.map_or_else(|error| failed(&error), |found| Json(found.cells).into_response())
+}
+
+pub(super) async fn verifications_page(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
+    match verifications(&shared, asked).await {
+        Ok(found) => frame::page("Verifications", "/verifications", None, &verifications_body(&found)),
+        Err(error) => failed(&error),
+    }
+}
+
+pub(super) async fn verifications_csv(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
+    let found = verifications(&shared, asked).await;
+    found.map_or_else(|error| failed(&error), |found| frame::csv("verifications", &table(&found.cells)))
+}
+
+pub(super) async fn verifications_json(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
+    verifications(&shared, asked)
+        .await
+        .map_or_else(|error| failed(&error), |found| Json(found.cells).into_response())
+}
+
+fn table(cells: &[CellNumbers]) -> Table {
+    let rows = cells.iter().flat_map(|cell| {
+        cell.points.iter().map(|point| {
+            let limit = point.limit.bound().map_or(Cell::Empty, Cell::Number);
+            vec![Cell::Text(cell.cell.clone()), Cell::Whole(point.at_unix_s), Cell::Number(point.value), limit]
+        })
+    });
+    Table::new(&["cell", "at_unix_s", "value", "limit"]).with(rows)
+}
+
+fn numbers_body(Found { panels, asked, cells }: &Found) -> Markup {
+    let known = asked.quantity.parse::<Known>().ok();
+    let (title, unit) = match known {
+        Some(known) => known.title_and_unit(),
+        None => (asked.quantity.as_str(), ""),
+    };
+    let words: Vec<&str> = Known::words();
+    html! {
+        section.card {
+            h2 { "Numbers of a panel over all cells" }
+            form.search method="get" action="/numbers" {
+                (choice("Panel", "panel", &asked.panel, panels.iter().map(String::as_str)))
+                (choice("Number", "quantity", &asked.quantity, words.into_iter()))
+                button.primary type="submit" { "Show" }
+            }
+            @let address = frame::address(&[("panel", &asked.panel), ("quantity", &asked.quantity)]);
+            p.links { a href={ "/numbers.csv?" (address) } { "CSV" } " · " a href={ "/numbers.json?" (address) } { "JSON" } }
+            p.note { "The newest " (MOST) " values over all cells." }
+        }
+        (compared((title, unit), cells))
+    }
+}
+
+fn verifications_body(Found { asked, cells, .. }: &Found) -> Markup {
+    let known = [
+        Known::ScannerVerification,
+        Known::FlangeCameraVerification,
+        Known::ToolVerification,
+        Known::ForceVerification,
+    ];
+    let known = known.into_iter().find(|known| known.verified_subject() == Some(&asked.subject));
+    let (title, unit) = known.map_or(("verification", ""), Known::title_and_unit);
+    html! {
+        section.card {
+            h2 { "Verifications of all cells" }
+            form.search method="get" action="/verifications" {
+                (choice("What was verified", "subject", &asked.subject, SUBJECTS.into_iter()))
+                button.primary type="submit" { "Show" }
+            }
+            @let address = frame::address(&[("subject", &asked.subject)]);
+            p.links { a href={ "/verifications.csv?" (address) } { "CSV" } " · " a href={ "/verifications.json?" (address) } { "JSON" } }
+            p.note { "The newest " (MOST_VERIFICATIONS) " of each cell." }
+        }
+        (compared((title, unit), cells))
+    }
+}
+
+/// Cells side by side, and a chart of each.
+fn compared((title, unit): (&str, &str), cells: &[CellNumbers]) -> Markup {
+    html! {
+        section.card {
+            h2 { (title) @if !unit.is_empty() { " [" (unit) "]" } }
+            @if cells.is_empty() { p { "There are no values." } } @else {
+                div.scroll tabindex="0" { table {
+                    thead { tr { th { "Cell" } th { "Values" } th { "Mean" } th { "Standard deviation" } th { "Mean of the last " (LATE) } th { "Drift" } th { "Share of the limit, last" } } }
+                    tbody { @for cell in cells { (row(cell)) } }
+                } }
+            }
+            p.note { "Drift: the mean of the last " (LATE) " values against the values before, in standard errors; more than 3 is marked." }
+        }
+        @for cell in cells {
+            section.card {
+                h2 { (cell.cell) }
+                @let trend = Trend::of_points((title.to_owned(), unit.to_owned()), cell.points.clone(), 0);
+                (trend_chart(&trend, WORDS))
+            }
+        }
+    }
+}
+
+const WORDS: ChartWords<'_> = ChartWords {
+    cycle: "time (UTC)",
+    usual: "as usual",
+    unusual: "unusual by the rules of Western Electric",
+    beyond: "beyond its limit",
+    limit: "limit",
+    mean: "mean",
+};
+
+fn row(cell: &CellNumbers) -> Markup {
+    let values: Vec<f64> = cell.points.iter().map(|point| point.value).collect();
+    let share = cell.points.last().and_then(|point| match point.limit {
+        Limit::AtMost(limit) | Limit::Below(limit) if limit > 0.0 => Some(point.value / limit),
+        _ => None,
+    });
+    let (mean, deviation) = spread(&values);
+    let drift = drift(&values);
+    html! {
+        tr {
+            th scope="row" { (cell.cell) }
+            td { (values.len()) }
+            td { (fixed(mean, 4)) }
+            td { (fixed(deviation, 4)) }
+            td { (fixed(spread(&values[values.len().saturating_sub(LATE)..]).0, 4)) }
+            td { @match drift { Some(drift) => { @if drift.abs() > 3.0 { "⚠ " } (fixed(drift, 1)) }, None => "–" } }
+            td { @match share { Some(share) => { @if share > 0.8 { "⚠ " } (fixed(100.0 * share, 0)) " %" }, None => "–" } }
+        }
+    }
+}
+
+fn spread(values: &[f64]) -> (f64, f64) {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    (mean, (squares / (count - 1.0).max(1.0)).sqrt())
+}
+
+/// How far the newest values lie from those before, in standard errors of the difference; `None` where there are too few.
+fn drift(values: &[f64]) -> Option<f64> {
+    let late = values.len().checked_sub(LATE).filter(|before| *before >= LATE)?;
+    let (before, late) = values.split_at(late);
+    let ((was, was_deviation), (is, is_deviation)) = (spread(before), spread(late));
+    let error = (was_deviation.powi(2) / before.len() as f64 + is_deviation.powi(2) / late.len() as f64).sqrt();
+    (error > 0.0).then(|| (is - was) / error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: twenty values 1, 3, 1, 3, … have the mean 2 and the variance 20/19; ten that are 4 higher lie 4 / √(1.0526/20 + 1.1111/10)
+    /// = 9.888 standard errors away.
+    #[test]
+    fn a_drift_is_told_in_standard_errors() {
+        let swing = |count: usize, by: f64| (0..count).map(move |index| by + 1.0 + 2.0 * (index % 2) as f64);
+        let values: Vec<f64> = swing(20, 0.0).chain(swing(10, 4.0)).collect();
+        assert!((drift(&values).expect("enough") - 9.888).abs() < 1e-3, "{:?}", drift(&values));
+        assert_eq!(drift(&values[..19]), None);
+        assert_eq!(drift(&[2.0; 40]), None, "without any spread nothing is said");
+    }
+}

@@ -1,0 +1,96 @@
+//! The versions of a panel's recipe: which cell works by which, and how two differ.
+
+use super::cycles::choice;
+use super::frame::{self, day};
+use super::office::{Shared, failed};
+use crate::archive::reading::RecipeUse;
+use crate::daemon::web::difference;
+use crate::words::fixed;
+use axum::extract::{Query, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use maud::{Markup, html};
+use serde::Deserialize;
+
+/// Digits of a hash that are shown.
+const SHORT: usize = 12;
+
+/// Which panel.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Asked {
+    panel: String,
+}
+
+pub(super) async fn page(State(shared): State<Shared>, Query(Asked { panel }): Query<Asked>) -> Response {
+    let read = async {
+        let (panels, _) = shared.reader().names().await?;
+        let panel = if panel.is_empty() { panels.first().cloned().unwrap_or_default() } else { panel };
+        let uses = shared.reader().recipes(&panel).await?;
+        Ok((panels, panel, uses))
+    };
+    match read.await {
+        Ok((panels, panel, uses)) => frame::page("Recipes", "/recipes", None, &body(&panels, &panel, &uses)),
+        Err(error) => failed(&error),
+    }
+}
+
+fn body(panels: &[String], panel: &str, uses: &[RecipeUse]) -> Markup {
+    let short = |hash: &str| hash.get(..SHORT).unwrap_or(hash).to_owned();
+    let newest = uses.first().map(|one| one.recipe_hash.as_str());
+    html! {
+        section.card {
+            h2 { "Recipes of a panel" }
+            form.search method="get" action="/recipes" {
+                (choice("Panel", "panel", panel, panels.iter().map(String::as_str)))
+                button.primary type="submit" { "Show" }
+            }
+            @if uses.is_empty() { p { "No cycle was about this panel." } } @else {
+                div.scroll tabindex="0" { table {
+                    thead { tr { th { "Version" } th { "Cell" } th { "First used" } th { "Last used" } th { "Cycles" } th { "Passed" } th { "Difference" } } }
+                    tbody { @for one in uses { tr {
+                        td { a href={ "/recipe?" (frame::address(&[("hash", &one.recipe_hash)])) } { code { (short(&one.recipe_hash)) } } }
+                        td { (one.cell) }
+                        td { (day(one.first_unix_s)) }
+                        td { (day(one.last_unix_s)) }
+                        td { (one.cycles) }
+                        td { (fixed(100.0 * one.passed as f64 / one.cycles.max(1) as f64, 0)) " %" }
+                        td { @if let Some(newest) = newest.filter(|newest| *newest != one.recipe_hash) {
+                            a href={ "/recipe?" (frame::address(&[("hash", newest), ("before", &one.recipe_hash)])) } { "to " (short(newest)) }
+                        } }
+                    } } }
+                } }
+            }
+        }
+    }
+}
+
+/// Which version, and which one it is held against.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Version {
+    hash: String,
+    before: String,
+}
+
+pub(super) async fn text(
+    State(shared): State<Shared>,
+    Query(Version { hash, before }): Query<Version>,
+) -> Response {
+    let reader = shared.reader().clone();
+    let read =
+        move || [hash, before].map(|hash| reader.file(&hash).and_then(|bytes| String::from_utf8(bytes).ok()));
+    let Ok([Some(text), before]) = tokio::task::spawn_blocking(read).await else {
+        return (StatusCode::NOT_FOUND, "The archive does not have this recipe.").into_response();
+    };
+    let body = html! {
+        section.card {
+            h2 { "Recipe" }
+            @match before {
+                Some(before) => (difference(&before, &text)),
+                None => pre.scroll tabindex="0" { (text) },
+            }
+        }
+    };
+    frame::page("Recipe", "/recipes", None, &body)
+}

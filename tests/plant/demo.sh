@@ -1,0 +1,87 @@
+#!/bin/sh
+# The whole plant on this computer: `make demo-plant`. Two simulated cells with their services, a NATS broker, PostgreSQL, the archive and
+# the office's page. Each cell runs one cycle; then the archive is held against both cells. It goes on until Ctrl-C; with ONCE=1 it ends
+# after the proof. All of it lies in the folder that is named, and every server listens on this computer alone.
+set -eu
+
+program=$(realpath "$1")
+mkdir -p "$2"
+folder=$(realpath "$2")
+broker_port=${BROKER_PORT:-14222}
+database_port=${DATABASE_PORT:-15432}
+fleet_port=${FLEET_PORT:-18444}
+
+missing() {
+  echo "$1 is missing; on Debian: apt-get install $2" >&2
+  exit 2
+}
+command -v nats-server >/dev/null || missing nats-server nats-server
+programs=$(ls -d /usr/lib/postgresql/*/bin 2>/dev/null | sort -V | tail -1)
+[ -n "$programs" ] && [ -x "$programs/postgres" ] || missing PostgreSQL postgresql
+
+started=''
+end() {
+  trap - EXIT INT TERM
+  for id in $started; do kill "$id" 2>/dev/null || true; done
+  wait 2>/dev/null || true
+}
+trap end EXIT
+trap 'exit 130' INT TERM
+
+# PostgreSQL refuses to run as root.
+as_user=''
+if [ "$(id -u)" = 0 ]; then
+  as_user='setpriv --reuid=postgres --regid=postgres --clear-groups --'
+fi
+
+wait_for() {
+  tries=0
+  until "$@" >/dev/null 2>&1; do
+    tries=$((tries + 1))
+    [ "$tries" -lt 300 ] || { echo "waited in vain for: $*" >&2; exit 1; }
+    sleep 0.2
+  done
+}
+
+echo "broker and database"
+nats-server -js -a 127.0.0.1 -p "$broker_port" -sd "$folder/nats" >"$folder/nats.log" 2>&1 &
+started="$started $!"
+mkdir -p "$folder/postgres"
+[ -z "$as_user" ] || { chown postgres "$folder/postgres"; chmod 755 "$folder"; }
+[ -f "$folder/postgres/PG_VERSION" ] ||
+  $as_user "$programs/initdb" -D "$folder/postgres" -U panelprep --auth=trust -E UTF8 >"$folder/initdb.log" 2>&1
+$as_user "$programs/postgres" -D "$folder/postgres" -p "$database_port" -k '' -c listen_addresses=127.0.0.1 >"$folder/postgres.log" 2>&1 &
+started="$started $!"
+wait_for "$programs/pg_isready" -h 127.0.0.1 -p "$database_port"
+"$programs/createdb" -h 127.0.0.1 -p "$database_port" -U panelprep panelprep 2>/dev/null || true
+
+echo "archive and the office's page"
+cat >"$folder/archive.toml" <<SETTINGS
+files = "files"
+[broker]
+address = "nats://127.0.0.1:$broker_port"
+[database]
+port = $database_port
+[fleet]
+listen = "127.0.0.1:$fleet_port"
+SETTINGS
+"$program" archive run --settings "$folder/archive.toml" 2>"$folder/archive.log" >/dev/null &
+started="$started $!"
+echo 'demonstration' | "$program" archive account office --printed-name 'Office' --settings "$folder/archive.toml" >/dev/null
+"$program" fleet --settings "$folder/archive.toml" 2>"$folder/fleet.log" >/dev/null &
+started="$started $!"
+
+for cell in 1 2; do
+  here="$folder/cell-$cell"
+  file="$here/cell.toml"
+  if [ ! -f "$file" ]; then
+    echo "cell-$cell: a simulated cell is written and its panel is taught"
+    "$program" render --seed "$cell" --reduction 4 --out "$here" >"$folder/cell-$cell.log" 2>&1
+    "$program" teach --cell "$file" --recipe "$here/recipe.toml" --scan "$here/taught_scan.pcd" --corner "$here/taught_corner.png" \
+      --flange "$here/taught_flange.json" >>"$folder/cell-$cell.log" 2>&1
+    "$program" calibrate verify --cell "$file" --recipe "$here/recipe.toml" --scan "$here/verify_scan.pcd" >>"$folder/cell-$cell.log" 2>&1 || true
+    printf '\n[office]\nbroker = "nats://127.0.0.1:%s"\ncell = "cell-%s"\n' "$broker_port" "$cell" >>"$file"
+  fi
+  "$program" run --cell "$file" --seed "$cell" 2>>"$folder/cell-$cell.log" >/dev/null &
+  started="$started $!"
+done
