@@ -3,10 +3,11 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: browser sparkplug-peers deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo test test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
+.PHONY: browser sparkplug-peers deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
+	@echo 'make demo-plant  two simulated cells, broker, database, archive and the page over all cells, on this computer'
 	@echo 'make test    format check, lints, all tests'
 	@echo 'make test-long  the same tests with more random walks, and those that take minutes'
 	@echo 'make package a Debian package for the system that this machine has; make package-test installs, upgrades and purges it in a folder'
@@ -63,6 +64,12 @@ sparkplug-peers:
 demo: setup
 	cargo build --release --locked
 	target/release/panelprep demo --out $(DEMO_OUT)
+
+# Two simulated cells, a NATS broker, PostgreSQL, the archive and the office's page on this computer, until Ctrl-C. Needs nats-server and
+# postgresql of Debian.
+demo-plant: setup
+	cargo build --release --locked
+	sh tests/plant/demo.sh target/release/panelprep target/plant
 
 # Some tests wait for a watchdog or a cable, and some compute: three at a time keep two cores busy.
 test: setup browser sparkplug-peers

@@ -79,9 +79,34 @@ for cell in 1 2; do
     "$program" render --seed "$cell" --reduction 4 --out "$here" >"$folder/cell-$cell.log" 2>&1
     "$program" teach --cell "$file" --recipe "$here/recipe.toml" --scan "$here/taught_scan.pcd" --corner "$here/taught_corner.png" \
       --flange "$here/taught_flange.json" >>"$folder/cell-$cell.log" 2>&1
-    "$program" calibrate verify --cell "$file" --recipe "$here/recipe.toml" --scan "$here/verify_scan.pcd" >>"$folder/cell-$cell.log" 2>&1 || true
+    for camera in scanner flange_camera; do
+      flange=''
+      [ "$camera" = scanner ] || flange="--flange $here/target/flange.json"
+      # shellcheck disable=SC2086
+      "$program" calibrate verify --cell "$file" --camera "$(echo $camera | tr _ -)" --board 5x4 --square-mm 40 \
+        --target "$here/target/$camera.toml" --image "$here/target/$camera.png" $flange >>"$folder/cell-$cell.log" 2>&1
+    done
     printf '\n[office]\nbroker = "nats://127.0.0.1:%s"\ncell = "cell-%s"\n' "$broker_port" "$cell" >>"$file"
   fi
   "$program" run --cell "$file" --seed "$cell" 2>>"$folder/cell-$cell.log" >/dev/null &
   started="$started $!"
 done
+
+for cell in 1 2; do
+  file="$folder/cell-$cell/cell.toml"
+  wait_for "$program" ctl state --cell "$file"
+  # The robot's link may still be on its way.
+  wait_for "$program" ctl reset --wait --cell "$file"
+  echo "cell-$cell: one cycle"
+  "$program" ctl start --recipe "$folder/cell-$cell/recipe.toml" --part "SN-$cell-$(date +%H%M%S)" --wait --cell "$file" |
+    sed "s/^/cell-$cell: /;q"
+done
+
+echo "proof: does the archive hold the same as both cells?"
+wait_for "$program" archive check --settings "$folder/archive.toml" "cell-1=$folder/cell-1/store" "cell-2=$folder/cell-2/store"
+"$program" archive check --settings "$folder/archive.toml" "cell-1=$folder/cell-1/store" "cell-2=$folder/cell-2/store"
+
+[ -z "${ONCE:-}" ] || exit 0
+echo
+echo "The office's page: http://127.0.0.1:$fleet_port/ (account office, password demonstration). Ctrl-C ends everything."
+wait
