@@ -1,6 +1,7 @@
 //! Records from a cell to the office and back, with a real broker and a real database, and what kills, lies and mistakes do to them.
 
 use super::commands::json;
+use super::operator_page::{in_browser, modules, one_cycle, trace};
 use super::plant::{Server, archive_settings, broker, database, free_port, nats_server, postgres_programs};
 use super::service::{START, Service, taught};
 use panelprep::broker::CellLink;
@@ -338,4 +339,79 @@ fn garbage(plant: &Plant) {
     let other = CellName::new("cell-2").expect("a name");
     // In another cell's name.
     publish(plant, &[Chunk { cell: other, ..part("ef", 1, 1) }]);
+}
+
+/// A robot does the same without an office, with one whose broker never answers, and with one that takes everything.
+#[test]
+fn the_office_changes_nothing_of_what_the_robot_does() {
+    let Some(plant) = Plant::start() else { return };
+    let with = |broker_port: Option<u16>| {
+        let folder = taught("good");
+        if let Some(port) = broker_port {
+            let file = folder.path().join("cell/cell.toml");
+            let office = format!("\n[office]\nbroker = \"nats://127.0.0.1:{port}\"\ncell = \"cell-1\"\n");
+            fs::write(&file, fs::read_to_string(&file).expect("a cell") + &office).expect("written");
+        }
+        one_cycle(&Service::start(folder.path()));
+        trace(folder.path())
+    };
+    // It takes connections and says nothing.
+    let silent = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
+    let without = with(None);
+    assert!(without.iter().any(|line| line.contains("Contact")), "it abrades: {without:#?}");
+    assert_eq!(with(Some(silent.local_addr().expect("its port").port())), without);
+    assert_eq!(with(Some(plant.broker_port)), without);
+}
+
+/// The office's page as people use it: a wrong password, then every page, in a browser.
+#[test]
+fn people_look_at_all_cells_in_a_browser() {
+    let Some(mut plant) = Plant::start() else { return };
+    let Some(modules) = modules() else { return };
+    let port = free_port();
+    let settings = fs::read_to_string(&plant.settings).expect("settings")
+        + &format!("[fleet]\nlisten = \"127.0.0.1:{port}\"\n");
+    fs::write(&plant.settings, settings).expect("written");
+    let folder = taught("good");
+    let file = folder.path().join("cell/cell.toml");
+    let office = format!("\n[office]\nbroker = \"nats://127.0.0.1:{}\"\ncell = \"cell-1\"\n", plant.broker_port);
+    fs::write(&file, fs::read_to_string(&file).expect("a cell") + &office).expect("written");
+    let service = Service::start(folder.path());
+    service.reset();
+    service.done(&format!("{START} --part SN-0017 --order W-4 --wait"));
+    let mut other = Cell::new();
+    other.send(plant.office("cell-2"));
+    other.cycles(30);
+    let store = Store::open(&folder.path().join("cell/store")).expect("a store");
+    service.wait("its record is signed", |_| !store.signatures().expect("read").is_empty());
+    plant.holds("cell-1", &folder.path().join("cell/store"));
+    plant.holds("cell-2", &other.path());
+    let account = format!("archive account office --printed-name Office --settings {}", plant.settings.display());
+    let mut made = super::commands::started(plant.folder.path(), &account);
+    std::io::Write::write_all(&mut made.stdin.take().expect("an input"), b"a long password\n").expect("written");
+    assert!(made.wait().expect("it ends").success());
+    let _fleet = Ends(super::commands::started(
+        plant.folder.path(),
+        &format!("fleet --settings {}", plant.settings.display()),
+    ));
+    plant.broker.start();
+    let since = Instant::now();
+    while std::net::TcpStream::connect(("127.0.0.1", port)).is_err() {
+        assert!(since.elapsed() < PATIENCE, "the office's page does not listen");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let browser = in_browser("fleet.mjs", &format!("http://127.0.0.1:{port}"), &modules);
+    let told = browser.wait_with_output().expect("it ends");
+    let [words, problems] = [&told.stdout, &told.stderr].map(|text| String::from_utf8_lossy(text));
+    assert!(told.status.success() && words.lines().last() == Some("whole"), "{words}\n{problems}");
+}
+
+/// Is killed when the test ends.
+struct Ends(Child);
+
+impl Drop for Ends {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
 }

@@ -36,7 +36,7 @@ pub fn with_page(folder: &Path, more: &str) -> String {
 }
 
 /// The folder of the browser's modules, where they and a browser are there; else it says that nobody looked at the page.
-fn modules() -> Option<PathBuf> {
+pub fn modules() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/browser");
     let is_there =
         ["playwright-core", "axe-core"].iter().all(|name| folder.join("node_modules").join(name).is_dir());
@@ -52,7 +52,7 @@ fn modules() -> Option<PathBuf> {
 }
 
 /// People with a browser who do what this script says.
-fn in_browser(script: &str, base: &str, modules: &Path) -> Child {
+pub fn in_browser(script: &str, base: &str, modules: &Path) -> Child {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let pictures = here.join("target/page");
     Command::new("node")
@@ -168,7 +168,7 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
 }
 
 /// What happened in the cycle, event by event, every motion with its end, and the verdict of each phase.
-fn trace(folder: &Path) -> Vec<String> {
+pub fn trace(folder: &Path) -> Vec<String> {
     let store = panelprep::store::Store::open(&folder.join("cell/store")).expect("a store");
     let record = store.cycle(panelprep::record::CycleId(1)).expect("read");
     let events = store.journal().expect("a journal").into_iter().map(|event| format!("{event:?}"));
@@ -182,7 +182,7 @@ fn trace(folder: &Path) -> Vec<String> {
     from_start.chain(motions).chain(findings).collect()
 }
 
-fn one_cycle(service: &Service) {
+pub fn one_cycle(service: &Service) {
     service.reset();
     service.done("start --recipe cell/recipe.toml");
     service.reach("complete");

@@ -196,10 +196,20 @@ async fn signature(
     let cell = message.cell.as_str();
     let hash = content_hash(message.envelope.body.content());
     let (name, meaning) = rows.person.clone().unzip();
-    let sql = "INSERT INTO signatures (cell, cycle, statement, record_hash, unix_ms, name, meaning)
-        VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT DO NOTHING";
-    let values: [&(dyn tokio_postgres::types::ToSql + Sync); 7] =
-        [&cell, &rows.cycle, &number(rows.statement), &hash, &rows.unix_ms, &name, &meaning];
+    let sql = "INSERT INTO signatures (cell, cycle, statement, record_hash, epoch, number, unix_ms, name, meaning)
+        VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9) ON CONFLICT DO NOTHING";
+    let position = &message.envelope.position;
+    let values: [&(dyn tokio_postgres::types::ToSql + Sync); 9] = [
+        &cell,
+        &rows.cycle,
+        &number(rows.statement),
+        &hash,
+        &position.epoch,
+        &number(position.number),
+        &rows.unix_ms,
+        &name,
+        &meaning,
+    ];
     transaction.execute(sql, &values).await.map_err(&failed)?;
     let Some(Quantities { started_unix_s, panel, values }) = &rows.quantities else { return Ok(()) };
     let words: Vec<&str> = values.iter().map(|(word, _, _)| *word).collect();

@@ -71,6 +71,8 @@ const TABLES: &str = "
         cycle BIGINT NOT NULL,
         statement BIGINT NOT NULL,
         record_hash TEXT NOT NULL,
+        epoch TEXT NOT NULL,
+        number BIGINT NOT NULL,
         unix_ms BIGINT NOT NULL,
         name TEXT,
         meaning TEXT,

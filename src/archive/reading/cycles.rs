@@ -148,8 +148,9 @@ impl Reader {
         let signed: Vec<SignedBy> = signed.collect();
         let mut statement = None;
         if let Some(own) = signed.iter().rfind(|one| one.person.is_none()) {
-            let sql = "SELECT content FROM records WHERE cell = $1 AND kind = 'signature' AND hash = $2 LIMIT 1";
-            let rows = self.rows(sql, &[&cell, &own.record_hash]).await?;
+            let sql = "SELECT content FROM records JOIN signatures USING (cell, epoch, number)
+                WHERE signatures.cell = $1 AND statement = $2 AND record_hash = $3 LIMIT 1";
+            let rows = self.rows(sql, &[&cell, &own.statement, &own.record_hash]).await?;
             let content: Option<Vec<u8>> = rows.first().map(|row| row.get(0));
             statement =
                 content.and_then(|content| Statement::read(&content).ok()).and_then(|read| match read.says {
