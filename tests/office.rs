@@ -255,6 +255,19 @@ fn sql(plant: &Plant, statements: &str) {
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
 }
 
+/// A cell that gets another name, and one whose office is another one, send everything there.
+#[test]
+fn under_another_name_and_to_another_office_everything_is_sent() {
+    let (Some(plant), Some(other)) = (Plant::start(), Plant::start()) else { return };
+    let mut cell = Cell::new();
+    cell.cycles(4);
+    for (plant, name) in [(&plant, "cell-1"), (&plant, "cell-2"), (&other, "cell-2"), (&plant, "cell-1")] {
+        cell.send(plant.office(name));
+        plant.holds(name, &cell.path());
+        cell.sender = None;
+    }
+}
+
 /// Another cell under the same name, a record that somebody changes in the database, and garbage: each is told, none replaces anything.
 #[test]
 fn contradictions_changes_and_garbage_are_told_and_replace_nothing() {

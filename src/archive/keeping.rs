@@ -230,7 +230,8 @@ async fn complete(transaction: &Transaction<'_>, cell: &CellName, epoch: &str) -
     let sql = "INSERT INTO epochs (cell, epoch, archived) VALUES ($1, $2, 0)
         ON CONFLICT (cell, epoch) DO UPDATE SET archived = epochs.archived RETURNING archived";
     let before: i64 = transaction.query_one(sql, &[&cell, &epoch]).await.map_err(&failed)?.get(0);
-    let sql = "SELECT number FROM records WHERE cell = $1 AND epoch = $2 AND number > $3 ORDER BY number";
+    let sql =
+        "SELECT number FROM records WHERE cell = $1 AND epoch = $2 AND number > $3 ORDER BY number LIMIT 10000";
     let mut archived = before;
     for row in transaction.query(sql, &[&cell, &epoch, &before]).await.map_err(&failed)? {
         if row.get::<_, i64>(0) != archived + 1 {

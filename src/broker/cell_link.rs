@@ -46,7 +46,8 @@ impl CellLink {
         Ok(CellLink { link, cell: cell.clone() })
     }
 
-    /// Which stream takes records: its name, and when it was made. Another one has nothing of what the one before it took.
+    /// Which stream takes records under which cell's name: both names, and when the stream was made. Another one has nothing of what the one before it
+    /// took.
     ///
     /// # Errors
     /// Where there is none.
@@ -58,7 +59,8 @@ impl CellLink {
             problem: error.to_string(),
         })?;
         let info = stream.cached_info();
-        Ok(format!("{} {}", info.config.name, info.created.unix_timestamp_nanos()))
+        // Under another name the office has nothing of what this cell sent.
+        Ok(format!("{} {} {}", self.cell, info.config.name, info.created.unix_timestamp_nanos()))
     }
 
     /// Up to which number the office has everything of this epoch; `None` where it never said so.

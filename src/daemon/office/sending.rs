@@ -106,9 +106,8 @@ impl Sender {
         self.progress.at_stream(&stream);
         let mut more = Vec::new();
         for last in last {
-            let Some(archived) = link.archived(&last.epoch).await.map_err(|error| error.to_string())? else {
-                continue;
-            };
+            // An office that never said anything has nothing: it may be another one than before.
+            let archived = link.archived(&last.epoch).await.map_err(|error| error.to_string())?.unwrap_or(0);
             match self.progress.told(&last.epoch, archived, last.number) {
                 OfficeSays::Known => {}
                 OfficeSays::HasLess => {
