@@ -413,6 +413,26 @@ fn people_look_at_all_cells_in_a_browser() {
         assert!(since.elapsed() < PATIENCE, "the office's page does not listen");
         std::thread::sleep(Duration::from_millis(50));
     }
+    // A recipe is approved once: each cell is offered it, and none takes it by itself.
+    let recipe = fs::read_to_string(folder.path().join("cell/recipe.toml")).expect("a recipe");
+    let offered = plant.folder.path().join("offered.toml");
+    fs::write(&offered, recipe.clone() + "\n# approved in the office\n").expect("written");
+    let (exit, told) = json(
+        plant.folder.path(),
+        &format!(
+            "archive offer {} --by Anna --why finer --settings {}",
+            offered.display(),
+            plant.settings.display()
+        ),
+    );
+    assert_eq!(exit, 0, "{told}");
+    let address = plant.office("cell-1");
+    let offer = runtime().block_on(async {
+        let link = CellLink::connect(&address.broker, &address.cell).await.expect("connected");
+        link.offer("simulated-panel").await.expect("asked").expect("offered")
+    });
+    assert_eq!((offer.by.as_str(), offer.text.ends_with("# approved in the office\n")), ("Anna", true));
+    assert_eq!(fs::read_to_string(folder.path().join("cell/recipe.toml")).expect("a recipe"), recipe);
     let browser = in_browser("fleet.mjs", &format!("http://127.0.0.1:{port}"), &modules);
     let told = browser.wait_with_output().expect("it ends");
     let [words, problems] = [&told.stdout, &told.stderr].map(|text| String::from_utf8_lossy(text));

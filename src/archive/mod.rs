@@ -17,6 +17,7 @@ mod database;
 mod error;
 mod files;
 mod keeping;
+mod offering;
 pub mod reading;
 mod receiving;
 mod rows;
@@ -24,4 +25,5 @@ mod tables;
 
 pub use checking::{CellList, CheckedCell, check};
 pub use error::ArchiveError;
+pub use offering::offer;
 pub use receiving::run;

@@ -4,6 +4,7 @@ use super::database;
 use super::error::ArchiveError;
 use super::files::Files;
 use super::keeping::{self, Kept};
+use super::offering;
 use crate::broker::{Delivery, OfficeLink};
 use crate::cell::CellName;
 use crate::office::ArchiveSettings;
@@ -17,7 +18,6 @@ use tokio_postgres::Client;
 const AT_ONCE: usize = 500;
 /// After a failure it is tried again after one second, then two, four, and so on up to this.
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
-const GB: i64 = 1_000_000_000;
 
 /// Works until `ended` comes. What fails and may pass is tried again, with a connection of its own.
 ///
@@ -53,13 +53,13 @@ async fn again_and_again(settings: &ArchiveSettings) -> ArchiveError {
 
 async fn work(settings: &ArchiveSettings) -> Result<std::convert::Infallible, ArchiveError> {
     let mut client = database::open(&settings.database).await?;
-    let most_bytes = i64::try_from(settings.waiting_gb).unwrap_or(i64::MAX).saturating_mul(GB);
-    let link = OfficeLink::connect(&settings.broker, most_bytes).await?;
+    let link = OfficeLink::connect(&settings.broker, settings.most_bytes()).await?;
     tracing::info!("takes what cells send by {}", settings.broker.address);
     // A cell may have missed it, or the broker lost it.
     for (cell, epoch, archived) in keeping::epochs(&client).await? {
         link.say_archived(&cell, &epoch, archived).await?;
     }
+    offering::offer_again(&client, &link).await?;
     let listener = database::open(&settings.database).await?;
     let records = receive(&mut client, &link, Files::at(&settings.files));
     tokio::select! {

@@ -108,6 +108,11 @@ const TABLES: &str = "
         passed BIGINT NOT NULL,
         PRIMARY KEY (panel, recipe_hash, cell)
     );
+    CREATE TABLE offers (
+        panel TEXT PRIMARY KEY,
+        recipe_hash TEXT NOT NULL,
+        offer BYTEA NOT NULL
+    );
     CREATE TABLE accounts (
         name TEXT PRIMARY KEY,
         printed_name TEXT NOT NULL,

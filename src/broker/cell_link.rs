@@ -3,7 +3,7 @@
 use super::error::BrokerError;
 use super::link::Link;
 use crate::cell::{Broker, CellName};
-use crate::office::{Chunk, subject};
+use crate::office::{Chunk, RecipeOffer, subject};
 use async_nats::jetstream::context::PublishAckFuture;
 use async_nats::jetstream::message::PublishMessage;
 use async_nats::jetstream::stream::LastRawMessageErrorKind;
@@ -80,6 +80,27 @@ impl CellLink {
         let number = std::str::from_utf8(&message.payload).ok().and_then(|text| text.parse().ok());
         let wrong = || self.link.failed("understand what the office has", "its word is no number");
         number.map(Some).ok_or_else(wrong)
+    }
+
+    /// The recipe that the office offers for this panel; `None` where it offers none.
+    ///
+    /// # Errors
+    /// Where the broker cannot tell, or what it tells is no offer of this panel.
+    pub async fn offer(&self, panel: &str) -> Result<Option<RecipeOffer>, BrokerError> {
+        let stream = self.link.context.get_stream_no_info(subject::OFFER_STREAM).await;
+        let failed = |problem: String| self.link.failed("ask for recipes that are offered", problem);
+        let stream = stream.map_err(|error| failed(error.to_string()))?;
+        match stream.get_last_raw_message_by_subject(&subject::offer(panel)).await {
+            Ok(message) => {
+                let offer = RecipeOffer::read(&message.payload).map_err(|error| failed(error.to_string()))?;
+                match offer.panel == panel {
+                    true => Ok(Some(offer)),
+                    false => Err(failed(format!("it is one of the panel {}", offer.panel.escape_debug()))),
+                }
+            }
+            Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => Ok(None),
+            Err(error) => Err(failed(error.to_string())),
+        }
     }
 
     /// Sends a part, for the `again`th time since the office did not have it; the broker's word comes later.

@@ -3,7 +3,7 @@
 use super::error::BrokerError;
 use super::link::Link;
 use crate::cell::{Broker, CellName};
-use crate::office::subject;
+use crate::office::{RecipeOffer, subject};
 use async_nats::Subscriber;
 use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
 use async_nats::jetstream::stream::{Config, DiscardPolicy, RetentionPolicy, StorageType};
@@ -97,7 +97,14 @@ impl OfficeLink {
             max_messages_per_subject: 1,
             ..Config::default()
         };
-        for config in [archived, records] {
+        let offers = Config {
+            name: subject::OFFER_STREAM.to_owned(),
+            subjects: vec![subject::ALL_OFFERS.to_owned()],
+            storage: StorageType::File,
+            max_messages_per_subject: 1,
+            ..Config::default()
+        };
+        for config in [archived, offers, records] {
             let made = link.context.create_or_update_stream(config).await;
             made.map_err(|error| link.failed("make a stream", error))?;
         }
@@ -138,6 +145,18 @@ impl OfficeLink {
     pub async fn say_archived(&self, cell: &CellName, epoch: &str, number: u64) -> Result<(), BrokerError> {
         let said = self.link.context.publish(subject::archived(cell, epoch), number.to_string().into()).await;
         let failed = |problem: String| self.link.failed("say what is archived", problem);
+        let ack = said.map_err(|error| failed(error.to_string()))?;
+        ack.await.map(drop).map_err(|error| failed(error.to_string()))
+    }
+
+    /// Offers a recipe to all cells, in the place of an earlier one of its panel; waits until the broker has it on its disk.
+    ///
+    /// # Errors
+    /// Where the broker does not take it.
+    pub async fn offer(&self, offer: &RecipeOffer) -> Result<(), BrokerError> {
+        let failed = |problem: String| self.link.failed("offer a recipe", problem);
+        let bytes = offer.bytes().map_err(|error| failed(error.to_string()))?;
+        let said = self.link.context.publish(subject::offer(&offer.panel), bytes.into()).await;
         let ack = said.map_err(|error| failed(error.to_string()))?;
         ack.await.map(drop).map_err(|error| failed(error.to_string()))
     }

@@ -1,6 +1,7 @@
 //! `panelprep archive`: the office's side of the records.
 
-use super::args::{Archive, ArchiveAccount, ArchiveTask, CheckArchive, Fleet, RunArchive};
+use super::args::{Archive, ArchiveAccount, ArchiveTask, CheckArchive, Fleet, OfferRecipe, RunArchive};
+use super::calibrate::now_unix_s;
 use super::disk;
 use super::fault::Fault;
 use super::outcome::Outcome;
@@ -10,7 +11,8 @@ use crate::archive::reading::{OfficeAccount, Reader};
 use crate::archive::{self, ArchiveError, CellList, CheckedCell};
 use crate::cell::CellName;
 use crate::daemon::{FleetAddress, serve_fleet};
-use crate::office::{ArchiveSettings, Listed};
+use crate::office::{ArchiveSettings, Listed, RecipeOffer};
+use crate::recipe::Recipe;
 use crate::store::Store;
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde::Deserialize;
@@ -30,6 +32,7 @@ pub fn run(args: &Archive) -> Result<Outcome, Fault> {
         ArchiveTask::Run(args) => serve(args),
         ArchiveTask::Check(args) => check(args),
         ArchiveTask::Account(args) => account(args),
+        ArchiveTask::Offer(args) => offer(args),
     }
 }
 
@@ -73,6 +76,16 @@ fn account(args: &ArchiveAccount) -> Result<Outcome, Fault> {
     let account = OfficeAccount { name: account.name, printed_name, password_hash: account.password_hash };
     runtime()?.block_on(Reader::new(&settings).keep_account(&account)).map_err(Fault::stage)?;
     Ok(ended_in_words(&format!("account {}: it may look at the office's page", account.name)))
+}
+
+fn offer(args: &OfferRecipe) -> Result<Outcome, Fault> {
+    let settings = settings(&args.settings)?;
+    let text = disk::read_text(&args.recipe)?;
+    let recipe = Recipe::check(&args.recipe.display().to_string(), &text).map_err(Fault::stage)?;
+    let who = (args.by.as_str(), args.why.as_str());
+    let offer = RecipeOffer::new(recipe.panel(), &text, who, now_unix_s() * 1_000).map_err(Fault::stage)?;
+    runtime()?.block_on(archive::offer(&settings, &offer)).map_err(Fault::stage)?;
+    Ok(ended_in_words(&format!("recipe {} of the panel {} is offered to all cells", offer.hash(), offer.panel)))
 }
 
 fn ended_in_words(words: &str) -> Outcome {

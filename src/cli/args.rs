@@ -15,7 +15,7 @@ mod shooting;
 mod simulated;
 mod simulation;
 
-pub use archive::{Archive, ArchiveAccount, ArchiveTask, CheckArchive, Fleet, RunArchive};
+pub use archive::{Archive, ArchiveAccount, ArchiveTask, CheckArchive, Fleet, OfferRecipe, RunArchive};
 pub use backup::{Backup, BackupPart, Restore};
 pub use files::{Check, Doctor, Inspect, Label, Locate, Look, Plan, PurposeName, Refine, Teach, Tune};
 pub use history::{EndName, History, HistoryTask, SearchArguments};

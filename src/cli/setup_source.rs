@@ -10,6 +10,7 @@ use crate::config::Problems;
 use crate::daemon::{Equipment, Examined, OfficeStatus, RecipeText, SetupSource};
 use crate::files;
 use crate::geometry::ColorPicture;
+use crate::office::RecipeOffer;
 use crate::recipe::Recipe;
 use crate::store::{Store, free_mb};
 use crate::verdict::{Reason, Verdict};
@@ -68,6 +69,13 @@ impl SetupSource for FolderSource {
         let file = self.file(name)?;
         let text = disk::read_text(&file).map_err(|fault| fault.to_string())?;
         Ok(RecipeText { name: file.display().to_string(), text })
+    }
+
+    fn offer(&self, name: &str) -> Result<Option<RecipeOffer>, String> {
+        let RecipeText { name, text } = self.recipe(name)?;
+        // What is wrong with the recipe is told beside it.
+        let Ok(recipe) = Recipe::check(&name, &text) else { return Ok(None) };
+        Ok(self.office.offer(recipe.panel()).filter(|offer| offer.text != text))
     }
 
     fn problems(&self, name: &str, text: &str) -> Vec<String> {

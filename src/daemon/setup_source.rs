@@ -1,6 +1,7 @@
 //! Where recipes and calibrations come from.
 
 use crate::geometry::ColorPicture;
+use crate::office::RecipeOffer;
 use crate::verdict::{Reason, Verdict};
 
 /// A recipe's file.
@@ -50,6 +51,11 @@ pub trait SetupSource: Send + Sync {
     /// Where there is no such recipe or it cannot be read, in words.
     fn recipe(&self, name: &str) -> Result<RecipeText, String>;
 
+    /// The recipe that the office offers in the place of this one; `None` where it offers none, or the same.
+    ///
+    /// # Errors
+    /// As [`SetupSource::recipe`].
+    fn offer(&self, name: &str) -> Result<Option<RecipeOffer>, String>;
     /// What is wrong with a recipe, as `panelprep check` says it; nothing where it is right.
     fn problems(&self, name: &str, text: &str) -> Vec<String>;
 

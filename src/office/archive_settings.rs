@@ -49,7 +49,14 @@ pub struct Database {
 const WAITING_GB: std::ops::RangeInclusive<usize> = 1..=10_000;
 const PORT: std::ops::RangeInclusive<usize> = 1..=65_535;
 
+const GB: i64 = 1_000_000_000;
+
 impl ArchiveSettings {
+    /// What may wait in the broker, bytes.
+    pub fn most_bytes(&self) -> i64 {
+        i64::try_from(self.waiting_gb).unwrap_or(i64::MAX).saturating_mul(GB)
+    }
+
     /// Checks the text of the archive's file; names in it are relative to its folder.
     ///
     /// # Errors

@@ -17,6 +17,7 @@ mod chunk;
 mod compare;
 mod error;
 mod message;
+mod offer;
 mod position;
 mod progress;
 pub mod subject;
@@ -29,6 +30,7 @@ pub use chunk::{Chunk, What, chunks};
 pub use compare::{Compared, compare};
 pub use error::OfficeError;
 pub use message::Message;
+pub use offer::RecipeOffer;
 pub use position::{Kind, Listed, Position};
 pub use progress::{OfficeSays, Progress};
 

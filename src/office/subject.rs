@@ -1,6 +1,7 @@
 //! The subjects and streams of the broker.
 
 use crate::cell::CellName;
+use crate::files::content_hash;
 
 /// The stream of records and files on their way.
 pub const STREAM: &str = "PANELPREP";
@@ -12,6 +13,17 @@ pub const ARCHIVED_STREAM: &str = "PANELPREP_ARCHIVED";
 pub const ALL_ARCHIVED: &str = "panelprep.archived.*.*";
 /// Every cell's state as it is now.
 pub const ALL_STATES: &str = "panelprep.state.*";
+
+/// The stream of recipes that the office offers: the last one for each panel.
+pub const OFFER_STREAM: &str = "PANELPREP_OFFERS";
+/// Every subject of it.
+pub const ALL_OFFERS: &str = "panelprep.offers.*";
+
+/// Where the office offers a recipe of this panel, whose name may hold what a subject may not.
+pub fn offer(panel: &str) -> String {
+    let hash = content_hash(panel.as_bytes());
+    format!("panelprep.offers.{}", hash.get(..16).unwrap_or(&hash))
+}
 
 /// Where a cell sends records and files.
 pub fn records(cell: &CellName) -> String {

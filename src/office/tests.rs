@@ -205,3 +205,16 @@ fn what_is_sent_again_has_another_name() {
     progress.told(EPOCH, 2, 9);
     assert_eq!(part.message_id(progress.again()), format!("cell-1/{EPOCH}/3/1/1"));
 }
+
+#[test]
+fn an_offer_reads_back_and_what_cannot_be_printed_is_refused() {
+    let offer = RecipeOffer::new("door", "panel = \"door\"\n", ("Anna", "finer film"), 5).expect("an offer");
+    assert_eq!(RecipeOffer::read(&offer.bytes().expect("bytes")), Ok(offer.clone()));
+    assert_eq!(offer.hash(), crate::files::content_hash(b"panel = \"door\"\n"));
+    let refused = |by, why, text| RecipeOffer::new("door", text, (by, why), 5).expect_err("refused").to_string();
+    assert!(refused("An\u{0}na", "why", "").contains("its name"));
+    assert!(refused("Anna", "", "").contains("its reason"));
+    assert!(refused("Anna", "why", &"x".repeat(300_000)).contains("allowed are 262144 bytes"));
+    // A panel's name may hold what a subject may not.
+    assert!(subject::offer("left *.> door").strip_prefix("panelprep.offers.").is_some_and(|rest| rest.len() == 16));
+}

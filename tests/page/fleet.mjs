@@ -58,6 +58,7 @@ step("compared numbers and verifications over cells");
 await page.click("nav a[href='/recipes']");
 await page.selectOption("select[name=panel]", "simulated-panel");
 await page.click("main button[type=submit]");
+if (!/approved by Anna/.test(await told())) fail("what is offered is not shown");
 await judged(page, "fleet-recipes");
 await page.click("tbody a");
 await page.waitForSelector("pre");

@@ -2,6 +2,7 @@
 
 use super::reader::Reader;
 use crate::archive::error::ArchiveError;
+use crate::office::RecipeOffer;
 
 /// A version of a recipe in a cell.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
@@ -23,6 +24,15 @@ pub struct RecipeUse {
 }
 
 impl Reader {
+    /// What the office offers for this panel; `None` where it offers nothing.
+    ///
+    /// # Errors
+    /// Where the database does not answer.
+    pub async fn offer(&self, panel: &str) -> Result<Option<RecipeOffer>, ArchiveError> {
+        let rows = self.rows("SELECT offer FROM offers WHERE panel = $1", &[&panel]).await?;
+        Ok(rows.first().and_then(|row| RecipeOffer::read(&row.get::<_, Vec<u8>>(0)).ok()))
+    }
+
     /// Every version of a panel's recipe in every cell, the one that was used last first.
     ///
     /// # Errors

@@ -33,6 +33,29 @@ pub enum ArchiveTask {
         after_help = "Example:\n  panelprep archive account anna --printed-name 'Anna Office' --settings /etc/panelprep/archive.toml"
     )]
     Account(ArchiveAccount),
+    /// Offer a recipe that was approved in the office to all cells. In each cell its page of the set-up then shows the difference, and a
+    /// person there takes it; no cell changes by itself.
+    #[command(
+        after_help = "Example:\n  panelprep archive offer door.toml --by 'Anna Office' --why 'finer film' --settings /etc/panelprep/archive.toml"
+    )]
+    Offer(OfferRecipe),
+}
+
+/// Options of `archive offer`.
+#[derive(Debug, Clone, Args)]
+pub struct OfferRecipe {
+    /// The recipe.
+    #[arg(value_name = "FILE")]
+    pub recipe: PathBuf,
+    /// The printed name of who approved it.
+    #[arg(long, value_name = "NAME")]
+    pub by: String,
+    /// Why.
+    #[arg(long, value_name = "WORDS")]
+    pub why: String,
+    /// The archive's settings.
+    #[arg(long, value_name = "FILE", default_value = "config/archive.toml")]
+    pub settings: PathBuf,
 }
 
 /// Options of `archive account`.

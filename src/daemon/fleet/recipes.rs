@@ -5,6 +5,7 @@ use super::frame::{self, day};
 use super::office::{Shared, failed};
 use crate::archive::reading::RecipeUse;
 use crate::daemon::web::difference;
+use crate::office::RecipeOffer;
 use crate::words::fixed;
 use axum::extract::{Query, State};
 use axum::http::StatusCode;
@@ -27,15 +28,18 @@ pub(super) async fn page(State(shared): State<Shared>, Query(Asked { panel }): Q
         let (panels, _) = shared.reader().names().await?;
         let panel = if panel.is_empty() { panels.first().cloned().unwrap_or_default() } else { panel };
         let uses = shared.reader().recipes(&panel).await?;
-        Ok((panels, panel, uses))
+        let offer = shared.reader().offer(&panel).await?;
+        Ok((panels, panel, uses, offer))
     };
     match read.await {
-        Ok((panels, panel, uses)) => frame::page("Recipes", "/recipes", None, &body(&panels, &panel, &uses)),
+        Ok((panels, panel, uses, offer)) => {
+            frame::page("Recipes", "/recipes", None, &body(&panels, &panel, &uses, offer.as_ref()))
+        }
         Err(error) => failed(&error),
     }
 }
 
-fn body(panels: &[String], panel: &str, uses: &[RecipeUse]) -> Markup {
+fn body(panels: &[String], panel: &str, uses: &[RecipeUse], offer: Option<&RecipeOffer>) -> Markup {
     let short = |hash: &str| hash.get(..SHORT).unwrap_or(hash).to_owned();
     let newest = uses.first().map(|one| one.recipe_hash.as_str());
     html! {
@@ -44,6 +48,13 @@ fn body(panels: &[String], panel: &str, uses: &[RecipeUse]) -> Markup {
             form.search method="get" action="/recipes" {
                 (choice("Panel", "panel", panel, panels.iter().map(String::as_str)))
                 button.primary type="submit" { "Show" }
+            }
+            @if let Some(offer) = offer {
+                @let taken = uses.iter().filter(|one| one.recipe_hash == offer.hash()).count();
+                p {
+                    "Offered to all cells: version " code { (short(&offer.hash())) } ", approved by " (offer.by) ", "
+                    (frame::time(offer.unix_ms.div_euclid(1_000))) ", because: " (offer.why) ". Cells that have run it: " (taken) "."
+                }
             }
             @if uses.is_empty() { p { "No cycle was about this panel." } } @else {
                 div.scroll tabindex="0" { table {

@@ -19,6 +19,8 @@ const MOST_BYTES: usize = 32 << 20;
 const MOST_FILES: usize = 50_000;
 /// The office is asked so often.
 const ASK_EVERY: Duration = Duration::from_secs(5);
+/// Offers of recipes are asked for so often.
+const OFFERS_EVERY: Duration = Duration::from_secs(30);
 
 /// What sends.
 pub(super) struct Sender {
@@ -30,17 +32,29 @@ pub(super) struct Sender {
     link: Option<CellLink>,
     asked: Option<Instant>,
     files: BTreeSet<String>,
+    offered: Option<Instant>,
 }
 
 impl Sender {
     pub fn new(office: Office, folder: PathBuf, status: OfficeStatus) -> Self {
         let progress = progress_file::read(&folder);
-        Sender { office, folder, status, progress, store: None, link: None, asked: None, files: BTreeSet::new() }
+        Sender {
+            office,
+            folder,
+            status,
+            progress,
+            store: None,
+            link: None,
+            asked: None,
+            files: BTreeSet::new(),
+            offered: None,
+        }
     }
 
     /// After a failure all begins anew.
     pub fn forget_link(&mut self) {
         (self.link, self.store, self.asked) = (None, None, None);
+        self.offered = None;
     }
 
     /// Sends what is new; whether there is more at once.
@@ -79,6 +93,7 @@ impl Sender {
         if self.asked.is_none_or(|asked| asked.elapsed() >= ASK_EVERY) {
             self.ask(last).await?;
         }
+        self.ask_for_offers().await;
         for last in last {
             if self.progress.sent(&last.epoch) < last.number {
                 self.send(&last.epoch).await?;
@@ -86,6 +101,24 @@ impl Sender {
             }
         }
         Ok(false)
+    }
+
+    /// Asks which recipes the office offers for the panels that this cell was taught. What cannot be had is asked for again later.
+    async fn ask_for_offers(&mut self) {
+        if self.offered.is_some_and(|offered| offered.elapsed() < OFFERS_EVERY) {
+            return;
+        }
+        self.offered = Some(Instant::now());
+        let panels = self.store().and_then(|store| store.cycle_panels().map_err(|error| error.to_string()));
+        let (Some(link), Ok(panels)) = (&self.link, panels) else { return };
+        let mut offers = Vec::new();
+        for panel in panels {
+            match link.offer(&panel).await {
+                Ok(offer) => offers.extend(offer),
+                Err(error) => tracing::warn!("{error}"),
+            }
+        }
+        self.status.offers_are(offers);
     }
 
     fn store(&mut self) -> Result<&Store, String> {

@@ -1,5 +1,6 @@
 //! What people are told of the way to the office.
 
+use crate::office::RecipeOffer;
 use crate::verdict::Reason;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -17,6 +18,8 @@ struct Stands {
     waits_since_unix_ms: Option<i64>,
     /// Epochs of which the office says that it has more than the store ever had: name, its number, the store's.
     more: Vec<(String, u64, u64)>,
+    /// Recipes that the office offers.
+    offers: Vec<RecipeOffer>,
 }
 
 impl OfficeStatus {
@@ -41,10 +44,19 @@ impl OfficeStatus {
         self.change(|stands| stands.more = more);
     }
 
+    pub(super) fn offers_are(&self, offers: Vec<RecipeOffer>) {
+        self.change(|stands| stands.offers = offers);
+    }
+
+    /// The recipe that the office offers for this panel, as far as it was asked.
+    pub fn offer(&self, panel: &str) -> Option<RecipeOffer> {
+        self.change(|stands| stands.offers.iter().find(|offer| offer.panel == panel).cloned())
+    }
+
     /// What is wrong, for the alarms between cycles: a record that waits longer than `behind_min`, and an office that has more than the
     /// cell.
     pub fn reasons(&self, behind_min: usize, now_unix_ms: i64) -> Vec<Reason> {
-        let Stands { problem, behind, waits_since_unix_ms, more } = self.change(|stands| stands.clone());
+        let Stands { problem, behind, waits_since_unix_ms, more, offers: _ } = self.change(|stands| stands.clone());
         let mut reasons = Vec::new();
         let waits_min = waits_since_unix_ms.map_or(0, |since| (now_unix_ms - since).max(0) / 60_000);
         if behind > 0 && usize::try_from(waits_min).is_ok_and(|min| min >= behind_min) {

@@ -1,14 +1,16 @@
 //! What is set up: recipes with what is wrong with them, and the equipment with the age of its calibrations.
 
 use super::guard::{By, refusal};
-use super::layout::{Frame, Script};
+use super::layout::{Frame, Script, local};
 use super::reading::{Answer, ended, reading};
 use super::state::{Web, blocking, entry};
 use super::versions;
+use super::words::Language;
 use crate::accounts::{AuditEntry, Permission};
+use crate::office::RecipeOffer;
 use crate::store::Store;
 use crate::verdict::Verdict;
-use axum::extract::{Path, State};
+use axum::extract::{Path, Query, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
@@ -63,14 +65,16 @@ pub(super) async fn recipe(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Path(name): Path<String>,
+    Query(Taken { offer: taken }): Query<Taken>,
 ) -> Answer {
     let (source, asked) = (web.setup.clone(), name.clone());
     let read = blocking(move || {
         let recipe = source.recipe(&asked)?;
         let problems = source.problems(&asked, &recipe.text);
-        Ok::<_, String>((recipe, problems))
+        let offer = source.offer(&asked)?;
+        Ok::<_, String>((recipe, problems, offer))
     });
-    let (recipe, problems) = match read.await {
+    let (recipe, problems, offer) = match read.await {
         Some(Ok(read)) => read,
         Some(Err(problem)) => return Err(refusal(StatusCode::NOT_FOUND, "recipe", &problem)),
         None => return Err(ended()),
@@ -87,10 +91,15 @@ pub(super) async fn recipe(
             @if visitor.may(Permission::Configure) {
                 p.links { a href={ "/setup/recipe/" (name) "/draw" } { (word("setup.draw")) } }
             }
+            @if let Some(offer) = &offer { (offered(words, (&name, &recipe.text), offer)) }
             @if visitor.may(Permission::Configure) {
+                @let taken = offer.as_ref().filter(|offer| offer.hash() == taken);
+                @let why = taken.map_or(String::new(), |offer| format!("{} {}: {}", word("setup.of_office"), offer.by, offer.why));
                 form data-post={ "/setup/recipe/" (name) } {
-                    label { (word("setup.text")) textarea name="text" rows="30" spellcheck="false" { (recipe.text) } }
-                    label { (word("setup.why")) input name="why" required maxlength="200" autocomplete="off"; }
+                    label { (word("setup.text")) textarea name="text" rows="30" spellcheck="false" {
+                        (taken.map_or(recipe.text.as_str(), |offer| offer.text.as_str()))
+                    } }
+                    label { (word("setup.why")) input name="why" required maxlength="200" autocomplete="off" value=(why); }
                     p.told role="status" {}
                     div.buttons {
                         button type="submit" data-post="/setup/check" { (word("setup.check")) }
@@ -102,6 +111,25 @@ pub(super) async fn recipe(
         }
     };
     Ok(Frame { visitor: &visitor, title: &name, here: "/setup", scripts: &[Script::Forms] }.page(&body))
+}
+
+/// Which offer of the office stands in the form, by the hash of its text.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Taken {
+    offer: String,
+}
+
+/// What the office offers, by whom and why, how it differs, and the way to take it over into the form.
+fn offered(words: Language<'_>, (name, text): (&str, &str), offer: &RecipeOffer) -> Markup {
+    html! {
+        section.review {
+            h3 { (words.word("setup.offered")) }
+            p { (offer.by) ", " (local(offer.unix_ms)) ": " (offer.why) }
+            (versions::difference(text, &offer.text))
+            p.links { a href={ "/setup/recipe/" (name) "?offer=" (offer.hash()) } { (words.word("setup.take")) } }
+        }
+    }
 }
 
 fn verdict(problems: &[String], right: &str) -> Markup {

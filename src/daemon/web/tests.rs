@@ -23,6 +23,7 @@ use crate::daemon::request::Request as CellRequest;
 use crate::daemon::request_queue::request_queue;
 use crate::daemon::setup_source::{Equipment, Examined, RecipeText, SetupSource};
 use crate::geometry::ColorPicture;
+use crate::office::RecipeOffer;
 use crate::record::CycleId;
 use crate::store::{PersonSigns, Store};
 use crate::verdict::{Reason, Verdict};
@@ -59,6 +60,12 @@ impl SetupSource for Source {
             "panel.toml" => Ok(RecipeText { name: name.to_owned(), text: "panel = \"<b>p</b>\"".to_owned() }),
             _ => Err(format!("there is no recipe {name}")),
         }
+    }
+
+    fn offer(&self, name: &str) -> Result<Option<RecipeOffer>, String> {
+        let of_door =
+            || RecipeOffer::new("door", &DOOR.replace("rows = 2", "rows = 3"), ("Anna <b>", "finer film"), 1_000);
+        Ok((name == "door.toml").then(|| of_door().expect("an offer")))
     }
 
     fn problems(&self, _: &str, text: &str) -> Vec<String> {

@@ -161,6 +161,9 @@ impl SetupSource for Nothing {
     fn recipe(&self, _: &str) -> Result<RecipeText, String> {
         Err("there is none".to_owned())
     }
+    fn offer(&self, _: &str) -> Result<Option<panelprep::office::RecipeOffer>, String> {
+        Ok(None)
+    }
     fn problems(&self, _: &str, _: &str) -> Vec<String> {
         vec![]
     }

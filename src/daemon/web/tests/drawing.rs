@@ -76,3 +76,24 @@ async fn a_picture_that_cannot_be_taken_says_why() {
     let audit = site.get(&engineer, "/audit").await.body;
     assert!(audit.contains("take a picture") && audit.contains("has not opened its cameras"), "{audit}");
 }
+
+/// What the office offers is shown with its difference; it stands in the form where the person asks for it, and is not written by that.
+#[tokio::test]
+async fn a_recipe_of_the_office_is_shown_and_taken_by_a_person() {
+    let site = Site::new();
+    let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
+    let page = site.get(&engineer, "/setup/recipe/door.toml").await.body;
+    assert!(page.contains("Anna &lt;b&gt;") && page.contains("finer film"), "{page}");
+    assert!(page.contains("<del>− rows = 2\n</del><ins>+ rows = 3\n</ins>"), "{page}");
+    let in_form = |page: &str| page.split_once("<textarea").expect("a form").1.contains("rows = 3");
+    assert!(!in_form(&page), "the form has the recipe as it is");
+    let hash = page.split_once("?offer=").expect("a link").1.split('"').next().expect("a hash").to_owned();
+    let taken = site.get(&engineer, &format!("/setup/recipe/door.toml?offer={hash}")).await.body;
+    assert!(
+        in_form(&taken) && taken.contains("value=\"Approved in the office by Anna &lt;b&gt;: finer film\""),
+        "{taken}"
+    );
+    let other = site.get(&engineer, "/setup/recipe/door.toml?offer=0000").await.body;
+    assert!(!in_form(&other), "a hash that is not offered takes nothing");
+    assert!(!site.get(&engineer, "/setup/recipe/panel.toml").await.body.contains("?offer="));
+}

@@ -1,0 +1,36 @@
+//! Recipes that the office offers to its cells.
+
+use super::database;
+use super::error::ArchiveError;
+use crate::broker::OfficeLink;
+use crate::office::{ArchiveSettings, RecipeOffer};
+use tokio_postgres::Client;
+
+/// Keeps the offer in the place of an earlier one of its panel, and tells the cells.
+///
+/// # Errors
+/// Where the database or the broker does not take it.
+pub async fn offer(settings: &ArchiveSettings, offer: &RecipeOffer) -> Result<(), ArchiveError> {
+    let client = database::open(&settings.database).await?;
+    let link = OfficeLink::connect(&settings.broker, settings.most_bytes()).await?;
+    let sql = "INSERT INTO offers (panel, recipe_hash, offer) VALUES ($1, $2, $3)
+        ON CONFLICT (panel) DO UPDATE SET recipe_hash = EXCLUDED.recipe_hash, offer = EXCLUDED.offer";
+    let bytes = offer.bytes().unwrap_or_default();
+    let kept = client.execute(sql, &[&offer.panel, &offer.hash(), &bytes]).await;
+    kept.map_err(ArchiveError::database("keep an offer"))?;
+    link.offer(offer).await?;
+    Ok(())
+}
+
+/// Tells the cells every offer once more: the broker may have lost them.
+pub(super) async fn offer_again(client: &Client, link: &OfficeLink) -> Result<(), ArchiveError> {
+    let rows =
+        client.query("SELECT offer FROM offers", &[]).await.map_err(ArchiveError::database("read offers"))?;
+    for row in rows {
+        match RecipeOffer::read(&row.get::<_, Vec<u8>>(0)) {
+            Ok(offer) => link.offer(&offer).await?,
+            Err(error) => tracing::error!("an offer in the database is not told: {error}"),
+        }
+    }
+    Ok(())
+}

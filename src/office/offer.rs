@@ -1,0 +1,85 @@
+//! A recipe that the office has approved and offers to its cells. A cell takes none by itself: a person there looks at the difference,
+//! and approves it as every change.
+
+use super::error::OfficeError;
+use crate::files::content_hash;
+use serde::{Deserialize, Serialize};
+
+const FORM: &str = "panelprep-offer-1";
+/// The longest one.
+const MOST_BYTES: usize = 256 * 1_024;
+/// The longest name and reason, in characters.
+const MOST_CHARACTERS: usize = 200;
+
+/// A recipe that is offered.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecipeOffer {
+    form: String,
+    /// The panel that it is of.
+    pub panel: String,
+    /// Its text.
+    pub text: String,
+    /// The printed name of the person who approved it in the office.
+    pub by: String,
+    /// Why.
+    pub why: String,
+    /// When, ms since 1970.
+    pub unix_ms: i64,
+}
+
+impl RecipeOffer {
+    /// An offer of this recipe.
+    ///
+    /// # Errors
+    /// Where the name or the reason cannot be printed as it stands, or the text is too long.
+    pub fn new(panel: &str, text: &str, (by, why): (&str, &str), unix_ms: i64) -> Result<Self, OfficeError> {
+        let [panel, text, by, why] = [panel, text, by, why].map(str::to_owned);
+        let offer = RecipeOffer { form: FORM.to_owned(), panel, text, by, why, unix_ms };
+        offer.checked()
+    }
+
+    fn checked(self) -> Result<Self, OfficeError> {
+        for (what, text) in [("name", &self.by), ("reason", &self.why)] {
+            crate::words::printable(text, MOST_CHARACTERS)
+                .map_err(|problem| OfficeError::form("offer of a recipe", format!("its {what}: {problem}")))?;
+        }
+        match self.text.len() {
+            0..MOST_BYTES => Ok(self),
+            found => {
+                let [found, allowed] = [found, MOST_BYTES].map(|count| format!("{count} bytes"));
+                Err(OfficeError::Large { found, allowed })
+            }
+        }
+    }
+
+    /// SHA-256 of the recipe's text, as records name it.
+    pub fn hash(&self) -> String {
+        content_hash(self.text.as_bytes())
+    }
+
+    /// The bytes that are sent.
+    ///
+    /// # Errors
+    /// Where JSON cannot hold it.
+    pub fn bytes(&self) -> Result<Vec<u8>, OfficeError> {
+        serde_json::to_vec(self).map_err(|error| OfficeError::form("offer of a recipe", error))
+    }
+
+    /// Reads an offer.
+    ///
+    /// # Errors
+    /// Where it is none.
+    pub fn read(bytes: &[u8]) -> Result<Self, OfficeError> {
+        if bytes.len() > 2 * MOST_BYTES {
+            let [found, allowed] = [bytes.len(), 2 * MOST_BYTES].map(|count| format!("{count} bytes"));
+            return Err(OfficeError::Large { found, allowed });
+        }
+        let wrong = |problem: String| OfficeError::form("offer of a recipe", problem);
+        let offer: RecipeOffer = serde_json::from_slice(bytes).map_err(|error| wrong(error.to_string()))?;
+        if offer.form != FORM {
+            return Err(wrong(format!("its form is \"{}\", known is \"{FORM}\"", offer.form.escape_debug())));
+        }
+        offer.checked()
+    }
+}
