@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: browser sparkplug-peers deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
+.PHONY: browser sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
@@ -61,6 +61,13 @@ sparkplug-peers:
 	  fi; \
 	done
 
+# The OPC UA client of the tests, in a Python of its own; where it cannot be had, its tests say that they were not run.
+OPCUA_PEER := target/opcua
+opcua-peer:
+	@test -x $(OPCUA_PEER)/bin/python || { \
+	  python3 -m venv $(OPCUA_PEER) && $(OPCUA_PEER)/bin/pip install --quiet 'asyncua==2.1.0'; } || { \
+	  rm -rf $(OPCUA_PEER); echo 'The Python package asyncua cannot be set up: the tests with an OPC UA client will not run.' >&2; }
+
 demo: setup
 	cargo build --release --locked
 	target/release/panelprep demo --out $(DEMO_OUT)
@@ -72,7 +79,7 @@ demo-plant: setup
 	sh tests/plant/demo.sh target/release/panelprep target/plant
 
 # Some tests wait for a watchdog or a cable, and some compute: three at a time keep two cores busy.
-test: setup browser sparkplug-peers
+test: setup browser sparkplug-peers opcua-peer
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
 	RUST_TEST_THREADS=3 cargo test --locked

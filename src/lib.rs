@@ -45,6 +45,7 @@ pub mod office;
 pub mod surface;
 
 pub mod broker;
+pub mod packml;
 pub mod page;
 pub mod path;
 pub mod removal;

@@ -4,6 +4,7 @@
 //! control, only while every thread has answered: a thread that panics, ends or is silent for longer than it may be is a
 //! [`ThreadFault`], and the process ends by it in the safe way.
 
+use std::cell::Cell;
 use std::fmt;
 use std::panic;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -135,6 +136,17 @@ impl Watched {
     }
 }
 
+thread_local! {
+    /// Whether a panic of this thread is none of the cell's.
+    static IS_APART: Cell<bool> = const { Cell::new(false) };
+}
+
+/// From now on a panic of this thread is no fault of the cell. For a thread that runs the code of others on whatever comes in from a
+/// network, and that catches the panics: nothing that somebody sends there may stop the robot.
+pub fn stand_apart() {
+    IS_APART.set(true);
+}
+
 /// Asks all threads. Clones are the same one.
 #[derive(Debug, Clone, Default)]
 pub struct Supervisor(Arc<Mutex<Inside>>);
@@ -158,6 +170,9 @@ impl Supervisor {
         let (supervisor, report) = (self.clone(), panic::take_hook());
         panic::set_hook(Box::new(move |panicked| {
             report(panicked);
+            if IS_APART.get() {
+                return;
+            }
             supervisor.panicked(std::thread::current().name().unwrap_or("without a name"));
         }));
     }
@@ -223,6 +238,29 @@ mod tests {
 
     fn words(supervisor: &Supervisor) -> String {
         supervisor.check().expect_err("a fault").to_string()
+    }
+
+    #[test]
+    fn a_panic_of_a_thread_that_stands_apart_is_none_of_the_cells() {
+        let supervisor = Supervisor::default();
+        supervisor.notice_panics();
+        let panics = |is_apart: bool| {
+            let thread = std::thread::Builder::new().name("apart".to_owned());
+            let run = move || {
+                if is_apart {
+                    stand_apart();
+                }
+                panic!("as it was asked to");
+            };
+            drop(thread.spawn(run).expect("a thread").join());
+        };
+        panics(true);
+        // Other tests panic too, in threads of other names.
+        let is_told = || supervisor.lock().panicked.as_deref() == Some("apart");
+        assert!(!is_told());
+        supervisor.lock().panicked = None;
+        panics(false);
+        assert!(is_told() || supervisor.check().is_err());
     }
 
     #[test]

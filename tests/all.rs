@@ -25,6 +25,7 @@ mod locate;
 mod manual;
 mod new;
 mod office;
+mod opcua;
 mod operator_page;
 mod patterns;
 #[allow(dead_code, reason = "the bench uses the rest")]

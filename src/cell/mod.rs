@@ -16,6 +16,7 @@ mod lens_extent;
 mod limits;
 mod names;
 mod office;
+mod opcua;
 mod page;
 mod provenance;
 mod removal;
@@ -44,6 +45,7 @@ pub use lens_extent::{LensExtent, Supported};
 pub use limits::{Limits, Workspace};
 pub use names::{Feedback, InputsOutputs, Output};
 pub use office::{CellName, Office};
+pub use opcua::{Anonymous, OpcUa};
 pub use page::Page;
 pub use provenance::Provenance;
 pub use removal::{RemovalCalibration, RemovalNumbers};
@@ -136,10 +138,11 @@ pub struct Cell {
     page: Page,
     office: Option<Office>,
     sparkplug: Option<SparkplugNode>,
+    opcua: OpcUa,
 }
 
 /// The keys at the top of a cell's file, by which it is distinguished from other files.
-pub const CELL_KEYS: [&str; 17] = [
+pub const CELL_KEYS: [&str; 18] = [
     "store",
     "socket",
     "socket_role",
@@ -157,6 +160,7 @@ pub const CELL_KEYS: [&str; 17] = [
     "page",
     "office",
     "sparkplug",
+    "opcua",
 ];
 
 impl Cell {
@@ -186,10 +190,13 @@ impl Cell {
         let page = page::take_page(folder, &top.section("page"));
         let office = office::take_office(folder, &top.section("office"));
         let sparkplug = sparkplug::take_sparkplug(folder, &top.section("sparkplug"));
+        let opcua = opcua::take_opcua(folder, &top.section("opcua"));
         top.done();
         let store = store?;
+        let store_folder = folder.join(&store.folder);
         Some(Cell {
-            store: folder.join(store.folder),
+            opcua: opcua?.in_store(&store_folder),
+            store: store_folder,
             keep: store.keep,
             record_key: store.record_key.map(|name| folder.join(name)),
             socket: socket?.map(|name| folder.join(name)),
@@ -308,6 +315,11 @@ impl Cell {
     /// The cell as an edge node of MQTT Sparkplug, where it is one.
     pub fn sparkplug(&self) -> Option<&SparkplugNode> {
         self.sparkplug.as_ref()
+    }
+
+    /// The OPC UA server.
+    pub fn opcua(&self) -> &OpcUa {
+        &self.opcua
     }
 
     /// The same cell with its arm corrected as this file says, the one that `[calibration]` names.

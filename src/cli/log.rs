@@ -5,7 +5,9 @@
 
 use std::io::{Result, Write};
 use tracing::level_filters::LevelFilter;
+use tracing_subscriber::filter::filter_fn;
 use tracing_subscriber::fmt;
+use tracing_subscriber::layer::SubscriberExt;
 
 /// Begins to log; `PANELPREP_LOG` may name another level than `usual`: `error`, `warn`, `info`, `debug`, `trace`, `off`.
 pub fn start(usual: LevelFilter) {
@@ -14,10 +16,13 @@ pub fn start(usual: LevelFilter) {
     let log = fmt().with_writer(out).with_ansi(false).with_target(false).with_max_level(level);
     // It would be told by `eprintln!`, which panics where nobody reads.
     let log = log.log_internal_errors(false);
+    // What async-opcua tells follows from whatever comes in from a network: it is no part of the usual log.
+    let is_told =
+        move |of: &tracing::Metadata<'_>| level >= LevelFilter::DEBUG || !of.target().starts_with("opcua");
     #[expect(clippy::let_underscore_must_use, reason = "set once for each process; a second one changes nothing")]
     let _ = match std::env::var_os("JOURNAL_STREAM") {
-        Some(_) => tracing::subscriber::set_global_default(log.without_time().finish()),
-        None => tracing::subscriber::set_global_default(log.finish()),
+        Some(_) => tracing::subscriber::set_global_default(log.without_time().finish().with(filter_fn(is_told))),
+        None => tracing::subscriber::set_global_default(log.finish().with(filter_fn(is_told))),
     };
 }
 

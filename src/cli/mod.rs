@@ -22,6 +22,7 @@ mod explain;
 mod fault;
 mod flange_pose;
 mod follow;
+mod fronts;
 mod health;
 mod history;
 mod inspect;

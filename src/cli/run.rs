@@ -3,23 +3,21 @@
 use super::args::{Common, Run};
 use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::fault::Fault;
+use super::fronts::{Fronts, edge_node, office_sender, opcua_server, operator_page};
 use super::health;
 use super::live::Live;
 use super::load::{CellFiles, calibrated_serial};
 use super::outcome::Outcome;
 use super::person::Person;
 use super::record;
-use super::record_source::StoreRecords;
 use super::recording;
 use super::report::{self, Kept};
-use super::setup_source::FolderSource;
 use super::zivid;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
-    self, Alarms, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, OfficeParts,
-    OfficeSender, OfficeStatus, OperatorPage, PageParts, People, Ports, PreparedCycle, RecordIn, Recorded,
-    RecordedPort, Recording, RecordingSwitch, Request, RequestHandler, RequestQueue, RequestSender, Requester as _,
-    ServiceParts, SetupSource, SharedCameras, Socket, SparkplugEdge, SparkplugParts, StartRequest, StoreRecord,
+    self, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, OfficeStatus, Ports,
+    PreparedCycle, RecordIn, Recorded, RecordedPort, Recording, RecordingSwitch, Request, RequestHandler,
+    RequestQueue, RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord,
     WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
@@ -75,10 +73,11 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         Socket::listen(&path, files.cell.socket_role(), gateway.clone(), &supervisor).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
     let office = OfficeStatus::default();
-    let fronts = Fronts::new(&files, common, gateway.clone(), &office);
+    let fronts = Fronts::new((&files, common), gateway, office);
     let page = operator_page(&files, &fronts, view.clone())?;
-    let office = office_sender((&files, common), gateway, office)?;
+    let office = office_sender(&files, &fronts)?;
     let sparkplug = edge_node(&files, &fronts)?;
+    let opcua = opcua_server(&files, &fronts)?;
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
     let written = WrittenPage::default();
@@ -120,81 +119,12 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     }
     let ended = ended.map_err(Fault::of_loop)?;
     // The page's connections to the store end before the store's own one, which then leaves a database without a log.
-    drop((socket, page, office, sparkplug, fronts, person));
+    drop((socket, page, office, sparkplug, opcua, fronts, person));
     #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
     let ended = ended.state;
     tracing::info!("ends in {}", ended.at.word());
     Ok(outcome(&ended))
-}
-
-/// What the fronts that people log in to have in common.
-struct Fronts {
-    gateway: Gateway,
-    people: Arc<People>,
-    alarms: Arc<Alarms>,
-    setup: Arc<FolderSource>,
-}
-
-impl Fronts {
-    fn new(files: &Arc<CellFiles>, common: &Common, gateway: Gateway, office: &OfficeStatus) -> Self {
-        let people = Arc::new(People::new(files.store_folder().to_owned()));
-        Fronts {
-            gateway,
-            alarms: Arc::new(Alarms::new(people.clone())),
-            people,
-            setup: Arc::new(FolderSource::new(files, common, office)),
-        }
-    }
-}
-
-/// Connects the cell to its MQTT broker, where the cell's file names one.
-fn edge_node(files: &CellFiles, fronts: &Fronts) -> Result<Option<SparkplugEdge>, Fault> {
-    let Some(node) = files.cell.sparkplug().cloned() else { return Ok(None) };
-    tracing::info!("MQTT Sparkplug: edge node {} of the group {}", node.edge_node_id, node.group_id);
-    let parts = SparkplugParts {
-        node,
-        gateway: fronts.gateway.clone(),
-        people: fronts.people.clone(),
-        alarms: fronts.alarms.clone(),
-        setup: fronts.setup.clone(),
-    };
-    SparkplugEdge::serve(parts).map(Some).map_err(Fault::stage)
-}
-
-/// Serves the operator's page, where the cell's file names an address for it.
-fn operator_page(files: &Arc<CellFiles>, fronts: &Fronts, view: LiveView) -> Result<Option<OperatorPage>, Fault> {
-    let parts = PageParts {
-        page: files.cell.page().clone(),
-        folder: files.store_folder().to_owned(),
-        people: fronts.people.clone(),
-        alarms: fronts.alarms.clone(),
-        gateway: fronts.gateway.clone(),
-        view,
-        setup: fronts.setup.clone(),
-        records: Arc::new(StoreRecords(files.clone())),
-    };
-    let page = OperatorPage::serve(parts).map_err(Fault::stage)?;
-    if let Some(page) = &page {
-        tracing::info!("operator's page: {}", page.url);
-        if let Some(fingerprint) = &page.fingerprint {
-            tracing::info!("SHA-256 of its own certificate: {fingerprint}");
-        }
-    }
-    Ok(page)
-}
-
-/// Sends records to the office, where the cell's file names a broker.
-fn office_sender(
-    (files, common): (&Arc<CellFiles>, &Common),
-    gateway: Gateway,
-    status: OfficeStatus,
-) -> Result<Option<OfficeSender>, Fault> {
-    let Some(office) = files.cell.office().cloned() else { return Ok(None) };
-    let setup = Arc::new(FolderSource::new(files, common, &status));
-    let folder = files.store_folder().to_owned();
-    let cell: (Gateway, Arc<dyn SetupSource>) = (gateway, setup);
-    OfficeSender::start(OfficeParts { office, folder, cell: Some(cell), status }).map(Some).map_err(Fault::stage)
 }
 
 /// Opens the store. On a disk that is full to the last byte the service starts all the same: it answers, refuses whatever is

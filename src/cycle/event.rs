@@ -178,8 +178,9 @@ pub enum Deadline {
 }
 
 /// What the robot's link says about the robot.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, strum::IntoStaticStr)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum Robot {
     /// Nothing heard yet.
     Unknown,
@@ -197,6 +198,13 @@ pub enum Robot {
     DrivesOff,
     /// T1 or T2.
     NotAutomatic,
+}
+
+impl Robot {
+    /// The word that users script against.
+    pub fn word(self) -> &'static str {
+        self.into()
+    }
 }
 
 /// What can go wrong (rows of the fault model in parentheses).

@@ -73,7 +73,7 @@ impl Alarms {
     /// # Errors
     /// Where the store cannot be read.
     pub fn lasting(&self, store: &Store) -> Result<Vec<Alarm>, StoreError> {
-        let mut all = self.standing.alarms(&[]);
+        let mut all = self.standing.alarms(&store.acknowledgements(None)?);
         if let Some(newest) = store.last_cycle()? {
             all.extend(store.alarms(newest)?);
         }

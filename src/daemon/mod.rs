@@ -48,6 +48,7 @@ mod live_scene;
 mod live_view;
 mod moves;
 mod office;
+mod opcua;
 mod pending;
 mod people;
 mod ports;
@@ -93,6 +94,7 @@ pub use gateway::{Gateway, Loader};
 pub use lending::{AllCameras, BorrowedFlangeCamera, BorrowedScanner, LastState, SharedCameras, ShotRequest};
 pub use live_view::{LiveFilm, LiveFrame, LiveView};
 pub use office::{OfficeParts, OfficeSender, OfficeStatus};
+pub use opcua::{OpcUaError, OpcUaParts, OpcUaServer};
 pub use people::{LogIn, People};
 pub use ports::{
     CameraAnswer, CameraCommand, CameraFault, CameraPort, Command, Figure, Finding, Keeper, Kept, LinkedRobot,

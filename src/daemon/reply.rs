@@ -1,7 +1,7 @@
 //! The reply to a request.
 
 use super::replay::Recorded;
-use crate::cycle::Robot;
+use crate::cycle::{Robot, State};
 use crate::panel::GridId;
 use crate::verdict::{Reason, Verdict};
 use serde::{Deserialize, Serialize};
@@ -76,6 +76,8 @@ pub struct Reply {
 /// What only the operator's page and the plant show.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Extras {
+    /// The state of the cycle's table.
+    pub table: Option<State>,
     /// Words of the requests that the table would take now.
     pub possible: Vec<&'static str>,
     /// The panel's grids; none before the first cycle.

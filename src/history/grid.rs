@@ -1,6 +1,7 @@
 //! What became of each grid of a panel in one cycle: by its first film, by the passes, by its last film.
 
-use crate::record::{Abraded, Finding, name};
+use crate::record::{Abraded, Finding, Kind, name};
+use crate::verdict::Verdict;
 use crate::words::fixed;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -79,4 +80,51 @@ pub fn seen_grids(film: &Finding) -> BTreeMap<String, (bool, Option<f64>)> {
         (check.value.is_some() || is_failed).then_some((grid, (is_failed, check.value)))
     });
     checks.collect()
+}
+/// How each grid stands that was seen: the last film's word, and abrasion after it.
+pub fn grid_states(findings: &[Finding]) -> BTreeMap<String, &'static str> {
+    let mut grids = BTreeMap::new();
+    for finding in findings {
+        match finding.kind {
+            Kind::Inspect if finding.judgement.verdict != Verdict::Invalid => {
+                let seen = seen_grids(finding).into_iter();
+                grids.extend(seen.map(|(grid, (failed, _))| (grid, if failed { "broke" } else { "whole" })));
+            }
+            Kind::Abrade => grids.extend(finding.names("grids").into_iter().map(|grid| (grid, "abraded"))),
+            _ => {}
+        }
+    }
+    grids
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::Check;
+    use crate::verdict::Judgement;
+
+    fn finding(kind: Kind, verdict: Verdict) -> Finding {
+        Finding::new(kind, 0, Judgement { verdict, reasons: vec![] })
+    }
+
+    /// A grid that no film saw is not whole, an invalid film says nothing, and an abrasion stands until the next film.
+    #[test]
+    fn a_grid_stands_as_the_last_film_and_the_abrasion_after_it_say() {
+        let film = |verdict, seen: &[&str], failed: &[&str]| {
+            let checks = ["r1c1", "r1c2", "r1c3"].map(|grid| {
+                let value = seen.contains(&grid).then_some(1.0);
+                Check::new(name::broken_film(grid), "mm²", value)
+            });
+            finding(Kind::Inspect, verdict).detail("failed", failed.to_vec()).with(checks)
+        };
+        let mut findings = vec![film(Verdict::Fail, &["r1c1", "r1c2"], &["r1c2"])];
+        let of = |findings: &[Finding]| grid_states(findings).into_iter().collect::<Vec<_>>();
+        let pair = |grid: &str, state| (grid.to_owned(), state);
+        assert_eq!(of(&findings), [pair("r1c1", "whole"), pair("r1c2", "broke")]);
+        findings.push(finding(Kind::Abrade, Verdict::Pass).detail("grids", vec!["r1c2"]));
+        findings.push(film(Verdict::Invalid, &["r1c1"], &["r1c1"]));
+        assert_eq!(of(&findings), [pair("r1c1", "whole"), pair("r1c2", "abraded")]);
+        findings.push(film(Verdict::Pass, &["r1c1", "r1c2", "r1c3"], &[]));
+        assert!(of(&findings).iter().all(|(_, state)| *state == "whole"));
+    }
 }

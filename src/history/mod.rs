@@ -28,7 +28,7 @@ pub use alarms::{Alarm, AlarmTimes, alarms};
 pub use codes::{Code, Priority, code, codes};
 pub use compare::{CheckPair, Comparison, GridPair, InputPair, compare};
 pub use dates::{DateError, Edge, unix_s};
-pub use grid::{GridPast, grid_place, seen_grids};
+pub use grid::{GridPast, grid_place, grid_states, seen_grids};
 pub use heat::{HeatCell, HeatMap, heat_map};
 pub use past::{DiscWear, PastCycle};
 pub use quantity::{Known, Quantity};

@@ -53,6 +53,8 @@ pub enum Front {
     Socket,
     /// The operator's page.
     Page,
+    /// A method of the OPC UA server.
+    OpcUa,
     /// The command that runs one cycle.
     Command,
     /// A host application, by MQTT Sparkplug.
@@ -90,6 +92,12 @@ impl std::fmt::Display for Who {
                 return match &self.user {
                     Some(user) => write!(f, "{user}, on the operator's page"),
                     None => f.write_str("somebody who was not logged in, on the operator's page"),
+                };
+            }
+            Front::OpcUa => {
+                return match &self.user {
+                    Some(user) => write!(f, "{user}, through OPC UA"),
+                    None => f.write_str("somebody who was not logged in, through OPC UA"),
                 };
             }
             Front::Command => "who ran the command",

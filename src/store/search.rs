@@ -5,6 +5,7 @@ use super::database::Store;
 use super::error::StoreError;
 use crate::history::{End, Hit, Hits, Query};
 use crate::record::{CycleId, PartNames};
+use crate::verdict::Verdict;
 use rusqlite::types::Value;
 use rusqlite::{Row, params_from_iter};
 
@@ -97,6 +98,24 @@ impl Store {
         let hits = rows.into_iter().map(|(hit, texts)| self.hit(hit, texts)).collect::<Result<Vec<_>, _>>()?;
         let next = hits.last().filter(|_| is_more).map(|hit| hit.cycle);
         Ok(Hits { hits, next })
+    }
+
+    /// How many cycles ended with each verdict, without runs in the air.
+    ///
+    /// # Errors
+    /// Where they cannot be read.
+    pub fn verdict_counts(&self) -> Result<Vec<(Verdict, u32)>, StoreError> {
+        let asked = if self.has_table("requests")? { ASKED_FOR_AIR } else { "FALSE" };
+        let sql = format!(
+            "SELECT verdict, count(*) FROM cycles WHERE verdict IS NOT NULL AND NOT ({MOVED_IN_AIR} OR {asked})
+             GROUP BY verdict ORDER BY verdict"
+        );
+        let read = || -> Result<Vec<(String, u32)>, rusqlite::Error> {
+            let mut statement = self.connection.prepare_cached(&sql)?;
+            statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
+        };
+        let rows = read().map_err(|error| self.failed("count the cycles of", &error))?;
+        rows.into_iter().map(|(word, count)| Ok((self.parsed(&format!("\"{word}\""))?, count))).collect()
     }
 
     /// With its verdict and reasons, which are read from their texts.

@@ -7,8 +7,8 @@ use super::scene;
 use super::state::{Web, blocking};
 use super::visitor::Visitor;
 use crate::accounts::Permission;
-use crate::history::seen_grids;
-use crate::record::{CycleId, Finding, Kind};
+use crate::history::grid_states;
+use crate::record::{CycleId, Finding};
 use crate::report::check_row;
 use crate::store::Store;
 use crate::verdict::Verdict;
@@ -18,7 +18,6 @@ use axum::response::{Html, IntoResponse, Response};
 use axum::{Extension, Json};
 use maud::{Markup, html};
 use serde_json::json;
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// The phases of a cycle in their usual order.
@@ -149,25 +148,9 @@ pub(super) async fn now(State(web): State<Arc<Web>>, Extension(visitor): By) -> 
     let Some(id) = cycle.map(CycleId) else {
         return Ok(Json(json!({ "part": null, "grids": {} })).into_response());
     };
-    let read = move |store: &Store| Ok((store.part_of(id)?, grids(&store.cycle(id)?.findings)));
+    let read = move |store: &Store| Ok((store.part_of(id)?, grid_states(&store.cycle(id)?.findings)));
     let (part, grids) = reading(&web, &visitor, read).await?;
     Ok(Json(json!({ "part": part, "grids": grids })).into_response())
-}
-
-/// How each grid stands that was seen: the last film's word, and abrasion after it.
-fn grids(findings: &[Finding]) -> BTreeMap<String, &'static str> {
-    let mut grids = BTreeMap::new();
-    for finding in findings {
-        match finding.kind {
-            Kind::Inspect if finding.judgement.verdict != Verdict::Invalid => {
-                let seen = seen_grids(finding).into_iter();
-                grids.extend(seen.map(|(grid, (failed, _))| (grid, if failed { "broke" } else { "whole" })));
-            }
-            Kind::Abrade => grids.extend(finding.names("grids").into_iter().map(|grid| (grid, "abraded"))),
-            _ => {}
-        }
-    }
-    grids
 }
 
 /// What a person is asked about: the numbers in question and the pictures, beside the buttons.
@@ -202,37 +185,5 @@ fn question(visitor: &Visitor, id: CycleId, (number, finding): (usize, &Finding)
                 tbody { @for row in judged.map(|check| check_row(check, "")) { tr { td { (row.name) } td { (row.value) } td { (row.allowed) } } } }
             }
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::record::{Check, name};
-    use crate::verdict::Judgement;
-
-    fn finding(kind: Kind, verdict: Verdict) -> Finding {
-        Finding::new(kind, 0, Judgement { verdict, reasons: vec![] })
-    }
-
-    /// A grid that no film saw is not whole, an invalid film says nothing, and an abrasion stands until the next film.
-    #[test]
-    fn a_grid_stands_as_the_last_film_and_the_abrasion_after_it_say() {
-        let film = |verdict, seen: &[&str], failed: &[&str]| {
-            let checks = ["r1c1", "r1c2", "r1c3"].map(|grid| {
-                let value = seen.contains(&grid).then_some(1.0);
-                Check::new(name::broken_film(grid), "mm²", value)
-            });
-            finding(Kind::Inspect, verdict).detail("failed", failed.to_vec()).with(checks)
-        };
-        let mut findings = vec![film(Verdict::Fail, &["r1c1", "r1c2"], &["r1c2"])];
-        let of = |findings: &[Finding]| grids(findings).into_iter().collect::<Vec<_>>();
-        let pair = |grid: &str, state| (grid.to_owned(), state);
-        assert_eq!(of(&findings), [pair("r1c1", "whole"), pair("r1c2", "broke")]);
-        findings.push(finding(Kind::Abrade, Verdict::Pass).detail("grids", vec!["r1c2"]));
-        findings.push(film(Verdict::Invalid, &["r1c1"], &["r1c1"]));
-        assert_eq!(of(&findings), [pair("r1c1", "whole"), pair("r1c2", "abraded")]);
-        findings.push(film(Verdict::Pass, &["r1c1", "r1c2", "r1c3"], &[]));
-        assert!(of(&findings).iter().all(|(_, state)| *state == "whole"));
     }
 }

@@ -1,0 +1,90 @@
+//! `[opcua]`: the OPC UA server. It is off until `listen` is set.
+
+use crate::config::{Choice, Section};
+use core::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+/// What somebody may do who has not logged in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::IntoStaticStr)]
+#[strum(serialize_all = "lowercase")]
+pub enum Anonymous {
+    /// Nothing: every session needs an account.
+    Nothing,
+    /// To read, and to stop or abort as on the operator's page.
+    Read,
+}
+
+impl Choice for Anonymous {
+    const WORDS: &'static [(&'static str, Self)] = &[("nothing", Anonymous::Nothing), ("read", Anonymous::Read)];
+}
+
+/// Where the server is reached, and by whom.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OpcUa {
+    /// The address and port; without it there is no server.
+    pub listen: Option<SocketAddr>,
+    /// The name or address by which clients reach it, in the addresses that it tells them.
+    pub host: Option<String>,
+    /// What somebody may do who has not logged in.
+    pub anonymous: Anonymous,
+    /// Whether a connection may be neither signed nor encrypted. Nobody logs in through such a one.
+    pub is_unencrypted_allowed: bool,
+    /// The folder of the certificates: `own`, `private`, `trusted`, `rejected`.
+    pub certificates: PathBuf,
+}
+
+/// The folder of the certificates in the store.
+const IN_STORE: &str = "opcua";
+
+impl OpcUa {
+    /// With its certificates in this store, where the file names no folder for them.
+    pub(super) fn in_store(self, store: &Path) -> Self {
+        let certificates =
+            if self.certificates.as_os_str().is_empty() { store.join(IN_STORE) } else { self.certificates };
+        OpcUa { certificates, ..self }
+    }
+}
+
+pub(super) fn take_opcua(folder: &Path, section: &Section<'_, '_>) -> Option<OpcUa> {
+    let listen = section.take::<Option<String>>("listen", (), Some(None));
+    let host = section.take::<Option<String>>("host", (), Some(None));
+    let anonymous = section.take::<Anonymous>("anonymous", (), Some(Anonymous::Nothing));
+    let unencrypted = section.take::<bool>("unencrypted", (), Some(false));
+    let certificates = section.take::<Option<String>>("certificates", (), Some(None));
+    section.done();
+    let (anonymous, is_unencrypted_allowed) = (anonymous?, unencrypted?);
+    if is_unencrypted_allowed && anonymous == Anonymous::Nothing {
+        let message = "found true, but nobody logs in through a connection that is not encrypted, since the password would be read on its \
+                       way; allowed is true together with anonymous = \"read\"";
+        section.problem("unencrypted", message);
+        return None;
+    }
+    let host = host?;
+    if let Some(host) = host.as_ref().filter(|host| !is_host(host)) {
+        let message = format!(
+            "found \"{}\", allowed is a computer's name or an IP address, such as \"cell-1.plant.example\"",
+            host.escape_debug()
+        );
+        section.problem("host", message);
+        return None;
+    }
+    let address = match &listen? {
+        None => None,
+        Some(text) => match text.parse::<SocketAddr>() {
+            Ok(address) if address.port() > 0 => Some(address),
+            _ => {
+                let allowed = "allowed is an IP address and a port, such as \"0.0.0.0:4840\"";
+                section.problem("listen", format!("found \"{text}\", {allowed}"));
+                return None;
+            }
+        },
+    };
+    let certificates = certificates?.map_or_else(PathBuf::new, |name| folder.join(name));
+    Some(OpcUa { listen: address, host, anonymous, is_unencrypted_allowed, certificates })
+}
+
+/// Whether it can stand in an address.
+fn is_host(text: &str) -> bool {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '-');
+    (1..=253).contains(&text.len()) && text.chars().all(is_plain)
+}

@@ -1,0 +1,112 @@
+//! What connects the service with people and other programs: the operator's page, the office, the MQTT broker and OPC UA clients, with what they share.
+
+use super::args::Common;
+use super::fault::Fault;
+use super::load::CellFiles;
+use super::record_source::StoreRecords;
+use super::setup_source::FolderSource;
+use crate::daemon::{
+    Alarms, Gateway, LiveView, OfficeParts, OfficeSender, OfficeStatus, OpcUaParts, OpcUaServer, OperatorPage,
+    PageParts, People, SetupSource, SparkplugEdge, SparkplugParts,
+};
+use std::sync::Arc;
+
+/// What the fronts that people log in to have in common.
+pub struct Fronts {
+    gateway: Gateway,
+    people: Arc<People>,
+    alarms: Arc<Alarms>,
+    setup: Arc<FolderSource>,
+    office: OfficeStatus,
+}
+
+impl Fronts {
+    /// Of a cell with these files; what is sent to the office tells how it goes by this status.
+    pub fn new((files, common): (&Arc<CellFiles>, &Common), gateway: Gateway, office: OfficeStatus) -> Self {
+        let people = Arc::new(People::new(files.store_folder().to_owned()));
+        Fronts {
+            gateway,
+            alarms: Arc::new(Alarms::new(people.clone())),
+            people,
+            setup: Arc::new(FolderSource::new(files, common, &office)),
+            office,
+        }
+    }
+}
+
+/// Sends records to the office, where the cell's file names a broker.
+///
+/// # Errors
+/// Where it cannot be started.
+pub fn office_sender(files: &CellFiles, fronts: &Fronts) -> Result<Option<OfficeSender>, Fault> {
+    let Some(office) = files.cell.office().cloned() else { return Ok(None) };
+    let folder = files.store_folder().to_owned();
+    let cell: (Gateway, Arc<dyn SetupSource>) = (fronts.gateway.clone(), fronts.setup.clone());
+    let parts = OfficeParts { office, folder, cell: Some(cell), status: fronts.office.clone() };
+    OfficeSender::start(parts).map(Some).map_err(Fault::stage)
+}
+
+/// Connects the cell to its MQTT broker, where the cell's file names one.
+///
+/// # Errors
+/// Where it cannot be started.
+pub fn edge_node(files: &CellFiles, fronts: &Fronts) -> Result<Option<SparkplugEdge>, Fault> {
+    let Some(node) = files.cell.sparkplug().cloned() else { return Ok(None) };
+    tracing::info!("MQTT Sparkplug: edge node {} of the group {}", node.edge_node_id, node.group_id);
+    let parts = SparkplugParts {
+        node,
+        gateway: fronts.gateway.clone(),
+        people: fronts.people.clone(),
+        alarms: fronts.alarms.clone(),
+        setup: fronts.setup.clone(),
+    };
+    SparkplugEdge::serve(parts).map(Some).map_err(Fault::stage)
+}
+
+/// Serves the cell by OPC UA, where its file names an address for it.
+///
+/// # Errors
+/// Where the certificates cannot be used, or the system refuses.
+pub fn opcua_server(files: &CellFiles, fronts: &Fronts) -> Result<Option<OpcUaServer>, Fault> {
+    let server = OpcUaServer::serve(OpcUaParts {
+        settings: files.cell.opcua().clone(),
+        people: fronts.people.clone(),
+        alarms: fronts.alarms.clone(),
+        gateway: fronts.gateway.clone(),
+        setup: fronts.setup.clone(),
+    })
+    .map_err(Fault::stage)?;
+    if let Some(OpcUaServer { url, thumbprint, .. }) = &server {
+        tracing::info!("OPC UA: {url}, SHA-1 of its certificate {thumbprint}");
+    }
+    Ok(server)
+}
+
+/// Serves the operator's page, where the cell's file names an address for it.
+///
+/// # Errors
+/// Where its certificate or its words cannot be used, or the system refuses.
+pub fn operator_page(
+    files: &Arc<CellFiles>,
+    fronts: &Fronts,
+    view: LiveView,
+) -> Result<Option<OperatorPage>, Fault> {
+    let parts = PageParts {
+        page: files.cell.page().clone(),
+        folder: files.store_folder().to_owned(),
+        people: fronts.people.clone(),
+        alarms: fronts.alarms.clone(),
+        gateway: fronts.gateway.clone(),
+        view,
+        setup: fronts.setup.clone(),
+        records: Arc::new(StoreRecords(files.clone())),
+    };
+    let page = OperatorPage::serve(parts).map_err(Fault::stage)?;
+    if let Some(page) = &page {
+        tracing::info!("operator's page: {}", page.url);
+        if let Some(fingerprint) = &page.fingerprint {
+            tracing::info!("SHA-256 of its own certificate: {fingerprint}");
+        }
+    }
+    Ok(page)
+}

@@ -1,0 +1,252 @@
+//! Who is logged in to the OPC UA server: names and passwords are those of the operator's page, and each session counts only as
+//! long as its account is as it was when it logged in.
+
+use super::door::Door;
+use crate::accounts::{Account, AuditEntry, Permission, Role};
+use crate::cell::Anonymous;
+use crate::daemon::people::{LogIn, People};
+use async_trait::async_trait;
+use opcua::server::ServerEndpoint;
+use opcua::server::address_space::AccessLevel;
+use opcua::server::authenticator::{
+    AuthManager, Password, UserToken, user_pass_security_policy_id, user_pass_security_policy_uri,
+};
+use opcua::types::{Error, MessageSecurityMode, NodeId, StatusCode, UAString, UserTokenPolicy, UserTokenType};
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::net::IpAddr;
+use std::sync::{Arc, PoisonError, RwLock};
+
+/// The name of the policy by which somebody comes without an account, as async-opcua has it.
+const ANONYMOUS_POLICY: &str = "anonymous";
+
+/// Who calls or reads.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Caller {
+    /// Somebody without an account.
+    Nobody,
+    /// A person who logged in.
+    Person {
+        /// The account's name.
+        name: String,
+        /// The printed name.
+        printed_name: String,
+        /// The role now.
+        role: Role,
+    },
+}
+
+impl Caller {
+    /// The role; none of somebody without an account.
+    pub fn role(&self) -> Option<Role> {
+        match self {
+            Caller::Nobody => None,
+            Caller::Person { role, .. } => Some(*role),
+        }
+    }
+
+    /// The account's name.
+    pub fn name(&self) -> Option<&str> {
+        match self {
+            Caller::Nobody => None,
+            Caller::Person { name, .. } => Some(name),
+        }
+    }
+}
+
+/// The token of a session: the account, and what it was when the session logged in. A new password or a new role makes it another.
+fn token(account: &Account) -> String {
+    let Account { name, role, password_hash, .. } = account;
+    let digest = Sha256::digest(format!("{}\n{password_hash}", role.word()).as_bytes());
+    let digest: String = digest.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+    format!("{name}#{digest}")
+}
+
+/// Who may do what.
+pub(super) struct Access {
+    people: Arc<People>,
+    door: Arc<Door>,
+    anonymous: Anonymous,
+    /// The tokens that count, as the accounts were last read.
+    valid: RwLock<BTreeMap<String, Caller>>,
+    /// The secure channels on which each token was seen.
+    channels: RwLock<BTreeMap<String, Vec<u32>>>,
+}
+
+impl Access {
+    pub fn new(people: Arc<People>, door: Arc<Door>, anonymous: Anonymous) -> Self {
+        Access { people, door, anonymous, valid: RwLock::default(), channels: RwLock::default() }
+    }
+
+    /// The accounts as they are now. Connections of sessions whose account was changed or disabled are ended.
+    pub fn learn(&self, accounts: &BTreeMap<String, Account>) {
+        let enabled = accounts.values().filter(|account| account.is_enabled);
+        let valid: BTreeMap<String, Caller> = enabled.map(|account| (token(account), caller(account))).collect();
+        let mut channels = self.channels.write().unwrap_or_else(PoisonError::into_inner);
+        channels.retain(|token, seen| {
+            let still = valid.contains_key(token);
+            if !still {
+                seen.iter().for_each(|channel| self.door.cut(*channel));
+            }
+            still
+        });
+        drop(channels);
+        *self.valid.write().unwrap_or_else(PoisonError::into_inner) = valid;
+    }
+
+    /// Who has this token; `None` where it does not count, or no more.
+    pub fn caller(&self, token: &UserToken) -> Option<Caller> {
+        if token.is_anonymous() {
+            return (self.anonymous == Anonymous::Read).then_some(Caller::Nobody);
+        }
+        self.valid.read().unwrap_or_else(PoisonError::into_inner).get(&token.0).cloned()
+    }
+
+    /// Remembers that this token came on this channel.
+    pub fn came_by(&self, token: &UserToken, channel: u32) {
+        if token.is_anonymous() {
+            return;
+        }
+        let mut channels = self.channels.write().unwrap_or_else(PoisonError::into_inner);
+        let seen = channels.entry(token.0.clone()).or_default();
+        if !seen.contains(&channel) {
+            seen.push(channel);
+            seen.retain(|channel| self.door.address_of(*channel).is_some());
+        }
+    }
+
+    /// The accounts and their audit trail.
+    pub fn people(&self) -> &Arc<People> {
+        &self.people
+    }
+
+    /// From where a session on this channel comes, as the audit trail has it.
+    pub fn from(&self, channel: u32) -> String {
+        self.door.address_of(channel).map_or_else(|| "OPC UA".to_owned(), |address| format!("OPC UA, {address}"))
+    }
+
+    /// From where a log-in may come. async-opcua does not say on which connection it is: these are all that are connected.
+    pub fn addresses(&self) -> String {
+        from_any(&self.door.addresses())
+    }
+
+    async fn keep(&self, line: AuditEntry) {
+        let people = self.people.clone();
+        if tokio::task::spawn_blocking(move || people.audit(&line)).await.is_err() {
+            tracing::warn!("a line of the audit trail is lost: its thread is gone");
+        }
+    }
+}
+
+fn from_any(addresses: &[IpAddr]) -> String {
+    match addresses {
+        [] => "OPC UA".to_owned(),
+        [one] => format!("OPC UA, {one}"),
+        several => {
+            let several: Vec<String> = several.iter().take(5).map(ToString::to_string).collect();
+            format!("OPC UA, one of {}", several.join(", "))
+        }
+    }
+}
+
+fn caller(account: &Account) -> Caller {
+    let Account { name, printed_name, role, .. } = account;
+    Caller::Person { name: name.clone(), printed_name: printed_name.clone(), role: *role }
+}
+
+/// A line of the audit trail, done, about somebody who came by OPC UA.
+pub(super) fn line(who: Option<String>, role: Option<Role>, from: String, what: &str) -> AuditEntry {
+    AuditEntry {
+        unix_ms: 0,
+        who,
+        role,
+        from,
+        what: what.to_owned(),
+        subject: None,
+        before: None,
+        after: None,
+        refused: None,
+    }
+}
+
+#[async_trait]
+impl AuthManager for Access {
+    async fn authenticate_anonymous_token(&self, _: &ServerEndpoint) -> Result<(), Error> {
+        match self.anonymous {
+            Anonymous::Read => Ok(()),
+            Anonymous::Nothing => Err(Error::new(
+                StatusCode::BadIdentityTokenRejected,
+                "log in with an account of the operator's page",
+            )),
+        }
+    }
+
+    async fn authenticate_username_identity_token(
+        &self,
+        _: &ServerEndpoint,
+        name: &str,
+        password: &Password,
+    ) -> Result<UserToken, Error> {
+        let line = |role| line(Some(name.to_owned()), role, self.addresses(), "log in");
+        let (status, problem) = match self.people.log_in(name, password.get().to_owned()).await {
+            LogIn::Right(account) => {
+                self.valid
+                    .write()
+                    .unwrap_or_else(PoisonError::into_inner)
+                    .insert(token(&account), caller(&account));
+                self.keep(line(Some(account.role))).await;
+                return Ok(UserToken(token(&account)));
+            }
+            LogIn::Wrong(why) => {
+                self.keep(AuditEntry { refused: Some(why.to_owned()), ..line(None) }).await;
+                (
+                    StatusCode::BadUserAccessDenied,
+                    "name or password is wrong, or the account is disabled".to_owned(),
+                )
+            }
+            LogIn::Pauses(left_s) => {
+                let problem = format!("too many wrong passwords; try again in {:.0} s", left_s.ceil());
+                (StatusCode::BadUserAccessDenied, problem)
+            }
+            LogIn::Unknown => (
+                StatusCode::BadUserAccessDenied,
+                "name or password is wrong, or the account is disabled".to_owned(),
+            ),
+        };
+        Err(Error::new(status, problem))
+    }
+
+    fn effective_user_access_level(&self, token: &UserToken, level: AccessLevel, _: &NodeId) -> AccessLevel {
+        let may_look = match self.caller(token) {
+            Some(Caller::Nobody) => true,
+            Some(Caller::Person { role, .. }) => role.may(Permission::View),
+            None => false,
+        };
+        if may_look { level & AccessLevel::CURRENT_READ } else { AccessLevel::empty() }
+    }
+
+    fn user_token_policies(&self, endpoint: &ServerEndpoint) -> Vec<UserTokenPolicy> {
+        let policy = |policy_id, token_type| UserTokenPolicy {
+            policy_id,
+            token_type,
+            issued_token_type: UAString::null(),
+            issuer_endpoint_url: UAString::null(),
+            security_policy_uri: UAString::null(),
+        };
+        let mut policies = Vec::new();
+        if self.anonymous == Anonymous::Read {
+            policies.push(policy(UAString::from(ANONYMOUS_POLICY), UserTokenType::Anonymous));
+        }
+        // A password goes through no connection on which it can be read.
+        if endpoint.message_security_mode() == MessageSecurityMode::SignAndEncrypt {
+            policies.push(UserTokenPolicy {
+                security_policy_uri: user_pass_security_policy_uri(endpoint),
+                ..policy(user_pass_security_policy_id(endpoint), UserTokenType::UserName)
+            });
+        }
+        policies
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,111 @@
+//! Who is let in, for how long a session counts, and what is kept of it.
+
+use super::*;
+use crate::accounts;
+use crate::store::Store;
+use opcua::crypto::SecurityPolicy;
+use strum::VariantArray;
+use tempfile::TempDir;
+
+fn endpoint(mode: MessageSecurityMode) -> ServerEndpoint {
+    let policy = match mode {
+        MessageSecurityMode::None => SecurityPolicy::None,
+        _ => SecurityPolicy::Basic256Sha256,
+    };
+    ServerEndpoint::new("/", policy, mode, &[])
+}
+
+fn ada(role: Role, password: &str) -> Account {
+    let password_hash = accounts::hashed(password, "ada", [7; 16]).expect("allowed");
+    let (name, printed_name) = ("ada".to_owned(), "Ada B".to_owned());
+    Account { name, printed_name, role, password_hash, is_enabled: true }
+}
+
+fn keep(folder: &TempDir, account: &Account) {
+    let mut store = Store::for_people(&folder.path().join("store")).expect("open");
+    store.keep_account(account, &line(None, None, "terminal".to_owned(), "change account")).expect("kept");
+}
+
+fn access(anonymous: Anonymous) -> (TempDir, Access) {
+    let folder = tempfile::tempdir().expect("a folder");
+    drop(Store::create(&folder.path().join("store")).expect("a store"));
+    keep(&folder, &ada(Role::Operator, "correct horse"));
+    let people = Arc::new(People::new(folder.path().join("store")));
+    (folder, Access::new(people, Arc::default(), anonymous))
+}
+
+async fn log_in(access: &Access, name: &str, password: &str) -> Result<UserToken, Error> {
+    let secure = endpoint(MessageSecurityMode::SignAndEncrypt);
+    access.authenticate_username_identity_token(&secure, name, &Password::new(password.to_owned())).await
+}
+
+fn read(access: &Access, token: &UserToken) -> bool {
+    let asked = AccessLevel::CURRENT_READ | AccessLevel::CURRENT_WRITE;
+    let given = access.effective_user_access_level(token, asked, &NodeId::null());
+    assert!(!given.contains(AccessLevel::CURRENT_WRITE), "nothing is written");
+    given.contains(AccessLevel::CURRENT_READ)
+}
+
+#[tokio::test]
+async fn a_session_counts_as_long_as_its_account_is_as_it_was() {
+    let (_folder, access) = access(Anonymous::Nothing);
+    let token = log_in(&access, "ada", "correct horse").await.expect("right");
+    assert_eq!(access.caller(&token).and_then(|caller| caller.role()), Some(Role::Operator));
+    assert!(read(&access, &token));
+    let same = ada(Role::Operator, "correct horse");
+    let learn = |account: &Account| access.learn(&BTreeMap::from([(account.name.clone(), account.clone())]));
+    for changed in [
+        ada(Role::Viewer, "correct horse"),
+        ada(Role::Operator, "another horse"),
+        Account { is_enabled: false, ..same.clone() },
+    ] {
+        learn(&same);
+        assert!(read(&access, &token));
+        learn(&changed);
+        assert_eq!(access.caller(&token), None, "{changed:?}");
+        assert!(!read(&access, &token));
+    }
+    access.learn(&BTreeMap::new());
+    assert_eq!(access.caller(&token), None);
+}
+
+#[tokio::test]
+async fn wrong_passwords_are_counted_kept_and_pause_the_account() {
+    let (_folder, access) = access(Anonymous::Nothing);
+    for _ in 0..accounts::TRIES {
+        assert!(log_in(&access, "ada", "wrong horse").await.is_err());
+    }
+    let paused = log_in(&access, "ada", "correct horse").await.expect_err("it pauses");
+    assert!(paused.to_string().contains("try again in"), "{paused}");
+    assert!(log_in(&access, "nobody", "correct horse").await.is_err());
+    assert!(log_in(&access, "Ada' --", "correct horse").await.is_err());
+    let audit = access.people.read(|store| store.audit(None, 100)).expect("read");
+    let wrong = audit.iter().filter(|line| line.entry.what == "log in" && line.entry.refused.is_some()).count();
+    assert_eq!(wrong, accounts::TRIES as usize + 1, "{audit:#?}");
+}
+
+#[tokio::test]
+async fn nobody_without_an_account_is_let_in_unless_the_file_says_so() {
+    let anonymous = UserToken(opcua::server::ANONYMOUS_USER_TOKEN_ID.to_owned());
+    for (setting, may) in [(Anonymous::Nothing, false), (Anonymous::Read, true)] {
+        let (_folder, access) = access(setting);
+        for mode in [MessageSecurityMode::None, MessageSecurityMode::SignAndEncrypt] {
+            assert_eq!(access.authenticate_anonymous_token(&endpoint(mode)).await.is_ok(), may);
+            assert_eq!(access.supports_anonymous(&endpoint(mode)), may);
+            // A password is never asked for where it can be read on its way.
+            assert_eq!(access.supports_user_pass(&endpoint(mode)), mode != MessageSecurityMode::None);
+            assert!(!access.supports_x509(&endpoint(mode)) && !access.supports_issued_token(&endpoint(mode)));
+        }
+        assert_eq!(read(&access, &anonymous), may);
+        assert_eq!(access.caller(&anonymous).and_then(|caller| caller.role()), None);
+    }
+    assert!(Role::VARIANTS.iter().all(|role| role.may(Permission::View)), "every role looks");
+}
+
+#[test]
+fn a_log_in_is_said_to_come_from_those_who_are_connected() {
+    let address = |last| IpAddr::from([10, 0, 0, last]);
+    assert_eq!(from_any(&[]), "OPC UA");
+    assert_eq!(from_any(&[address(1)]), "OPC UA, 10.0.0.1");
+    assert_eq!(from_any(&[address(1), address(2)]), "OPC UA, one of 10.0.0.1, 10.0.0.2");
+}

@@ -1,0 +1,150 @@
+//! An event of an alarm as OPC UA has it: the fields of AlarmConditionType (Part 9), by their browse paths.
+
+use super::values::time;
+use crate::history::{Alarm, Priority};
+use crate::packml::alarm_id;
+use opcua::nodes::Event;
+use opcua::types::event_field::EventField;
+use opcua::types::{
+    AttributeId, ByteString, DateTime, LocalizedText, NodeId, NumericRange, ObjectTypeId, QualifiedName,
+    StatusCode, UAString, Variant,
+};
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+
+/// An event with its fields.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct AlarmEvent {
+    kind: NodeId,
+    time: DateTime,
+    /// The node that the event says its condition has.
+    condition: NodeId,
+    fields: BTreeMap<&'static str, Variant>,
+}
+
+/// How an alarm stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Standing {
+    pub is_active: bool,
+    pub is_acknowledged: bool,
+}
+
+impl Standing {
+    /// Whether a client that connects now must hear of it.
+    fn is_retained(self) -> bool {
+        self.is_active
+    }
+}
+
+/// The number by which OPC UA says how urgent it is, 1 to 1000.
+fn severity(priority: Priority) -> u16 {
+    match priority {
+        Priority::High => 900,
+        Priority::Medium => 600,
+        Priority::Low => 300,
+        Priority::Note => 100,
+    }
+}
+
+/// The name of an event, by which it is acknowledged: of the alarm and how it stands.
+pub(super) fn event_id(alarm: &Alarm, standing: Standing) -> ByteString {
+    let Standing { is_active, is_acknowledged } = standing;
+    let digest = Sha256::digest(format!("{} {is_active} {is_acknowledged}", alarm_id(alarm)).as_bytes());
+    ByteString::from(digest.iter().take(16).copied().collect::<Vec<u8>>())
+}
+
+fn text(text: &str) -> Variant {
+    Variant::from(LocalizedText::new("en", text))
+}
+
+impl AlarmEvent {
+    /// That an alarm stands so.
+    pub fn of(alarm: &Alarm, standing: Standing, (source, condition): (&NodeId, NodeId), now_unix_ms: i64) -> Self {
+        let at_unix_ms =
+            if standing.is_active && !standing.is_acknowledged { alarm.raised_unix_ms } else { now_unix_ms };
+        let (kind, at) = (NodeId::from(ObjectTypeId::AlarmConditionType), time(at_unix_ms));
+        let two_state = |is, yes, no| text(if is { yes } else { no });
+        let comment = alarm.acknowledged.as_ref().map_or("", |seen| &seen.who);
+        let fields = [
+            ("EventId", Variant::from(event_id(alarm, standing))),
+            ("EventType", Variant::from(kind.clone())),
+            ("SourceNode", Variant::from(source.clone())),
+            ("SourceName", Variant::from(super::address_space::ROOT)),
+            ("Time", Variant::from(at)),
+            ("ReceiveTime", Variant::from(time(now_unix_ms))),
+            ("Message", text(&alarm.message)),
+            ("Severity", Variant::from(severity(alarm.priority))),
+            ("LastSeverity", Variant::from(severity(alarm.priority))),
+            ("ConditionClassId", Variant::from(NodeId::from(ObjectTypeId::ProcessConditionClassType))),
+            ("ConditionClassName", text("ProcessConditionClassType")),
+            ("ConditionName", Variant::from(alarm.code.as_str())),
+            ("BranchId", Variant::from(NodeId::null())),
+            ("Retain", Variant::from(standing.is_retained())),
+            ("Quality", Variant::from(StatusCode::Good)),
+            ("Comment", text(&alarm.remedy)),
+            ("ClientUserId", Variant::from(comment)),
+            ("InputNode", Variant::from(NodeId::null())),
+            ("SuppressedOrShelved", Variant::from(false)),
+            ("EnabledState", text("Enabled")),
+            ("EnabledState/Id", Variant::from(true)),
+            ("AckedState", two_state(standing.is_acknowledged, "Acknowledged", "Unacknowledged")),
+            ("AckedState/Id", Variant::from(standing.is_acknowledged)),
+            ("ActiveState", two_state(standing.is_active, "Active", "Inactive")),
+            ("ActiveState/Id", Variant::from(standing.is_active)),
+        ];
+        AlarmEvent { kind, time: at, condition, fields: BTreeMap::from(fields) }
+    }
+
+    /// That a refresh begins or ends.
+    pub fn refresh(begins: bool, now_unix_ms: i64) -> Self {
+        let kind = if begins { ObjectTypeId::RefreshStartEventType } else { ObjectTypeId::RefreshEndEventType };
+        let (kind, at) = (NodeId::from(kind), time(now_unix_ms));
+        let digest = Sha256::digest(format!("refresh {begins} {now_unix_ms}").as_bytes());
+        let fields = [
+            ("EventId", Variant::from(ByteString::from(digest.iter().take(16).copied().collect::<Vec<u8>>()))),
+            ("EventType", Variant::from(kind.clone())),
+            ("SourceNode", Variant::from(NodeId::from(opcua::types::ObjectId::Server))),
+            ("SourceName", Variant::from("Server")),
+            ("Time", Variant::from(at)),
+            ("ReceiveTime", Variant::from(at)),
+            ("Message", text(if begins { "A refresh begins." } else { "A refresh ends." })),
+            ("Severity", Variant::from(1_u16)),
+        ];
+        AlarmEvent { kind, time: at, condition: NodeId::null(), fields: BTreeMap::from(fields) }
+    }
+}
+
+impl Event for AlarmEvent {
+    fn get_field(
+        &self,
+        type_definition: &NodeId,
+        attribute: AttributeId,
+        range: &NumericRange,
+        path: &[QualifiedName],
+    ) -> Variant {
+        // A client asks for the condition's node in this way (Part 9, 5.5.2.13).
+        if attribute == AttributeId::NodeId && path.is_empty() && *type_definition == ObjectTypeId::ConditionType {
+            return if self.condition.is_null() { Variant::Empty } else { Variant::from(self.condition.clone()) };
+        }
+        self.get_value(attribute, range, path)
+    }
+
+    fn time(&self) -> &DateTime {
+        &self.time
+    }
+
+    fn event_type_id(&self) -> &NodeId {
+        &self.kind
+    }
+}
+
+impl EventField for AlarmEvent {
+    fn get_value(&self, attribute: AttributeId, range: &NumericRange, path: &[QualifiedName]) -> Variant {
+        if attribute != AttributeId::Value || path.is_empty() || path.iter().any(|part| part.namespace_index != 0) {
+            return Variant::Empty;
+        }
+        let names: Vec<&UAString> = path.iter().map(|part| &part.name).collect();
+        let path = names.iter().map(|name| name.as_ref()).collect::<Vec<_>>().join("/");
+        self.fields.get(path.as_str()).map_or(Variant::Empty, |field| field.get_value(attribute, range, &[]))
+    }
+}

@@ -1,0 +1,269 @@
+//! Calls of methods: each is checked against the one table, and becomes one of the service's own requests.
+
+use super::access::{Access, Caller, line};
+use super::flood::{Flood, Turn};
+use crate::accounts::AuditEntry;
+use crate::cycle::Request;
+use crate::daemon::alarms::{Alarms, Seen};
+use crate::daemon::clock::now_unix_ms;
+use crate::daemon::gateway::Gateway;
+use crate::daemon::reply::{Exit, Reply};
+use crate::daemon::request::{PartNames, StartRequest, What};
+use crate::daemon::setup_source::SetupSource;
+use crate::packml::{Command, LastRefusal, Method};
+use crate::record::{CycleId, Front, Who};
+use crate::verdict::Reason;
+use opcua::types::{StatusCode, Variant};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+use tokio::sync::Mutex as AsyncMutex;
+use tokio::time::timeout;
+
+/// A call is answered within this time, whatever the disk does.
+const PATIENCE: Duration = Duration::from_secs(20);
+/// Stops, and aborts, that come within this time are one.
+const TOGETHER: Duration = Duration::from_millis(100);
+/// The longest text that is taken, in characters.
+const MOST_CHARACTERS: usize = 200;
+
+/// What came of a call.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Outcome {
+    /// It was done; in words, where the state does not say it.
+    Done(String),
+    /// It was not.
+    Refused(StatusCode, Reason),
+}
+
+fn refused(code: &'static str, status: StatusCode, message: impl Into<String>) -> Outcome {
+    Outcome::Refused(status, Reason::new(code, message))
+}
+
+impl Outcome {
+    fn of(reply: Reply) -> Self {
+        let all: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
+        let code = reply.reasons.first().map_or("not_now".into(), |reason| reason.code.clone());
+        let status = match (reply.answer, &*code) {
+            (Exit::Done, _) => return Outcome::Done(reply.done.unwrap_or_default()),
+            (_, "busy") => StatusCode::BadTooManyOperations,
+            (_, "silent" | "ended") => StatusCode::BadTimeout,
+            (Exit::Refused, _) => StatusCode::BadInvalidState,
+            (Exit::Fault, _) => StatusCode::BadDeviceFailure,
+        };
+        Outcome::Refused(status, Reason { code, message: all.join("; ") })
+    }
+}
+
+/// Where calls go.
+pub(super) struct Calls {
+    pub gateway: Gateway,
+    pub access: Arc<Access>,
+    pub alarms: Arc<Alarms>,
+    pub setup: Arc<dyn SetupSource>,
+    flood: Mutex<Flood>,
+    refusal: Mutex<Option<LastRefusal>>,
+    /// The last stop and the last abort, with their replies.
+    urgent: [AsyncMutex<Option<(Instant, Reply)>>; 2],
+}
+
+impl Calls {
+    pub fn new(gateway: Gateway, access: Arc<Access>, alarms: Arc<Alarms>, setup: Arc<dyn SetupSource>) -> Self {
+        Calls {
+            gateway,
+            access,
+            alarms,
+            setup,
+            flood: Mutex::default(),
+            refusal: Mutex::default(),
+            urgent: Default::default(),
+        }
+    }
+
+    /// The last call that was not done.
+    pub fn last_refusal(&self) -> Option<LastRefusal> {
+        self.refusal.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Calls a method for somebody who comes from there. What was not done is told in the node of the last refusal.
+    pub async fn call(
+        &self,
+        method: &'static Method,
+        arguments: &[Variant],
+        caller: Option<&Caller>,
+        from: &str,
+    ) -> Outcome {
+        let called = self.checked(method, arguments, caller, from);
+        let outcome = timeout(PATIENCE, called).await.unwrap_or_else(|_| {
+            refused("silent", StatusCode::BadTimeout, "the service did not answer in time; look at its state")
+        });
+        if let Outcome::Refused(_, reason) = &outcome {
+            let user = caller.and_then(Caller::name).unwrap_or("somebody who is not logged in").to_owned();
+            let refusal =
+                LastRefusal { method: method.name, user, at_unix_ms: now_unix_ms(), reason: reason.clone() };
+            *self.refusal.lock().unwrap_or_else(PoisonError::into_inner) = Some(refusal);
+        }
+        outcome
+    }
+
+    async fn checked(
+        &self,
+        method: &'static Method,
+        arguments: &[Variant],
+        caller: Option<&Caller>,
+        from: &str,
+    ) -> Outcome {
+        let Some(caller) = caller else {
+            let message = "the account was changed or disabled since; log in again";
+            return refused("not_permitted", StatusCode::BadUserAccessDenied, message);
+        };
+        let is_urgent = matches!(method.command, Command::Stop | Command::Abort);
+        let name = caller.name().unwrap_or_default();
+        if !is_urgent {
+            let turn = {
+                let mut flood = self.flood.lock().unwrap_or_else(PoisonError::into_inner);
+                flood.call(name, self.access.people().now_s())
+            };
+            if let Turn::TooMany { is_told } = turn {
+                let message = "too many calls in a row; wait a second (Stop and Abort always get through)";
+                if is_told {
+                    self.keep(self.line(method, caller, from), Some("too many calls in a row")).await;
+                }
+                return refused("busy", StatusCode::BadTooManyOperations, message);
+            }
+        }
+        if !method.is_allowed(caller.role()) {
+            let message = match caller.role() {
+                Some(role) => format!("the role {} may not do this", role.word()),
+                None => "log in first".to_owned(),
+            };
+            self.keep(self.line(method, caller, from), Some(&message)).await;
+            return refused("not_permitted", StatusCode::BadUserAccessDenied, message);
+        }
+        self.done(method, arguments, caller, from).await
+    }
+
+    async fn done(&self, method: &Method, arguments: &[Variant], caller: &Caller, from: &str) -> Outcome {
+        let table = |request| What::Table(request);
+        let what = match (method.command, arguments) {
+            (Command::Reset, []) => table(Request::Reset),
+            (Command::Hold, []) => table(Request::Hold),
+            (Command::Clear, []) => table(Request::Clear),
+            (Command::Accept, []) => table(Request::Accept),
+            (Command::NewDisc, []) => What::NewDisc,
+            (Command::Stop, []) => return Outcome::of(self.urgent(0, Request::Stop, caller).await),
+            (Command::Abort, []) => return Outcome::of(self.urgent(1, Request::Abort, caller).await),
+            (Command::Unhold, [Variant::Boolean(dried)]) => table(Request::Unhold { dried: *dried }),
+            (Command::Start, [recipe, serial, order]) => {
+                let [Some(recipe), Some(serial), Some(order)] = [recipe, serial, order].map(text) else {
+                    return wrong_arguments(method);
+                };
+                match self.start(recipe, serial, order, caller).await {
+                    Ok(start) => What::Start(start),
+                    Err(problem) => return refused("bad_input", StatusCode::BadInvalidArgument, problem),
+                }
+            }
+            (Command::AcknowledgeAlarm, [alarm]) => {
+                let Some(alarm) = text(alarm) else { return wrong_arguments(method) };
+                return self.acknowledge(&alarm, caller, from).await;
+            }
+            _ => return wrong_arguments(method),
+        };
+        Outcome::of(self.gateway.request(what, who(caller)).await)
+    }
+
+    /// A stop or an abort. Whoever asks while one is under way, or just was, hears what came of that one.
+    async fn urgent(&self, place: usize, request: Request, caller: &Caller) -> Reply {
+        let mut last = self.urgent[place].lock().await;
+        if let Some((_, reply)) = last.as_ref().filter(|(at, _)| at.elapsed() < TOGETHER) {
+            return reply.clone();
+        }
+        let reply = self.gateway.request(What::Table(request), who(caller)).await;
+        *last = Some((Instant::now(), reply.clone()));
+        reply
+    }
+
+    async fn start(
+        &self,
+        recipe: String,
+        serial: String,
+        order: String,
+        caller: &Caller,
+    ) -> Result<StartRequest, String> {
+        let setup = self.setup.clone();
+        let read = tokio::task::spawn_blocking(move || setup.recipe(&recipe));
+        let recipe = read.await.map_err(|error| format!("the recipe could not be read: {error}"))??;
+        let some = |name: String| Some(name).filter(|name| !name.is_empty());
+        let operator = match caller {
+            Caller::Person { printed_name, .. } => Some(printed_name.clone()),
+            Caller::Nobody => None,
+        };
+        let part = PartNames { serial: some(serial), order: some(order), operator };
+        Ok(StartRequest { recipe: recipe.name, text: recipe.text, record: None, part: Some(part) })
+    }
+
+    /// Keeps that a person has seen an alarm of this name.
+    pub async fn acknowledge(&self, alarm: &str, caller: &Caller, from: &str) -> Outcome {
+        let no_such = || {
+            let message =
+                "there is no such alarm, or somebody has acknowledged it already; Alarms/Ids has those that last";
+            refused("not_now", StatusCode::BadInvalidArgument, message)
+        };
+        let (Some(seen), Caller::Person { name, printed_name, role }) = (seen(alarm), caller) else {
+            return no_such();
+        };
+        let line = line(Some(name.clone()), Some(*role), from.to_owned(), "acknowledge alarm");
+        let (alarms, who) = (self.alarms.clone(), format!("{printed_name} ({name})"));
+        match tokio::task::spawn_blocking(move || alarms.acknowledge(&seen, who, line)).await {
+            Ok(Ok(true)) => Outcome::Done(String::new()),
+            Ok(Ok(false)) => no_such(),
+            Ok(Err(error)) => refused("store", StatusCode::BadDeviceFailure, error.to_string()),
+            Err(error) => refused("store", StatusCode::BadDeviceFailure, error.to_string()),
+        }
+    }
+
+    fn line(&self, method: &Method, caller: &Caller, from: &str) -> AuditEntry {
+        let line = line(caller.name().map(str::to_owned), caller.role(), from.to_owned(), "request");
+        AuditEntry { subject: Some(method.name.to_owned()), ..line }
+    }
+
+    async fn keep(&self, line: AuditEntry, refused: Option<&str>) {
+        let line = AuditEntry { refused: refused.map(str::to_owned), ..line };
+        let people = self.access.people().clone();
+        if tokio::task::spawn_blocking(move || people.audit(&line)).await.is_err() {
+            tracing::warn!("a line of the audit trail is lost: its thread is gone");
+        }
+    }
+}
+
+fn wrong_arguments(method: &Method) -> Outcome {
+    let taken: Vec<&str> = method.arguments.iter().map(|argument| argument.name).collect();
+    let message = match taken[..] {
+        [] => format!("{} takes no arguments", method.name),
+        _ => format!("{} takes {}; a text has at most {MOST_CHARACTERS} characters", method.name, taken.join(", ")),
+    };
+    refused("bad_request", StatusCode::BadInvalidArgument, message)
+}
+
+/// A text without what no name has; none where it is too long or no text.
+fn text(value: &Variant) -> Option<String> {
+    let Variant::String(text) = value else { return None };
+    let text = text.as_ref().trim();
+    let is_plain = text.chars().count() <= MOST_CHARACTERS && !text.contains(char::is_control);
+    is_plain.then(|| text.to_owned())
+}
+
+/// An alarm by its name, as `packml::alarm_id` gives it.
+fn seen(alarm: &str) -> Option<Seen> {
+    let mut parts = alarm.split('/');
+    let (cycle, code, raised) = (parts.next()?, parts.next()?, parts.next()?);
+    let cycle: i64 = cycle.parse().ok()?;
+    let raised_unix_ms = raised.parse().ok().filter(|_| parts.next().is_none())?;
+    Some(Seen { cycle: (cycle != 0).then_some(CycleId(cycle)), code: code.to_owned(), raised_unix_ms })
+}
+
+fn who(caller: &Caller) -> Who {
+    Who { front: Front::OpcUa, uid: None, user: caller.name().map(str::to_owned) }
+}
+
+#[cfg(test)]
+mod tests;

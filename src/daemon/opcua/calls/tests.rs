@@ -1,0 +1,255 @@
+//! Calls as they reach the service: a queue stands in place of the loop.
+
+use super::*;
+use crate::accounts::Role;
+use crate::cell::Anonymous;
+use crate::daemon::people::People;
+use crate::daemon::request::Request as CellRequest;
+use crate::daemon::request_queue::request_queue;
+use crate::daemon::setup_source::{Equipment, Examined, RecipeText};
+use crate::geometry::ColorPicture;
+use crate::packml::{ArgumentKind, METHODS, method};
+use crate::store::Store;
+use crate::verdict::Verdict;
+use std::thread;
+use strum::VariantArray;
+use tempfile::TempDir;
+
+struct Source;
+
+impl SetupSource for Source {
+    fn recipes(&self) -> Result<Vec<String>, String> {
+        Ok(vec!["door.toml".to_owned()])
+    }
+
+    fn recipe(&self, name: &str) -> Result<RecipeText, String> {
+        match name {
+            "door.toml" => Ok(RecipeText { name: name.to_owned(), text: "panel = \"door\"".to_owned() }),
+            _ => Err(format!("there is no recipe {name}")),
+        }
+    }
+
+    fn problems(&self, _: &str, _: &str) -> Vec<String> {
+        vec![]
+    }
+
+    fn save(&self, _: &str, _: &str) -> Result<Option<String>, String> {
+        Err("nothing is saved".to_owned())
+    }
+
+    fn taught_picture(&self, _: &str) -> Result<ColorPicture, String> {
+        Err("none".to_owned())
+    }
+
+    fn standing(&self) -> Vec<Reason> {
+        vec![Reason::new("disk_scarce", "5 MB are free")]
+    }
+
+    fn examine(&self) -> Vec<Examined> {
+        vec![]
+    }
+
+    fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {
+        Ok((Verdict::Accept, vec![], vec![]))
+    }
+}
+
+/// Calls, and what reached the loop.
+struct Cell {
+    calls: Calls,
+    asked: Arc<Mutex<Vec<String>>>,
+    _folder: TempDir,
+}
+
+impl Cell {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        drop(Store::create(&folder.path().join("store")).expect("a store"));
+        let people = Arc::new(People::new(folder.path().join("store")));
+        let alarms = Arc::new(Alarms::new(people.clone()));
+        let (sender, queue) = request_queue();
+        let asked = Arc::new(Mutex::new(Vec::new()));
+        let heard = asked.clone();
+        thread::spawn(move || {
+            while let Some(CellRequest { what, who, reply }) = queue.next(Duration::from_secs(60)) {
+                heard.lock().expect("whole").push(format!("{} by {who}", what.words()));
+                let done = Reply { state: Some("idle".to_owned()), ..Reply::refused(Exit::Done, vec![]) };
+                reply.into_iter().for_each(|reply| drop(reply.send(done.clone())));
+            }
+        });
+        let loader = Arc::new(|_| Err(vec![Reason::new("bad_input", "no cell here")]));
+        let access = Arc::new(Access::new(people, Arc::default(), Anonymous::Read));
+        let calls = Calls::new(Gateway::new(sender, loader, None), access, alarms, Arc::new(Source));
+        Cell { calls, asked, _folder: folder }
+    }
+
+    fn asked(&self) -> Vec<String> {
+        self.asked.lock().expect("whole").clone()
+    }
+
+    fn audit(&self) -> Vec<AuditEntry> {
+        let lines = self.calls.access.people().read(|store| store.audit(None, 10_000)).expect("read");
+        lines.into_iter().map(|line| line.entry).collect()
+    }
+
+    async fn call(&self, name: &str, arguments: &[Variant], role: Option<Role>) -> Outcome {
+        let caller = role.map_or(Caller::Nobody, person);
+        self.calls.call(method(name).expect("such a method"), arguments, Some(&caller), "OPC UA, 10.0.0.1").await
+    }
+}
+
+fn person(role: Role) -> Caller {
+    Caller::Person { name: role.word().to_owned(), printed_name: "Ada B".to_owned(), role }
+}
+
+fn status(outcome: &Outcome) -> StatusCode {
+    match outcome {
+        Outcome::Done(_) => StatusCode::Good,
+        Outcome::Refused(status, _) => *status,
+    }
+}
+
+/// Every method as every role and as nobody: what may goes to the loop under the caller's name, what may not never gets there.
+#[tokio::test]
+async fn each_method_reaches_the_loop_as_the_table_says() {
+    for method in METHODS {
+        for role in Role::VARIANTS.iter().copied().map(Some).chain([None]) {
+            let cell = Cell::new();
+            let argument = |kind| match kind {
+                ArgumentKind::String => Variant::from("door.toml"),
+                ArgumentKind::Boolean => Variant::from(true),
+            };
+            let arguments: Vec<Variant> = method.arguments.iter().map(|one| argument(one.kind)).collect();
+            let outcome = cell.call(method.name, &arguments, role).await;
+            let who = role.map_or("somebody who was not logged in".to_owned(), |role| role.word().to_owned());
+            let word = match method.command {
+                Command::Start => "start by door.toml",
+                Command::Unhold => "unhold --dried",
+                Command::NewDisc => "new-disc",
+                Command::Reset => "reset",
+                Command::Hold => "hold",
+                Command::Stop => "stop",
+                Command::Abort => "abort",
+                Command::Clear => "clear",
+                Command::Accept => "accept",
+                Command::AcknowledgeAlarm => "",
+            };
+            let is_allowed = method.is_allowed(role);
+            assert_eq!(
+                status(&outcome) == StatusCode::BadUserAccessDenied,
+                !is_allowed,
+                "{} {role:?}",
+                method.name
+            );
+            let expected = match method.command {
+                // It asks the loop for nothing.
+                Command::AcknowledgeAlarm => vec![],
+                _ if is_allowed => vec![format!("{word} by {who}, through OPC UA")],
+                _ => vec![],
+            };
+            // A start is told to the loop as one that was not prepared, for which nobody waits: this cell has no files.
+            let since = Instant::now();
+            while cell.asked() != expected && since.elapsed() < Duration::from_secs(5) {
+                thread::sleep(Duration::from_millis(5));
+            }
+            assert_eq!(cell.asked(), expected, "{} {role:?}", method.name);
+            let refused = cell.audit().iter().any(|line| {
+                line.what == "request"
+                    && line.subject.as_deref() == Some(method.name)
+                    && line.from == "OPC UA, 10.0.0.1"
+                    && line.refused.is_some()
+            });
+            assert_eq!(refused, !is_allowed, "{} {role:?}", method.name);
+        }
+    }
+}
+
+#[tokio::test]
+async fn wrong_arguments_ask_for_nothing() {
+    let cell = Cell::new();
+    let operator = Some(Role::Operator);
+    let text = |text: &str| Variant::from(text);
+    for (name, arguments) in [
+        ("Hold", vec![text("now")]),
+        ("Unhold", vec![]),
+        ("Unhold", vec![text("true")]),
+        ("Start", vec![text("door.toml")]),
+        ("Start", vec![text("door.toml"), Variant::from(7_i32), text("")]),
+        ("Start", vec![text("door.toml"), text("a\nb"), text("")]),
+        ("Start", vec![text("../cell.toml"), text(""), text("")]),
+        ("AcknowledgeAlarm", vec![text("1/none/2")]),
+        ("AcknowledgeAlarm", vec![text("nonsense")]),
+    ] {
+        let outcome = cell.call(name, &arguments, operator).await;
+        assert_eq!(status(&outcome), StatusCode::BadInvalidArgument, "{name} {arguments:?}: {outcome:?}");
+        let refusal = cell.calls.last_refusal().expect("it is told");
+        assert_eq!((refusal.method, refusal.user.as_str()), (name, "operator"));
+    }
+    assert_eq!(cell.asked(), Vec::<String>::new());
+    let gone = cell.calls.call(method("Hold").expect("it"), &[], None, "OPC UA").await;
+    assert_eq!(status(&gone), StatusCode::BadUserAccessDenied, "the account was changed");
+}
+
+#[tokio::test]
+async fn of_a_flood_little_reaches_the_loop_and_one_line_is_kept() {
+    let cell = Cell::new();
+    for _ in 0..500 {
+        cell.call("Hold", &[], Some(Role::Operator)).await;
+    }
+    let holds = cell.asked().len();
+    assert!((20..60).contains(&holds), "{holds}");
+    let floods =
+        cell.audit().iter().filter(|line| line.refused.as_deref() == Some("too many calls in a row")).count();
+    assert_eq!(floods, 1);
+    // Another person goes on, and a stop always gets through.
+    assert_eq!(status(&cell.call("Hold", &[], Some(Role::Engineer)).await), StatusCode::Good);
+    assert_eq!(status(&cell.call("Stop", &[], Some(Role::Operator)).await), StatusCode::Good);
+    let before = cell.asked().len();
+    let since = Instant::now();
+    for _ in 0..500 {
+        assert_eq!(status(&cell.call("Abort", &[], Some(Role::Viewer)).await), StatusCode::Good);
+    }
+    let most = 2 + since.elapsed().as_millis() / TOGETHER.as_millis();
+    let aborts = cell.asked().len() - before;
+    assert!(aborts >= 1 && aborts as u128 <= most, "{aborts} of at most {most}");
+}
+
+#[tokio::test]
+async fn an_alarm_is_acknowledged_by_its_name_once() {
+    let cell = Cell::new();
+    cell.calls.alarms.look(&Source, None);
+    let alarm = cell.calls.alarms.all().expect("read").remove(0);
+    let name = Variant::from(crate::packml::alarm_id(&alarm).as_str());
+    assert_eq!(
+        status(&cell.call("AcknowledgeAlarm", std::slice::from_ref(&name), Some(Role::Viewer)).await),
+        StatusCode::BadUserAccessDenied
+    );
+    assert_eq!(
+        status(&cell.call("AcknowledgeAlarm", std::slice::from_ref(&name), Some(Role::Inspector)).await),
+        StatusCode::Good
+    );
+    let seen = cell.calls.alarms.all().expect("read").remove(0).acknowledged.expect("it is kept");
+    assert_eq!(seen.who, "Ada B (inspector)");
+    assert_eq!(
+        status(&cell.call("AcknowledgeAlarm", &[name], Some(Role::Inspector)).await),
+        StatusCode::BadInvalidArgument
+    );
+}
+
+#[test]
+fn an_alarms_name_reads_back() {
+    let of = |cycle, code: &str, raised_unix_ms| Some(Seen { cycle, code: code.to_owned(), raised_unix_ms });
+    assert_eq!(seen("3/low_overlap/1700"), of(Some(CycleId(3)), "low_overlap", 1_700));
+    assert_eq!(seen("0/disk_scarce/5"), of(None, "disk_scarce", 5));
+    for wrong in ["", "3", "3/low_overlap", "3/low_overlap/x", "x/low_overlap/1", "3/low_overlap/1/2"] {
+        assert_eq!(seen(wrong), None, "{wrong}");
+    }
+}
+
+#[test]
+fn a_text_is_plain_and_short() {
+    assert_eq!(text(&Variant::from(" SN 7 ")), Some("SN 7".to_owned()));
+    assert_eq!(text(&Variant::from("a\nb")), None);
+    assert_eq!(text(&Variant::from("x".repeat(201))), None);
+    assert_eq!(text(&Variant::from(7_i32)), None);
+}

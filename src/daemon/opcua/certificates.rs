@@ -1,0 +1,184 @@
+//! The folder of the certificates: the server's own one and its key, those of the clients that are trusted, and those that were
+//! turned away.
+//!
+//! ```text
+//! own/cert.der            the server's own, made where it is missing; clients are told to trust it
+//! private/private.pem     its key, for nobody else
+//! trusted/*.der           clients that are let in: a person moves them here
+//! rejected/*.der          clients that were turned away; the newest stay
+//! ```
+
+use super::error::OpcUaError;
+use opcua::crypto::{CertificateStore, X509, X509Data};
+use std::collections::BTreeSet;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+/// The server's own certificate, below the folder.
+pub(super) const OWN: &str = "own/cert.der";
+/// Its key.
+pub(super) const KEY: &str = "private/private.pem";
+/// Clients that are let in.
+pub(super) const TRUSTED: &str = "trusted";
+/// Clients that were turned away.
+pub(super) const REJECTED: &str = "rejected";
+/// So many certificates that were turned away stay: whoever sends new ones without end fills no disk.
+const MOST_REJECTED: usize = 32;
+/// Ten years: clients are told once to trust it.
+const DAYS: u32 = 3_650;
+const KEY_BITS: u32 = 2_048;
+
+/// Makes the folders that are missing, and the server's own certificate where there is none. Its SHA-1 thumbprint comes back, as
+/// OPC UA clients show it.
+///
+/// # Errors
+/// Where the disk refuses, or a file is no certificate.
+pub(super) fn prepare(folder: &Path, application_uri: &str, hosts: &[String]) -> Result<String, OpcUaError> {
+    for name in ["own", "private", TRUSTED, REJECTED] {
+        let path = folder.join(name);
+        fs::create_dir_all(&path).map_err(|error| OpcUaError::file(&path, error))?;
+    }
+    let private = folder.join("private");
+    fs::set_permissions(&private, Permissions::from_mode(0o700))
+        .map_err(|error| OpcUaError::file(&private, error))?;
+    let (own, key) = (folder.join(OWN), folder.join(KEY));
+    match (own.is_file(), key.is_file()) {
+        (true, true) => {}
+        (false, false) => make((&own, &key), application_uri, hosts)?,
+        (true, false) => {
+            return Err(OpcUaError::file(
+                &key,
+                "is missing; put the key of own/cert.der there, or remove that file",
+            ));
+        }
+        (false, true) => {
+            return Err(OpcUaError::file(
+                &own,
+                "is missing; put the key's certificate there, or remove private/private.pem",
+            ));
+        }
+    }
+    CertificateStore::read_pkey(&key)
+        .map_err(|_| OpcUaError::file(&key, "it is no PEM private key (RSA, PKCS #8)"))?;
+    let certificate =
+        CertificateStore::read_cert(&own).map_err(|_| OpcUaError::file(&own, "it is no DER certificate"))?;
+    Ok(certificate.thumbprint().as_hex_string())
+}
+
+/// Makes a certificate for this computer and its key. Both are written beside their places, and the key's permissions are set
+/// before it gets there.
+fn make((own, key): (&Path, &Path), application_uri: &str, hosts: &[String]) -> Result<(), OpcUaError> {
+    let data = X509Data {
+        key_size: KEY_BITS,
+        common_name: "Panelprep".to_owned(),
+        organization: "Panelprep".to_owned(),
+        organizational_unit: String::new(),
+        country: String::new(),
+        state: String::new(),
+        alt_host_names: X509Data::alt_host_names(application_uri, Some(hosts.to_vec()), false, false, false),
+        certificate_duration_days: DAYS,
+    };
+    let folder = key.parent().unwrap_or(Path::new("."));
+    let beside = tempfile::tempdir_in(folder).map_err(|error| OpcUaError::file(folder, error))?;
+    let [new_own, new_key] = ["cert.der", "private.pem"].map(|name| beside.path().join(name));
+    CertificateStore::create_certificate_and_key(&data, false, &new_own, &new_key)
+        .map_err(|problem| OpcUaError::file(own, format!("no certificate could be made: {problem}")))?;
+    let placed = fs::set_permissions(&new_key, Permissions::from_mode(0o600))
+        .and_then(|()| fs::rename(&new_key, key))
+        .and_then(|()| fs::rename(&new_own, own));
+    placed.map_err(|error| OpcUaError::file(own, error))
+}
+
+/// What is found new in the folder of the clients that were turned away.
+#[derive(Debug, Default)]
+pub(super) struct Rejected {
+    known: BTreeSet<PathBuf>,
+    has_looked: bool,
+}
+
+impl Rejected {
+    /// The files that came since it was last looked; what is too much, and too old, is removed. What lay there when the service
+    /// started is not new. On the calling thread, which may wait for the disk.
+    pub fn new_ones(&mut self, folder: &Path) -> Vec<PathBuf> {
+        let mut found: Vec<(SystemTime, PathBuf)> = fs::read_dir(folder.join(REJECTED))
+            .into_iter()
+            .flatten()
+            .flatten()
+            .filter_map(|entry| Some((entry.metadata().and_then(|data| data.modified()).ok()?, entry.path())))
+            .collect();
+        found.sort();
+        let surplus = found.len().saturating_sub(MOST_REJECTED);
+        for (_, old) in found.drain(..surplus) {
+            if let Err(error) = fs::remove_file(&old) {
+                tracing::warn!("{}: {error}", old.display());
+            }
+        }
+        let now: BTreeSet<PathBuf> = found.into_iter().map(|(_, path)| path).collect();
+        let new = now.difference(&self.known).cloned().collect();
+        self.known = now;
+        if std::mem::replace(&mut self.has_looked, true) { new } else { Vec::new() }
+    }
+}
+
+/// A certificate in words for a person who is to decide whether to trust it.
+pub(super) fn words(file: &Path) -> String {
+    let name = |certificate: &X509| {
+        let subject: String = certificate.subject_name().chars().filter(|c| !c.is_control()).take(120).collect();
+        format!("{subject}, SHA-1 {}", certificate.thumbprint().as_hex_string())
+    };
+    CertificateStore::read_cert(file)
+        .map_or_else(|_| "a file that is no certificate".to_owned(), |found| name(&found))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_certificate_is_made_once_and_its_key_is_for_nobody_else() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let hosts = ["localhost".to_owned(), "127.0.0.1".to_owned()];
+        let of = || prepare(folder.path(), "urn:panelprep:test", &hosts);
+        let first = of().expect("made");
+        assert_eq!((first.len(), of().expect("read")), (40, first.clone()), "the same after a restart");
+        let mode = |name: &str| fs::metadata(folder.path().join(name)).expect("there").permissions().mode() & 0o777;
+        assert_eq!((mode(KEY), mode("private")), (0o600, 0o700));
+        let own = CertificateStore::read_cert(&folder.path().join(OWN)).expect("a certificate");
+        assert!(
+            own.is_application_uri_valid("urn:panelprep:test").is_ok()
+                && own.is_hostname_valid("localhost").is_ok()
+        );
+        assert_eq!(
+            fs::read_dir(folder.path().join("private")).expect("there").count(),
+            1,
+            "nothing is left beside it"
+        );
+        fs::write(folder.path().join(KEY), "no key").expect("written");
+        let error = of().expect_err("refused").to_string();
+        assert!(error.contains("private.pem") && error.contains("no PEM private key"), "{error}");
+        fs::remove_file(folder.path().join(KEY)).expect("removed");
+        let error = of().expect_err("refused").to_string();
+        assert!(
+            error.contains("private.pem: is missing"),
+            "a lost key is told, and no new certificate is made: {error}"
+        );
+    }
+
+    #[test]
+    fn whoever_sends_certificates_without_end_fills_no_disk() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let rejected = folder.path().join(REJECTED);
+        fs::create_dir(&rejected).expect("made");
+        let mut seen = Rejected::default();
+        fs::write(rejected.join("old.der"), "").expect("written");
+        assert_eq!(seen.new_ones(folder.path()), Vec::<PathBuf>::new(), "it was there before");
+        for number in 0..100 {
+            fs::write(rejected.join(format!("{number:03}.der")), "").expect("written");
+        }
+        assert_eq!(seen.new_ones(folder.path()).len(), MOST_REJECTED);
+        assert_eq!(fs::read_dir(&rejected).expect("there").count(), MOST_REJECTED);
+        assert_eq!(seen.new_ones(folder.path()), Vec::<PathBuf>::new());
+    }
+}

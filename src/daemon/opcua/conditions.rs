@@ -1,0 +1,190 @@
+//! The alarms that last, as conditions: each change is an event, a client that connects asks for all of them (ConditionRefresh), and
+//! a person acknowledges one by its event (Acknowledge).
+//!
+//! async-opcua has the types of conditions, and events, but no conditions of its own. So the methods, which belong to the types in the
+//! base namespace, are taken here before its own node manager sees them (`core_nodes`). A condition has a name and no node; the base
+//! namespace is told that it has the method Acknowledge, without which async-opcua lets nobody call it.
+
+use super::address_space::node_id;
+use super::alarm_event::{AlarmEvent, Standing, event_id};
+use crate::daemon::clock::now_unix_ms;
+use crate::history::Alarm;
+use crate::packml::alarm_id;
+use opcua::nodes::Event;
+use opcua::server::SubscriptionCache;
+use opcua::types::{ByteString, NodeId, StatusCode};
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
+
+/// All alarms are told again at most so often, whoever asks for it.
+const REFRESH: Duration = Duration::from_millis(500);
+/// What the names of conditions begin with.
+const BEGINNING: &str = "Alarm/";
+
+/// The alarms that last, as they were told last.
+#[derive(Debug, Default)]
+pub(super) struct Conditions {
+    namespace: OnceLock<u16>,
+    inside: Mutex<Inside>,
+}
+
+#[derive(Debug, Default)]
+struct Inside {
+    told: BTreeMap<String, Alarm>,
+    refreshed: Option<Instant>,
+}
+
+fn standing(alarm: &Alarm) -> Standing {
+    Standing { is_active: alarm.is_active(), is_acknowledged: alarm.acknowledged.is_some() }
+}
+
+impl Conditions {
+    /// The namespace of the cell's nodes, once it is known.
+    pub fn is_in(&self, namespace: u16) {
+        self.namespace.get_or_init(|| namespace);
+    }
+
+    fn namespace(&self) -> u16 {
+        self.namespace.get().copied().unwrap_or_default()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inside> {
+        self.inside.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn event(&self, alarm: &Alarm, now_unix_ms: i64) -> AlarmEvent {
+        let condition = node_id(self.namespace(), &format!("{BEGINNING}{}", alarm_id(alarm)));
+        AlarmEvent::of(alarm, standing(alarm), (&node_id(self.namespace(), ""), condition), now_unix_ms)
+    }
+
+    /// The nodes that the conditions are said to have.
+    pub fn nodes(&self) -> Vec<NodeId> {
+        let name = |id: &String| node_id(self.namespace(), &format!("{BEGINNING}{id}"));
+        self.lock().told.keys().map(name).collect()
+    }
+
+    /// The alarms that last now: tells what came, what was acknowledged and what is gone.
+    pub fn follow(&self, alarms: &[Alarm], subscriptions: &SubscriptionCache) {
+        let changed = self.changed(alarms, now_unix_ms());
+        self.tell(&changed, subscriptions);
+    }
+
+    fn changed(&self, alarms: &[Alarm], now_unix_ms: i64) -> Vec<AlarmEvent> {
+        let now: BTreeMap<String, Alarm> = alarms.iter().map(|alarm| (alarm_id(alarm), alarm.clone())).collect();
+        let mut inside = self.lock();
+        let came = now.iter().filter(|(id, alarm)| inside.told.get(*id).map(standing) != Some(standing(alarm)));
+        let gone = inside.told.iter().filter(|(id, _)| !now.contains_key(*id));
+        let gone = gone.map(|(_, alarm)| Alarm { gone_unix_ms: Some(now_unix_ms), ..alarm.clone() });
+        let came = came.map(|(_, alarm)| alarm.clone());
+        let events = came.chain(gone).map(|alarm| self.event(&alarm, now_unix_ms)).collect();
+        inside.told = now;
+        events
+    }
+
+    fn tell(&self, events: &[AlarmEvent], subscriptions: &SubscriptionCache) {
+        let source = node_id(self.namespace(), "");
+        subscriptions.notify_events(events.iter().map(|event| (event as &dyn Event, &source)));
+    }
+
+    /// Tells all that last once more, between the events that begin and end a refresh.
+    pub fn refresh(&self, subscriptions: &SubscriptionCache) -> StatusCode {
+        let now_unix_ms = now_unix_ms();
+        let alarms: Vec<Alarm> = {
+            let mut inside = self.lock();
+            if inside.refreshed.is_some_and(|at| at.elapsed() < REFRESH) {
+                return StatusCode::BadRefreshInProgress;
+            }
+            inside.refreshed = Some(Instant::now());
+            inside.told.values().cloned().collect()
+        };
+        let lasting = alarms.iter().map(|alarm| self.event(alarm, now_unix_ms));
+        let begin = AlarmEvent::refresh(true, now_unix_ms);
+        let events: Vec<AlarmEvent> =
+            std::iter::once(begin).chain(lasting).chain([AlarmEvent::refresh(false, now_unix_ms)]).collect();
+        self.tell(&events, subscriptions);
+        StatusCode::Good
+    }
+
+    /// The name of the alarm that is to be acknowledged by this event of this condition.
+    ///
+    /// # Errors
+    /// Where there is no such condition, the event is not its last one, or somebody has acknowledged it.
+    pub fn acknowledged(&self, condition: &NodeId, event: &ByteString) -> Result<String, StatusCode> {
+        let inside = self.lock();
+        let is_meant = |id: &String| *condition == node_id(self.namespace(), &format!("{BEGINNING}{id}"));
+        let (id, alarm) = inside.told.iter().find(|(id, _)| is_meant(id)).ok_or(StatusCode::BadNodeIdUnknown)?;
+        if alarm.acknowledged.is_some() {
+            return Err(StatusCode::BadConditionBranchAlreadyAcked);
+        }
+        if event_id(alarm, standing(alarm)) != *event {
+            return Err(StatusCode::BadEventIdUnknown);
+        }
+        Ok(id.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::history::Acknowledgement;
+    use crate::verdict::Reason;
+    use opcua::types::{AttributeId, NumericRange, ObjectTypeId, QualifiedName, Variant};
+
+    fn alarm(code: &'static str, raised_unix_ms: i64) -> Alarm {
+        Alarm::between_cycles(&Reason::new(code, "5 MB are free"), raised_unix_ms)
+    }
+
+    fn field(event: &AlarmEvent, path: &str) -> Variant {
+        let path: Vec<QualifiedName> = path.split('/').map(|name| QualifiedName::new(0, name)).collect();
+        event.get_field(&ObjectTypeId::AlarmConditionType.into(), AttributeId::Value, &NumericRange::None, &path)
+    }
+
+    fn condition(event: &AlarmEvent) -> NodeId {
+        let of = ObjectTypeId::ConditionType.into();
+        match event.get_field(&of, AttributeId::NodeId, &NumericRange::None, &[]) {
+            Variant::NodeId(id) => *id,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn an_alarm_comes_is_acknowledged_and_goes() {
+        let conditions = Conditions::default();
+        conditions.is_in(3);
+        let of = |alarms: &[Alarm]| {
+            let told = conditions.changed(alarms, 9_000);
+            told.iter()
+                .map(|event| {
+                    let [name, active, acked, retain] =
+                        ["ConditionName", "ActiveState/Id", "AckedState/Id", "Retain"]
+                            .map(|path| field(event, path).to_string());
+                    format!("{name} {active} {acked} {retain}")
+                })
+                .collect::<Vec<_>>()
+        };
+        let came = [alarm("disk_scarce", 5)];
+        assert_eq!(of(&came), ["disk_scarce true false true"]);
+        assert_eq!(of(&came), Vec::<String>::new(), "told once");
+        let who = "Ada (ada)".to_owned();
+        let seen =
+            Acknowledgement { unix_ms: 7, cycle: None, code: "disk_scarce".to_owned(), raised_unix_ms: 5, who };
+        let seen = [Alarm { acknowledged: Some(seen), ..came[0].clone() }, alarm("camera", 6)];
+        assert_eq!(of(&seen), ["camera true false true", "disk_scarce true true true"]);
+        assert_eq!(of(&[]), ["camera false false false", "disk_scarce false true false"]);
+    }
+
+    #[test]
+    fn an_alarm_is_acknowledged_by_its_last_event_alone() {
+        let conditions = Conditions::default();
+        conditions.is_in(3);
+        let told = conditions.changed(&[alarm("disk_scarce", 5)], 9_000);
+        let Variant::ByteString(id) = field(&told[0], "EventId") else { panic!("{told:?}") };
+        let node = condition(&told[0]);
+        assert_eq!(conditions.acknowledged(&node, &id), Ok("0/disk_scarce/5".to_owned()));
+        let other = ByteString::from(vec![1; 16]);
+        assert_eq!(conditions.acknowledged(&node, &other), Err(StatusCode::BadEventIdUnknown));
+        let nowhere = node_id(3, "Alarm/0/disk_scarce/6");
+        assert_eq!(conditions.acknowledged(&nowhere, &id), Err(StatusCode::BadNodeIdUnknown));
+    }
+}

@@ -1,0 +1,172 @@
+//! What is read of the store and of files, beside the state that the loop tells: seldom, on a thread of its own, so that a slow disk
+//! makes old values and no other harm.
+
+use super::access::{Access, line};
+use super::certificates::{self, Rejected};
+use super::door::Door;
+use crate::accounts::AuditEntry;
+use crate::daemon::alarms::Alarms;
+use crate::daemon::lending::SharedCameras;
+use crate::daemon::setup_source::SetupSource;
+use crate::history::{Alarm, Priority, grid_states};
+use crate::packml::{CycleCounts, GridState, Verified};
+use crate::record::{CycleId, PartNames};
+use crate::store::{Store, StoreError};
+use crate::verdict::Verdict;
+use std::cmp::Reverse;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// So many certificates that were turned away are told one by one.
+const MOST_TOLD: usize = 3;
+/// Calibration files are looked at so often.
+const FILES: Duration = Duration::from_secs(30);
+
+/// What is read of the store and of files.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Depth {
+    pub part: PartNames,
+    /// How each grid stands that was seen, by its name.
+    pub grids: Vec<GridState>,
+    pub scanner: Option<Verified>,
+    pub flange_camera: Option<Verified>,
+    pub tool: Option<Verified>,
+    pub alarms: Vec<Alarm>,
+    pub counts: CycleCounts,
+    pub may_start: Option<bool>,
+    pub calibration_reasons: Vec<String>,
+    pub calibrations: Vec<String>,
+}
+
+/// The newest cycle, and whether it has ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Newest {
+    pub id: Option<CycleId>,
+    pub has_ended: bool,
+}
+
+/// Reads it.
+pub(super) struct Reader {
+    pub access: Arc<Access>,
+    pub alarms: Arc<Alarms>,
+    pub setup: Arc<dyn SetupSource>,
+    pub cameras: Option<SharedCameras>,
+    pub door: Arc<Door>,
+    /// The folder of the certificates.
+    pub folder: PathBuf,
+    pub rejected: Rejected,
+    pub files_read: Option<Instant>,
+    /// Up to which cycle the counters are.
+    pub counted: Option<Newest>,
+    pub last: Depth,
+}
+
+impl Reader {
+    /// Reads everything anew that is old enough; what cannot be read stays as it was, and the log says why.
+    pub fn read(&mut self, cycle: Newest) -> Depth {
+        self.alarms.look(&*self.setup, self.cameras.as_ref());
+        let (alarms, people) = (self.alarms.clone(), self.access.people().clone());
+        let mut now = self.last.clone();
+        let read = people.read(|store| {
+            let accounts = store.accounts()?;
+            of_store(store, cycle.id, &mut now)?;
+            // All cycles are counted, and only where one has ended since.
+            if self.counted != Some(cycle) {
+                now.counts = counts(&store.verdict_counts()?);
+                self.counted = Some(cycle);
+            }
+            now.alarms = alarms.lasting(store)?;
+            now.alarms.retain(|alarm| alarm.priority > Priority::Note);
+            now.alarms.sort_by_key(|alarm| Reverse((alarm.priority, alarm.raised_unix_ms)));
+            Ok(accounts)
+        });
+        match read {
+            Ok(accounts) => self.access.learn(&accounts),
+            Err(error) => tracing::warn!("the OPC UA server shows old values: {error}"),
+        }
+        if self.files_read.is_none_or(|at| at.elapsed() >= FILES) {
+            self.files_read = Some(Instant::now());
+            self.of_files(&mut now);
+        }
+        self.tell_turned_away();
+        self.last = now.clone();
+        now
+    }
+
+    fn of_files(&self, now: &mut Depth) {
+        match self.setup.equipment() {
+            Ok((verdict, reasons, equipment)) => {
+                now.may_start = Some(verdict != Verdict::Reject);
+                now.calibration_reasons = reasons;
+                now.calibrations =
+                    equipment.into_iter().map(|one| format!("{}: {}", one.name, one.calibration)).collect();
+            }
+            Err(problem) => (now.may_start, now.calibration_reasons) = (Some(false), vec![problem]),
+        }
+    }
+
+    /// Connections and certificates that were turned away since, for the audit trail.
+    fn tell_turned_away(&mut self) {
+        let new = self.rejected.new_ones(&self.folder);
+        for file in new.iter().take(MOST_TOLD) {
+            let words = certificates::words(file);
+            let todo = format!(
+                "unknown certificate; to trust it, move it from {} to {} in {}",
+                certificates::REJECTED,
+                certificates::TRUSTED,
+                self.folder.display()
+            );
+            tracing::warn!("OPC UA client turned away: {words}: {todo}");
+            self.tell(Some(words), todo);
+        }
+        if new.len() > MOST_TOLD {
+            self.tell(None, format!("{} more unknown certificates", new.len() - MOST_TOLD));
+        }
+        let turned_away = self.door.turned_away();
+        if turned_away > 0 {
+            self.tell(None, format!("{turned_away} connections too many"));
+        }
+    }
+
+    /// A connection that was refused, for the audit trail.
+    fn tell(&self, subject: Option<String>, refused: String) {
+        let line = line(None, None, self.access.addresses(), "connect");
+        self.access.people().audit(&AuditEntry { subject, refused: Some(refused), ..line });
+    }
+}
+
+fn of_store(store: &Store, cycle: Option<CycleId>, now: &mut Depth) -> Result<(), StoreError> {
+    let verified = |subject| -> Result<Option<Verified>, StoreError> {
+        let last = store.last_verification(subject)?;
+        Ok(last.map(|last| Verified { at_unix_s: last.at_unix_s, error_mm: last.error, limit_mm: last.limit }))
+    };
+    now.scanner = verified("scanner")?;
+    now.flange_camera = verified("flange_camera")?;
+    now.tool = verified("tool")?;
+    (now.part, now.grids) = match cycle {
+        None => (PartNames::default(), Vec::new()),
+        Some(cycle) => {
+            let states = grid_states(&store.cycle(cycle)?.findings).into_iter();
+            let grids = states.map(|(id, state)| GridState { id, state }).collect();
+            (store.part_of(cycle)?.unwrap_or_default(), grids)
+        }
+    };
+    Ok(())
+}
+
+fn counts(of_verdicts: &[(Verdict, u32)]) -> CycleCounts {
+    let mut counts = CycleCounts::default();
+    for (verdict, count) in of_verdicts {
+        let place = match verdict {
+            Verdict::Pass => &mut counts.passed,
+            Verdict::Fail => &mut counts.failed,
+            Verdict::Reject => &mut counts.rejected,
+            Verdict::Invalid => &mut counts.invalid,
+            Verdict::Aborted => &mut counts.aborted,
+            Verdict::Accept | Verdict::Review => &mut counts.other,
+        };
+        *place += count;
+    }
+    counts
+}

@@ -1,0 +1,217 @@
+//! The door before the server: how many connections there may be, of whom, and from where each comes.
+//!
+//! async-opcua takes every connection. File descriptors are those of the whole service, so that the door takes only so many of all
+//! addresses and of each, and passes their bytes on to the server, which listens on the loopback interface alone. On their way it
+//! reads the number of the secure channel from the server's answer, by which a session is known to come from an address.
+
+use std::collections::BTreeMap;
+use std::net::{IpAddr, SocketAddr};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use tokio::io::{AsyncReadExt, AsyncWriteExt, copy};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Notify;
+use tokio::time::sleep;
+
+/// So many connections at one time, and of one address.
+const MOST: usize = 48;
+const MOST_OF_ADDRESS: usize = 16;
+/// A peer that takes nothing for so long is gone.
+const GONE: Duration = Duration::from_secs(30);
+/// Whoever has left within this time may be the one of whom something is told.
+const RECENT: Duration = Duration::from_secs(5);
+/// The header of a message: type, chunk, size, and the channel where it has one.
+const HEADER: usize = 12;
+/// The longest message before the channel is known: an acknowledgement, an error, the opening of a channel with a certificate.
+const LONGEST_OPENING: usize = 64 * 1_024;
+
+/// The connections as they are now.
+#[derive(Debug, Default)]
+pub(super) struct Door(Mutex<Inside>);
+
+#[derive(Debug, Default)]
+struct Inside {
+    open: BTreeMap<u64, Peer>,
+    last: u64,
+    turned_away: u64,
+    /// Who left lately, and who was turned away.
+    left: BTreeMap<IpAddr, Instant>,
+}
+
+#[derive(Debug)]
+struct Peer {
+    from: IpAddr,
+    channel: Option<u32>,
+    cut: Arc<Notify>,
+}
+
+impl Inside {
+    fn has_left(&mut self, from: IpAddr) {
+        self.left.retain(|_, at| at.elapsed() < RECENT);
+        if self.left.len() < MOST {
+            self.left.insert(from, Instant::now());
+        }
+    }
+}
+
+impl Door {
+    fn lock(&self) -> MutexGuard<'_, Inside> {
+        // Every change is made whole under the lock.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A place for this address, where there is one.
+    fn enter(&self, from: IpAddr) -> Option<(u64, Arc<Notify>)> {
+        let mut inside = self.lock();
+        let of_address = inside.open.values().filter(|peer| peer.from == from).count();
+        if inside.open.len() >= MOST || of_address >= MOST_OF_ADDRESS {
+            inside.turned_away += 1;
+            inside.has_left(from);
+            return None;
+        }
+        inside.last += 1;
+        let (number, cut) = (inside.last, Arc::new(Notify::new()));
+        inside.open.insert(number, Peer { from, channel: None, cut: cut.clone() });
+        Some((number, cut))
+    }
+
+    fn leave(&self, number: u64) {
+        let mut inside = self.lock();
+        if let Some(Peer { from, .. }) = inside.open.remove(&number) {
+            inside.has_left(from);
+        }
+    }
+
+    fn has_channel(&self, number: u64, channel: u32) {
+        if let Some(peer) = self.lock().open.get_mut(&number) {
+            peer.channel = Some(channel);
+        }
+    }
+
+    /// The address that has this secure channel.
+    pub fn address_of(&self, channel: u32) -> Option<IpAddr> {
+        self.lock().open.values().find(|peer| peer.channel == Some(channel)).map(|peer| peer.from)
+    }
+
+    /// All addresses that are connected or were lately, each once.
+    pub fn addresses(&self) -> Vec<IpAddr> {
+        let inside = self.lock();
+        let lately = inside.left.iter().filter(|(_, at)| at.elapsed() < RECENT).map(|(from, _)| *from);
+        let mut all: Vec<IpAddr> = inside.open.values().map(|peer| peer.from).chain(lately).collect();
+        all.sort();
+        all.dedup();
+        all
+    }
+
+    /// Ends the connection of this secure channel.
+    pub fn cut(&self, channel: u32) {
+        let inside = self.lock();
+        inside.open.values().filter(|peer| peer.channel == Some(channel)).for_each(|peer| peer.cut.notify_one());
+    }
+
+    /// How many connections were turned away since this was last asked.
+    pub fn turned_away(&self) -> u64 {
+        std::mem::take(&mut self.lock().turned_away)
+    }
+
+    /// Lets connections in and passes them on to the server behind, until the listener is dropped.
+    pub async fn attend(self: Arc<Self>, listener: TcpListener, server: SocketAddr) {
+        loop {
+            let Ok((stream, from)) = listener.accept().await else {
+                // Such as no file descriptor left: whoever asks tries again.
+                sleep(Duration::from_millis(50)).await;
+                continue;
+            };
+            let Some((number, cut)) = self.enter(from.ip().to_canonical()) else { continue };
+            let door = self.clone();
+            tokio::spawn(async move {
+                tokio::select! {
+                    () = door.pass(number, stream, server) => {}
+                    () = cut.notified() => {}
+                }
+                door.leave(number);
+            });
+        }
+    }
+
+    async fn pass(&self, number: u64, stream: TcpStream, server: SocketAddr) {
+        let socket = socket2::SockRef::from(&stream);
+        let is_set = socket.set_tcp_user_timeout(Some(GONE)).and_then(|()| socket.set_tcp_nodelay(true)).is_ok();
+        let Some(inner) =
+            TcpStream::connect(server).await.ok().filter(|inner| is_set && inner.set_nodelay(true).is_ok())
+        else {
+            return;
+        };
+        let (mut from_client, mut to_client) = stream.into_split();
+        let (mut from_server, mut to_server) = inner.into_split();
+        let ask = copy(&mut from_client, &mut to_server);
+        let answer = async {
+            while let Some((message, channel)) = message(&mut from_server).await {
+                if to_client.write_all(&message).await.is_err() {
+                    return;
+                }
+                if let Some(channel) = channel {
+                    self.has_channel(number, channel);
+                    break;
+                }
+            }
+            drop(copy(&mut from_server, &mut to_client).await);
+        };
+        // Either side that ends, ends both.
+        tokio::select! {
+            _ = ask => {}
+            () = answer => {}
+        }
+    }
+}
+
+/// One message of the server before its channel is known, with the channel where it opens one.
+async fn message(from: &mut (impl AsyncReadExt + Unpin)) -> Option<(Vec<u8>, Option<u32>)> {
+    let mut header = [0; HEADER];
+    from.read_exact(&mut header).await.ok()?;
+    let size = usize::try_from(u32::from_le_bytes([header[4], header[5], header[6], header[7]])).ok()?;
+    let rest = size.checked_sub(HEADER).filter(|rest| *rest <= LONGEST_OPENING)?;
+    let mut whole = header.to_vec();
+    whole.resize(HEADER + rest, 0);
+    from.read_exact(&mut whole[HEADER..]).await.ok()?;
+    let channel = u32::from_le_bytes([header[8], header[9], header[10], header[11]]);
+    Some((whole, header.starts_with(b"OPN").then_some(channel)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_so_many_are_let_in_and_nobody_takes_all_places() {
+        let door = Door::default();
+        let address = |number: u8| IpAddr::from([10, 0, 0, number]);
+        let taken: Vec<_> = (0..30).filter_map(|_| door.enter(address(1))).collect();
+        assert_eq!(taken.len(), MOST_OF_ADDRESS);
+        assert!(door.enter(address(2)).is_some(), "another address is not kept out");
+        let others = (3..100).filter(|number| door.enter(address(*number)).is_some()).count();
+        assert_eq!(others, MOST - MOST_OF_ADDRESS - 1);
+        assert_eq!(door.turned_away(), 30 - MOST_OF_ADDRESS as u64 + 97 - others as u64);
+        door.leave(taken[0].0);
+        assert!(door.addresses().contains(&address(1)), "also who has just left");
+        let (number, _) = door.enter(address(2)).expect("a place is free again");
+        door.has_channel(number, 77);
+        assert_eq!((door.address_of(77), door.address_of(78)), (Some(address(2)), None));
+    }
+
+    /// What a real server sends: an acknowledgement, then the opening of channel 0x0102.
+    #[tokio::test]
+    async fn the_channel_is_read_from_the_answer_and_nonsense_ends_it() {
+        let mut ack = b"ACKF\x1c\0\0\0".to_vec();
+        ack.resize(28, 0);
+        let mut open = b"OPNF\x10\0\0\0\x02\x01\0\0".to_vec();
+        open.extend([9; 4]);
+        let bytes = [ack.clone(), open.clone()].concat();
+        let mut from = bytes.as_slice();
+        assert_eq!(message(&mut from).await, Some((ack, None)));
+        assert_eq!(message(&mut from).await, Some((open, Some(0x0102))));
+        assert_eq!(message(&mut from).await, None, "the end");
+        assert_eq!(message(&mut b"OPNF\x04\0\0\0\0\0\0\0".as_slice()).await, None, "shorter than its header");
+        assert_eq!(message(&mut b"OPNF\xff\xff\xff\xff\0\0\0\0".as_slice()).await, None, "longer than any");
+    }
+}

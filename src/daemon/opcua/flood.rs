@@ -1,0 +1,85 @@
+//! How often each caller may call methods. Stop and abort are not counted: they are answered together where they come in a row.
+
+use std::collections::BTreeMap;
+
+/// Calls at once, and calls a second after that.
+const AT_ONCE: f64 = 20.0;
+const A_SECOND: f64 = 5.0;
+/// So many callers are remembered; the ones that were silent for longest are forgotten first.
+const MOST_CALLERS: usize = 256;
+/// A flood is told again after so long.
+const TOLD_AGAIN_S: f64 = 60.0;
+
+/// Calls of each caller. Times are seconds of any clock that does not jump.
+#[derive(Debug, Default)]
+pub(super) struct Flood(BTreeMap<String, Bucket>);
+
+#[derive(Debug, Clone, Copy)]
+struct Bucket {
+    left: f64,
+    at_s: f64,
+    told_s: Option<f64>,
+}
+
+/// What becomes of a call.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Turn {
+    /// It is made.
+    Taken,
+    /// It is one too many; whether that is to be told.
+    TooMany {
+        /// False where it was told lately.
+        is_told: bool,
+    },
+}
+
+impl Flood {
+    /// A call by this caller.
+    pub fn call(&mut self, caller: &str, now_s: f64) -> Turn {
+        if self.0.len() >= MOST_CALLERS && !self.0.contains_key(caller) {
+            let oldest = self.0.iter().min_by(|a, b| a.1.at_s.total_cmp(&b.1.at_s)).map(|(name, _)| name.clone());
+            oldest.and_then(|name| self.0.remove(&name));
+        }
+        let bucket = self.0.entry(caller.to_owned()).or_insert(Bucket { left: AT_ONCE, at_s: now_s, told_s: None });
+        bucket.left = (bucket.left + (now_s - bucket.at_s) * A_SECOND).min(AT_ONCE);
+        bucket.at_s = now_s;
+        if bucket.left >= 1.0 {
+            bucket.left -= 1.0;
+            return Turn::Taken;
+        }
+        let is_told = bucket.told_s.is_none_or(|told_s| now_s - told_s >= TOLD_AGAIN_S);
+        if is_told {
+            bucket.told_s = Some(now_s);
+        }
+        Turn::TooMany { is_told }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: 20 at once; after 2 s, 10 more; a caller beside goes on; the flood is told once in a minute.
+    #[test]
+    fn calls_beyond_the_measure_are_too_many_and_told_once() {
+        let mut flood = Flood::default();
+        let mut taken = |caller: &str, now_s| (0..100).filter(|_| flood.call(caller, now_s) == Turn::Taken).count();
+        assert_eq!(taken("anna", 0.0), 20);
+        assert_eq!(taken("anna", 2.0), 10);
+        assert_eq!(taken("ben", 2.0), 20);
+        let mut flood = Flood::default();
+        let told: Vec<usize> = (0..12_000)
+            .filter(|n| flood.call("anna", *n as f64 / 100.0) == Turn::TooMany { is_told: true })
+            .collect();
+        assert_eq!(told.len(), 2, "{told:?}: twelve thousand calls in two minutes");
+    }
+
+    #[test]
+    fn only_so_many_callers_are_remembered() {
+        let mut flood = Flood::default();
+        for n in 0..2_000 {
+            flood.call(&format!("n{n}"), f64::from(n));
+        }
+        assert_eq!(flood.0.len(), MOST_CALLERS);
+    }
+}

@@ -1,0 +1,182 @@
+//! Follows the cell and tells what changed: the state five times a second, what the store has once a second.
+
+use super::cell_nodes::CellNodes;
+use super::conditions::Conditions;
+use super::core_nodes::CoreNodes;
+use super::depth::{Depth, Newest, Reader};
+use super::values::{data_value, time};
+use crate::cycle::State;
+use crate::daemon::clock::now_unix_ms;
+use crate::daemon::gateway::Gateway;
+use crate::daemon::reply::Reply;
+use crate::daemon::request::What;
+use crate::packml::{GridState, NODES, Snapshot, UnitMode, UnitState, Value};
+use crate::record::{CycleId, Front, Who};
+use opcua::server::node_manager::memory::InMemoryNodeManager;
+use opcua::server::{ServerHandle, SubscriptionCache};
+use opcua::types::NodeId;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::sync::watch;
+use tokio::time::sleep;
+
+/// The loop is asked so often.
+const EVERY: Duration = Duration::from_millis(200);
+/// The store is read so often.
+const STORE: Duration = Duration::from_secs(1);
+
+/// Reads the store again and again, for whoever follows the cell.
+pub(super) async fn read_on(mut reader: Reader, cycle: watch::Receiver<Newest>, tell: watch::Sender<Depth>) {
+    loop {
+        let of = *cycle.borrow();
+        let read = tokio::task::spawn_blocking(move || {
+            let depth = reader.read(of);
+            (reader, depth)
+        });
+        let Ok((returned, depth)) = read.await else { return };
+        reader = returned;
+        if tell.send(depth).is_err() {
+            return;
+        }
+        sleep(STORE).await;
+    }
+}
+
+/// Since when the unit has been in its state and in its mode.
+#[derive(Debug, Default)]
+struct Since {
+    state: Option<(UnitState, Instant)>,
+    mode: Option<(UnitMode, Instant)>,
+}
+
+impl Since {
+    fn seconds<T: PartialEq + Copy>(of: &mut Option<(T, Instant)>, now: T) -> u32 {
+        let since = match *of {
+            Some((was, since)) if was == now => since,
+            _ => of.insert((now, Instant::now())).1,
+        };
+        u32::try_from(since.elapsed().as_secs()).unwrap_or(u32::MAX)
+    }
+
+    fn of(&mut self, state: &State) -> (u32, u32) {
+        let in_state = Self::seconds(&mut self.state, UnitState::of(state.at));
+        (in_state, Self::seconds(&mut self.mode, UnitMode::of(state)))
+    }
+}
+
+/// What is needed to tell.
+pub(super) struct Follower {
+    pub gateway: Gateway,
+    pub nodes: Arc<InMemoryNodeManager<CellNodes>>,
+    pub core: Arc<InMemoryNodeManager<CoreNodes>>,
+    pub conditions: Arc<Conditions>,
+    pub handle: ServerHandle,
+    pub depth: watch::Receiver<Depth>,
+    pub cycle: watch::Sender<Newest>,
+}
+
+impl Follower {
+    /// Follows until the server ends.
+    pub async fn follow(self) {
+        let ids: Vec<NodeId> = NODES
+            .iter()
+            .map(|node| super::address_space::node_id(self.nodes.inner().namespace, node.path))
+            .collect();
+        let (mut told, mut since) = (vec![None::<(Value, bool)>; NODES.len()], Since::default());
+        let (mut now, mut linked) = (Snapshot::default(), Vec::new());
+        loop {
+            let reply = self.gateway.request(What::State, Who::by(Front::OpcUa)).await;
+            let depth = self.depth.borrow().clone();
+            now = snapshot(now, reply, depth, &mut since);
+            now.refusal = self.nodes.inner().calls.last_refusal();
+            let newest = Newest { id: now.cycle.map(CycleId), has_ended: now.verdict.is_some() };
+            self.cycle.send_if_modified(|was| std::mem::replace(was, newest) != newest);
+            self.tell(&ids, &now, &mut told);
+            self.conditions.follow(&now.alarms, self.handle.subscriptions());
+            let conditions = self.conditions.nodes();
+            if conditions != linked {
+                CoreNodes::link(&mut self.core.address_space().write(), &linked, &conditions);
+                linked = conditions;
+            }
+            sleep(EVERY).await;
+        }
+    }
+
+    /// Sets the values that changed.
+    fn tell(&self, ids: &[NodeId], now: &Snapshot, told: &mut [Option<(Value, bool)>]) {
+        let at = time(now.now_unix_ms);
+        let mut changed = Vec::new();
+        for ((node, id), told) in NODES.iter().zip(ids).zip(told) {
+            let value = (node.value)(now);
+            // What the service itself knows is known also where its loop is silent.
+            let is_known = now.answers || node.path.starts_with("Service/");
+            let next = Some((value, is_known));
+            if *told != next {
+                *told = next;
+                changed.extend(told.as_ref().map(|(value, known)| (id, None, data_value(value, *known, at))));
+            }
+        }
+        let subscriptions: &SubscriptionCache = self.handle.subscriptions();
+        if let Err(status) = self.nodes.set_values(subscriptions, changed.into_iter()) {
+            tracing::warn!("the OPC UA server could not set its values: {status}");
+        }
+    }
+}
+
+fn snapshot(was: Snapshot, reply: Reply, depth: Depth, since: &mut Since) -> Snapshot {
+    let now_unix_ms = now_unix_ms();
+    let Depth {
+        part,
+        grids,
+        scanner,
+        flange_camera,
+        tool,
+        alarms,
+        counts,
+        may_start,
+        calibration_reasons,
+        calibrations,
+    } = depth;
+    let of_store = Snapshot {
+        part,
+        scanner,
+        flange_camera,
+        tool,
+        alarms,
+        counts,
+        may_start,
+        calibration_reasons,
+        calibrations,
+        now_unix_ms,
+        ..was
+    };
+    let Some(state) = reply.extras.table else {
+        // What was last known stays; nothing is possible.
+        return Snapshot { answers: false, possible: vec![], ..of_store };
+    };
+    let (in_state_s, in_mode_s) = since.of(&state);
+    let grid = |id: String| {
+        let state = grids.iter().find(|seen| seen.id == id).map_or("untested", |seen| seen.state);
+        GridState { id, state }
+    };
+    Snapshot {
+        answers: true,
+        state: Some(state),
+        in_state_s,
+        in_mode_s,
+        phase: reply.phase,
+        cycle: reply.cycle_id,
+        panel: reply.panel,
+        pass: reply.pass,
+        film_s: reply.film_s,
+        film_total_s: reply.extras.film_total_s,
+        waypoint: reply.waypoint,
+        waypoints: reply.of,
+        verdict: reply.verdict,
+        reasons: reply.reasons,
+        possible: reply.extras.possible,
+        is_review: reply.extras.is_review,
+        grids: reply.extras.grids.iter().map(|id| grid(id.to_string())).collect(),
+        ..of_store
+    }
+}

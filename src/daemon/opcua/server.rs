@@ -1,0 +1,240 @@
+//! The server's thread: it listens, begins the server anew where that fails, and ends it with the service.
+
+use super::access::Access;
+use super::calls::Calls;
+use super::cell_nodes::CellNodes;
+use super::certificates::{self, Rejected};
+use super::conditions::Conditions;
+use super::core_nodes::CoreNodes;
+use super::depth::{Depth, Newest, Reader};
+use super::door::Door;
+use super::error::OpcUaError;
+use super::follow::{Follower, read_on};
+use super::settings;
+use crate::cell::OpcUa;
+use crate::daemon::alarms::Alarms;
+use crate::daemon::background::step_back;
+use crate::daemon::gateway::Gateway;
+use crate::daemon::people::People;
+use crate::daemon::setup_source::SetupSource;
+use crate::supervision;
+use opcua::server::address_space::AddressSpace;
+use opcua::server::diagnostics::DiagnosticsNodeManagerBuilder;
+use opcua::server::node_manager::ServerContext;
+use opcua::server::node_manager::memory::{InMemoryNodeManager, InMemoryNodeManagerBuilder};
+use opcua::server::{Server, ServerHandle};
+use std::net::{Ipv4Addr, SocketAddr};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::runtime::{Builder, Runtime};
+use tokio::sync::{oneshot, watch};
+use tokio::time::sleep;
+
+/// An address that could not be had, and a server that failed, are tried again after this time.
+const AGAIN: Duration = Duration::from_secs(1);
+/// Threads that wait for the store's disk and hash passwords.
+const BLOCKING: usize = 4;
+/// Messages are decoded one inside of another: room for that, whatever comes in.
+const STACK_BYTES: usize = 8 * 1_024 * 1_024;
+
+/// What the server is made of.
+pub struct OpcUaParts {
+    /// `[opcua]` of the cell's file.
+    pub settings: OpcUa,
+    /// Who may log in.
+    pub people: Arc<People>,
+    /// The alarms of the cell.
+    pub alarms: Arc<Alarms>,
+    /// Where requests go.
+    pub gateway: Gateway,
+    /// Recipes and calibrations.
+    pub setup: Arc<dyn SetupSource>,
+}
+
+/// The server while it is served; it ends when this is dropped.
+#[derive(Debug)]
+pub struct OpcUaServer {
+    /// What clients connect to.
+    pub url: String,
+    /// The SHA-1 thumbprint of its certificate, as clients show it.
+    pub thumbprint: String,
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl OpcUaServer {
+    /// Serves the cell; `None` where its file names no address. An address that cannot be had now is tried again: the cell does not
+    /// wait for it.
+    ///
+    /// # Errors
+    /// Where the certificates cannot be used, or the system refuses.
+    pub fn serve(parts: OpcUaParts) -> Result<Option<Self>, OpcUaError> {
+        let Some(address) = parts.settings.listen else { return Ok(None) };
+        let host = settings::host(&parts.settings, address);
+        let folder = &parts.settings.certificates;
+        let thumbprint =
+            certificates::prepare(folder, &settings::application_uri(&host), &settings::hosts(&host, address))?;
+        let failed = |source| OpcUaError::Listen { address, source };
+        let mut builder = Builder::new_current_thread();
+        let runtime = builder.enable_all().max_blocking_threads(BLOCKING).build().map_err(failed)?;
+        let first = runtime.block_on(TcpListener::bind(address));
+        if let Err(error) = &first {
+            tracing::warn!(
+                "the OPC UA server cannot be served at {address}: {error}; it is tried again every second"
+            );
+        }
+        let url = format!("opc.tcp://{host}:{}/", address.port());
+        let (end, ended) = oneshot::channel();
+        let serve = move || {
+            supervision::stand_apart();
+            step_back();
+            run(&runtime, &parts, (first.ok(), address), ended);
+        };
+        let builder = thread::Builder::new().name("opcua".to_owned()).stack_size(STACK_BYTES);
+        let thread = builder.spawn(serve).map_err(OpcUaError::Thread)?;
+        Ok(Some(OpcUaServer { url, thumbprint, end: Some(end), thread: Some(thread) }))
+    }
+}
+
+impl Drop for OpcUaServer {
+    fn drop(&mut self) {
+        drop(self.end.take());
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+/// Serves until it is ended. Whatever fails inside of the server, a panic too, ends this one and begins another.
+fn run(
+    runtime: &Runtime,
+    parts: &OpcUaParts,
+    (mut listener, address): (Option<TcpListener>, SocketAddr),
+    mut ended: oneshot::Receiver<()>,
+) {
+    loop {
+        let once = AssertUnwindSafe(|| {
+            runtime.block_on(async {
+                tokio::select! {
+                    served = serve_once(parts, listener.take(), address) => Some(served),
+                    _ = &mut ended => None,
+                }
+            })
+        });
+        match catch_unwind(once) {
+            Ok(None) => return,
+            Ok(Some(Err(problem))) => tracing::warn!("the OPC UA server ended: {problem}; it begins anew"),
+            Ok(Some(Ok(()))) => tracing::warn!("the OPC UA server ended; it begins anew"),
+            Err(_) => tracing::warn!("the OPC UA server failed, as the lines above say; it begins anew"),
+        }
+        let is_over = catch_unwind(AssertUnwindSafe(|| {
+            runtime.block_on(async {
+                tokio::select! {
+                    () = sleep(AGAIN) => false,
+                    _ = &mut ended => true,
+                }
+            })
+        }));
+        if is_over.unwrap_or(false) {
+            return;
+        }
+    }
+}
+
+/// Tries until the address is free and the network is there.
+async fn bound(listener: Option<TcpListener>, address: SocketAddr) -> TcpListener {
+    if let Some(listener) = listener {
+        return listener;
+    }
+    loop {
+        if let Ok(listener) = TcpListener::bind(address).await {
+            tracing::info!("the OPC UA server is served at {address} now");
+            return listener;
+        }
+        sleep(AGAIN).await;
+    }
+}
+
+/// A server with all that belongs to it, as it was built.
+struct Built {
+    server: Server,
+    handle: ServerHandle,
+    nodes: Arc<InMemoryNodeManager<CellNodes>>,
+    core: Arc<InMemoryNodeManager<CoreNodes>>,
+    conditions: Arc<Conditions>,
+    access: Arc<Access>,
+    door: Arc<Door>,
+}
+
+fn build(parts: &OpcUaParts, address: SocketAddr) -> Result<Built, String> {
+    let door = Arc::new(Door::default());
+    let access = Arc::new(Access::new(parts.people.clone(), door.clone(), parts.settings.anonymous));
+    let calls =
+        Arc::new(Calls::new(parts.gateway.clone(), access.clone(), parts.alarms.clone(), parts.setup.clone()));
+    let conditions = Arc::new(Conditions::default());
+    let shared = (calls.clone(), conditions.clone());
+    let core = move |context: ServerContext, space: &mut AddressSpace| CoreNodes::build(shared, context, space);
+    let cell = move |context: ServerContext, space: &mut AddressSpace| CellNodes::build(calls, &context, space);
+    let (server, handle) = settings::builder(&parts.settings, address)
+        .without_node_managers()
+        .with_node_manager(InMemoryNodeManagerBuilder::new(core))
+        .with_node_manager(DiagnosticsNodeManagerBuilder)
+        .with_node_manager(InMemoryNodeManagerBuilder::new(cell))
+        .with_authenticator(access.clone())
+        .build()?;
+    let nodes = handle.node_managers().get_of_type::<InMemoryNodeManager<CellNodes>>();
+    let nodes = nodes.ok_or_else(|| "its nodes are missing".to_owned())?;
+    let core = handle.node_managers().get_of_type::<InMemoryNodeManager<CoreNodes>>();
+    let core = core.ok_or_else(|| "its own nodes are missing".to_owned())?;
+    conditions.is_in(nodes.inner().namespace);
+    Ok(Built { server, handle, nodes, core, conditions, access, door })
+}
+
+async fn serve_once(parts: &OpcUaParts, listener: Option<TcpListener>, address: SocketAddr) -> Result<(), String> {
+    let listener = bound(listener, address).await;
+    let failed = |error: std::io::Error| error.to_string();
+    let behind = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.map_err(failed)?;
+    let behind_address = behind.local_addr().map_err(failed)?;
+    let Built { server, handle, nodes, core, conditions, access, door } = build(parts, address)?;
+    let (tell_depth, depth) = watch::channel(Depth::default());
+    let (tell_cycle, cycle) = watch::channel(Newest::default());
+    let reader = Reader {
+        access,
+        alarms: parts.alarms.clone(),
+        setup: parts.setup.clone(),
+        cameras: parts.gateway.cameras.clone(),
+        door: door.clone(),
+        folder: parts.settings.certificates.clone(),
+        rejected: Rejected::default(),
+        files_read: None,
+        counted: None,
+        last: Depth::default(),
+    };
+    let follower = Follower {
+        gateway: parts.gateway.clone(),
+        nodes,
+        core,
+        conditions,
+        handle: handle.clone(),
+        depth,
+        cycle: tell_cycle,
+    };
+    // Where the server goes, all that belongs to it goes too.
+    tokio::select! {
+        served = server.run_with(behind) => served,
+        () = read_on(reader, cycle, tell_depth) => Ok(()),
+        () = follower.follow() => Ok(()),
+        () = knows_its_port(&handle, address.port()) => Ok(()),
+        () = door.attend(listener, behind_address) => Ok(()),
+    }
+}
+
+/// The server listens behind the door, and tells clients the door's port.
+async fn knows_its_port(handle: &ServerHandle, port: u16) {
+    loop {
+        handle.info().port.store(port, Ordering::Relaxed);
+        sleep(Duration::from_millis(20)).await;
+    }
+}

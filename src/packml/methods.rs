@@ -1,0 +1,126 @@
+//! The one table of methods: what each requests, what it takes, and who may call it. What is not in it cannot be called.
+
+use crate::accounts::{Permission, Role};
+
+/// What a method requests. Each is one of the service's own requests, through the same gates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, strum::VariantArray)]
+#[expect(missing_docs, reason = "the names are those of the service's requests")]
+pub enum Command {
+    Reset,
+    Start,
+    Hold,
+    Unhold,
+    Stop,
+    Abort,
+    Clear,
+    Accept,
+    NewDisc,
+    AcknowledgeAlarm,
+}
+
+/// What an argument is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ArgumentKind {
+    /// A text.
+    String,
+    /// True or false.
+    Boolean,
+}
+
+/// An argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Argument {
+    /// Its name.
+    pub name: &'static str,
+    /// What it is.
+    pub kind: ArgumentKind,
+    /// What it means.
+    pub meaning: &'static str,
+}
+
+/// A method.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Method {
+    /// Its name.
+    pub name: &'static str,
+    /// What it requests.
+    pub command: Command,
+    /// What it takes.
+    pub arguments: &'static [Argument],
+    /// Who may call it; `None` is every session that the server lets in.
+    pub needs: Option<Permission>,
+    /// What it does.
+    pub meaning: &'static str,
+}
+
+impl Method {
+    /// Whether it may be called in this role; `None` is somebody without an account.
+    pub fn is_allowed(&self, role: Option<Role>) -> bool {
+        self.needs.is_none_or(|permission| role.is_some_and(|role| role.may(permission)))
+    }
+}
+
+const fn text(name: &'static str, meaning: &'static str) -> Argument {
+    Argument { name, kind: ArgumentKind::String, meaning }
+}
+
+const fn plain(name: &'static str, command: Command, needs: Option<Permission>, meaning: &'static str) -> Method {
+    Method { name, command, arguments: &[], needs, meaning }
+}
+
+use Permission::{Accept, Acknowledge, Operate};
+
+/// Every method.
+pub const METHODS: &[Method] = &[
+    plain(
+        "Reset",
+        Command::Reset,
+        Some(Operate),
+        "Stopped or Complete to Idle: self-test, everything off, no motion.",
+    ),
+    Method {
+        name: "Start",
+        command: Command::Start,
+        arguments: &[
+            text("Recipe", "The file name of a recipe in the folder of [page] recipes, such as panel.toml."),
+            text("SerialNumber", "The part's serial number; empty where it has none."),
+            text("WorkOrder", "The work order; empty where there is none."),
+        ],
+        needs: Some(Operate),
+        meaning: "Idle to a cycle on the panel that lies in the fixture. The operator in the record is the person who is logged in.",
+    },
+    plain("Hold", Command::Hold, Some(Operate), "Leaves what is going on: tool off, retract, Held."),
+    Method {
+        name: "Unhold",
+        command: Command::Unhold,
+        arguments: &[Argument {
+            name: "Dried",
+            kind: ArgumentKind::Boolean,
+            meaning: "True where a person has dried the panel: it is located again.",
+        }],
+        needs: Some(Operate),
+        meaning: "Held and on, after the panel's place was verified.",
+    },
+    plain("Stop", Command::Stop, None, "Ends the cycle; ends in Stopped. It is no emergency stop."),
+    plain("Abort", Command::Abort, None, "Ends everything at once; ends in Aborted. It is no emergency stop."),
+    plain(
+        "Clear",
+        Command::Clear,
+        Some(Operate),
+        "Aborted to Stopped: a person at the cell says that the cause is gone and the pad is off the panel.",
+    ),
+    plain("Accept", Command::Accept, Some(Accept), "Held for review and on: the result is taken as good."),
+    plain("NewDisc", Command::NewDisc, Some(Operate), "Keeps that a new disc was mounted, where the cell rests."),
+    Method {
+        name: "AcknowledgeAlarm",
+        command: Command::AcknowledgeAlarm,
+        arguments: &[text("Alarm", "The alarm's name, as Alarms/Ids has it.")],
+        needs: Some(Acknowledge),
+        meaning: "Keeps that the person has seen an alarm. It changes neither the alarm nor the cell.",
+    },
+];
+
+/// The method of this name.
+pub fn method(name: &str) -> Option<&'static Method> {
+    METHODS.iter().find(|method| method.name == name)
+}

@@ -1,0 +1,20 @@
+//! The cell as a line of machines sees it: PackML (ISA-TR88.00.02) states and modes, the values of all nodes of an OPC UA server,
+//! and the methods with the roles that may call them.
+//!
+//! `unit` (the cycle's state as a PackML number) · `snapshot` (what is known of the cell at one moment) · `value` · `nodes`
+//! (the one table of nodes) · `methods` (the one table of methods). Pure: `daemon::opcua` serves it and decides nothing either.
+
+mod methods;
+mod nodes;
+mod snapshot;
+mod unit;
+mod value;
+
+#[cfg(test)]
+mod tests;
+
+pub use methods::{Argument, ArgumentKind, Command, METHODS, Method, method};
+pub use nodes::{NODES, Node};
+pub use snapshot::{CycleCounts, GridState, LastRefusal, Snapshot, Verified, alarm_id};
+pub use unit::{UnitMode, UnitState};
+pub use value::{Kind, Value};

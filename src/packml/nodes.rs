@@ -1,0 +1,330 @@
+//! The one table of nodes: where each stands, what it is, its unit and meaning, and how its value follows from what is known.
+
+use super::snapshot::{Snapshot, Verified, alarm_id};
+use super::unit::{UnitMode, UnitState};
+use super::value::{Kind, Value};
+use crate::history::Alarm;
+use crate::verdict::{Reason, Verdict};
+
+/// A node.
+#[derive(Debug, Clone, Copy)]
+pub struct Node {
+    /// Its names from the cell's object on, such as `PackML/Status/StateCurrent`.
+    pub path: &'static str,
+    /// What its values are.
+    pub kind: Kind,
+    /// Their unit; empty where they have none.
+    pub unit: &'static str,
+    /// What it means.
+    pub meaning: &'static str,
+    /// Its value.
+    pub value: fn(&Snapshot) -> Value,
+}
+
+const fn node(
+    path: &'static str,
+    kind: Kind,
+    unit: &'static str,
+    meaning: &'static str,
+    value: fn(&Snapshot) -> Value,
+) -> Node {
+    Node { path, kind, unit, meaning, value }
+}
+
+fn some<T>(value: Option<T>, of: impl FnOnce(T) -> Value) -> Value {
+    value.map_or(Value::Absent, of)
+}
+
+fn text(value: Option<&String>) -> Value {
+    some(value, |text| Value::String(text.clone()))
+}
+
+fn unit_state(now: &Snapshot) -> Option<UnitState> {
+    now.state.map(|state| UnitState::of(state.at))
+}
+
+fn unit_mode(now: &Snapshot) -> Option<UnitMode> {
+    now.state.as_ref().map(UnitMode::of)
+}
+
+fn robot(now: &Snapshot) -> Value {
+    some(now.state, |state| Value::String(state.facts.robot.word().to_owned()))
+}
+
+/// Why the unit does not work on a panel: the first reason, where it neither works nor is on its way to.
+fn stop_reason(now: &Snapshot) -> Option<&Reason> {
+    use UnitState::{Completing, Execute, Resetting, Starting, Unholding};
+    let works = matches!(unit_state(now)?, Starting | Execute | Unholding | Completing | Resetting);
+    now.reasons.first().filter(|_| !works)
+}
+
+fn reasons(now: &Snapshot, of: fn(&Reason) -> String) -> Value {
+    Value::Strings(now.reasons.iter().map(of).collect())
+}
+
+fn alarms(now: &Snapshot, of: fn(&Alarm) -> String) -> Value {
+    Value::Strings(now.alarms.iter().map(of).collect())
+}
+
+fn verified_at(verified: Option<Verified>) -> Value {
+    some(verified, |verified| Value::DateTime(verified.at_unix_s.saturating_mul(1_000)))
+}
+
+fn age_h(now: &Snapshot, verified: Option<Verified>) -> Value {
+    let age_ms = |verified: Verified| now.now_unix_ms.saturating_sub(verified.at_unix_s.saturating_mul(1_000));
+    some(verified, |verified| Value::Double((age_ms(verified) / 360_000) as f64 / 10.0))
+}
+
+fn error_mm(verified: Option<Verified>) -> Value {
+    some(verified, |verified| Value::Double(verified.error_mm))
+}
+
+fn limit_mm(verified: Option<Verified>) -> Value {
+    some(verified, |verified| Value::Double(verified.limit_mm))
+}
+
+/// Every node.
+pub const NODES: &[Node] = &[
+    node(
+        "PackML/Status/StateCurrent",
+        Kind::Int32,
+        "",
+        "number of the unit's state: 1 Clearing, 2 Stopped, 3 Starting, 4 Idle, 6 Execute, 7 Stopping, 8 Aborting, 9 Aborted, 10 Holding, 11 Held, 12 Unholding, 15 Resetting, 16 Completing, 17 Complete",
+        |now| some(unit_state(now), |state| Value::Int32(state.number())),
+    ),
+    node("PackML/Status/StateCurrentName", Kind::String, "", "the same as a word", |now| {
+        some(unit_state(now), |state| Value::String(state.name().to_owned()))
+    }),
+    node(
+        "PackML/Status/StateChangeInProcess",
+        Kind::Boolean,
+        "",
+        "true in a state that ends by itself, false where the unit waits for a command",
+        |now| some(unit_state(now), |state| Value::Boolean(state.is_acting())),
+    ),
+    node(
+        "PackML/Status/UnitModeCurrent",
+        Kind::Int32,
+        "",
+        "number of the mode: 1 Production, 2 Maintenance (a run in the air), 3 Manual (the robot is in T1 or T2)",
+        |now| some(unit_mode(now), |mode| Value::Int32(mode.number())),
+    ),
+    node("PackML/Status/UnitModeCurrentName", Kind::String, "", "the same as a word", |now| {
+        some(unit_mode(now), |mode| Value::String(mode.name().to_owned()))
+    }),
+    node(
+        "PackML/Admin/StateCurrentTime",
+        Kind::UInt32,
+        "s",
+        "time in this state, since this service saw it",
+        |now| some(now.state, |_| Value::UInt32(now.in_state_s)),
+    ),
+    node(
+        "PackML/Admin/ModeCurrentTime",
+        Kind::UInt32,
+        "s",
+        "time in this mode, since this service saw it",
+        |now| some(now.state, |_| Value::UInt32(now.in_mode_s)),
+    ),
+    node(
+        "PackML/Admin/ProdProcessedCount",
+        Kind::UInt32,
+        "",
+        "cycles in the store that ended, without runs in the air",
+        |now| Value::UInt32(now.counts.processed()),
+    ),
+    node("PackML/Admin/ProdDefectiveCount", Kind::UInt32, "", "those that ended with fail or reject", |now| {
+        Value::UInt32(now.counts.defective())
+    }),
+    node(
+        "PackML/Admin/StopReasonCode",
+        Kind::String,
+        "",
+        "code of the reason why the unit does not work, as the page of messages has it; none while it works",
+        |now| some(stop_reason(now), |reason| Value::String(reason.code.to_string())),
+    ),
+    node("PackML/Admin/StopReason", Kind::String, "", "the same in words, with what to do", |now| {
+        some(stop_reason(now), |reason| Value::String(reason.message.clone()))
+    }),
+    node("Cycle/Number", Kind::UInt32, "", "the cycle that runs, or ran last since the service started", |now| {
+        some(now.cycle.and_then(|cycle| u32::try_from(cycle).ok()), Value::UInt32)
+    }),
+    node("Cycle/Panel", Kind::String, "", "its panel", |now| text(now.panel.as_ref())),
+    node(
+        "Cycle/Phase",
+        Kind::String,
+        "",
+        "its phase: locate, refine, dry, wet, inspect, plan, verify, abrade, retract or rinse; while held the one in which it goes on",
+        |now| text(now.phase.as_ref()),
+    ),
+    node("Cycle/Pass", Kind::UInt32, "", "its abrasions so far", |now| {
+        some(now.pass, |pass| Value::UInt32(u32::from(pass)))
+    }),
+    node("Cycle/FilmTime", Kind::Double, "s", "of the film that is under way", |now| {
+        some(now.film_s, Value::Double)
+    }),
+    node("Cycle/FilmTimeTotal", Kind::Double, "s", "for how long a film is watched", |now| {
+        some(now.film_total_s, Value::Double)
+    }),
+    node("Cycle/Waypoint", Kind::UInt32, "", "waypoints executed of the path that is under way", |now| {
+        some(now.waypoint, Value::UInt32)
+    }),
+    node("Cycle/Waypoints", Kind::UInt32, "", "all waypoints of that path", |now| {
+        some(now.waypoints, Value::UInt32)
+    }),
+    node(
+        "Cycle/Verdict",
+        Kind::String,
+        "",
+        "its verdict once it has one: pass, fail, reject, invalid, review, accept or aborted",
+        |now| some(now.verdict, |verdict: Verdict| Value::String(verdict.word().to_owned())),
+    ),
+    node(
+        "Cycle/WaitsForReview",
+        Kind::Boolean,
+        "",
+        "true where the cycle waits for a person's word on a result",
+        |now| some(now.state, |_| Value::Boolean(now.is_review)),
+    ),
+    node(
+        "Cycle/ReasonCodes",
+        Kind::Strings,
+        "",
+        "codes of the reasons why the cell is in its state, and of what was found wrong last",
+        |now| reasons(now, |reason| reason.code.to_string()),
+    ),
+    node("Cycle/Reasons", Kind::Strings, "", "the same in words, in the same order", |now| {
+        reasons(now, |reason| reason.message.clone())
+    }),
+    node(
+        "Cycle/PossibleCommands",
+        Kind::Strings,
+        "",
+        "the requests that the cell would take now, by the words of `panelprep ctl`",
+        |now| Value::Strings(now.possible.iter().map(|&word| word.to_owned()).collect()),
+    ),
+    node("Part/SerialNumber", Kind::String, "", "serial number of the part", |now| text(now.part.serial.as_ref())),
+    node("Part/WorkOrder", Kind::String, "", "its work order", |now| text(now.part.order.as_ref())),
+    node("Part/Operator", Kind::String, "", "who operates the cell, as the start named that person", |now| {
+        text(now.part.operator.as_ref())
+    }),
+    node("Grids/Ids", Kind::Strings, "", "names of the panel's grids", |now| {
+        Value::Strings(now.grids.iter().map(|grid| grid.id.clone()).collect())
+    }),
+    node(
+        "Grids/States",
+        Kind::Strings,
+        "",
+        "how each stands, in the same order: untested, whole (the film held), broke, abraded (since its last film)",
+        |now| Value::Strings(now.grids.iter().map(|grid| grid.state.to_owned()).collect()),
+    ),
+    node(
+        "Calibrations/MayStart",
+        Kind::Boolean,
+        "",
+        "whether a cycle may start with the calibrations as they are",
+        |now| some(now.may_start, Value::Boolean),
+    ),
+    node("Calibrations/Reasons", Kind::Strings, "", "why not, or what is doubtful", |now| {
+        Value::Strings(now.calibration_reasons.clone())
+    }),
+    node("Calibrations/Files", Kind::Strings, "", "each calibration with its file and its age", |now| {
+        Value::Strings(now.calibrations.clone())
+    }),
+    node("Calibrations/Scanner/VerifiedAt", Kind::DateTime, "", "last verification of the 3D camera", |now| {
+        verified_at(now.scanner)
+    }),
+    node("Calibrations/Scanner/Age", Kind::Double, "h", "time since then", |now| age_h(now, now.scanner)),
+    node("Calibrations/Scanner/Error", Kind::Double, "mm", "what was found", |now| error_mm(now.scanner)),
+    node("Calibrations/Scanner/Limit", Kind::Double, "mm", "what was allowed", |now| limit_mm(now.scanner)),
+    node(
+        "Calibrations/FlangeCamera/VerifiedAt",
+        Kind::DateTime,
+        "",
+        "last verification of the camera on the flange",
+        |now| verified_at(now.flange_camera),
+    ),
+    node("Calibrations/FlangeCamera/Age", Kind::Double, "h", "time since then", |now| {
+        age_h(now, now.flange_camera)
+    }),
+    node("Calibrations/FlangeCamera/Error", Kind::Double, "mm", "what was found", |now| {
+        error_mm(now.flange_camera)
+    }),
+    node("Calibrations/FlangeCamera/Limit", Kind::Double, "mm", "what was allowed", |now| {
+        limit_mm(now.flange_camera)
+    }),
+    node("Calibrations/Tool/VerifiedAt", Kind::DateTime, "", "last verification of the tool by touch", |now| {
+        verified_at(now.tool)
+    }),
+    node("Calibrations/Tool/Age", Kind::Double, "h", "time since then", |now| age_h(now, now.tool)),
+    node("Calibrations/Tool/Error", Kind::Double, "mm", "what was found", |now| error_mm(now.tool)),
+    node("Calibrations/Tool/Limit", Kind::Double, "mm", "what was allowed", |now| limit_mm(now.tool)),
+    node(
+        "Alarms/Ids",
+        Kind::Strings,
+        "",
+        "names of the alarms that last, the most urgent first; AcknowledgeAlarm takes them",
+        |now| alarms(now, alarm_id),
+    ),
+    node("Alarms/Codes", Kind::Strings, "", "their codes, in the same order", |now| {
+        alarms(now, |alarm| alarm.code.clone())
+    }),
+    node("Alarms/Priorities", Kind::Strings, "", "their priorities: high, medium, low or note", |now| {
+        alarms(now, |alarm| alarm.priority.word().to_owned())
+    }),
+    node("Alarms/Messages", Kind::Strings, "", "what was found", |now| alarms(now, |alarm| alarm.message.clone())),
+    node("Alarms/Remedies", Kind::Strings, "", "what to do", |now| alarms(now, |alarm| alarm.remedy.clone())),
+    node("Alarms/RaisedAt", Kind::DateTimes, "", "when they were raised", |now| {
+        Value::DateTimes(now.alarms.iter().map(|alarm| alarm.raised_unix_ms).collect())
+    }),
+    node("Alarms/AcknowledgedBy", Kind::Strings, "", "who acknowledged each; empty where nobody has", |now| {
+        alarms(now, |alarm| alarm.acknowledged.as_ref().map_or(String::new(), |seen| seen.who.clone()))
+    }),
+    node("Counters/Passed", Kind::UInt32, "", "cycles that ended with pass", |now| {
+        Value::UInt32(now.counts.passed)
+    }),
+    node("Counters/Failed", Kind::UInt32, "", "with fail", |now| Value::UInt32(now.counts.failed)),
+    node("Counters/Rejected", Kind::UInt32, "", "with reject", |now| Value::UInt32(now.counts.rejected)),
+    node("Counters/Invalid", Kind::UInt32, "", "with invalid", |now| Value::UInt32(now.counts.invalid)),
+    node("Counters/Aborted", Kind::UInt32, "", "by a stop or an abort", |now| Value::UInt32(now.counts.aborted)),
+    node("Counters/Other", Kind::UInt32, "", "with another verdict", |now| Value::UInt32(now.counts.other)),
+    node(
+        "Robot/Condition",
+        Kind::String,
+        "",
+        "what its link says: unknown, ready, link_lost, restarted, emergency_stop, guard_open, drives_off or not_automatic",
+        robot,
+    ),
+    node("Robot/Epoch", Kind::UInt32, "", "the last epoch that was opened on its link", |now| {
+        some(now.state, |state| Value::UInt32(state.epoch))
+    }),
+    node("Service/Version", Kind::String, "", "version of the program", |_| {
+        Value::String(env!("CARGO_PKG_VERSION").to_owned())
+    }),
+    node(
+        "Service/Answers",
+        Kind::Boolean,
+        "",
+        "false where the service's loop does not answer: all else is what it said last",
+        |now| Value::Boolean(now.answers),
+    ),
+    node("Service/LastRefusal/Method", Kind::String, "", "the method that was called last and not done", |now| {
+        some(now.refusal.as_ref(), |refusal| Value::String(refusal.method.to_owned()))
+    }),
+    node("Service/LastRefusal/User", Kind::String, "", "who called it", |now| {
+        some(now.refusal.as_ref(), |refusal| Value::String(refusal.user.clone()))
+    }),
+    node("Service/LastRefusal/Time", Kind::DateTime, "", "when", |now| {
+        some(now.refusal.as_ref(), |refusal| Value::DateTime(refusal.at_unix_ms))
+    }),
+    node("Service/LastRefusal/Code", Kind::String, "", "code of the reason", |now| {
+        some(now.refusal.as_ref(), |refusal| Value::String(refusal.reason.code.to_string()))
+    }),
+    node(
+        "Service/LastRefusal/Message",
+        Kind::String,
+        "",
+        "the reason in words, with what is possible instead",
+        |now| some(now.refusal.as_ref(), |refusal| Value::String(refusal.reason.message.clone())),
+    ),
+];
