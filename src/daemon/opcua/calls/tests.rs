@@ -8,6 +8,7 @@ use crate::daemon::request::Request as CellRequest;
 use crate::daemon::request_queue::request_queue;
 use crate::daemon::setup_source::{Equipment, Examined, RecipeText};
 use crate::geometry::ColorPicture;
+use crate::office::RecipeOffer;
 use crate::packml::{ArgumentKind, METHODS, method};
 use crate::store::Store;
 use crate::verdict::Verdict;
@@ -27,6 +28,10 @@ impl SetupSource for Source {
             "door.toml" => Ok(RecipeText { name: name.to_owned(), text: "panel = \"door\"".to_owned() }),
             _ => Err(format!("there is no recipe {name}")),
         }
+    }
+
+    fn offer(&self, _: &str) -> Result<Option<RecipeOffer>, String> {
+        Ok(None)
     }
 
     fn problems(&self, _: &str, _: &str) -> Vec<String> {
