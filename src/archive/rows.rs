@@ -2,7 +2,6 @@
 
 use crate::history::{Known, PastCycle, Quantity};
 use crate::office::{Body, CycleEnd, Message, VerificationSeen};
-use crate::record::CycleRecord;
 use crate::signing::{Said, SignedCycle, Statement};
 use strum::IntoEnumIterator;
 
@@ -67,7 +66,7 @@ fn signature(statement: &Statement) -> SignatureRows {
 
 /// A record of another version of the program may not read; it is kept all the same.
 fn quantities(cycle: &SignedCycle) -> Option<Quantities> {
-    let record: CycleRecord = serde_json::from_value(cycle.record.clone()).ok()?;
+    let record = cycle.cycle_record().ok()?;
     let past = PastCycle { record, part: cycle.part.clone(), disc: None };
     if past.record.is_air_run() {
         return None;

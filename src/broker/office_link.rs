@@ -73,6 +73,16 @@ impl Delivery {
     }
 }
 
+/// What the broker says, and what to do about a disk that is too small.
+fn with_advice(problem: &str) -> String {
+    match problem.contains("insufficient storage") {
+        true => format!(
+            "{problem}; its disk has less room than waiting_gb asks for: lower it, or give the broker a larger disk"
+        ),
+        false => problem.to_owned(),
+    }
+}
+
 impl OfficeLink {
     /// Connects, and makes the streams where they are not there; at most so many bytes wait in the broker.
     ///
@@ -106,7 +116,7 @@ impl OfficeLink {
         };
         for config in [archived, offers, records] {
             let made = link.context.create_or_update_stream(config).await;
-            made.map_err(|error| link.failed("make a stream", error))?;
+            made.map_err(|error| link.failed("make a stream", with_advice(&error.to_string())))?;
         }
         let stream = link.context.get_stream(subject::STREAM).await;
         let stream = stream.map_err(|error| link.failed("find its stream", error))?;

@@ -83,7 +83,7 @@ impl ArchiveSettings {
 
 fn take_broker(folder: &Path, section: &Section<'_, '_>) -> Option<(Broker, usize)> {
     let broker = Broker::take(folder, section, "address");
-    let waiting_gb = section.take::<usize>("waiting_gb", WAITING_GB, Some(20));
+    let waiting_gb = section.take::<usize>("waiting_gb", WAITING_GB, Some(5));
     section.done();
     let Some(broker) = broker? else {
         section.problem("address", "is missing: the broker's address, such as \"nats://127.0.0.1:4222\"");

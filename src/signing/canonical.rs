@@ -20,6 +20,24 @@ pub fn canonical(value: &impl Serialize) -> Result<Vec<u8>, SigningError> {
     serde_json_canonicalizer::to_vec(&value).map_err(json)
 }
 
+/// The same value with the texts of large whole numbers as numbers again, in the fields of these names, which hold numbers alone.
+pub(super) fn numbers_again(value: Value, names: &[&str]) -> Value {
+    match value {
+        Value::Array(values) => Value::Array(values.into_iter().map(|value| numbers_again(value, names)).collect()),
+        Value::Object(entries) => {
+            let again = |(name, value): (String, Value)| {
+                let number = value.as_str().and_then(|text| text.parse::<u64>().ok());
+                match number.filter(|number| *number > MOST_EXACT && names.contains(&name.as_str())) {
+                    Some(number) => (name, Value::from(number)),
+                    None => (name, numbers_again(value, names)),
+                }
+            };
+            Value::Object(entries.into_iter().map(again).collect())
+        }
+        other => other,
+    }
+}
+
 /// The same value with whole numbers as texts where a double does not hold them.
 pub(super) fn exact(value: Value) -> Value {
     let is_beyond = |value: &Value| {

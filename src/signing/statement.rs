@@ -1,6 +1,6 @@
 //! A statement: what the cell, or a person at it, says of a cycle, and its place among all statements of the cell.
 
-use super::canonical::canonical;
+use super::canonical::{canonical, numbers_again};
 use super::error::SigningError;
 use crate::files::content_hash;
 use crate::record::{CycleId, CycleRecord, PartNames};
@@ -9,6 +9,8 @@ use serde_json::Value;
 
 /// The form of a statement.
 pub const FORM: &str = "panelprep-record-1";
+/// Fields of a record whose numbers may be larger than canonical JSON holds: the number of a plan.
+const LARGE: [&str; 1] = ["plan"];
 /// The form of a head.
 pub const HEAD_FORM: &str = "panelprep-record-head-1";
 /// What the first statement of a cell names as the one before it.
@@ -126,6 +128,16 @@ impl Meaning {
             Meaning::Reviewed => "reviewed",
             Meaning::DeviationAccepted => "deviation accepted",
         }
+    }
+}
+
+impl SignedCycle {
+    /// The record as this program's own; that of another version may not be one.
+    ///
+    /// # Errors
+    /// Where it does not read.
+    pub fn cycle_record(&self) -> Result<CycleRecord, SigningError> {
+        serde_json::from_value(numbers_again(self.record.clone(), &LARGE)).map_err(SigningError::form)
     }
 }
 

@@ -1,8 +1,11 @@
 //! Every change of a signed record is found and named.
 
 use super::*;
+use crate::cycle::{Motion, Outcome, Path};
 use crate::files::content_hash;
-use crate::record::{Budget, Check, CycleId, CycleRecord, Finding, KeptFile, Kind, PartNames, Picture, SetBy};
+use crate::record::{
+    Budget, Check, CycleId, CycleRecord, Finding, KeptFile, Kind, MotionRecord, PartNames, Picture, SetBy,
+};
 use crate::verdict::{Judgement, Verdict};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -406,4 +409,15 @@ fn random_changes_are_found_and_named() {
 #[ignore = "ten thousand changes: make test-long"]
 fn ten_thousand_random_changes_are_found_and_named() {
     every_change_is_named(10_000);
+}
+
+/// Canonical JSON holds the number of a plan as a text; the record reads back as it was, and a serial number of digits stays a text.
+#[test]
+fn a_signed_record_reads_back_with_every_digit() {
+    let motion = Motion { epoch: 1, path: Path::Contact, plan: 13_988_697_933_614_533_883, waypoints: 138 };
+    let motions = vec![MotionRecord { motion, outcome: Some(Outcome::Done), done: 138, contact: None }];
+    let record = CycleRecord { motions, panel: "13988697933614533883".to_owned(), ..record(1) };
+    let signed = SignedCycle::new(&record, part()).expect("JSON");
+    assert_eq!(signed.record["motions"][0]["motion"]["plan"], json!("13988697933614533883"));
+    assert_eq!(signed.cycle_record().expect("reads"), record);
 }

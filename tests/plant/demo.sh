@@ -60,6 +60,7 @@ cat >"$folder/archive.toml" <<SETTINGS
 files = "files"
 [broker]
 address = "nats://127.0.0.1:$broker_port"
+waiting_gb = 1
 [database]
 port = $database_port
 [fleet]
@@ -98,8 +99,7 @@ for cell in 1 2; do
   # The robot's link may still be on its way.
   wait_for "$program" ctl reset --wait --cell "$file"
   echo "cell-$cell: one cycle"
-  "$program" ctl start --recipe "$folder/cell-$cell/recipe.toml" --part "SN-$cell-$(date +%H%M%S)" --wait --cell "$file" |
-    sed "s/^/cell-$cell: /;q"
+  "$program" ctl start --recipe "$folder/cell-$cell/recipe.toml" --part "SN-$cell-$(date +%H%M%S)" --wait --cell "$file" | tail -1 | sed "s/^/cell-$cell: /"
 done
 
 echo "proof: does the archive hold the same as both cells?"

@@ -145,7 +145,7 @@ pub fn database(programs: &Path, folder: &Path, port: u16) -> Server {
 pub fn archive_settings(folder: &Path, broker_port: u16, database_port: u16) -> PathBuf {
     let file = folder.join("archive.toml");
     let text = format!(
-        "files = \"files\"\n[broker]\naddress = \"nats://127.0.0.1:{broker_port}\"\nwaiting_gb = 5\n[database]\nport = {database_port}\n"
+        "files = \"files\"\n[broker]\naddress = \"nats://127.0.0.1:{broker_port}\"\nwaiting_gb = 1\n[database]\nport = {database_port}\n"
     );
     fs::write(&file, text).expect("written");
     file

@@ -4,7 +4,6 @@ use super::frame::{self, time, verdict};
 use super::office::{Shared, failed};
 use crate::archive::reading::{Record, SignedBy};
 use crate::files::content_hash;
-use crate::record::CycleRecord;
 use crate::report::check_row;
 use crate::signing::{SignedCycle, exported_files};
 use axum::Json;
@@ -115,7 +114,7 @@ fn signature(SignedBy { statement, record_hash, unix_ms, person }: &SignedBy) ->
 
 /// Every check of the record; a record of another version of the program is shown as its JSON alone.
 fn findings(cycle: &SignedCycle) -> Markup {
-    let Ok(record) = serde_json::from_value::<CycleRecord>(cycle.record.clone()) else {
+    let Ok(record) = cycle.cycle_record() else {
         return html! { section.card { p { "This record was written by another version of the program: read it as JSON." } } };
     };
     html! {
