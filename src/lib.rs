@@ -33,6 +33,7 @@ pub mod sim;
 
 pub mod force;
 pub mod history;
+pub mod line;
 pub mod panel;
 pub mod signing;
 pub mod sparkplug;

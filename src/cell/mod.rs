@@ -14,6 +14,8 @@ mod gige;
 mod keep;
 mod lens_extent;
 mod limits;
+mod line;
+mod line_signal;
 mod names;
 mod office;
 mod opcua;
@@ -43,6 +45,8 @@ pub use gige::{Gige, PIXEL_FORMATS};
 pub use keep::{Keep, KeepFor};
 pub use lens_extent::{LensExtent, Supported};
 pub use limits::{Limits, Workspace};
+pub use line::{LINE_INPUTS, Line};
+pub use line_signal::LineSignal;
 pub use names::{Feedback, InputsOutputs, Output};
 pub use office::{CellName, Office};
 pub use opcua::{Anonymous, OpcUa};
@@ -139,10 +143,11 @@ pub struct Cell {
     office: Option<Office>,
     sparkplug: Option<SparkplugNode>,
     opcua: OpcUa,
+    line: Option<Line>,
 }
 
 /// The keys at the top of a cell's file, by which it is distinguished from other files.
-pub const CELL_KEYS: [&str; 18] = [
+pub const CELL_KEYS: [&str; 19] = [
     "store",
     "socket",
     "socket_role",
@@ -161,6 +166,7 @@ pub const CELL_KEYS: [&str; 18] = [
     "office",
     "sparkplug",
     "opcua",
+    "line",
 ];
 
 impl Cell {
@@ -191,6 +197,7 @@ impl Cell {
         let office = office::take_office(folder, &top.section("office"));
         let sparkplug = sparkplug::take_sparkplug(folder, &top.section("sparkplug"));
         let opcua = opcua::take_opcua(folder, &top.section("opcua"));
+        let line = line::take_line(folder, &top.section("line"), io.as_ref());
         top.done();
         let store = store?;
         let store_folder = folder.join(&store.folder);
@@ -214,6 +221,7 @@ impl Cell {
             page: page?,
             office: office?,
             sparkplug: sparkplug?,
+            line: line?,
         })
     }
 
@@ -320,6 +328,11 @@ impl Cell {
     /// The OPC UA server.
     pub fn opcua(&self) -> &OpcUa {
         &self.opcua
+    }
+
+    /// The handshake with a line by digital signals, where there is one.
+    pub fn line(&self) -> Option<&Line> {
+        self.line.as_ref()
     }
 
     /// The same cell with its arm corrected as this file says, the one that `[calibration]` names.

@@ -1,5 +1,6 @@
 //! `[poses]` and `[io]`: what the user gives names to, and what goes off by itself.
 
+use super::line_signal::{LineSignal, take_line_outputs};
 use crate::config::Section;
 use crate::geometry::Joints;
 use std::collections::BTreeMap;
@@ -91,7 +92,7 @@ impl Feedback {
     }
 }
 
-/// `[io.outputs]`, `[io.off_after_s]`, `[io.feedbacks]` and `[io.mapped_inputs]`: names for the controller's digital
+/// `[io.outputs]`, `[io.off_after_s]`, `[io.feedbacks]`, `[io.mapped_inputs]` and `[io.line_outputs]`: names for the controller's digital
 /// outputs and inputs, and which outputs its program switches off when an epoch ends.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct InputsOutputs {
@@ -99,6 +100,7 @@ pub struct InputsOutputs {
     off_after_s: BTreeMap<String, u16>,
     feedbacks: BTreeMap<String, u16>,
     mapped_inputs: BTreeMap<String, u16>,
+    line_outputs: BTreeMap<String, u16>,
 }
 
 impl InputsOutputs {
@@ -123,6 +125,20 @@ impl InputsOutputs {
         &self.off_after_s
     }
 
+    /// The number of an output by which a line is told.
+    pub fn line_output(&self, signal: LineSignal) -> Option<u16> {
+        self.line_outputs.get(signal.name()).copied()
+    }
+
+    /// All of them in the order of CELL_LINE, 0 where the cell has none.
+    pub fn line_outputs(&self) -> [u16; 6] {
+        let mut numbers = [0; 6];
+        for signal in LineSignal::VARIANTS {
+            numbers[*signal as usize] = self.line_output(*signal).unwrap_or(0);
+        }
+        numbers
+    }
+
     /// The bits of the state message's `Out` that are tool and water: what goes off at once.
     pub fn harmful_bits(&self) -> u32 {
         let at_once = self.off_after_s.iter().filter(|(_, after_s)| **after_s == 0);
@@ -143,6 +159,11 @@ impl InputsOutputs {
     /// Which bit of the state message's `In` a feedback is.
     pub fn feedback_bit(&self, feedback: Feedback) -> Option<u32> {
         bit(&self.feedbacks, self.feedback(feedback)?)
+    }
+
+    /// Which bit of the state message's `In` the input of this name is.
+    pub fn input_bit(&self, name: &str) -> Option<u32> {
+        bit(&self.feedbacks, *self.feedbacks.get(name)?)
     }
 
     /// Each output's name, and whether it is on in the state message's `Out`.
@@ -179,16 +200,20 @@ pub(super) fn take_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     let (outputs, feedbacks) = (section.section("outputs"), section.section("feedbacks"));
     let mapped = section.section("mapped_inputs");
     let off_after = section.section("off_after_s");
+    let line_outputs = section.section("line_outputs");
     section.done();
     let (outputs, feedbacks_taken, mapped_taken) =
         (take_numbers(&outputs), take_numbers(&feedbacks), take_numbers(&mapped));
     let outputs = outputs?;
     let off_after_s = take_off_after(&off_after, &outputs);
+    let line_numbers = take_numbers(&line_outputs);
+    let line_outputs = take_line_outputs(&line_outputs, line_numbers?, &outputs);
     let io = InputsOutputs {
         outputs,
         off_after_s: off_after_s?,
         feedbacks: feedbacks_taken?,
         mapped_inputs: mapped_taken?,
+        line_outputs: line_outputs?,
     };
     let constant: Vec<_> = io.feedbacks.iter().filter(|(_, number)| [1025, 1026].contains(*number)).collect();
     for (name, number) in &constant {

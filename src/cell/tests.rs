@@ -176,7 +176,10 @@ fn each_mistake_is_named() {
             "[io.feedbacks]\nflow = 1026",
             "2: io.feedbacks.flow: found 1026; $IN[1025] is always true and $IN[1026] always false",
         ),
-        ("[io]\ntool = 3", "2: io.tool: unknown key; known here: outputs, feedbacks, mapped_inputs, off_after_s"),
+        (
+            "[io]\ntool = 3",
+            "2: io.tool: unknown key; known here: outputs, feedbacks, mapped_inputs, off_after_s, line_outputs",
+        ),
         (
             "[io]\nfeedbacks = { flow = 4 }\nmapped_inputs = { start = 33, flow = 4 }",
             "3: io.mapped_inputs.flow: found 4, which is a feedback's; a feedback is read and never set",

@@ -1,4 +1,4 @@
-//! What connects the service with people and other programs: the operator's page, the office, the MQTT broker and OPC UA clients, with what they share.
+//! What connects the service with people and other programs: the operator's page, the office, the MQTT broker, OPC UA clients and a line, with what they share.
 
 use super::args::Common;
 use super::fault::Fault;
@@ -6,8 +6,8 @@ use super::load::CellFiles;
 use super::record_source::StoreRecords;
 use super::setup_source::FolderSource;
 use crate::daemon::{
-    Alarms, Gateway, LiveView, OfficeParts, OfficeSender, OfficeStatus, OpcUaParts, OpcUaServer, OperatorPage,
-    PageParts, People, SetupSource, SparkplugEdge, SparkplugParts,
+    Alarms, Gateway, LineFront, LineParts, LinkedRobot, LiveView, OfficeParts, OfficeSender, OfficeStatus,
+    OpcUaParts, OpcUaServer, OperatorPage, PageParts, People, SetupSource, SparkplugEdge, SparkplugParts,
 };
 use std::sync::Arc;
 
@@ -61,6 +61,20 @@ pub fn edge_node(files: &CellFiles, fronts: &Fronts) -> Result<Option<SparkplugE
         setup: fronts.setup.clone(),
     };
     SparkplugEdge::serve(parts).map(Some).map_err(Fault::stage)
+}
+
+/// Looks at the line by its digital signals, where the cell's file has one.
+///
+/// # Errors
+/// Where the system gives no thread.
+pub fn line_front(files: &CellFiles, fronts: &Fronts, robot: &LinkedRobot) -> Result<Option<LineFront>, Fault> {
+    let (Some(line), Some(inputs)) = (files.cell.line().cloned(), LineParts::bits(files.cell.io())) else {
+        return Ok(None);
+    };
+    tracing::info!("a line asks for cycles by {}", line.recipe.display());
+    let (last, outputs) = (robot.last_state(), robot.line());
+    let (gateway, people) = (fronts.gateway.clone(), fronts.people.clone());
+    LineFront::serve(LineParts { line, inputs, last, outputs, gateway, people }).map(Some).map_err(Fault::stage)
 }
 
 /// Serves the cell by OPC UA, where its file names an address for it.

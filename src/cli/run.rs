@@ -3,7 +3,7 @@
 use super::args::{Common, Run};
 use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::fault::Fault;
-use super::fronts::{Fronts, edge_node, office_sender, opcua_server, operator_page};
+use super::fronts::{Fronts, edge_node, line_front, office_sender, opcua_server, operator_page};
 use super::health;
 use super::live::Live;
 use super::load::{CellFiles, calibrated_serial};
@@ -78,6 +78,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let office = office_sender(&files, &fronts)?;
     let sparkplug = edge_node(&files, &fronts)?;
     let opcua = opcua_server(&files, &fronts)?;
+    let line = line_front(&files, &fronts, &live.robot)?;
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
     let written = WrittenPage::default();
@@ -119,7 +120,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     }
     let ended = ended.map_err(Fault::of_loop)?;
     // The page's connections to the store end before the store's own one, which then leaves a database without a log.
-    drop((socket, page, office, sparkplug, opcua, fronts, person));
+    drop((socket, page, office, sparkplug, opcua, line, fronts, person));
     #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
     let ended = ended.state;

@@ -142,6 +142,11 @@ pub enum Request {
         /// The epoch after it.
         next: Epoch,
     },
+    /// What a line is told, as bits of the outputs that the controller has for it; nothing moves.
+    Line {
+        /// The first output is the lowest bit.
+        bits: u32,
+    },
     /// Begin this epoch; nothing moves.
     Reset {
         /// The epoch to begin.

@@ -81,6 +81,7 @@ impl Wire {
             Request::Heartbeat { last_sent } => (10, last_sent),
             Request::Abort { next } => (11, next.0),
             Request::Reset { next } => (12, next.0),
+            Request::Line { bits } => (13, bits),
         };
         self.request.encode(&[id, epoch.0, operation, number].map(f64::from))
     }

@@ -59,6 +59,8 @@ pub enum Front {
     Command,
     /// A host application, by MQTT Sparkplug.
     Sparkplug,
+    /// A line, by digital signals at the robot's controller.
+    Line,
     /// SIGTERM or SIGINT.
     Signal,
     /// The program by itself, such as a reset whose self-test failed.
@@ -102,6 +104,7 @@ impl std::fmt::Display for Who {
             }
             Front::Command => "who ran the command",
             Front::Sparkplug => return f.write_str("a host application by MQTT Sparkplug; which one is not known"),
+            Front::Line => return f.write_str("the line, by its digital signals"),
             Front::Signal => return f.write_str("a signal to the program; who sent it is not known"),
             Front::Program => return f.write_str("the program itself"),
         };

@@ -168,6 +168,7 @@ fn the_numbers_are_those_of_client_and_mock() {
         ("CELL_SILENT_MS", "SILENCE_MS", 1.0),
         ("CELL_EPOCH_STEP", "EPOCH_STEP", 1.0),
         ("CELL_OFF_AGAIN_MS", "OFF_AGAIN_MS", 1.0),
+        ("CELL_LINE_ALONE", "LINE_ALONE", 1.0),
         ("CELL_RETRACT_MM", "RETRACT_MM", 1.0),
         ("CELL_RETRACT_VEL", "RETRACT_MM_S", 1000.0),
         ("CELL_RETRACT_ACC", "RETRACT_MM_S2", 1000.0),
@@ -216,7 +217,7 @@ fn refusals_and_operations_have_the_same_numbers() {
     }
     assert_eq!(cases["cell_motion.src"].len(), 8);
     assert_eq!(cases["cell_judge.src"].len(), 8);
-    assert_eq!(cases["cell_link.src"], ["ABORT", "RESET"]);
+    assert_eq!(cases["cell_link.src"], ["ABORT", "RESET", "LINE"]);
 }
 
 /// Bits of In and Out: the example cell's numbers, ascending, as the client counts them.

@@ -18,6 +18,12 @@ impl LastState {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = state.map(|state| (*state, Instant::now()));
     }
 
+    /// The controller's mapped inputs as bits, while the state is fresh.
+    pub(in crate::daemon) fn inputs(&self) -> Option<u32> {
+        let (state, came) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;
+        (came.elapsed() < FRESH).then_some(state.inputs)
+    }
+
     /// Where the axes stand, while the arm stands and the state is fresh.
     pub(super) fn stands(&self) -> Option<Joints> {
         let (state, came) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;

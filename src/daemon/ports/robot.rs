@@ -2,7 +2,7 @@
 
 use super::port::{Command as PortCommand, Port};
 use crate::daemon::lending::LastState;
-use crate::devices::robot::BlockingLink;
+use crate::devices::robot::{BlockingLink, LineOutputs};
 use crate::devices::world::Follower;
 use crate::eki::{Channel, Command, CommandId, Epoch, LinkLoss, MoveLin, Pace, QueueError, Report, Time};
 use crate::supervision::{ThreadFault, Watched};
@@ -137,6 +137,11 @@ impl LinkedRobot {
     /// reported as lost: nothing that is simulated may decide how a real arm moves.
     pub fn followed(self, follower: Follower) -> Self {
         LinkedRobot { follower: Some(follower), ..self }
+    }
+
+    /// The outputs by which the controller tells a line.
+    pub fn line(&self) -> LineOutputs {
+        self.link.line()
     }
 
     /// The link's thread, for its supervisor.

@@ -17,6 +17,7 @@ use super::log::{Executed, Sample, Stop};
 use super::memory::Memory;
 use super::mover::Mover;
 use super::options::Clock;
+use super::outputs::LINE_ALONE;
 use super::safety::Safety;
 use super::setup::Setup;
 use super::wire::{CommandPlaces, RequestPlaces};
@@ -146,6 +147,9 @@ impl Controller {
         if submit_runs {
             self.submit_ran_ms = self.now_ms;
             self.look_for_program();
+            if !self.states.connected {
+                self.tell_line(LINE_ALONE);
+            }
             if self.setup.clock == Clock::Free {
                 self.serve_requests();
             }

@@ -3,6 +3,8 @@
 use super::model::Controller;
 use super::options::Rule;
 
+/// What a line is told while no client is there: a fault alone.
+pub(super) const LINE_ALONE: i32 = 32;
 /// So long an output that went off after an epoch's end is switched off again.
 const OFF_AGAIN_MS: u64 = 1_000;
 
@@ -15,6 +17,15 @@ impl Controller {
     pub(super) fn set_output(&mut self, number: u16, value: bool) {
         if self.outputs.insert(number, value).unwrap_or(false) != value {
             self.world.on_output(number, value, self.now_ms);
+        }
+    }
+
+    /// What a line is told: the lowest bit is the first of its outputs.
+    pub(super) fn tell_line(&mut self, bits: i32) {
+        for (place, number) in self.setup.line_outputs.into_iter().enumerate() {
+            if number > 0 {
+                self.set_output(number, bits >> place & 1 == 1);
+            }
         }
     }
 

@@ -37,6 +37,8 @@ pub struct Setup {
     /// Each $OUT that the end of an epoch switches off, and how long after it, ms. With 0 it is at once, and silence of the
     /// client is watched while it is on.
     pub off_after_ms: BTreeMap<u16, u64>,
+    /// The $OUT by which a line is told: ready, cycle done, pass, fail, review, fault; 0 where it has none.
+    pub line_outputs: [u16; 6],
     /// Inputs that can be set, with the $FLAG that stands for each.
     pub mapped_inputs: BTreeMap<u16, u16>,
     /// How long each user subroutine takes, ms; its index is its place here, from 0.
@@ -69,6 +71,7 @@ impl Setup {
             outputs: (1..=8).collect(),
             tool_output: Some(5),
             off_after_ms: BTreeMap::from([(1, 60_000), (2, 0), (4, 30_000), (5, 0)]),
+            line_outputs: [0; 6],
             mapped_inputs: BTreeMap::new(),
             subroutines_ms: vec![100],
             first_state: 0,

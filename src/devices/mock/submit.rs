@@ -49,6 +49,7 @@ impl Controller {
             match request.operation {
                 wire::ABORT => self.abort(request.n1),
                 wire::RESET => self.reset(request.n1),
+                wire::LINE => self.tell_line(request.n1),
                 wire::HEARTBEAT if grants => {
                     self.read_up_to = Some((request.epoch, request.n1));
                     self.advance_ms(GRANT_MS);

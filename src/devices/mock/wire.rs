@@ -98,6 +98,7 @@ pub(super) const CALL_SUBROUTINE: i32 = 8;
 pub(super) const HEARTBEAT: i32 = 10;
 pub(super) const ABORT: i32 = 11;
 pub(super) const RESET: i32 = 12;
+pub(super) const LINE: i32 = 13;
 
 /// Where a command's values stand in a channel's memory.
 #[derive(Debug, Clone, Copy)]

@@ -1,7 +1,7 @@
 //! The link for callers without a runtime, such as a command that does one thing.
 
 use super::address::Address;
-use super::link::{RobotLink, StartError};
+use super::link::{LineOutputs, RobotLink, StartError};
 use crate::eki::{Command, CommandId, Epoch, LinkLimits, MoveLin, Pace, QueueError, Report};
 use crate::supervision::Watched;
 use std::time::Duration;
@@ -80,6 +80,11 @@ impl BlockingLink {
     /// As there.
     pub fn abort(&self) -> Result<(), QueueError> {
         self.runtime.block_on(self.link.abort())
+    }
+
+    /// As [`RobotLink::line`].
+    pub fn line(&self) -> LineOutputs {
+        self.link.line()
     }
 
     /// As [`RobotLink::watched`].

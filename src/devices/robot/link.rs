@@ -55,6 +55,20 @@ pub enum StartError {
     Thread(#[from] std::io::Error),
 }
 
+/// The outputs by which the controller tells a line; whoever has it sets them, and moves nothing by it. Clones are the same ones.
+#[derive(Debug, Clone)]
+pub struct LineOutputs(mpsc::WeakUnboundedSender<LinkRequest>);
+
+impl LineOutputs {
+    /// Sets them, the first output by the lowest bit. They reach the controller with the next message to it.
+    pub fn set(&self, bits: u32) {
+        // It keeps no link alive.
+        let Some(orders) = self.0.upgrade() else { return };
+        #[expect(clippy::let_underscore_must_use, reason = "a link that has ended tells nobody anything")]
+        let _ = orders.send(LinkRequest::Line(bits));
+    }
+}
+
 /// The link to one controller.
 #[derive(Debug)]
 pub struct RobotLink {
@@ -94,6 +108,11 @@ impl RobotLink {
     /// The link's thread, for who supervises it.
     pub fn watched(&self) -> Watched {
         self.watched.clone()
+    }
+
+    /// The outputs by which the controller tells a line.
+    pub fn line(&self) -> LineOutputs {
+        LineOutputs(self.orders.downgrade())
     }
 
     /// Queues one command; its id comes back, 0 for `get_current_state`.

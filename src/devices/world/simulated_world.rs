@@ -170,6 +170,7 @@ impl SimulatedWorld {
             off_after_ms: (cell.io().off_after_s().iter())
                 .filter_map(|(name, after_s)| Some((*cell.io().outputs().get(name)?, 1_000 * u64::from(*after_s))))
                 .collect(),
+            line_outputs: cell.io().line_outputs(),
             // Which flags does not matter here: nothing in this world asks for them.
             mapped_inputs: (860..)
                 .zip(cell.io().mapped_inputs().values())

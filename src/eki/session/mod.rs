@@ -111,6 +111,9 @@ pub struct Session {
     heard: Time,
     next_heartbeat: Time,
     stale: u64,
+    /// What a line is to be told, and what the controller was told of it on this connection.
+    line: Option<u32>,
+    line_told: Option<u32>,
     /// Epochs one after the other of which no command was acknowledged in time.
     unacknowledged: u32,
 }
@@ -141,6 +144,8 @@ impl Session {
             heard: Time::default(),
             next_heartbeat: Time::default(),
             stale: 0,
+            line: None,
+            line_told: None,
             unacknowledged: 0,
         }
     }
@@ -154,7 +159,7 @@ impl Session {
         (self.asked, self.answered, self.last_sequence) = (0, 0, None);
         (self.controller_epoch, self.asked_epoch) = (Epoch(0), Epoch(0));
         self.named.clear();
-        self.unacknowledged = 0;
+        (self.unacknowledged, self.line_told) = (0, None);
         (self.heard, self.next_heartbeat) = (now, now + self.limits.heartbeat);
         self.phase = Phase::Greeting { abort: None };
         self.ask(Request::State);
@@ -397,6 +402,22 @@ impl Session {
             Phase::Open(flow) => flow.epoch(),
             Phase::Stopping(Stopping { ended: Some(ended), .. }) => *ended,
             _ => self.known_epoch(),
+        }
+    }
+
+    /// What a line is told from now on, as bits of the controller's outputs for it. It is sent at once where a controller answers,
+    /// and again on each new connection; nothing moves by it.
+    pub fn tell_line(&mut self, bits: u32) {
+        self.line = Some(bits);
+        if self.greeted().is_ok() {
+            self.line_due();
+        }
+    }
+
+    fn line_due(&mut self) {
+        if let Some(bits) = self.line.filter(|_| self.line != self.line_told) {
+            self.ask(Request::Line { bits });
+            self.line_told = self.line;
         }
     }
 

@@ -22,6 +22,8 @@ impl Session {
         if self.greeted().is_err() {
             return;
         }
+        // Before it: in lock step nothing waits behind a heartbeat that waits for commands.
+        self.line_due();
         let last_sent = if let Phase::Open(flow) = &self.phase { flow.sent().0 } else { 0 };
         let request = self.ask(Request::Heartbeat { last_sent });
         if self.pace == Pace::LockStep && last_sent > 0 {

@@ -65,6 +65,7 @@ fn requests_are_written_as_the_file_says() {
     let cases = [
         (Request::State, "<Req Id=\"5\" Ep=\"3\" Op=\"9\" N1=\"0\"></Req>"),
         (Request::Heartbeat { last_sent: 17 }, "<Req Id=\"5\" Ep=\"3\" Op=\"10\" N1=\"17\"></Req>"),
+        (Request::Line { bits: 34 }, "<Req Id=\"5\" Ep=\"3\" Op=\"13\" N1=\"34\"></Req>"),
         (Request::Abort { next: Epoch(4) }, "<Req Id=\"5\" Ep=\"3\" Op=\"11\" N1=\"4\"></Req>"),
         (Request::Reset { next: Epoch(4) }, "<Req Id=\"5\" Ep=\"3\" Op=\"12\" N1=\"4\"></Req>"),
     ];

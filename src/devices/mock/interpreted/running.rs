@@ -156,6 +156,9 @@ fn configure(memory: &mut Memory, program: &Program, setup: &Setup) {
             set(list, index, i32::from(*number));
         }
     }
+    for (index, number) in setup.line_outputs.iter().enumerate() {
+        set("CELL_LINE", index, i32::from(*number));
+    }
     set("CELL_VIN_N", 0, count(setup.mapped_inputs.len().min(8)));
     for (index, (input, flag)) in setup.mapped_inputs.iter().take(8).enumerate() {
         set("CELL_VIN", index, i32::from(*input));

@@ -1,0 +1,58 @@
+//! `[io.line_outputs]`: by what a line is told.
+
+use crate::config::Section;
+use std::collections::BTreeMap;
+use strum::VariantArray;
+
+/// What the line reads: outputs of the robot's controller, by their names in `[io.line_outputs]`, in the order of CELL_LINE.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, strum::IntoStaticStr, strum::EnumString, VariantArray,
+)]
+#[strum(serialize_all = "snake_case")]
+pub enum LineSignal {
+    /// `ready`: a start request is looked at.
+    Ready,
+    /// `cycle_done`: the cycle is over, and the part may be taken.
+    CycleDone,
+    /// `pass`: with `cycle_done`, the verdict.
+    Pass,
+    /// `fail`: with `cycle_done`, every verdict but pass.
+    Fail,
+    /// `review`: the cycle waits for a person's word on a result.
+    Review,
+    /// `fault`: a person is needed. The controller itself sets it where it does not hear from this program.
+    Fault,
+}
+
+impl LineSignal {
+    /// The name in the cell's file.
+    pub fn name(self) -> &'static str {
+        self.into()
+    }
+
+    /// Its bit in what is sent to the controller.
+    pub fn bit(self) -> u32 {
+        1 << (self as u32)
+    }
+}
+
+/// `[io.line_outputs]`: an output by which a line is told is none that the process switches.
+pub(super) fn take_line_outputs(
+    section: &Section<'_, '_>,
+    numbers: BTreeMap<String, u16>,
+    outputs: &BTreeMap<String, u16>,
+) -> Option<BTreeMap<String, u16>> {
+    let names = || LineSignal::VARIANTS.iter().map(|signal| signal.name()).collect::<Vec<_>>().join(", ");
+    let mut right = true;
+    for (name, number) in &numbers {
+        let taken = outputs.iter().find(|(_, other)| *other == number);
+        let wrong = match (name.parse::<LineSignal>(), taken) {
+            (Err(_), _) => format!("no line is told this; allowed are {}", names()),
+            (_, Some((output, _))) => format!("found {number}, which is {output}'s number in [io.outputs]"),
+            _ => continue,
+        };
+        section.problem(name, wrong);
+        right = false;
+    }
+    right.then_some(numbers)
+}

@@ -1,0 +1,178 @@
+//! The thread of the handshake.
+
+use crate::accounts::{AuditEntry, Role};
+use crate::cell::{InputsOutputs, LINE_INPUTS, Line};
+use crate::cycle;
+use crate::daemon::background::step_back;
+use crate::daemon::gateway::Gateway;
+use crate::daemon::lending::LastState;
+use crate::daemon::people::People;
+use crate::daemon::reply::{Exit, Reply};
+use crate::daemon::request::{PartNames, StartRequest, What};
+use crate::devices::robot::LineOutputs;
+use crate::disk;
+use crate::line::{Ask, CellStands, Handshake, LineInputs, Look};
+use crate::record::{Front, Who};
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+use tokio::runtime::Builder;
+use tokio::sync::oneshot;
+use tokio::time::{MissedTickBehavior, interval};
+
+/// The controller tells its inputs so often.
+const EVERY: Duration = Duration::from_millis(100);
+/// Threads that read the recipe and wait for the store's disk.
+const BLOCKING: usize = 2;
+/// The program's end waits so long for them.
+const END_WITHIN: Duration = Duration::from_secs(1);
+
+/// What the handshake is made of.
+pub struct LineParts {
+    /// `[line]` of the cell's file.
+    pub line: Line,
+    /// The bits of `part_present` and `start_request` among the controller's inputs.
+    pub inputs: [u32; 2],
+    /// Where the robot's last state is.
+    pub last: LastState,
+    /// The controller's outputs for a line.
+    pub outputs: LineOutputs,
+    /// Where requests go.
+    pub gateway: Gateway,
+    /// The audit trail.
+    pub people: Arc<People>,
+}
+
+impl LineParts {
+    /// The bits of the line's inputs, where the cell names both.
+    pub fn bits(io: &InputsOutputs) -> Option<[u32; 2]> {
+        let [part_present, start_request] = LINE_INPUTS.map(|name| io.input_bit(name));
+        Some([part_present?, start_request?])
+    }
+}
+
+/// The handshake while it is served; it ends when this is dropped.
+#[derive(Debug)]
+pub struct LineFront {
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl LineFront {
+    /// Looks at the line from now on.
+    ///
+    /// # Errors
+    /// Where the system gives no thread.
+    pub fn serve(parts: LineParts) -> std::io::Result<Self> {
+        let runtime = Builder::new_current_thread().enable_time().max_blocking_threads(BLOCKING).build()?;
+        let (end, mut ended) = oneshot::channel();
+        let serve = move || {
+            step_back();
+            runtime.block_on(async {
+                tokio::select! {
+                    () = follow(parts) => {}
+                    _ = &mut ended => {}
+                }
+            });
+            runtime.shutdown_timeout(END_WITHIN);
+        };
+        let thread = thread::Builder::new().name("line".to_owned()).spawn(serve)?;
+        Ok(LineFront { end: Some(end), thread: Some(thread) })
+    }
+}
+
+impl Drop for LineFront {
+    fn drop(&mut self) {
+        drop(self.end.take());
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+async fn follow(parts: LineParts) {
+    let mut handshake = Handshake::default();
+    let mut tick = interval(EVERY);
+    tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut told = None;
+    loop {
+        tick.tick().await;
+        let look = parts.look().await;
+        let ask = handshake.look(look.clone());
+        let now = handshake.told(&look);
+        if told.replace(now) != Some(now) {
+            parts.outputs.set(now.0);
+        }
+        if let Some(ask) = ask
+            && !parts.ask(ask).await
+        {
+            handshake.refused();
+        }
+    }
+}
+
+impl LineParts {
+    async fn look(&self) -> Look {
+        let reply = self.gateway.request(What::State, Who::by(Front::Line)).await;
+        let inputs = self.last.inputs().map(|bits| {
+            let [part_present, start_request] = self.inputs.map(|bit| bits >> bit & 1 == 1);
+            LineInputs { part_present, start_request }
+        });
+        let cell = reply.state.map(|state| CellStands {
+            state,
+            is_review: reply.extras.is_review,
+            verdict: reply.verdict,
+        });
+        Look { inputs, cell }
+    }
+
+    /// Asks the cell, and keeps what came of it in the audit trail; whether it was taken.
+    async fn ask(&self, ask: Ask) -> bool {
+        let (word, asked) = match ask {
+            Ask::Start => ("start", self.start().await),
+            Ask::Reset => ("reset", Ok(What::Table(cycle::Request::Reset))),
+        };
+        let refused = match asked {
+            Ok(what) => refused(&self.gateway.request(what, Who::by(Front::Line)).await),
+            Err(problem) => Some(problem),
+        };
+        if let Some(why) = &refused {
+            tracing::warn!("the line asks for a {word}, which is refused: {why}");
+        }
+        let is_taken = refused.is_none();
+        let entry = AuditEntry {
+            unix_ms: 0,
+            who: None,
+            role: is_taken.then_some(Role::Operator),
+            from: "the line's digital signals".to_owned(),
+            what: word.to_owned(),
+            subject: None,
+            before: None,
+            after: None,
+            refused,
+        };
+        let people = self.people.clone();
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "a line that cannot be kept stands in the service's log"
+        )]
+        let _ = tokio::task::spawn_blocking(move || people.audit(&entry)).await;
+        is_taken
+    }
+
+    /// A start by the recipe and part of the cell's file.
+    async fn start(&self) -> Result<What, String> {
+        let Line { recipe: file, serial, order, operator } = self.line.clone();
+        let recipe = file.display().to_string();
+        let name = recipe.clone();
+        let read =
+            tokio::task::spawn_blocking(move || disk::read(&file)).await.map_err(|error| error.to_string())?;
+        let bytes = read.map_err(|error| format!("{name}: {error}"))?;
+        let text = String::from_utf8(bytes).map_err(|_| format!("{name}: it is no UTF-8 text"))?;
+        let part = Some(PartNames { serial, order, operator });
+        Ok(What::Start(StartRequest { recipe, text, record: None, part }))
+    }
+}
+
+fn refused(reply: &Reply) -> Option<String> {
+    let reasons: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
+    (reply.answer != Exit::Done).then(|| reasons.join("; "))
+}

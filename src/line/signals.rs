@@ -1,0 +1,57 @@
+//! The line's signals, and what is told in which state of the cell.
+
+use crate::cell::LineSignal;
+use crate::verdict::Verdict;
+
+/// What the line sets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LineInputs {
+    /// A part lies in the cell.
+    pub part_present: bool,
+    /// The line asks for a cycle.
+    pub start_request: bool,
+}
+
+/// How the cell stands, for the line.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CellStands {
+    /// The PackML word of its state.
+    pub state: String,
+    /// Whether it waits for a person's word on a result.
+    pub is_review: bool,
+    /// The verdict of its last cycle.
+    pub verdict: Option<Verdict>,
+}
+
+/// The signals that are on, as bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Told(pub u32);
+
+impl Told {
+    /// These signals.
+    pub fn of(signals: &[LineSignal]) -> Self {
+        Told(signals.iter().fold(0, |bits, signal| bits | signal.bit()))
+    }
+
+    /// Whether this one is on.
+    pub fn has(self, signal: LineSignal) -> bool {
+        self.0 & signal.bit() != 0
+    }
+}
+
+/// What the line is told. Where the loop does not answer, nothing but that a person is needed.
+pub fn told(cell: Option<&CellStands>) -> Told {
+    use LineSignal::{CycleDone, Fail, Fault, Pass, Ready, Review};
+    let Some(cell) = cell else { return Told::of(&[Fault]) };
+    match (cell.state.as_str(), cell.verdict) {
+        ("idle", _) => Told::of(&[Ready]),
+        ("complete", Some(Verdict::Pass)) => Told::of(&[CycleDone, Pass]),
+        ("complete", Some(_)) => Told::of(&[CycleDone, Fail]),
+        // A cycle without a verdict is nothing that a line may go on with.
+        ("complete", None) => Told::of(&[Fault]),
+        ("held", _) if cell.is_review => Told::of(&[Review]),
+        ("starting" | "execute" | "completing" | "resetting" | "unholding" | "holding" | "stopping", _) => Told(0),
+        // Stopped, held for trouble, aborted: a person has to do something.
+        _ => Told::of(&[Fault]),
+    }
+}

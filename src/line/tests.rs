@@ -1,0 +1,183 @@
+//! The handshake without a controller: edges, levels, breaks of the link, and what the line is told.
+
+use super::*;
+use crate::cell::LineSignal;
+use crate::verdict::Verdict;
+use proptest::prelude::*;
+use strum::VariantArray;
+
+const STATES: [&str; 14] = [
+    "idle",
+    "complete",
+    "held",
+    "stopped",
+    "aborted",
+    "execute",
+    "starting",
+    "completing",
+    "resetting",
+    "unholding",
+    "holding",
+    "stopping",
+    "aborting",
+    "clearing",
+];
+
+fn look(state: &str, part_present: bool, start_request: bool) -> Look {
+    let cell = CellStands { state: state.to_owned(), is_review: false, verdict: Some(Verdict::Pass) };
+    Look { inputs: Some(LineInputs { part_present, start_request }), cell: Some(cell) }
+}
+
+/// What is asked for while each of these is seen three times in a row.
+fn asked(handshake: &mut Handshake, looks: &[Look]) -> Vec<Ask> {
+    looks
+        .iter()
+        .flat_map(|look| std::iter::repeat_n(look, 3))
+        .filter_map(|look| handshake.look(look.clone()))
+        .collect()
+}
+
+#[test]
+fn an_edge_asks_once_and_the_part_that_is_taken_resets() {
+    let mut handshake = Handshake::default();
+    let cycle = [
+        look("idle", false, false),
+        look("idle", true, false),
+        look("idle", true, true),
+        look("idle", true, true),
+        look("starting", true, true),
+        look("execute", true, false),
+        look("complete", true, false),
+        look("complete", false, false),
+        look("resetting", false, false),
+        look("idle", false, false),
+    ];
+    for _ in 0..2 {
+        assert_eq!(asked(&mut handshake, &cycle), [Ask::Start, Ask::Reset]);
+    }
+}
+
+/// High when the program begins, when the cell becomes idle, and when the link comes back: none of it asks for anything.
+#[test]
+fn a_level_asks_for_nothing() {
+    let high = look("idle", true, true);
+    let gone = Look { inputs: None, ..high.clone() };
+    let silent = Look { cell: None, ..high.clone() };
+    assert_eq!(asked(&mut Handshake::default(), &[high.clone()]), []);
+    for before in [look("complete", true, true), look("stopped", true, false), gone, silent] {
+        let mut handshake = Handshake::default();
+        asked(&mut handshake, &[look("idle", true, false), before.clone(), high.clone()]);
+        assert_eq!(asked(&mut handshake, &[look("idle", true, false), before, high.clone()]), []);
+        assert_eq!(
+            asked(&mut handshake, &[look("idle", true, false), high.clone()]),
+            [Ask::Start],
+            "after it was low"
+        );
+    }
+}
+
+#[test]
+fn without_a_part_nothing_begins_even_where_one_comes_later() {
+    let mut handshake = Handshake::default();
+    let looks = [look("idle", false, false), look("idle", false, true), look("idle", true, true)];
+    assert_eq!(asked(&mut handshake, &looks), []);
+}
+
+#[test]
+fn a_contact_that_bounces_asks_for_nothing() {
+    let mut handshake = Handshake::default();
+    asked(&mut handshake, &[look("idle", true, false)]);
+    for _ in 0..20 {
+        assert_eq!(handshake.look(look("idle", true, true)), None);
+        assert_eq!(handshake.look(look("idle", true, false)), None);
+    }
+    assert_eq!(asked(&mut handshake, &[look("idle", true, true)]), [Ask::Start]);
+}
+
+/// The part must have been seen after the cycle, and the request be low, before the cell is reset for the next one.
+#[test]
+fn a_reset_needs_a_part_that_went() {
+    let mut handshake = Handshake::default();
+    assert_eq!(asked(&mut handshake, &[look("complete", false, false)]), [], "it never saw the part");
+    let kept = [look("complete", true, true), look("complete", false, true)];
+    assert_eq!(asked(&mut handshake, &kept), [], "the line still asks");
+    assert_eq!(asked(&mut handshake, &[look("complete", false, false)]), [Ask::Reset]);
+    for state in STATES.iter().filter(|state| **state != "complete") {
+        let mut handshake = Handshake::default();
+        let looks = [look(state, true, false), look(state, false, false)];
+        assert_eq!(asked(&mut handshake, &looks), [], "{state}");
+    }
+}
+
+/// A refused start is told as a fault until the line takes its request back.
+#[test]
+fn a_refusal_is_told() {
+    let mut handshake = Handshake::default();
+    let (low, high) = (look("idle", true, false), look("idle", true, true));
+    assert_eq!(handshake.told(&high), Told::of(&[LineSignal::Ready]));
+    handshake.refused();
+    for _ in 0..3 {
+        assert_eq!(handshake.told(&high), Told::of(&[LineSignal::Fault]));
+    }
+    assert_eq!(handshake.told(&low), Told::of(&[LineSignal::Ready]));
+    assert_eq!(handshake.told(&high), Told::of(&[LineSignal::Ready]), "it was taken back");
+}
+
+/// Every state with every verdict: at most one of ready, cycle done, review and fault; pass and fail with cycle done alone, and pass
+/// with no other verdict.
+#[test]
+fn what_is_told_is_never_two_things() {
+    use LineSignal::{CycleDone, Fail, Fault, Pass, Ready, Review};
+    let verdicts = [None, Some(Verdict::Pass), Some(Verdict::Fail), Some(Verdict::Invalid), Some(Verdict::Reject)];
+    for state in STATES {
+        for verdict in verdicts {
+            for is_review in [false, true] {
+                let now = told(Some(&CellStands { state: state.to_owned(), is_review, verdict }));
+                let one = [Ready, CycleDone, Review, Fault].iter().filter(|signal| now.has(**signal)).count();
+                assert!(one <= 1, "{state} {verdict:?}");
+                assert_eq!(now.has(CycleDone), now.has(Pass) != now.has(Fail), "{state} {verdict:?}");
+                assert_eq!(now.has(Pass), state == "complete" && verdict == Some(Verdict::Pass));
+                assert_eq!(now.has(Ready), state == "idle");
+            }
+        }
+    }
+    assert_eq!(told(None), Told::of(&[Fault]));
+    let held = |is_review| CellStands { state: "held".to_owned(), is_review, verdict: None };
+    assert_eq!(told(Some(&held(true))), Told::of(&[Review]));
+    assert_eq!(told(Some(&held(false))), Told::of(&[Fault]));
+    let bits: Vec<u32> = LineSignal::VARIANTS.iter().map(|signal| signal.bit()).collect();
+    assert_eq!(bits, [1, 2, 4, 8, 16, 32], "as the controller has them");
+}
+
+proptest! {
+    /// Whatever is seen: a start has a low request in the same idle time of an unbroken link before it, a part, and an edge of
+    /// its own; a reset follows a part that was there and is gone, in the same rest after a cycle.
+    #[test]
+    fn what_is_asked_for_was_earned(
+        walk in proptest::collection::vec((0..3_usize, any::<bool>(), any::<bool>(), 0..12_u8, 1..4_usize), 1..80),
+    ) {
+        let mut handshake = Handshake::default();
+        let (mut low, mut part) = (false, false);
+        for (state, part_present, start_request, trouble, times) in walk {
+            for _ in 0..times {
+                let mut now = look(["idle", "complete", "execute"][state], part_present, start_request);
+                if trouble == 0 { now.inputs = None; }
+                if trouble == 1 { now.cell = None; }
+                let is_whole = trouble > 1;
+                match handshake.look(now) {
+                    Some(Ask::Start) => {
+                        prop_assert!(is_whole && state == 0 && part_present && start_request && low);
+                        low = false;
+                    }
+                    Some(Ask::Reset) => {
+                        prop_assert!(is_whole && state == 1 && !part_present && !start_request && part);
+                        part = false;
+                    }
+                    None => {}
+                }
+                low = is_whole && state == 0 && (low || !start_request);
+                part = is_whole && state == 1 && (part || part_present);
+            }
+        }
+    }
+}
