@@ -118,12 +118,13 @@ fn a_primary_host_sees_the_cell_and_may_hold_it() {
     assert_eq!(birth["metrics"]["Node Control/Rebirth"]["value"], false, "{birth}");
     assert_eq!(birth["metrics"]["bdSeq"]["value"], 0);
 
-    service.reset();
-    service.done(START);
-    service.reach("complete");
     let is = |name: &'static str, value: Value| {
         move |message: &Value| message["metrics"][name]["value"] == value && message["kind"] != "NDEATH"
     };
+    service.reset();
+    host.until("it is told", is("State/word", json!("idle")));
+    service.done(START);
+    service.reach("complete");
     host.until("the verdict", is("LastCycle/verdict", json!("pass")));
     let known = Known::of(&host.heard);
     assert!(known.saw(&["stopped", "idle", "execute", "complete"]), "{:?}", known.words);

@@ -63,7 +63,7 @@ fn a_level_asks_for_nothing() {
     let high = look("idle", true, true);
     let gone = Look { inputs: None, ..high.clone() };
     let silent = Look { cell: None, ..high.clone() };
-    assert_eq!(asked(&mut Handshake::default(), &[high.clone()]), []);
+    assert_eq!(asked(&mut Handshake::default(), std::slice::from_ref(&high)), []);
     for before in [look("complete", true, true), look("stopped", true, false), gone, silent] {
         let mut handshake = Handshake::default();
         asked(&mut handshake, &[look("idle", true, false), before.clone(), high.clone()]);

@@ -51,6 +51,16 @@ struct Walk {
     home_at_ms: Option<u64>,
     /// The controller executes the programs that ship.
     is_program: bool,
+    /// A line is told something in each round.
+    has_line: bool,
+}
+
+/// Outputs of a line, apart from those that commands switch.
+const LINE_OUTPUTS: [u16; 6] = [40, 41, 42, 43, 44, 45];
+
+/// Some walks have a line: whatever it is told disturbs nothing.
+fn has_line(seed: u64) -> bool {
+    seed % 32 == 10
 }
 
 /// One walk; what was wrong.
@@ -66,6 +76,9 @@ pub fn walk_over(seed: u64, weak: &Weak) -> (Cell, Result<(), String>) {
     let mut limits = weak.limits.unwrap_or_default();
     if is_program {
         setup.mapped_inputs = BTreeMap::from([(MAPPED_INPUT, 860)]);
+        if has_line(seed) {
+            setup.line_outputs = LINE_OUTPUTS;
+        }
         limits.mapped_inputs = MappedInputs::new([MAPPED_INPUT]).expect("room for one");
     }
     let mut cell = Cell::new(setup, limits, seed);
@@ -83,6 +96,7 @@ pub fn walk_over(seed: u64, weak: &Weak) -> (Cell, Result<(), String>) {
         mended: false,
         home_at_ms: None,
         is_program,
+        has_line: is_program && has_line(seed),
     };
     let found = walk.whole();
     (walk.cell, found)
@@ -161,6 +175,10 @@ impl Walk {
         };
         if !self.until(1_000, ends)? || self.cell.session.epoch().is_none() {
             return self.pass_time(100);
+        }
+        if self.has_line {
+            let bits = self.draw.random_range(0..64);
+            self.cell.session.tell_line(bits);
         }
         let speed_m_s = [0.15, 0.3][self.draw.random_range(0..2)];
         if self.is_program && self.draw.random_bool(0.1) {

@@ -17,10 +17,9 @@ use super::log::{Executed, Sample, Stop};
 use super::memory::Memory;
 use super::mover::Mover;
 use super::options::Clock;
-use super::outputs::LINE_ALONE;
 use super::safety::Safety;
 use super::setup::Setup;
-use super::wire::{CommandPlaces, RequestPlaces};
+use super::wire::{CommandPlaces, LINE_ALONE, RequestPlaces};
 use super::world::World;
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -3,8 +3,6 @@
 use super::model::Controller;
 use super::options::Rule;
 
-/// What a line is told while no client is there: a fault alone.
-pub(super) const LINE_ALONE: i32 = 32;
 /// So long an output that went off after an epoch's end is switched off again.
 const OFF_AGAIN_MS: u64 = 1_000;
 

@@ -99,6 +99,8 @@ pub(super) const HEARTBEAT: i32 = 10;
 pub(super) const ABORT: i32 = 11;
 pub(super) const RESET: i32 = 12;
 pub(super) const LINE: i32 = 13;
+/// What a line is told while no client is there: a fault alone.
+pub(super) const LINE_ALONE: i32 = 32;
 
 /// Where a command's values stand in a channel's memory.
 #[derive(Debug, Clone, Copy)]

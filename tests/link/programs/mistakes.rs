@@ -46,7 +46,7 @@ const MISTAKES: [Mistake; 41] = [
         "a stop raises no flag", "cell_submit.src",
         "  ELSE\n    $FLAG[CELL_F_STOP]=TRUE\n  ENDIF\nEND",
         "  ENDIF\nEND",
-        Some(13),
+        Some(49),
     ),
     mistake(
         "a foreign program is reset", "cell_submit.src",
@@ -148,7 +148,7 @@ const MISTAKES: [Mistake; 41] = [
         "a channel is initialised without being cleared", "cell_link.src",
         "  IF CELL_CMD_MADE THEN\n    RET=EKI_Clear(\"CELLCMD\")\n  ENDIF\n",
         "",
-        Some(163),
+        Some(69),
     ),
     mistake(
         "a channel that did not open is not tried again", "cell_link.src",
@@ -166,7 +166,7 @@ const MISTAKES: [Mistake; 41] = [
         "an epoch replaces one that moves without a stop", "cell_link.src",
         "    IF CELL_OPEN AND CELL_BUSY( ) THEN\n      CELL_STOP(FALSE)\n    ENDIF\n    CELL_OPEN=FALSE\n",
         "",
-        Some(39),
+        Some(31),
     ),
     mistake(
         "a reset forgets to allow commands", "cell_link.src",
@@ -250,7 +250,7 @@ const MISTAKES: [Mistake; 41] = [
         "the interrupt of a stop is off", "cell_motion.src",
         "  INTERRUPT ON 20\n  INTERRUPT ON 21\n  INTERRUPT ON 22\n",
         "  INTERRUPT ON 20\n  INTERRUPT ON 22\n",
-        Some(13),
+        Some(23),
     ),
     mistake(
         "the base is not told back", "cell_motion.src",
