@@ -15,9 +15,9 @@ use maud::html;
 use serde::Deserialize;
 
 /// Nothing is fetched from elsewhere, run from a text, or framed.
-const POLICY: &str = "default-src 'none'; style-src 'self'; img-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
+const POLICY: &str = "default-src 'none'; script-src 'self'; connect-src 'self'; style-src 'self'; img-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 /// What needs no session.
-const OPEN: [&str; 2] = ["/login", "/page.css"];
+const OPEN: [&str; 3] = ["/login", "/page.css", "/fleet.js"];
 
 /// Lets pass whoever has a session, and shows the others the form.
 pub(super) async fn pass(State(shared): State<Shared>, request: Request<Body>, next: Next) -> Response {

@@ -24,7 +24,10 @@ pub(super) fn page(title: &str, here: &str, again_s: Option<u32>, body: &Markup)
             head {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width,initial-scale=1";
-                @if let Some(again_s) = again_s { meta http-equiv="refresh" content=(again_s); }
+                @if let Some(again_s) = again_s {
+                    meta name="again" content=(again_s);
+                    script type="module" src="/fleet.js" {}
+                }
                 title { (title) " – Panelprep office" }
                 link rel="stylesheet" href="/page.css";
             }

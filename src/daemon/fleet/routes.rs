@@ -29,8 +29,15 @@ pub(super) fn router(shared: Shared) -> Router {
         .route("/login", get(access::page).post(access::log_in))
         .route("/logout", post(access::log_out))
         .route("/page.css", get(style))
+        .route("/fleet.js", get(script))
         .layer(middleware::from_fn_with_state(shared.clone(), access::pass))
         .with_state(shared)
+}
+
+async fn script() -> impl IntoResponse {
+    let headers =
+        [(header::CONTENT_TYPE, "text/javascript; charset=utf-8"), (header::CACHE_CONTROL, "max-age=3600")];
+    (headers, include_str!("fleet.js"))
 }
 
 async fn style() -> impl IntoResponse {
