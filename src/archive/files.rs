@@ -1,7 +1,7 @@
 //! The folder of files: each under its SHA-256, whole or not there.
 
 use super::error::ArchiveError;
-use crate::files::content_hash;
+use crate::files::{content_hash, is_hex};
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -48,7 +48,7 @@ impl Files {
 
     /// The bytes of a file that is whole; a hash that is none names nothing.
     pub fn get(&self, hash: &str) -> Option<Vec<u8>> {
-        let is_hash = hash.len() == 64 && hash.bytes().all(|byte| byte.is_ascii_hexdigit());
+        let is_hash = is_hex(hash, 64);
         let bytes = is_hash.then(|| fs::read(self.path(hash)).ok()).flatten()?;
         (content_hash(&bytes) == hash).then_some(bytes)
     }

@@ -4,6 +4,7 @@ use super::entry::Entry;
 use super::error::BackupError;
 use super::manifest::{FORMAT, Listed, MOST_BYTES, Manifest, NAME};
 use super::seal::{self, Sealed};
+use crate::files::hex;
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 use std::fs::File;
@@ -76,7 +77,7 @@ impl Archive {
             take(entry, &mut hashing)?;
             // What was not wanted is read all the same.
             std::io::copy(&mut hashing, &mut std::io::sink()).map_err(|error| self.unreadable(&error))?;
-            let hash: String = hashing.hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+            let hash = hex(&hashing.hasher.finalize());
             if hash != listed.sha256 {
                 return Err(self.damaged(&format!("the SHA-256 of {} in it is {hash}", listed.name)).into());
             }

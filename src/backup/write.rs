@@ -5,7 +5,7 @@ use super::error::BackupError;
 use super::manifest::{FORMAT, Listed, Manifest, NAME};
 use super::read::Archive;
 use super::seal::Sealing;
-use crate::files::content_hash;
+use crate::files::{content_hash, hex};
 use crate::store::{BLOBS, ROW_FILES, Store};
 use sha2::{Digest, Sha256};
 use std::fs::{self, File};
@@ -246,7 +246,7 @@ fn file_entry<W: Write>(
         return Err(BackupError::file("read", path)(error).into());
     }
     appended.map_err(failed)?;
-    let found = hex(hashing.hasher);
+    let found = hex(&hashing.hasher.finalize());
     match hashing.count == listed.bytes && found == listed.sha256 {
         true => Ok(()),
         false => Err(damaged(&format!("is damaged: its SHA-256 is {found}"))),
@@ -302,7 +302,7 @@ pub(super) fn poured(from: &mut dyn Read, to: &mut dyn Write) -> Result<(u64, St
     let (mut hasher, mut count, mut buffer) = (Sha256::new(), 0, vec![0; 1 << 16]);
     loop {
         match from.read(&mut buffer).map_err(Poured::Read)? {
-            0 => return Ok((count, hex(hasher))),
+            0 => return Ok((count, hex(&hasher.finalize()))),
             read => {
                 hasher.update(&buffer[..read]);
                 to.write_all(&buffer[..read]).map_err(Poured::Written)?;
@@ -310,8 +310,4 @@ pub(super) fn poured(from: &mut dyn Read, to: &mut dyn Write) -> Result<(u64, St
             }
         }
     }
-}
-
-fn hex(hasher: Sha256) -> String {
-    hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -15,7 +15,7 @@ mod shot;
 
 pub use clip::{Clip, ClipEntry, ClipError, LineProblem, read_clip};
 pub use cloud_error::CloudFileError;
-pub use hash::content_hash;
+pub use hash::{content_hash, hex, is_hex, unhex};
 pub use pcd::{read_pcd, write_pcd};
 pub use picture::{
     PictureError, read_color, read_color_of, read_gray, read_measured, read_measured_gray, write_color_jpeg,

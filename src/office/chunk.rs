@@ -4,6 +4,7 @@ use super::error::OfficeError;
 use super::message::is_epoch;
 use super::position::Position;
 use crate::cell::CellName;
+use crate::files::is_hex;
 use serde::{Deserialize, Serialize};
 
 const FORM: &str = "panelprep-part-1";
@@ -133,7 +134,7 @@ impl Chunk {
 
 /// A file's name becomes a path: nothing else may.
 fn is_hash(hash: &str) -> Result<(), String> {
-    match hash.len() == 64 && hash.bytes().all(|byte| byte.is_ascii_hexdigit() && !byte.is_ascii_uppercase()) {
+    match is_hex(hash, 64) {
         true => Ok(()),
         false => Err(format!("the file is \"{}\", allowed is a SHA-256", hash.escape_debug())),
     }

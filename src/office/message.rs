@@ -4,7 +4,7 @@ use super::body::{Body, CycleEnd, Envelope, NamedFile, VerificationSeen};
 use super::error::OfficeError;
 use super::position::{Kind, Position};
 use crate::cell::CellName;
-use crate::files::content_hash;
+use crate::files::{content_hash, hex, is_hex, unhex};
 use crate::signing::{PublicKey, Statement};
 use serde::{Deserialize, Serialize};
 
@@ -122,7 +122,7 @@ fn position(head: &Head) -> Result<Position, String> {
 
 /// Whether this is an epoch's name.
 pub(super) fn is_epoch(epoch: &str) -> Result<(), String> {
-    match epoch.len() == 32 && epoch.bytes().all(|byte| byte.is_ascii_hexdigit() && !byte.is_ascii_uppercase()) {
+    match is_hex(epoch, 32) {
         true => Ok(()),
         false => Err(format!("the epoch is \"{}\", allowed are 32 hexadecimal digits", epoch.escape_debug())),
     }
@@ -138,15 +138,4 @@ fn signature(statement: Vec<u8>, head: SignedHead, number: u64) -> Result<Body, 
         return Err(wrong(format!("the signature is not one of these bytes by the key {}", head.public_key)));
     }
     Ok(Body::Signature { statement, signature, public_key: head.public_key, files: head.files })
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
-fn unhex(text: &str) -> Option<Vec<u8>> {
-    if !text.is_ascii() || !text.len().is_multiple_of(2) {
-        return None;
-    }
-    (0..text.len()).step_by(2).map(|at| u8::from_str_radix(text.get(at..at + 2)?, 16).ok()).collect()
 }

@@ -1,6 +1,7 @@
 //! The key that signs for a cell, and the public key that verifies.
 
 use super::error::SigningError;
+use crate::files::hex;
 use ed25519_dalek::ed25519::pkcs8::KeypairBytes;
 use ed25519_dalek::pkcs8::spki::der::pem::LineEnding;
 use ed25519_dalek::pkcs8::{DecodePrivateKey, DecodePublicKey, EncodePrivateKey, EncodePublicKey};
@@ -91,7 +92,7 @@ impl PublicKey {
 
     /// 64 hexadecimal digits.
     pub fn hex(&self) -> String {
-        self.0.as_bytes().iter().map(|byte| format!("{byte:02x}")).collect()
+        hex(self.0.as_bytes())
     }
 
     /// The key as PEM, as `openssl pkeyutl -pubin` reads it.

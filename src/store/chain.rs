@@ -250,8 +250,3 @@ pub(super) fn adopt(connection: &Connection) -> Result<ChainPosition, rusqlite::
     }
     Ok(place)
 }
-
-/// Lower-case hexadecimal digits.
-pub(super) fn hex(hash: &Hash) -> String {
-    hash.iter().map(|byte| format!("{byte:02x}")).collect()
-}

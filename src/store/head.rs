@@ -6,8 +6,8 @@
 //! alternately and in place, so that a full disk does not prevent it. When the store is closed the file also holds the SHA-256 of the
 //! database's file.
 
-use super::chain::{ChainPosition, Hash, hex};
-use crate::files::content_hash;
+use super::chain::{ChainPosition, Hash};
+use crate::files::{content_hash, hex};
 use std::fmt::Write as _;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Error, ErrorKind};
@@ -169,7 +169,7 @@ fn written(head: &Head, count: u64) -> Vec<u8> {
     let place = |place: &ChainPosition| format!("{} {}", place.link, hex(&place.hash));
     let mut text = format!("{MARK}\ncount {count}\nat {}\n", place(&head.at));
     let _ = writeln!(text, "next {}", head.next.as_ref().map_or("none".to_owned(), place));
-    let _ = writeln!(text, "database {}", head.database.as_ref().map_or("none".to_owned(), hex));
+    let _ = writeln!(text, "database {}", head.database.as_ref().map_or("none".to_owned(), |hash| hex(hash)));
     let check = content_hash(text.as_bytes());
     let _ = write!(text, "check {check}");
     let mut bytes = text.into_bytes();

@@ -4,11 +4,12 @@
 //! statement is ever half signed. Which statement comes before is read first and held against the table once more inside of the
 //! transaction, so that the loop's journal never waits for a file of the record to reach the disk.
 
-use super::chain::{self, hex};
+use super::chain;
 use super::commit::Writing;
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
 use super::outbox;
+use crate::files::hex;
 use crate::office::Kind;
 use crate::record::CycleId;
 use crate::signing::{

@@ -1,10 +1,10 @@
 //! Verifies the signatures of a store: each by its key, all by their chain, and what was signed against what the rows say
 //! now. Rows that were changed together with the store's own chain and head contradict what was signed of them.
 
-use super::chain::hex;
 use super::database::Store;
 use super::signatures::SignatureRow;
 use super::verify::Verified;
+use crate::files::hex;
 use crate::record::CycleId;
 use crate::signing::{self, Place, PublicKey, Said, Signed, SignedCycle, Statement, differences};
 use std::collections::BTreeSet;

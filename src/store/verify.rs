@@ -1,10 +1,11 @@
 //! Verifies that the store holds what was written. Names what was changed, deleted, inserted, reordered or rolled back.
 
-use super::chain::{self, ChainPosition, Hash, PARTS, Part, hex};
+use super::chain::{self, ChainPosition, Hash, PARTS, Part};
 use super::database::{DATABASE, Store};
 use super::database_files::{file_hash, log_of};
 use super::error::StoreError;
 use super::{head, parts, prune, schema};
+use crate::files::hex;
 use rusqlite::{Connection, Row};
 use std::collections::BTreeMap;
 use std::path::Path;

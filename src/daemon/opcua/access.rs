@@ -5,6 +5,7 @@ use super::door::Door;
 use crate::accounts::{Account, AuditEntry, Permission, Role};
 use crate::cell::Anonymous;
 use crate::daemon::people::{LogIn, People};
+use crate::files::content_hash;
 use async_trait::async_trait;
 use opcua::server::ServerEndpoint;
 use opcua::server::address_space::AccessLevel;
@@ -12,7 +13,6 @@ use opcua::server::authenticator::{
     AuthManager, Password, UserToken, user_pass_security_policy_id, user_pass_security_policy_uri,
 };
 use opcua::types::{Error, MessageSecurityMode, NodeId, StatusCode, UAString, UserTokenPolicy, UserTokenType};
-use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::net::IpAddr;
 use std::sync::{Arc, PoisonError, RwLock};
@@ -57,9 +57,8 @@ impl Caller {
 /// The token of a session: the account, and what it was when the session logged in. A new password or a new role makes it another.
 fn token(account: &Account) -> String {
     let Account { name, role, password_hash, .. } = account;
-    let digest = Sha256::digest(format!("{}\n{password_hash}", role.word()).as_bytes());
-    let digest: String = digest.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
-    format!("{name}#{digest}")
+    let digest = content_hash(format!("{}\n{password_hash}", role.word()).as_bytes());
+    format!("{name}#{}", &digest[..16])
 }
 
 /// Who may do what.

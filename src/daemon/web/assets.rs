@@ -2,6 +2,7 @@
 //! them until the program is another one.
 
 use super::guard::not_found;
+use crate::files::hex;
 use crate::page::drawing::sheet;
 use axum::extract::Path;
 use axum::http::header;
@@ -29,7 +30,7 @@ const FILES: [(&str, &str, &str); 10] = [
 static VERSION: LazyLock<String> = LazyLock::new(|| {
     let mut hasher = Sha256::new();
     FILES.iter().for_each(|(_, _, text)| hasher.update(text.as_bytes()));
-    hasher.finalize().iter().take(6).map(|byte| format!("{byte:02x}")).collect()
+    hex(&hasher.finalize()[..6])
 });
 
 /// The address of a file.

@@ -9,7 +9,7 @@ use super::clock::now_ns;
 use super::message::{ClipEnd, Hello, Refusal, Reply, Request, SettingsHash, ShotInfo, Size, Source, Trouble, Use};
 use super::sensor::{Exposed, Planes, Sensor, Slot};
 use super::wire::{self, Kind, WireError};
-use sha2::{Digest, Sha256};
+use crate::files::content_hash;
 use std::collections::{HashMap, VecDeque};
 use std::io::Write;
 use std::os::unix::net::UnixStream;
@@ -242,7 +242,7 @@ impl Camera {
 
 /// SHA-256 of a settings file's text.
 pub fn settings_hash(yaml: &str) -> SettingsHash {
-    Sha256::digest(yaml.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
+    content_hash(yaml.as_bytes())
 }
 
 fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
