@@ -11,6 +11,7 @@ mod status;
 
 pub use status::OfficeStatus;
 
+use super::background::step_back;
 use super::gateway::Gateway;
 use super::setup_source::SetupSource;
 use crate::cell;
@@ -27,8 +28,6 @@ use tokio::sync::oneshot;
 const EVERY: Duration = Duration::from_secs(1);
 /// After a failure it is tried again after one second, then two, four, and so on up to this.
 const LONGEST_PAUSE: Duration = Duration::from_secs(60);
-/// How far it steps back behind the loop and the robot's link.
-const NICE: i32 = 5;
 
 /// What the sender is made of.
 pub struct OfficeParts {
@@ -58,11 +57,7 @@ impl OfficeSender {
         let runtime = Builder::new_current_thread().enable_io().enable_time().max_blocking_threads(2).build()?;
         let (end, ended) = oneshot::channel();
         let work = move || {
-            #[expect(
-                clippy::let_underscore_must_use,
-                reason = "where it is not permitted, the system shares out as it does"
-            )]
-            let _ = rustix::process::setpriority_process(None, NICE);
+            step_back();
             runtime.block_on(async {
                 tokio::select! {
                     () = run(parts) => {}

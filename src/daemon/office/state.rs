@@ -1,6 +1,7 @@
 //! The cell's state as the office is told.
 
 use crate::cell::CellName;
+use crate::daemon::clock::now_unix_ms;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::request::What;
 use crate::daemon::setup_source::SetupSource;
@@ -8,7 +9,7 @@ use crate::office::{CellState, Position, Told};
 use crate::record::{Front, Who};
 use crate::verdict::Reason;
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 /// The state is told so often, at most.
 const EVERY: Duration = Duration::from_secs(2);
@@ -39,7 +40,7 @@ impl Teller {
             let found = tokio::task::spawn_blocking(move || setup.standing()).await.unwrap_or_default();
             (self.standing, self.stood) = (told(&found), Some(Instant::now()));
         }
-        let reply = self.gateway.request(What::State, Who::by(Front::Page)).await;
+        let reply = self.gateway.request(What::State, Who::by(Front::Program)).await;
         self.told = Some(Instant::now());
         let mut state = CellState::of(cell);
         state.unix_ms = now_unix_ms();
@@ -55,9 +56,4 @@ impl Teller {
 fn told(reasons: &[Reason]) -> Vec<Told> {
     let told = |reason: &Reason| Told { code: reason.code.to_string(), message: reason.message.clone() };
     reasons.iter().map(told).collect()
-}
-
-pub(super) fn now_unix_ms() -> i64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
 }
