@@ -5,12 +5,11 @@ use super::error::ArchiveError;
 use super::files::Files;
 use super::keeping::{self, Kept};
 use super::offering;
-use crate::broker::{Delivery, OfficeLink};
-use crate::cell::CellName;
-use crate::office::ArchiveSettings;
-use crate::office::{Assembly, CellState, Chunk, Message, OfficeError, What, subject};
+use crate::broker::{Delivery, OfficeLink, Receipt};
+use crate::office::{
+    ArchiveSettings, Assembled, Assembly, CellState, Chunk, Message, OfficeError, Position, Unfit, What, subject,
+};
 use futures_util::StreamExt;
-use std::collections::BTreeMap;
 use std::time::Duration;
 use tokio_postgres::Client;
 
@@ -73,7 +72,7 @@ async fn receive(
     link: &OfficeLink,
     files: Files,
 ) -> Result<std::convert::Infallible, ArchiveError> {
-    let mut receiver = Receiver { files, assembly: Assembly::default(), waiting: BTreeMap::new() };
+    let mut receiver = Receiver { files, assembly: Assembly::default() };
     loop {
         let batch = link.next(AT_ONCE).await?;
         receiver.take(client, link, batch).await?;
@@ -93,9 +92,7 @@ async fn listen(client: &Client, link: &OfficeLink) -> Result<std::convert::Infa
 
 struct Receiver {
     files: Files,
-    assembly: Assembly,
-    /// Parts that are not acknowledged yet, since what they belong to is not whole.
-    waiting: BTreeMap<(CellName, What), Vec<Delivery>>,
+    assembly: Assembly<Receipt>,
 }
 
 impl Receiver {
@@ -105,16 +102,34 @@ impl Receiver {
         link: &OfficeLink,
         batch: Vec<Delivery>,
     ) -> Result<(), ArchiveError> {
-        let (mut messages, mut done) = (Vec::new(), Vec::new());
-        for delivery in batch {
-            match self.one(delivery).await? {
-                Taken::Waits => {}
-                Taken::Kept(deliveries) => done.extend(deliveries),
-                Taken::Message(message, deliveries) => {
-                    messages.push(*message);
-                    done.extend(deliveries);
+        let (mut messages, mut kept) = (Vec::new(), Vec::new());
+        for Delivery { bytes, subject, receipt } in batch {
+            let chunk = match Chunk::read(&bytes).and_then(|chunk| sent_by(&subject, chunk)) {
+                Ok(chunk) => chunk,
+                Err(error) => {
+                    refuse((&subject, &error), vec![receipt]).await?;
+                    continue;
                 }
+            };
+            let whole = match self.assembly.take(chunk, receipt) {
+                Ok(None) => continue,
+                Ok(Some(whole)) => whole,
+                Err(Unfit { error, receipts }) => {
+                    refuse((&subject, &error), receipts).await?;
+                    continue;
+                }
+            };
+            match &whole.what {
+                What::File(hash) => self.files.put(hash, &whole.bytes)?,
+                What::Message(position) => match message_of(&whole, position) {
+                    Ok(message) => messages.push(message),
+                    Err(error) => {
+                        refuse((&subject, &error), whole.receipts).await?;
+                        continue;
+                    }
+                },
             }
+            kept.extend(whole.receipts);
         }
         if !messages.is_empty() {
             let Kept { new, known, contradictions, archived } = keeping::keep(client, &messages).await?;
@@ -124,60 +139,22 @@ impl Receiver {
                 link.say_archived(&cell, &epoch, number).await?;
             }
         }
-        for delivery in &done {
-            delivery.acknowledge().await?;
+        for receipt in &kept {
+            receipt.acknowledge().await?;
         }
         Ok(())
     }
-
-    async fn one(&mut self, delivery: Delivery) -> Result<Taken, ArchiveError> {
-        let read = Chunk::read(delivery.bytes()).and_then(|chunk| sent_by(delivery.subject(), chunk));
-        let chunk = match read {
-            Ok(chunk) => chunk,
-            Err(error) => return refused(&delivery, &error).await,
-        };
-        let key = (chunk.cell.clone(), chunk.what.clone());
-        let whole = match self.assembly.take(chunk) {
-            Ok(whole) => whole,
-            Err(error) => {
-                for part in self.waiting.remove(&key).unwrap_or_default() {
-                    part.refuse().await?;
-                }
-                return refused(&delivery, &error).await;
-            }
-        };
-        self.waiting.entry(key.clone()).or_default().push(delivery);
-        let Some(whole) = whole else { return Ok(Taken::Waits) };
-        let deliveries = self.waiting.remove(&key).unwrap_or_default();
-        match &whole.what {
-            What::File(hash) => {
-                self.files.put(hash, &whole.bytes)?;
-                Ok(Taken::Kept(deliveries))
-            }
-            What::Message(position) => match Message::read(&whole.bytes) {
-                Ok(message) if message.cell == whole.cell && message.envelope.position == *position => {
-                    Ok(Taken::Message(Box::new(message), deliveries))
-                }
-                Ok(_) => {
-                    tracing::error!("cell {} sent a message under another name than it has", whole.cell);
-                    refuse_all(deliveries).await
-                }
-                Err(error) => {
-                    tracing::error!("cell {}: {error}", whole.cell);
-                    refuse_all(deliveries).await
-                }
-            },
-        }
-    }
 }
 
-enum Taken {
-    /// Parts of it are missing.
-    Waits,
-    /// It is kept, or it can never be.
-    Kept(Vec<Delivery>),
-    /// It is whole and goes into the database.
-    Message(Box<Message>, Vec<Delivery>),
+fn message_of(whole: &Assembled<Receipt>, position: &Position) -> Result<Message, OfficeError> {
+    let message = Message::read(&whole.bytes)?;
+    match message.cell == whole.cell && message.envelope.position == *position {
+        true => Ok(message),
+        false => {
+            let problem = "it has another name than the line of its parts".to_owned();
+            Err(OfficeError::Form { what: "head of a message", problem })
+        }
+    }
 }
 
 /// A cell may send under its own name alone: the broker says who may send there.
@@ -191,17 +168,12 @@ fn sent_by(subject: &str, chunk: Chunk) -> Result<Chunk, OfficeError> {
     }
 }
 
-async fn refused(delivery: &Delivery, error: &OfficeError) -> Result<Taken, ArchiveError> {
-    tracing::error!("what came by {} is refused: {error}", delivery.subject().escape_debug());
-    delivery.refuse().await?;
-    Ok(Taken::Kept(Vec::new()))
-}
-
-async fn refuse_all(deliveries: Vec<Delivery>) -> Result<Taken, ArchiveError> {
-    for delivery in &deliveries {
-        delivery.refuse().await?;
+async fn refuse((subject, error): (&str, &OfficeError), receipts: Vec<Receipt>) -> Result<(), ArchiveError> {
+    tracing::error!("what came by {} is refused: {error}", subject.escape_debug());
+    for receipt in &receipts {
+        receipt.refuse().await?;
     }
-    Ok(Taken::Kept(Vec::new()))
+    Ok(())
 }
 
 /// The newest state of each cell, for pages. One that cannot be read is told and dropped.

@@ -29,24 +29,25 @@ pub struct OfficeLink {
     consumer: PullConsumer,
 }
 
-/// A message that the broker has delivered, and keeps until it is acknowledged.
+/// A message that the broker has delivered.
 #[derive(Debug)]
 pub struct Delivery {
+    /// Its bytes.
+    pub bytes: Vec<u8>,
+    /// Where it came: which cell may send there is the broker's business.
+    pub subject: String,
+    /// By which the broker is told what came of it.
+    pub receipt: Receipt,
+}
+
+/// The broker keeps a message until it is told by its receipt what came of it.
+#[derive(Debug)]
+pub struct Receipt {
     message: Message,
     address: String,
 }
 
-impl Delivery {
-    /// Its bytes.
-    pub fn bytes(&self) -> &[u8] {
-        &self.message.payload
-    }
-
-    /// Where it came: which cell may send there is the broker's business.
-    pub fn subject(&self) -> &str {
-        &self.message.subject
-    }
-
+impl Receipt {
     /// It is kept: the broker may forget it.
     ///
     /// # Errors
@@ -142,8 +143,11 @@ impl OfficeLink {
         let mut batch = batch.map_err(|error| failed(error.to_string()))?;
         let mut all = Vec::new();
         while let Some(message) = batch.next().await {
-            let message = message.map_err(|error| failed(error.to_string()))?;
-            all.push(Delivery { message, address: self.link.address.clone() });
+            let mut message = message.map_err(|error| failed(error.to_string()))?;
+            // A receipt may be kept for long, and the bytes are not needed for it.
+            let bytes = Vec::from(std::mem::take(&mut message.message.payload));
+            let subject = message.subject.to_string();
+            all.push(Delivery { bytes, subject, receipt: Receipt { message, address: self.link.address.clone() } });
         }
         Ok(all)
     }

@@ -1,4 +1,7 @@
 //! Parts put together again, in whatever order and however often they come.
+//!
+//! Each part comes with a receipt, by which its broker is told once the whole is kept. A part that comes again brings a new receipt, and the
+//! former one goes: what never becomes whole does not grow.
 
 use super::chunk::{Chunk, What};
 use super::error::OfficeError;
@@ -11,78 +14,97 @@ const MOST_BYTES: usize = 512 << 20;
 
 /// Something that is whole.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Assembled {
+pub struct Assembled<R> {
     /// Which cell sent it.
     pub cell: CellName,
     /// What.
     pub what: What,
     /// Its bytes; those of a file have the hash that names it.
     pub bytes: Vec<u8>,
+    /// The receipts of its parts.
+    pub receipts: Vec<R>,
+}
+
+/// What can never become whole.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Unfit<R> {
+    /// Why.
+    pub error: OfficeError,
+    /// The receipts of all of its parts so far.
+    pub receipts: Vec<R>,
 }
 
 /// What is not whole yet.
-#[derive(Debug, Default)]
-pub struct Assembly {
-    begun: BTreeMap<(CellName, What), Begun>,
+#[derive(Debug)]
+pub struct Assembly<R> {
+    begun: BTreeMap<(CellName, What), Begun<R>>,
     bytes: usize,
     turn: u64,
 }
 
 #[derive(Debug)]
-struct Begun {
-    parts: Vec<Option<Vec<u8>>>,
+struct Begun<R> {
+    parts: Vec<Option<(Vec<u8>, R)>>,
     turn: u64,
 }
 
-impl Begun {
+impl<R> Begun<R> {
     fn bytes(&self) -> usize {
-        self.parts.iter().flatten().map(Vec::len).sum()
+        self.parts.iter().flatten().map(|(bytes, _)| bytes.len()).sum()
+    }
+
+    fn receipts(self) -> Vec<R> {
+        self.parts.into_iter().flatten().map(|(_, receipt)| receipt).collect()
     }
 }
 
-impl Assembly {
+impl<R> Default for Assembly<R> {
+    fn default() -> Self {
+        Assembly { begun: BTreeMap::new(), bytes: 0, turn: 0 }
+    }
+}
+
+impl<R> Assembly<R> {
     /// Takes a part; what it makes whole comes back.
     ///
     /// # Errors
     /// Where it contradicts the parts before it, or the whole is not the file that its name says. What was begun is then forgotten.
-    pub fn take(&mut self, chunk: Chunk) -> Result<Option<Assembled>, OfficeError> {
+    pub fn take(&mut self, chunk: Chunk, receipt: R) -> Result<Option<Assembled<R>>, Unfit<R>> {
         let Chunk { cell, what, part, parts, bytes } = chunk;
         let key = (cell, what);
         self.turn += 1;
-        let new = || Begun { parts: vec![None; parts as usize], turn: 0 };
+        let new = || Begun { parts: (0..parts).map(|_| None).collect(), turn: 0 };
         let begun = self.begun.entry(key.clone()).or_insert_with(new);
         begun.turn = self.turn;
         let before = u32::try_from(begun.parts.len()).unwrap_or(u32::MAX);
         if before != parts {
-            self.forget(&key);
-            return Err(OfficeError::Parts { part, found: parts, before });
+            let mut receipts = self.forget(&key).map_or(Vec::new(), Begun::receipts);
+            receipts.push(receipt);
+            return Err(Unfit { error: OfficeError::Parts { part, found: parts, before }, receipts });
         }
         if let Some(place) = begun.parts.get_mut(part as usize - 1) {
             self.bytes += bytes.len();
-            self.bytes -= place.replace(bytes).map_or(0, |old| old.len());
+            self.bytes -= place.replace((bytes, receipt)).map_or(0, |(old, _)| old.len());
         }
         if !begun.parts.iter().all(Option::is_some) {
             self.keep_small(&key);
             return Ok(None);
         }
         let Some(whole) = self.forget(&key) else { return Ok(None) };
-        let bytes = whole.parts.into_iter().flatten().flatten().collect::<Vec<u8>>();
+        let (bytes, receipts): (Vec<Vec<u8>>, Vec<R>) = whole.parts.into_iter().flatten().unzip();
+        let bytes = bytes.concat();
         if let What::File(stated) = &key.1 {
             let found = content_hash(&bytes);
             if found != *stated {
-                return Err(OfficeError::form("file", format!("its SHA-256 is {found}, it was named {stated}")));
+                let problem = format!("its SHA-256 is {found}, it was named {stated}");
+                return Err(Unfit { error: OfficeError::form("file", problem), receipts });
             }
         }
         let (cell, what) = key;
-        Ok(Some(Assembled { cell, what, bytes }))
+        Ok(Some(Assembled { cell, what, bytes, receipts }))
     }
 
-    /// Whether parts of this were taken and others are missing.
-    pub fn waits_for(&self, cell: &CellName, what: &What) -> bool {
-        self.begun.contains_key(&(cell.clone(), what.clone()))
-    }
-
-    fn forget(&mut self, key: &(CellName, What)) -> Option<Begun> {
+    fn forget(&mut self, key: &(CellName, What)) -> Option<Begun<R>> {
         let begun = self.begun.remove(key)?;
         self.bytes -= begun.bytes();
         Some(begun)

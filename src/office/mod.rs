@@ -23,7 +23,7 @@ mod progress;
 pub mod subject;
 
 pub use archive_settings::{ArchiveSettings, Database, FleetPage};
-pub use assembly::{Assembled, Assembly};
+pub use assembly::{Assembled, Assembly, Unfit};
 pub use body::{Body, CycleEnd, Envelope, NamedFile, VerificationSeen};
 pub use cell_state::{CellState, Told};
 pub use chunk::{Chunk, What, chunks};

@@ -98,14 +98,14 @@ fn a_large_message_comes_in_parts_in_any_order_and_twice() {
     let parts = chunks(&cell(), &what, &bytes).expect("parts");
     assert_eq!(parts.iter().map(|part| part.bytes.len()).collect::<Vec<_>>(), [524_288, 524_288, 251_424]);
     let mut assembly = Assembly::default();
-    for index in [2, 0, 0, 2] {
+    for (receipt, index) in [2, 0, 0, 2].into_iter().enumerate() {
         let sent = parts[index].bytes().expect("bytes");
-        assert_eq!(assembly.take(Chunk::read(&sent).expect("a part")), Ok(None));
+        assert_eq!(assembly.take(Chunk::read(&sent).expect("a part"), receipt), Ok(None));
     }
-    assert!(assembly.waits_for(&cell(), &what));
-    let whole = assembly.take(parts[1].clone()).expect("no contradiction").expect("whole");
-    assert_eq!(whole, Assembled { cell: cell(), what: what.clone(), bytes });
-    assert!(!assembly.waits_for(&cell(), &what));
+    let whole = assembly.take(parts[1].clone(), 9).expect("no contradiction").expect("whole");
+    // The newest receipt of each part, in the order of the parts.
+    assert_eq!(whole, Assembled { cell: cell(), what: what.clone(), bytes, receipts: vec![2, 9, 3] });
+    assert_eq!(assembly.take(parts[1].clone(), 10), Ok(None), "it begins anew");
 }
 
 #[test]
@@ -113,11 +113,14 @@ fn parts_that_contradict_one_another_are_refused_and_forgotten() {
     let what = What::Message(at(3));
     let part = |part, parts| Chunk { cell: cell(), what: what.clone(), part, parts, bytes: vec![1] };
     let mut assembly = Assembly::default();
-    assert_eq!(assembly.take(part(1, 2)), Ok(None));
-    assert_eq!(assembly.take(part(1, 3)), Err(OfficeError::Parts { part: 1, found: 3, before: 2 }));
-    assert!(!assembly.waits_for(&cell(), &what), "both are sent again");
+    assert_eq!(assembly.take(part(1, 2), "first"), Ok(None));
+    let unfit = assembly.take(part(1, 3), "second").expect_err("a contradiction");
+    assert_eq!(unfit.error, OfficeError::Parts { part: 1, found: 3, before: 2 });
+    assert_eq!(unfit.receipts, ["first", "second"], "neither is waited for");
+    assert_eq!(assembly.take(part(1, 3), "third"), Ok(None), "it begins anew");
     let wrong = Chunk { what: What::File("ab".repeat(32)), ..part(1, 1) };
-    assert!(assembly.take(wrong).expect_err("another content").to_string().contains("it was named abab"));
+    let unfit = assembly.take(wrong, "file").expect_err("another content");
+    assert!(unfit.error.to_string().contains("it was named abab") && unfit.receipts == ["file"]);
 }
 
 #[test]
