@@ -28,20 +28,22 @@ pub(super) async fn keep(client: &mut Client, messages: &[Message]) -> Result<Ke
     let failed = ArchiveError::database("keep records");
     let transaction = client.transaction().await.map_err(&failed)?;
     let mut kept = Kept::default();
-    let is_new = try_join_all(messages.iter().map(|message| insert(&transaction, message))).await?;
-    let mut new: Vec<&Message> = Vec::new();
-    for (message, is_new) in messages.iter().zip(is_new) {
+    let all: Vec<(&Message, String)> =
+        messages.iter().map(|message| (message, content_hash(message.envelope.body.content()))).collect();
+    let is_new = try_join_all(all.iter().map(|(message, hash)| insert(&transaction, (message, hash)))).await?;
+    let mut new: Vec<(&Message, &str)> = Vec::new();
+    for ((message, hash), is_new) in all.iter().zip(is_new) {
         if is_new {
-            new.push(message);
-        } else if let Some(words) = contradiction(&transaction, message).await? {
+            new.push((message, hash));
+        } else if let Some(words) = contradiction(&transaction, (message, hash)).await? {
             kept.contradictions.push(words);
         } else {
             kept.known += 1;
         }
     }
     kept.new = new.len() as u64;
-    try_join_all(new.iter().map(|message| insert_files(&transaction, message))).await?;
-    try_join_all(new.iter().map(|message| derive(&transaction, message))).await?;
+    try_join_all(new.iter().map(|(message, _)| insert_files(&transaction, message))).await?;
+    try_join_all(new.iter().map(|(message, hash)| derive(&transaction, (message, hash)))).await?;
     for message in messages {
         let key = (message.cell.clone(), message.envelope.position.epoch.clone());
         kept.archived.entry(key).or_insert(0);
@@ -54,7 +56,7 @@ pub(super) async fn keep(client: &mut Client, messages: &[Message]) -> Result<Ke
 }
 
 /// Whether it is new.
-async fn insert(transaction: &Transaction<'_>, message: &Message) -> Result<bool, ArchiveError> {
+async fn insert(transaction: &Transaction<'_>, (message, hash): (&Message, &str)) -> Result<bool, ArchiveError> {
     let sql = "INSERT INTO records (cell, epoch, number, kind, unix_ms, hash, content, signature, public_key)
         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9) ON CONFLICT DO NOTHING";
     let envelope = &message.envelope;
@@ -72,7 +74,7 @@ async fn insert(transaction: &Transaction<'_>, message: &Message) -> Result<bool
                 &number(envelope.position.number),
                 &envelope.body.kind().word(),
                 &envelope.unix_ms,
-                &content_hash(content),
+                &hash,
                 &content,
                 &signature,
                 &public_key,
@@ -84,12 +86,14 @@ async fn insert(transaction: &Transaction<'_>, message: &Message) -> Result<bool
 }
 
 /// What stands under this name, where it is another content; the new one is kept beside it.
-async fn contradiction(transaction: &Transaction<'_>, message: &Message) -> Result<Option<String>, ArchiveError> {
+async fn contradiction(
+    transaction: &Transaction<'_>,
+    (message, hash): (&Message, &str),
+) -> Result<Option<String>, ArchiveError> {
     let failed = ArchiveError::database("look at a record");
     let position = &message.envelope.position;
     let (cell, number) = (message.cell.as_str(), number(position.number));
     let content = message.envelope.body.content();
-    let hash = content_hash(content);
     let sql = "SELECT hash FROM records WHERE cell = $1 AND epoch = $2 AND number = $3";
     let row = transaction.query_one(sql, &[&cell, &position.epoch, &number]).await.map_err(&failed)?;
     let found: String = row.get(0);
@@ -123,12 +127,12 @@ async fn insert_files(transaction: &Transaction<'_>, message: &Message) -> Resul
 }
 
 /// Writes the rows that pages read.
-async fn derive(transaction: &Transaction<'_>, message: &Message) -> Result<(), ArchiveError> {
+async fn derive(transaction: &Transaction<'_>, (message, hash): (&Message, &str)) -> Result<(), ArchiveError> {
     let cell = message.cell.as_str();
     match Rows::of(message) {
         Ok(Rows::Cycle(end)) => cycle(transaction, cell, &end).await,
         Ok(Rows::Verification(seen)) => verification(transaction, cell, &seen).await,
-        Ok(Rows::Signature(rows)) => signature(transaction, message, &rows).await,
+        Ok(Rows::Signature(rows)) => signature(transaction, (message, hash), &rows).await,
         Err(problem) => {
             tracing::warn!(
                 "cell {cell}, number {}: no rows for pages: {problem}",
@@ -189,12 +193,11 @@ async fn verification(
 
 async fn signature(
     transaction: &Transaction<'_>,
-    message: &Message,
+    (message, hash): (&Message, &str),
     rows: &SignatureRows,
 ) -> Result<(), ArchiveError> {
     let failed = ArchiveError::database("keep a signature");
     let cell = message.cell.as_str();
-    let hash = content_hash(message.envelope.body.content());
     let (name, meaning) = rows.person.clone().unzip();
     let sql = "INSERT INTO signatures (cell, cycle, statement, record_hash, epoch, number, unix_ms, name, meaning)
         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9) ON CONFLICT DO NOTHING";
