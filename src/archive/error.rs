@@ -1,6 +1,7 @@
 //! Why the archive cannot work.
 
 use crate::broker::BrokerError;
+use crate::store::StoreError;
 use std::path::{Path, PathBuf};
 
 /// What went wrong at the archive.
@@ -33,6 +34,9 @@ pub enum ArchiveError {
     /// The broker.
     #[error(transparent)]
     Broker(#[from] BrokerError),
+    /// A file that a record names.
+    #[error(transparent)]
+    Kept(#[from] StoreError),
     /// A file refused.
     #[error("cannot {doing} {}: {source}", path.display())]
     File {

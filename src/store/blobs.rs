@@ -10,34 +10,53 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Parts begun by this process: two threads may keep the same content at once.
 static PARTS: AtomicU64 = AtomicU64::new(0);
 
+/// A folder of files that are named by their content.
 #[derive(Debug, Clone)]
-pub(super) struct Blobs {
+pub struct Blobs {
     folder: PathBuf,
 }
 
 impl Blobs {
-    /// For reading: nothing is made.
-    pub fn at(store: &Path) -> Self {
-        Blobs { folder: store.join("blobs") }
+    /// Those of a store, for reading: nothing is made.
+    pub(super) fn at(store: &Path) -> Self {
+        Blobs::in_folder(store.join("blobs"))
     }
 
-    pub fn create(store: &Path) -> Result<Self, StoreError> {
+    /// Those of a store.
+    pub(super) fn create(store: &Path) -> Result<Self, StoreError> {
         let blobs = Blobs::at(store);
-        fs::create_dir_all(&blobs.folder).map_err(at("create", &blobs.folder))?;
+        blobs.make()?;
         Ok(blobs)
     }
 
+    /// Those in this folder, which need not be there.
+    pub fn in_folder(folder: PathBuf) -> Self {
+        Blobs { folder }
+    }
+
+    /// Makes the folder.
+    ///
+    /// # Errors
+    /// Where the disk refuses.
+    pub fn make(&self) -> Result<(), StoreError> {
+        fs::create_dir_all(&self.folder).map_err(at("create", &self.folder))
+    }
+
     /// Where they are.
-    pub fn folder(&self) -> &Path {
+    pub(super) fn folder(&self) -> &Path {
         &self.folder
     }
 
     /// The store that these are in.
-    pub fn store(&self) -> &Path {
+    pub(super) fn store(&self) -> &Path {
         self.folder.parent().unwrap_or(Path::new("."))
     }
 
-    /// Written under another name, flushed, then renamed: under its hash a file is whole or not there.
+    /// Keeps these bytes; their hash comes back. Written under another name, flushed, then renamed: under its hash a file is whole or
+    /// not there.
+    ///
+    /// # Errors
+    /// Where the disk refuses, or the file is there already and damaged.
     pub fn put(&self, bytes: &[u8]) -> Result<String, StoreError> {
         let hash = content_hash(bytes);
         let path = self.folder.join(&hash);
@@ -67,7 +86,7 @@ impl Blobs {
     }
 
     /// Free space, MB, once a file could be written and flushed here.
-    pub fn free_mb(&self) -> Result<u64, StoreError> {
+    pub(super) fn free_mb(&self) -> Result<u64, StoreError> {
         let probe = self.part("probe");
         let written = write_flushed(&probe, b"probe").map_err(at("write", &probe));
         let removed = fs::remove_file(&probe).map_err(at("remove", &probe));
@@ -75,6 +94,10 @@ impl Blobs {
         free_mb(&self.folder).map_err(at("look at the disk of", &self.folder))
     }
 
+    /// The bytes with this hash.
+    ///
+    /// # Errors
+    /// Where the file is missing or no longer has this hash.
     pub fn get(&self, hash: &str) -> Result<Vec<u8>, StoreError> {
         let path = self.folder.join(hash);
         let bytes = fs::read(&path).map_err(at("read", &path))?;

@@ -54,7 +54,7 @@ mod teaching;
 mod verifications;
 mod verify;
 
-pub use blobs::free_mb;
+pub use blobs::{Blobs, free_mb};
 pub use copy::{BLOBS, Copied, ROW_FILES};
 pub use cycles::CycleStart;
 pub use database::Store;
