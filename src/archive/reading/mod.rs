@@ -12,6 +12,6 @@ mod recipes;
 pub use accounts::OfficeAccount;
 pub use cells::{CellNow, Counted};
 pub use cycles::{CycleQuery, CycleRow, Record, SignedBy};
-pub use numbers::{CellNumbers, Value};
+pub use numbers::CellNumbers;
 pub use reader::Reader;
 pub use recipes::RecipeUse;

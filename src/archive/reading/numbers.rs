@@ -15,22 +15,16 @@ pub struct CellNumbers {
     pub points: Vec<TrendPoint>,
 }
 
-/// A value with the cell that it is of, as a file lists it.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Value {
-    /// The cell.
-    pub cell: String,
-    /// The value.
-    #[serde(flatten)]
-    pub point: TrendPoint,
-}
-
-fn by_cell(values: Vec<Value>) -> Vec<CellNumbers> {
+fn by_cell(values: impl Iterator<Item = (String, TrendPoint)>) -> Vec<CellNumbers> {
     let mut cells: BTreeMap<String, Vec<TrendPoint>> = BTreeMap::new();
-    for Value { cell, point } in values {
+    for (cell, point) in values {
         cells.entry(cell).or_default().push(point);
     }
     cells.into_iter().map(|(cell, points)| CellNumbers { cell, points }).collect()
+}
+
+fn point(at_unix_s: i64, value: f64, limit: Limit) -> TrendPoint {
+    TrendPoint { cycle: None, at_unix_s, serial: None, value, limit }
 }
 
 impl Reader {
@@ -44,10 +38,9 @@ impl Reader {
         let rows = self.rows(sql, &[&panel, &quantity, &most]).await?;
         let value = |row: &tokio_postgres::Row| {
             let limit = serde_json::from_str(&row.get::<_, String>(3)).unwrap_or(Limit::Unlimited);
-            let point = TrendPoint { cycle: None, at_unix_s: row.get(1), serial: None, value: row.get(2), limit };
-            Value { cell: row.get(0), point }
+            (row.get(0), point(row.get(1), row.get(2), limit))
         };
-        Ok(by_cell(rows.iter().rev().map(value).collect()))
+        Ok(by_cell(rows.iter().rev().map(value)))
     }
 
     /// The newest verifications of a subject over all cells, at most so many of each; by cell, the oldest first.
@@ -61,11 +54,8 @@ impl Reader {
                 WHERE verifications.cell = epochs.cell AND subject = $1 ORDER BY at_unix_s DESC LIMIT $2) AS seen
             ORDER BY epochs.cell, seen.at_unix_s";
         let rows = self.rows(sql, &[&subject, &most]).await?;
-        let value = |row: &tokio_postgres::Row| {
-            let limit = Limit::AtMost(row.get(3));
-            let point = TrendPoint { cycle: None, at_unix_s: row.get(1), serial: None, value: row.get(2), limit };
-            Value { cell: row.get(0), point }
-        };
-        Ok(by_cell(rows.iter().map(value).collect()))
+        let value =
+            |row: &tokio_postgres::Row| (row.get(0), point(row.get(1), row.get(2), Limit::AtMost(row.get(3))));
+        Ok(by_cell(rows.iter().map(value)))
     }
 }
