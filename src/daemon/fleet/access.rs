@@ -1,7 +1,7 @@
 //! Who may look: people with an account of the office, who log in by a form. Everything but the form needs a session.
 
 use super::frame;
-use super::office::{Shared, failed};
+use super::shared::{Shared, failed};
 use crate::accounts::{Role, checked_name};
 use crate::daemon::web::{cookie, cookie_name};
 use crate::random;
@@ -16,6 +16,8 @@ use serde::Deserialize;
 
 /// Nothing is fetched from elsewhere, run from a text, or framed.
 const POLICY: &str = "default-src 'none'; script-src 'self'; connect-src 'self'; style-src 'self'; img-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
+/// The header of what a page asks for without a person.
+const BY_ITSELF: &str = "x-by-itself";
 /// What needs no session.
 const OPEN: [&str; 3] = ["/login", "/page.css", "/fleet.js"];
 
@@ -23,8 +25,9 @@ const OPEN: [&str; 3] = ["/login", "/page.css", "/fleet.js"];
 pub(super) async fn pass(State(shared): State<Shared>, request: Request<Body>, next: Next) -> Response {
     let path = request.uri().path();
     let is_open = OPEN.contains(&path);
+    let is_action = !request.headers().contains_key(BY_ITSELF);
     let is_known = token(request.headers(), &shared)
-        .is_some_and(|token| shared.sessions().find(token, shared.now_s(), true).is_some());
+        .is_some_and(|token| shared.sessions().find(token, shared.now_s(), is_action).is_some());
     let mut response = match is_open || is_known {
         true => next.run(request).await,
         false => Redirect::to("/login").into_response(),
