@@ -1,9 +1,10 @@
 //! What stands around every page.
 
 use crate::archive::reading::CycleRow;
-use crate::history::Cell;
+use crate::daemon::web::csv_file;
+use crate::history::{Cell, Table};
 use crate::words::{utc, utc_day};
-use axum::http::header;
+use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use maud::{DOCTYPE, Markup, html};
 
@@ -71,7 +72,7 @@ pub(super) fn verdict(word: &str) -> Markup {
 }
 
 /// Cycles as a table for a spreadsheet.
-pub(super) fn table(rows: &[CycleRow]) -> crate::history::Table {
+pub(super) fn table(rows: &[CycleRow]) -> Table {
     let text = |text: &Option<String>| text.clone().map_or(Cell::Empty, Cell::Text);
     let columns = [
         "cell",
@@ -86,7 +87,7 @@ pub(super) fn table(rows: &[CycleRow]) -> crate::history::Table {
         "recipe_hash",
         "program_version",
     ];
-    crate::history::Table::new(&columns).with(rows.iter().map(|row| {
+    Table::new(&columns).with(rows.iter().map(|row| {
         vec![
             Cell::Text(row.cell.clone()),
             Cell::Whole(row.cycle),
@@ -103,17 +104,10 @@ pub(super) fn table(rows: &[CycleRow]) -> crate::history::Table {
     }))
 }
 
-/// A table as a file of this name.
-pub(super) fn csv(name: &str, table: &crate::history::Table) -> Response {
-    match table.csv() {
-        Ok(text) => {
-            let name = format!("attachment; filename=\"{name}.csv\"");
-            let headers =
-                [(header::CONTENT_TYPE, "text/csv; charset=utf-8".to_owned()), (header::CONTENT_DISPOSITION, name)];
-            (headers, text).into_response()
-        }
-        Err(error) => (axum::http::StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response(),
-    }
+/// A table as a file of this name, without its ending.
+pub(super) fn csv(name: &str, table: &Table) -> Response {
+    csv_file(name, table)
+        .unwrap_or_else(|error| (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response())
 }
 
 /// A part of an address.

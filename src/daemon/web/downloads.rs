@@ -18,17 +18,18 @@ pub(super) enum Form {
 
 /// A table as a file of this name, without its ending.
 pub(super) fn csv(visitor: &Visitor, name: &str, table: &Table) -> Response {
-    match table.csv() {
-        Ok(text) => {
-            let name = format!("attachment; filename=\"{name}.csv\"");
-            (
-                [(header::CONTENT_TYPE, "text/csv; charset=utf-8".to_owned()), (header::CONTENT_DISPOSITION, name)],
-                text,
-            )
-                .into_response()
-        }
-        Err(error) => failed(visitor, &error),
-    }
+    csv_file(name, table).unwrap_or_else(|error| failed(visitor, &error))
+}
+
+/// The same for whoever tells a failure otherwise.
+///
+/// # Errors
+/// Where a row is not as long as the names of the columns.
+pub(in crate::daemon) fn csv_file(name: &str, table: &Table) -> Result<Response, csv::Error> {
+    let named = format!("attachment; filename=\"{name}.csv\"");
+    let headers =
+        [(header::CONTENT_TYPE, "text/csv; charset=utf-8".to_owned()), (header::CONTENT_DISPOSITION, named)];
+    Ok((headers, table.csv()?).into_response())
 }
 
 /// The same data for a program.

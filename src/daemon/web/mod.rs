@@ -54,6 +54,7 @@ mod words;
 mod tests;
 
 pub(super) use assets::STYLE_SHEET;
+pub(super) use downloads::csv_file;
 pub use error::PageError;
 pub(super) use guard::{cookie, cookie_name};
 pub use record_source::RecordSource;
