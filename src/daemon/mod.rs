@@ -43,6 +43,7 @@ mod deadlines;
 mod error;
 mod fleet;
 mod gateway;
+mod hashing;
 mod lending;
 mod line;
 mod live_scene;

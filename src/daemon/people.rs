@@ -3,14 +3,13 @@
 //! One of it serves all fronts, so that whoever tries passwords at two of them is counted once. It reads and writes the store by
 //! connections of its own; nothing of the loop waits for it.
 
+use super::hashing::Hashing;
 use super::store_access::StoreAccess;
 use crate::accounts::{self, Account, AuditEntry, Lockout};
 use crate::store::{Store, StoreError};
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::thread;
 use std::time::Instant;
-use tokio::sync::{Semaphore, oneshot};
 
 /// What came of a name and a password.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,7 +28,7 @@ pub enum LogIn {
 #[derive(Debug)]
 pub struct People {
     store: StoreAccess,
-    hashing: Semaphore,
+    hashing: Hashing,
     lockout: Mutex<Lockout>,
     begun: Instant,
 }
@@ -39,7 +38,7 @@ impl People {
     pub fn new(folder: PathBuf) -> Self {
         People {
             store: StoreAccess::new(folder),
-            hashing: Semaphore::new(1),
+            hashing: Hashing::default(),
             lockout: Mutex::default(),
             begun: Instant::now(),
         }
@@ -99,14 +98,9 @@ impl People {
         account.filter(|account| is_right && account.is_enabled)
     }
 
-    /// Works with passwords, one at a time, on a thread that ends with it: a hash takes 19 MiB and most of a processor, and each
-    /// thread that lives on would keep as much.
+    /// Works with passwords, one at a time.
     pub async fn hashing<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
-        let _turn = self.hashing.acquire().await.ok()?;
-        let (tell, told) = oneshot::channel();
-        let hash = move || drop(tell.send(work()));
-        thread::Builder::new().name("password".to_owned()).spawn(hash).ok()?;
-        told.await.ok()
+        self.hashing.run(work).await
     }
 
     /// Judges a name and a password, and counts a wrong one.

@@ -1,7 +1,7 @@
 //! All cells as they stand.
 
 use super::frame::{self, time, verdict};
-use super::office::{Shared, failed};
+use super::shared::{Shared, failed};
 use crate::archive::reading::CellNow;
 use axum::Json;
 use axum::extract::State;

@@ -1,7 +1,7 @@
 //! One cycle as the archive has it: what was signed, every number with its limit, the pictures.
 
 use super::frame::{self, time, verdict};
-use super::office::{Shared, failed};
+use super::shared::{Shared, failed};
 use crate::archive::reading::{Record, SignedBy};
 use crate::files::content_hash;
 use crate::report::check_row;

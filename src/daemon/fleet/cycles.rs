@@ -1,7 +1,7 @@
 //! Cycles of all cells: a search, and what it finds as a page, a table or JSON.
 
 use super::frame::{self, time, verdict};
-use super::office::{Shared, failed};
+use super::shared::{Shared, failed};
 use crate::archive::ArchiveError;
 use crate::archive::reading::{CycleQuery, CycleRow};
 use crate::history::{Edge, unix_s};

@@ -10,16 +10,16 @@ mod cycles;
 mod error;
 mod frame;
 mod numbers;
-mod office;
 mod recipes;
 mod routes;
+mod shared;
 
 pub use error::FleetError;
 
 use super::web::{self, listen_on};
 use crate::archive::reading::Reader;
 use crate::office::{ArchiveSettings, FleetPage};
-use office::Shared;
+use shared::Shared;
 use std::net::SocketAddr;
 use tokio::net::TcpListener;
 

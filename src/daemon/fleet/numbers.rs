@@ -2,7 +2,7 @@
 
 use super::cycles::choice;
 use super::frame;
-use super::office::{Shared, failed};
+use super::shared::{Shared, failed};
 use crate::archive::ArchiveError;
 use crate::archive::reading::CellNumbers;
 use crate::history::{Cell, Known, Table, Trend};

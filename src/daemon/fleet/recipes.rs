@@ -2,7 +2,7 @@
 
 use super::cycles::choice;
 use super::frame::{self, day};
-use super::office::{Shared, failed};
+use super::shared::{Shared, failed};
 use crate::archive::reading::RecipeUse;
 use crate::daemon::web::difference;
 use crate::office::RecipeOffer;

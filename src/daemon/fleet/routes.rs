@@ -1,6 +1,6 @@
 //! Every address of the office's page.
 
-use super::office::Shared;
+use super::shared::Shared;
 use super::{access, cells, cycle, cycles, numbers, recipes};
 use axum::http::header;
 use axum::response::IntoResponse;

@@ -1,21 +1,19 @@
 //! What all pages share: the archive's reader, and who is logged in.
 
-use crate::accounts::Lockout;
+use crate::accounts::{self, Lockout};
 use crate::archive::ArchiveError;
 use crate::archive::reading::Reader;
+use crate::daemon::hashing::Hashing;
 use crate::daemon::web::Sessions;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
-use tokio::sync::Semaphore;
 
 /// A session ends after so long without a page, s.
 const IDLE_S: f64 = 8.0 * 3_600.0;
 /// Sessions of one account.
 const SESSIONS: usize = 5;
-/// Passwords that are hashed at one time: each takes memory and time.
-const HASHING: usize = 2;
 
 /// Clones are the same one.
 #[derive(Clone)]
@@ -27,7 +25,7 @@ struct SharedParts {
     began: Instant,
     sessions: Mutex<Sessions>,
     lockout: Mutex<Lockout>,
-    hashing: Semaphore,
+    hashing: Hashing,
 }
 
 impl Shared {
@@ -38,7 +36,7 @@ impl Shared {
             began: Instant::now(),
             sessions: Mutex::new(Sessions::new(IDLE_S, SESSIONS)),
             lockout: Mutex::default(),
-            hashing: Semaphore::new(HASHING),
+            hashing: Hashing::default(),
         }))
     }
 
@@ -64,8 +62,7 @@ impl Shared {
 
     /// Whether the password is right; another account, or none, takes as long.
     pub async fn is_right(&self, password: String, hash: String) -> bool {
-        let Ok(_turn) = self.0.hashing.acquire().await else { return false };
-        tokio::task::spawn_blocking(move || crate::accounts::is_right(&password, &hash)).await.unwrap_or(false)
+        self.0.hashing.run(move || accounts::is_right(&password, &hash)).await.unwrap_or(false)
     }
 }
 
