@@ -36,7 +36,6 @@ pub mod history;
 pub mod line;
 pub mod panel;
 pub mod signing;
-pub mod sparkplug;
 pub mod tape;
 
 pub mod calib;
@@ -57,6 +56,7 @@ pub mod archive;
 pub mod backup;
 pub mod devices;
 pub mod requirements;
+pub mod sparkplug;
 pub mod stages;
 
 pub mod check;

@@ -146,14 +146,20 @@ fn count(found: &Value, what: &str) -> u64 {
     found["cells"][0][what].as_u64().unwrap_or_else(|| panic!("{what}: {found}"))
 }
 
+/// Lets a rendered cell send its records to this broker.
+fn with_office(folder: &Path, broker_port: u16) {
+    let file = folder.join("cell/cell.toml");
+    let cell = fs::read_to_string(&file).expect("a cell");
+    let office = format!("\n[office]\nbroker = \"nats://127.0.0.1:{broker_port}\"\ncell = \"cell-1\"\n");
+    fs::write(file, cell + &office).expect("written");
+}
+
 /// As people use it: a cell with `[office]`, one cycle, and the proof afterwards.
 #[test]
 fn a_cycle_of_the_service_is_in_the_office_with_its_pictures_and_is_proven_there() {
     let Some(plant) = Plant::start() else { return };
     let folder = taught("good");
-    let file = folder.path().join("cell/cell.toml");
-    let office = format!("\n[office]\nbroker = \"nats://127.0.0.1:{}\"\ncell = \"cell-1\"\n", plant.broker_port);
-    fs::write(&file, fs::read_to_string(&file).expect("a cell") + &office).expect("written");
+    with_office(folder.path(), plant.broker_port);
     let service = Service::start(folder.path());
     service.reset();
     service.done(&format!("{START} --part SN-0017 --wait"));
@@ -361,9 +367,7 @@ fn the_office_changes_nothing_of_what_the_robot_does() {
     let with = |broker_port: Option<u16>| {
         let folder = taught("good");
         if let Some(port) = broker_port {
-            let file = folder.path().join("cell/cell.toml");
-            let office = format!("\n[office]\nbroker = \"nats://127.0.0.1:{port}\"\ncell = \"cell-1\"\n");
-            fs::write(&file, fs::read_to_string(&file).expect("a cell") + &office).expect("written");
+            with_office(folder.path(), port);
         }
         one_cycle(&Service::start(folder.path()));
         trace(folder.path())
@@ -386,9 +390,7 @@ fn people_look_at_all_cells_in_a_browser() {
         + &format!("[fleet]\nlisten = \"127.0.0.1:{port}\"\n");
     fs::write(&plant.settings, settings).expect("written");
     let folder = taught("good");
-    let file = folder.path().join("cell/cell.toml");
-    let office = format!("\n[office]\nbroker = \"nats://127.0.0.1:{}\"\ncell = \"cell-1\"\n", plant.broker_port);
-    fs::write(&file, fs::read_to_string(&file).expect("a cell") + &office).expect("written");
+    with_office(folder.path(), plant.broker_port);
     let service = Service::start(folder.path());
     service.reset();
     service.done(&format!("{START} --part SN-0017 --order W-4 --wait"));

@@ -1,7 +1,7 @@
 //! The reply to a request.
 
 use super::replay::Recorded;
-use crate::cycle::{Robot, State};
+use crate::cycle::State;
 use crate::panel::GridId;
 use crate::verdict::{Reason, Verdict};
 use serde::{Deserialize, Serialize};
@@ -86,8 +86,6 @@ pub struct Extras {
     pub film_total_s: Option<f64>,
     /// Whether the cycle waits for a person's word on a result.
     pub is_review: bool,
-    /// How the robot stands.
-    pub robot: Option<Robot>,
 }
 
 impl Reply {

@@ -186,9 +186,8 @@ impl RequestHandler {
         let mut possible: Vec<_> = asked.into_iter().filter(is_taken).map(words::request_word).collect();
         possible.extend(state.at.rests().then_some("new-disc"));
         let is_review = matches!(state.at, At::Held(hold) if hold.why == cycle::Why::Review);
-        let (table, robot) = (Some(*state), Some(state.facts.robot));
         let (grids, film_total_s) = (self.grids.clone(), self.film_total_s);
-        Extras { table, possible, grids, film_total_s, is_review, robot }
+        Extras { table: Some(*state), possible, grids, film_total_s, is_review }
     }
 
     /// Why the cell is in this state, and what was last found wrong.

@@ -1,6 +1,7 @@
 //! What is told of the cell: as the loop says it, and as the store has it.
 
-use crate::cycle::Robot;
+use crate::cycle::{Robot, State};
+use crate::packml::{UnitMode, UnitState};
 
 /// What the cell shows. What is not known is `None`.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -14,10 +15,8 @@ pub struct CellView {
 /// What the loop says now; nothing of it where the loop does not answer.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LoopView {
-    /// The PackML word of the state.
-    pub state: Option<String>,
-    /// How the robot stands, from which the mode follows.
-    pub robot: Option<Robot>,
+    /// The state of the cycle's table.
+    pub table: Option<State>,
     /// The phase, or the one in which a held cycle goes on.
     pub phase: Option<String>,
     /// The cycle that runs, or ran last since the service started.
@@ -71,35 +70,13 @@ pub struct KeptView {
     pub abrasions: Option<i64>,
 }
 
-/// The mode of PackML: in production while the robot is in automatic, in manual while a person has it in T1 or T2; not known while
-/// nothing is heard from it.
-pub(super) fn mode(robot: Option<Robot>) -> Option<(i64, &'static str)> {
-    match robot? {
-        Robot::Unknown | Robot::LinkLost => None,
-        Robot::NotAutomatic => Some((3, "manual")),
-        Robot::Ready | Robot::Restarted | Robot::EmergencyStop | Robot::GuardOpen | Robot::DrivesOff => {
-            Some((1, "production"))
-        }
-    }
+/// The unit's state.
+pub(super) fn unit_state(now: &LoopView) -> Option<UnitState> {
+    now.table.map(|state| UnitState::of(state.at))
 }
 
-/// The number that PackML gives a state, by the word of the state.
-pub(super) fn state_number(word: &str) -> Option<i64> {
-    let all = [
-        ("clearing", 1),
-        ("stopped", 2),
-        ("starting", 3),
-        ("idle", 4),
-        ("execute", 6),
-        ("stopping", 7),
-        ("aborting", 8),
-        ("aborted", 9),
-        ("holding", 10),
-        ("held", 11),
-        ("unholding", 12),
-        ("resetting", 15),
-        ("completing", 16),
-        ("complete", 17),
-    ];
-    all.iter().find(|(known, _)| *known == word).map(|(_, number)| *number)
+/// The unit's mode; not known while nothing is heard from the robot.
+pub(super) fn unit_mode(now: &LoopView) -> Option<UnitMode> {
+    let state = now.table.filter(|state| !matches!(state.facts.robot, Robot::Unknown | Robot::LinkLost))?;
+    Some(UnitMode::of(&state))
 }

@@ -1,8 +1,9 @@
 //! The metrics: each with its name, its type, what it means, and where its value comes from. The alias of a metric is its place in the
 //! table, from 1, so that it stays the same as long as new ones are added at the end.
 
-use super::cell_view::{CellView, mode, state_number};
+use super::cell_view::{CellView, unit_mode, unit_state};
 use super::value::{DataType, Value};
+use crate::packml::{UnitMode, UnitState};
 
 /// One metric of the node.
 pub struct Definition {
@@ -32,15 +33,20 @@ pub const METRICS: [Definition; 29] = [
         Value::Text(concat!("panelprep ", env!("CARGO_PKG_VERSION")).to_owned())
     }),
     metric("State/number", Int64, "the number of the PackML state", |view| {
-        Value::whole(view.now.state.as_deref().and_then(state_number))
+        Value::whole(unit_state(&view.now).map(UnitState::number))
     }),
-    metric("State/word", String, "the PackML state", |view| Value::text(view.now.state.as_deref())),
-    metric("Mode/number", Int64, "1 production, 3 manual", |view| {
-        Value::whole(mode(view.now.robot).map(|(number, _)| number))
+    metric("State/word", String, "the PackML state", |view| {
+        Value::text(view.now.table.map(|state| state.at.word()))
     }),
-    metric("Mode/word", String, "production; manual while the robot is in T1 or T2", |view| {
-        Value::text(mode(view.now.robot).map(|(_, word)| word))
+    metric("Mode/number", Int64, "1 production, 2 maintenance, 3 manual", |view| {
+        Value::whole(unit_mode(&view.now).map(UnitMode::number))
     }),
+    metric(
+        "Mode/word",
+        String,
+        "production; maintenance in a run in the air; manual while the robot is in T1 or T2",
+        |view| Value::text(unit_mode(&view.now).map(UnitMode::name).map(str::to_lowercase).as_deref()),
+    ),
     metric("Cycle/number", Int64, "the cycle that runs, or ran last since the service started", |view| {
         Value::whole(view.now.cycle)
     }),

@@ -50,7 +50,7 @@ pub(super) async fn follow(followed: Arc<Followed>, tell: watch::Sender<Option<C
 
 /// Whether the store may say something else now: a phase, a state or a cycle began.
 fn is_another(was: &LoopView, now: &LoopView) -> bool {
-    let key = |view: &LoopView| (view.state.clone(), view.phase.clone(), view.cycle, view.pass);
+    let key = |view: &LoopView| (view.table.map(|state| state.at), view.phase.clone(), view.cycle, view.pass);
     key(was) != key(now)
 }
 
@@ -60,8 +60,7 @@ fn loop_view(reply: Reply) -> LoopView {
         return LoopView::default();
     }
     LoopView {
-        state: reply.state,
-        robot: reply.extras.robot,
+        table: reply.extras.table,
         phase: reply.phase,
         cycle: reply.cycle_id,
         panel: reply.panel,

@@ -3,10 +3,9 @@
 mod commanded;
 mod walks;
 
-use super::cell_view::{mode, state_number};
+use super::cell_view::unit_mode;
 use super::*;
-use crate::cycle::{At, Cause, Hold, Id, Phase, Robot, Why};
-use crate::verdict::Verdict;
+use crate::cycle::{At, Hold, Phase, Robot, State, Why};
 use prost::Message as _;
 use std::collections::BTreeSet;
 
@@ -27,7 +26,9 @@ fn at(ms: u64) -> Now {
 
 /// What the cell shows in this state.
 fn shown(state: &str) -> Vec<Value> {
-    let now = LoopView { state: Some(state.to_owned()), ..LoopView::default() };
+    let hold = Hold { why: Why::Asked, resume: Phase::Locate };
+    let at = [At::Idle, At::Starting, At::Held(hold)].into_iter().find(|at| at.word() == state).expect("a state");
+    let now = LoopView { table: Some(State { at, ..State::NEW }), ..LoopView::default() };
     values(&CellView { now, ..CellView::default() })
 }
 
@@ -238,39 +239,33 @@ fn names_are_told_apart() {
     assert_eq!(values(&CellView::default()).len(), METRICS.len());
 }
 
-/// Every state of the table has its number of PackML, and no number is given twice.
+/// The numbers are those of `packml`, whose own tests have all of them.
 #[test]
-fn states_have_their_numbers() {
-    let hold = Hold { why: Why::Asked, resume: Phase::Locate };
-    let cause = Cause::Asked;
-    let verdict = Verdict::Pass;
-    let all = [
-        At::Stopped,
-        At::Resetting,
-        At::Idle,
-        At::Starting,
-        At::Execute(Phase::Locate),
-        At::Holding(hold),
-        At::Held(hold),
-        At::Unholding { resume: Phase::Locate, verify: true },
-        At::Completing { verdict },
-        At::Complete { verdict },
-        At::Stopping { until: Id(1) },
-        At::Aborting { cause },
-        At::Aborted { cause },
-        At::Clearing { cause },
-    ];
-    let numbers: BTreeSet<_> = all.iter().map(|at| state_number(at.word()).expect("a number")).collect();
-    assert_eq!(numbers.len(), all.len());
-    assert_eq!((state_number("idle"), state_number("execute"), state_number("held")), (Some(4), Some(6), Some(11)));
-    assert_eq!(state_number("away"), None, "doubt is no number");
+fn state_and_mode_are_told_by_number_and_word() {
+    let mut state = State { at: At::Idle, ..State::NEW };
+    state.facts.robot = Robot::Ready;
+    let told = |state: State| {
+        let now = LoopView { table: Some(state), ..LoopView::default() };
+        let all = values(&CellView { now, ..CellView::default() });
+        ["State/number", "State/word", "Mode/number", "Mode/word"]
+            .map(|name| all[METRICS.iter().position(|one| one.name == name).expect("it is there")].clone())
+    };
+    let text = |word: &str| Value::Text(word.to_owned());
+    assert_eq!(told(state), [Value::Whole(4), text("idle"), Value::Whole(1), text("production")]);
+    (state.job.running, state.job.air) = (true, true);
+    assert_eq!(told(state)[2..], [Value::Whole(2), text("maintenance")]);
+    state.facts.robot = Robot::NotAutomatic;
+    assert_eq!(told(state)[2..], [Value::Whole(3), text("manual")]);
 }
 
 #[test]
 fn the_mode_is_not_guessed() {
-    assert_eq!(mode(Some(Robot::Ready)), Some((1, "production")));
-    assert_eq!(mode(Some(Robot::NotAutomatic)), Some((3, "manual")));
-    assert_eq!([mode(None), mode(Some(Robot::LinkLost)), mode(Some(Robot::Unknown))], [None; 3]);
+    let heard = |robot: Robot| {
+        let mut state = State::NEW;
+        state.facts.robot = robot;
+        unit_mode(&LoopView { table: Some(state), ..LoopView::default() })
+    };
+    assert_eq!([heard(Robot::LinkLost), heard(Robot::Unknown), unit_mode(&LoopView::default())], [None; 3]);
 }
 
 /// A value that is no number is told as none.
