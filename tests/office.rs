@@ -121,7 +121,7 @@ impl Cell {
     }
 
     fn send(&mut self, office: Office) {
-        let parts = OfficeParts { office, folder: self.path(), cell: None, status: self.status.clone() };
+        let parts = OfficeParts { office, folder: self.path(), front: None, status: self.status.clone() };
         self.sender = Some(OfficeSender::start(parts).expect("a thread"));
     }
 

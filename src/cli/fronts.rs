@@ -6,17 +6,14 @@ use super::load::CellFiles;
 use super::record_source::StoreRecords;
 use super::setup_source::FolderSource;
 use crate::daemon::{
-    Alarms, Gateway, LineFront, LineParts, LinkedRobot, LiveView, OfficeParts, OfficeSender, OfficeStatus,
-    OpcUaParts, OpcUaServer, OperatorPage, PageParts, People, SetupSource, SparkplugEdge, SparkplugParts,
+    Alarms, FrontParts, Gateway, LineFront, LineParts, LinkedRobot, LiveView, OfficeParts, OfficeSender,
+    OfficeStatus, OpcUaParts, OpcUaServer, OperatorPage, PageParts, People, SparkplugEdge, SparkplugParts,
 };
 use std::sync::Arc;
 
-/// What the fronts that people log in to have in common.
+/// What the fronts have in common.
 pub struct Fronts {
-    gateway: Gateway,
-    people: Arc<People>,
-    alarms: Arc<Alarms>,
-    setup: Arc<FolderSource>,
+    parts: FrontParts,
     office: OfficeStatus,
 }
 
@@ -24,13 +21,9 @@ impl Fronts {
     /// Of a cell with these files; what is sent to the office tells how it goes by this status.
     pub fn new((files, common): (&Arc<CellFiles>, &Common), gateway: Gateway, office: OfficeStatus) -> Self {
         let people = Arc::new(People::new(files.store_folder().to_owned()));
-        Fronts {
-            gateway,
-            alarms: Arc::new(Alarms::new(people.clone())),
-            people,
-            setup: Arc::new(FolderSource::new(files, common, &office)),
-            office,
-        }
+        let alarms = Arc::new(Alarms::new(people.clone()));
+        let setup = Arc::new(FolderSource::new(files, common, &office));
+        Fronts { parts: FrontParts { gateway, people, alarms, setup }, office }
     }
 }
 
@@ -41,8 +34,7 @@ impl Fronts {
 pub fn office_sender(files: &CellFiles, fronts: &Fronts) -> Result<Option<OfficeSender>, Fault> {
     let Some(office) = files.cell.office().cloned() else { return Ok(None) };
     let folder = files.store_folder().to_owned();
-    let cell: (Gateway, Arc<dyn SetupSource>) = (fronts.gateway.clone(), fronts.setup.clone());
-    let parts = OfficeParts { office, folder, cell: Some(cell), status: fronts.office.clone() };
+    let parts = OfficeParts { office, folder, front: Some(fronts.parts.clone()), status: fronts.office.clone() };
     OfficeSender::start(parts).map(Some).map_err(Fault::stage)
 }
 
@@ -53,14 +45,7 @@ pub fn office_sender(files: &CellFiles, fronts: &Fronts) -> Result<Option<Office
 pub fn edge_node(files: &CellFiles, fronts: &Fronts) -> Result<Option<SparkplugEdge>, Fault> {
     let Some(node) = files.cell.sparkplug().cloned() else { return Ok(None) };
     tracing::info!("MQTT Sparkplug: edge node {} of the group {}", node.edge_node_id, node.group_id);
-    let parts = SparkplugParts {
-        node,
-        gateway: fronts.gateway.clone(),
-        people: fronts.people.clone(),
-        alarms: fronts.alarms.clone(),
-        setup: fronts.setup.clone(),
-    };
-    SparkplugEdge::serve(parts).map(Some).map_err(Fault::stage)
+    SparkplugEdge::serve(SparkplugParts { node, parts: fronts.parts.clone() }).map(Some).map_err(Fault::stage)
 }
 
 /// Looks at the line by its digital signals, where the cell's file has one.
@@ -73,7 +58,7 @@ pub fn line_front(files: &CellFiles, fronts: &Fronts, robot: &LinkedRobot) -> Re
     };
     tracing::info!("a line asks for cycles by {}", line.recipe.display());
     let (last, outputs) = (robot.last_state(), robot.line());
-    let (gateway, people) = (fronts.gateway.clone(), fronts.people.clone());
+    let (gateway, people) = (fronts.parts.gateway.clone(), fronts.parts.people.clone());
     LineFront::serve(LineParts { line, inputs, last, outputs, gateway, people }).map(Some).map_err(Fault::stage)
 }
 
@@ -82,14 +67,8 @@ pub fn line_front(files: &CellFiles, fronts: &Fronts, robot: &LinkedRobot) -> Re
 /// # Errors
 /// Where the certificates cannot be used, or the system refuses.
 pub fn opcua_server(files: &CellFiles, fronts: &Fronts) -> Result<Option<OpcUaServer>, Fault> {
-    let server = OpcUaServer::serve(OpcUaParts {
-        settings: files.cell.opcua().clone(),
-        people: fronts.people.clone(),
-        alarms: fronts.alarms.clone(),
-        gateway: fronts.gateway.clone(),
-        setup: fronts.setup.clone(),
-    })
-    .map_err(Fault::stage)?;
+    let parts = OpcUaParts { settings: files.cell.opcua().clone(), front: fronts.parts.clone() };
+    let server = OpcUaServer::serve(parts).map_err(Fault::stage)?;
     if let Some(OpcUaServer { url, thumbprint, .. }) = &server {
         tracing::info!("OPC UA: {url}, SHA-1 of its certificate {thumbprint}");
     }
@@ -108,11 +87,8 @@ pub fn operator_page(
     let parts = PageParts {
         page: files.cell.page().clone(),
         folder: files.store_folder().to_owned(),
-        people: fronts.people.clone(),
-        alarms: fronts.alarms.clone(),
-        gateway: fronts.gateway.clone(),
+        front: fronts.parts.clone(),
         view,
-        setup: fronts.setup.clone(),
         records: Arc::new(StoreRecords(files.clone())),
     };
     let page = OperatorPage::serve(parts).map_err(Fault::stage)?;

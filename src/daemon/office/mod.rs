@@ -11,14 +11,12 @@ mod status;
 
 pub use status::OfficeStatus;
 
-use super::background::step_back;
-use super::gateway::Gateway;
-use super::setup_source::SetupSource;
+use super::background::run_apart;
+use super::front_parts::FrontParts;
 use crate::cell;
 use sending::Sender;
 use state::Teller;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 use tokio::runtime::Builder;
@@ -35,8 +33,8 @@ pub struct OfficeParts {
     pub office: cell::Office,
     /// The store's folder.
     pub folder: PathBuf,
-    /// Where the cell's state is asked for, and what is wrong with it between cycles; `None` where no service runs.
-    pub cell: Option<(Gateway, Arc<dyn SetupSource>)>,
+    /// Whose state is told; `None` where no service runs.
+    pub front: Option<FrontParts>,
     /// What people are told of it.
     pub status: OfficeStatus,
 }
@@ -57,10 +55,9 @@ impl OfficeSender {
         let runtime = Builder::new_current_thread().enable_io().enable_time().max_blocking_threads(2).build()?;
         let (end, ended) = oneshot::channel();
         let work = move || {
-            step_back();
-            runtime.block_on(async {
+            run_apart(&runtime, "the way to the office", ended, async |ended| {
                 tokio::select! {
-                    () = run(parts) => {}
+                    () = run(&parts) => {}
                     _ = ended => {}
                 }
             });
@@ -77,11 +74,10 @@ impl Drop for OfficeSender {
     }
 }
 
-async fn run(parts: OfficeParts) {
-    let OfficeParts { office, folder, cell, status } = parts;
+async fn run(OfficeParts { office, folder, front, status }: &OfficeParts) {
     let mut pause = EVERY;
-    let mut sender = Sender::new(office, folder, status.clone());
-    let mut teller = cell.map(|(gateway, setup)| Teller::new(gateway, setup));
+    let mut sender = Sender::new(office.clone(), folder.clone(), status.clone());
+    let mut teller = front.clone().map(Teller::new);
     loop {
         match sender.round(teller.as_mut()).await {
             Ok(is_more) => {

@@ -4,12 +4,11 @@ use super::access::{Access, Caller, line};
 use super::flood::{Flood, Turn};
 use crate::accounts::AuditEntry;
 use crate::cycle::Request;
-use crate::daemon::alarms::{Alarms, Seen};
+use crate::daemon::alarms::Seen;
 use crate::daemon::clock::now_unix_ms;
-use crate::daemon::gateway::Gateway;
+use crate::daemon::front_parts::FrontParts;
 use crate::daemon::reply::{Exit, Reply};
 use crate::daemon::request::{PartNames, StartRequest, What};
-use crate::daemon::setup_source::SetupSource;
 use crate::packml::{Command, LastRefusal, Method};
 use crate::record::{CycleId, Front, Who};
 use crate::verdict::Reason;
@@ -56,10 +55,8 @@ impl Outcome {
 
 /// Where calls go.
 pub(super) struct Calls {
-    pub gateway: Gateway,
     pub access: Arc<Access>,
-    pub alarms: Arc<Alarms>,
-    pub setup: Arc<dyn SetupSource>,
+    pub front: FrontParts,
     flood: Mutex<Flood>,
     refusal: Mutex<Option<LastRefusal>>,
     /// The last stop and the last abort, with their replies.
@@ -67,16 +64,8 @@ pub(super) struct Calls {
 }
 
 impl Calls {
-    pub fn new(gateway: Gateway, access: Arc<Access>, alarms: Arc<Alarms>, setup: Arc<dyn SetupSource>) -> Self {
-        Calls {
-            gateway,
-            access,
-            alarms,
-            setup,
-            flood: Mutex::default(),
-            refusal: Mutex::default(),
-            urgent: Default::default(),
-        }
+    pub fn new(access: Arc<Access>, front: FrontParts) -> Self {
+        Calls { access, front, flood: Mutex::default(), refusal: Mutex::default(), urgent: Default::default() }
     }
 
     /// The last call that was not done.
@@ -168,7 +157,7 @@ impl Calls {
             }
             _ => return wrong_arguments(method),
         };
-        Outcome::of(self.gateway.request(what, who(caller)).await)
+        Outcome::of(self.front.gateway.request(what, who(caller)).await)
     }
 
     /// A stop or an abort. Whoever asks while one is under way, or just was, hears what came of that one.
@@ -177,7 +166,7 @@ impl Calls {
         if let Some((_, reply)) = last.as_ref().filter(|(at, _)| at.elapsed() < TOGETHER) {
             return reply.clone();
         }
-        let reply = self.gateway.request(What::Table(request), who(caller)).await;
+        let reply = self.front.gateway.request(What::Table(request), who(caller)).await;
         *last = Some((Instant::now(), reply.clone()));
         reply
     }
@@ -189,7 +178,7 @@ impl Calls {
         order: String,
         caller: &Caller,
     ) -> Result<StartRequest, String> {
-        let setup = self.setup.clone();
+        let setup = self.front.setup.clone();
         let read = tokio::task::spawn_blocking(move || setup.recipe(&recipe));
         let recipe = read.await.map_err(|error| format!("the recipe could not be read: {error}"))??;
         let some = |name: String| Some(name).filter(|name| !name.is_empty());
@@ -212,7 +201,7 @@ impl Calls {
             return no_such();
         };
         let line = line(Some(name.clone()), Some(*role), from.to_owned(), "acknowledge alarm");
-        let (alarms, who) = (self.alarms.clone(), format!("{printed_name} ({name})"));
+        let (alarms, who) = (self.front.alarms.clone(), format!("{printed_name} ({name})"));
         match tokio::task::spawn_blocking(move || alarms.acknowledge(&seen, who, line)).await {
             Ok(Ok(true)) => Outcome::Done(String::new()),
             Ok(Ok(false)) => no_such(),

@@ -5,9 +5,7 @@ use super::access::{Access, line};
 use super::certificates::{self, Rejected};
 use super::door::Door;
 use crate::accounts::AuditEntry;
-use crate::daemon::alarms::Alarms;
-use crate::daemon::lending::SharedCameras;
-use crate::daemon::setup_source::SetupSource;
+use crate::daemon::front_parts::FrontParts;
 use crate::history::{Alarm, Priority, grid_states};
 use crate::packml::{CycleCounts, GridState, Verified};
 use crate::record::{CycleId, PartNames};
@@ -49,9 +47,7 @@ pub(super) struct Newest {
 /// Reads it.
 pub(super) struct Reader {
     pub access: Arc<Access>,
-    pub alarms: Arc<Alarms>,
-    pub setup: Arc<dyn SetupSource>,
-    pub cameras: Option<SharedCameras>,
+    pub front: FrontParts,
     pub door: Arc<Door>,
     /// The folder of the certificates.
     pub folder: PathBuf,
@@ -65,8 +61,8 @@ pub(super) struct Reader {
 impl Reader {
     /// Reads everything anew that is old enough; what cannot be read stays as it was, and the log says why.
     pub fn read(&mut self, cycle: Newest) -> Depth {
-        self.alarms.look(&*self.setup, self.cameras.as_ref());
-        let (alarms, people) = (self.alarms.clone(), self.access.people().clone());
+        self.front.look();
+        let (alarms, people) = (self.front.alarms.clone(), self.access.people().clone());
         let mut now = self.last.clone();
         let read = people.read(|store| {
             let accounts = store.accounts()?;
@@ -95,7 +91,7 @@ impl Reader {
     }
 
     fn of_files(&self, now: &mut Depth) {
-        match self.setup.equipment() {
+        match self.front.setup.equipment() {
             Ok((verdict, reasons, equipment)) => {
                 now.may_start = Some(verdict != Verdict::Reject);
                 now.calibration_reasons = reasons;

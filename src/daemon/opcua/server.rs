@@ -12,25 +12,20 @@ use super::error::OpcUaError;
 use super::follow::{Follower, read_on};
 use super::settings;
 use crate::cell::OpcUa;
-use crate::daemon::alarms::Alarms;
-use crate::daemon::background::step_back;
-use crate::daemon::gateway::Gateway;
-use crate::daemon::people::People;
-use crate::daemon::setup_source::SetupSource;
-use crate::supervision;
+use crate::daemon::background::run_apart;
+use crate::daemon::front_parts::FrontParts;
 use opcua::server::address_space::AddressSpace;
 use opcua::server::diagnostics::DiagnosticsNodeManagerBuilder;
 use opcua::server::node_manager::ServerContext;
 use opcua::server::node_manager::memory::{InMemoryNodeManager, InMemoryNodeManagerBuilder};
 use opcua::server::{Server, ServerHandle};
 use std::net::{Ipv4Addr, SocketAddr};
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::runtime::{Builder, Runtime};
+use tokio::runtime::Builder;
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
@@ -45,14 +40,8 @@ const STACK_BYTES: usize = 8 * 1_024 * 1_024;
 pub struct OpcUaParts {
     /// `[opcua]` of the cell's file.
     pub settings: OpcUa,
-    /// Who may log in.
-    pub people: Arc<People>,
-    /// The alarms of the cell.
-    pub alarms: Arc<Alarms>,
-    /// Where requests go.
-    pub gateway: Gateway,
-    /// Recipes and calibrations.
-    pub setup: Arc<dyn SetupSource>,
+    /// What every front works with.
+    pub front: FrontParts,
 }
 
 /// The server while it is served; it ends when this is dropped.
@@ -89,10 +78,11 @@ impl OpcUaServer {
         }
         let url = format!("opc.tcp://{host}:{}/", address.port());
         let (end, ended) = oneshot::channel();
+        let first = Mutex::new(first.ok());
         let serve = move || {
-            supervision::stand_apart();
-            step_back();
-            run(&runtime, &parts, (first.ok(), address), ended);
+            run_apart(&runtime, "the OPC UA server", ended, async |ended| {
+                run(&parts, (&first, address), ended).await
+            });
         };
         let builder = thread::Builder::new().name("opcua".to_owned()).stack_size(STACK_BYTES);
         let thread = builder.spawn(serve).map_err(OpcUaError::Thread)?;
@@ -107,38 +97,22 @@ impl Drop for OpcUaServer {
     }
 }
 
-/// Serves until it is ended. Whatever fails inside of the server, a panic too, ends this one and begins another.
-fn run(
-    runtime: &Runtime,
+/// Serves until it is ended. Where the server ends by itself, another one begins.
+async fn run(
     parts: &OpcUaParts,
-    (mut listener, address): (Option<TcpListener>, SocketAddr),
-    mut ended: oneshot::Receiver<()>,
+    (first, address): (&Mutex<Option<TcpListener>>, SocketAddr),
+    ended: &mut oneshot::Receiver<()>,
 ) {
     loop {
-        let once = AssertUnwindSafe(|| {
-            runtime.block_on(async {
-                tokio::select! {
-                    served = serve_once(parts, listener.take(), address) => Some(served),
-                    _ = &mut ended => None,
-                }
-            })
-        });
-        match catch_unwind(once) {
-            Ok(None) => return,
-            Ok(Some(Err(problem))) => tracing::warn!("the OPC UA server ended: {problem}; it begins anew"),
-            Ok(Some(Ok(()))) => tracing::warn!("the OPC UA server ended; it begins anew"),
-            Err(_) => tracing::warn!("the OPC UA server failed, as the lines above say; it begins anew"),
-        }
-        let is_over = catch_unwind(AssertUnwindSafe(|| {
-            runtime.block_on(async {
-                tokio::select! {
-                    () = sleep(AGAIN) => false,
-                    _ = &mut ended => true,
-                }
-            })
-        }));
-        if is_over.unwrap_or(false) {
-            return;
+        let listener = first.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let problem = tokio::select! {
+            served = serve_once(parts, listener, address) => served.err().unwrap_or_else(|| "without a cause".to_owned()),
+            _ = &mut *ended => return,
+        };
+        tracing::warn!("the OPC UA server ended: {problem}; it begins anew");
+        tokio::select! {
+            () = sleep(AGAIN) => {}
+            _ = &mut *ended => return,
         }
     }
 }
@@ -170,9 +144,8 @@ struct Built {
 
 fn build(parts: &OpcUaParts, address: SocketAddr) -> Result<Built, String> {
     let door = Arc::new(Door::default());
-    let access = Arc::new(Access::new(parts.people.clone(), door.clone(), parts.settings.anonymous));
-    let calls =
-        Arc::new(Calls::new(parts.gateway.clone(), access.clone(), parts.alarms.clone(), parts.setup.clone()));
+    let access = Arc::new(Access::new(parts.front.people.clone(), door.clone(), parts.settings.anonymous));
+    let calls = Arc::new(Calls::new(access.clone(), parts.front.clone()));
     let conditions = Arc::new(Conditions::default());
     let shared = (calls.clone(), conditions.clone());
     let core = move |context: ServerContext, space: &mut AddressSpace| CoreNodes::build(shared, context, space);
@@ -202,9 +175,7 @@ async fn serve_once(parts: &OpcUaParts, listener: Option<TcpListener>, address: 
     let (tell_cycle, cycle) = watch::channel(Newest::default());
     let reader = Reader {
         access,
-        alarms: parts.alarms.clone(),
-        setup: parts.setup.clone(),
-        cameras: parts.gateway.cameras.clone(),
+        front: parts.front.clone(),
         door: door.clone(),
         folder: parts.settings.certificates.clone(),
         rejected: Rejected::default(),
@@ -213,7 +184,7 @@ async fn serve_once(parts: &OpcUaParts, listener: Option<TcpListener>, address: 
         last: Depth::default(),
     };
     let follower = Follower {
-        gateway: parts.gateway.clone(),
+        gateway: parts.front.gateway.clone(),
         nodes,
         core,
         conditions,

@@ -18,6 +18,7 @@ const KEEP_ALIVE: Duration = Duration::from_secs(10);
 const MOST_BYTES: [usize; 2] = [16 * 1_024, 256 * 1_024];
 
 /// How the broker is reached.
+#[derive(Clone)]
 pub(super) struct Broker {
     /// Its address and port, for people.
     pub address: String,

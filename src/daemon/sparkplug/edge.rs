@@ -3,19 +3,15 @@
 use super::asking::Asking;
 use super::broker::Broker;
 use super::error::SparkplugError;
-use super::following::{Followed, follow};
+use super::following::follow;
 use super::session::{Ended, Parts, connected};
 use crate::cell::{NodeCommands, SparkplugNode};
-use crate::daemon::alarms::Alarms;
-use crate::daemon::background::step_back;
-use crate::daemon::gateway::Gateway;
-use crate::daemon::people::People;
-use crate::daemon::setup_source::SetupSource;
+use crate::daemon::background::run_apart;
+use crate::daemon::front_parts::FrontParts;
 use crate::sparkplug::{EdgeNode, Ids, NodeSetup};
-use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
-use tokio::runtime::{Builder, Runtime};
+use tokio::runtime::Builder;
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
@@ -32,14 +28,8 @@ const END_WITHIN: Duration = Duration::from_secs(2);
 pub struct SparkplugParts {
     /// `[sparkplug]` of the cell's file.
     pub node: SparkplugNode,
-    /// Where requests go.
-    pub gateway: Gateway,
-    /// The store as fronts have it.
-    pub people: Arc<People>,
-    /// The alarms of the cell.
-    pub alarms: Arc<Alarms>,
-    /// What is set up.
-    pub setup: Arc<dyn SetupSource>,
+    /// What every front works with.
+    pub parts: FrontParts,
 }
 
 /// The edge node while it is served. Dropping it tells the broker its death, and ends it.
@@ -54,8 +44,8 @@ impl SparkplugEdge {
     ///
     /// # Errors
     /// Where a certificate, a key or the password cannot be read, or the system refuses a thread.
-    pub fn serve(parts: SparkplugParts) -> Result<Self, SparkplugError> {
-        let broker = Broker::read(&parts.node)?;
+    pub fn serve(SparkplugParts { node, parts }: SparkplugParts) -> Result<Self, SparkplugError> {
+        let broker = Broker::read(&node)?;
         let runtime = Builder::new_current_thread()
             .enable_io()
             .enable_time()
@@ -64,8 +54,7 @@ impl SparkplugEdge {
             .map_err(SparkplugError::Thread)?;
         let (end, ended) = oneshot::channel();
         let serve = move || {
-            step_back();
-            run(&runtime, parts, broker, ended);
+            run_apart(&runtime, "MQTT Sparkplug", ended, async |leave| run((&node, &parts), &broker, leave).await);
             runtime.shutdown_timeout(END_WITHIN);
         };
         let thread = thread::Builder::new().name("sparkplug".to_owned()).spawn(serve);
@@ -80,23 +69,22 @@ impl Drop for SparkplugEdge {
     }
 }
 
-fn run(runtime: &Runtime, parts: SparkplugParts, broker: Broker, mut leave: oneshot::Receiver<()>) {
-    let SparkplugParts { node, gateway, people, alarms, setup } = parts;
+async fn run((node, parts): (&SparkplugNode, &FrontParts), broker: &Broker, leave: &mut oneshot::Receiver<()>) {
     let from = format!("MQTT broker {}", broker.address);
-    let asking = Asking { gateway: gateway.clone(), people: people.clone(), from };
+    let asking = Asking { gateway: parts.gateway.clone(), people: parts.people.clone(), from };
     let (tell, view) = watch::channel(None);
-    runtime.spawn(follow(Arc::new(Followed { gateway, people, alarms, setup }), tell));
-    let session = Parts { broker, asking, view, begun: Instant::now() };
+    tokio::spawn(follow(parts.clone(), tell));
+    let session = Parts { broker: broker.clone(), asking, view, begun: Instant::now() };
     let mut edge = EdgeNode::new(NodeSetup {
         commands_allowed: node.commands == NodeCommands::Operator,
         aliases: node.aliases,
         ids: Ids {
-            group_id: node.group_id,
-            edge_node_id: node.edge_node_id,
-            primary_host_id: node.primary_host_id,
+            group_id: node.group_id.clone(),
+            edge_node_id: node.edge_node_id.clone(),
+            primary_host_id: node.primary_host_id.clone(),
         },
     });
-    runtime.block_on(again_and_again(&session, &mut edge, &mut leave));
+    again_and_again(&session, &mut edge, leave).await;
 }
 
 async fn again_and_again(parts: &Parts, node: &mut EdgeNode, leave: &mut oneshot::Receiver<()>) {

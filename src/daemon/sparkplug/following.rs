@@ -3,17 +3,14 @@
 
 use crate::daemon::alarms::Alarms;
 use crate::daemon::clock::now_unix_ms;
-use crate::daemon::gateway::Gateway;
-use crate::daemon::people::People;
+use crate::daemon::front_parts::FrontParts;
 use crate::daemon::reply::Reply;
 use crate::daemon::request::What;
-use crate::daemon::setup_source::SetupSource;
 use crate::history::{Query, summary};
 use crate::record::{Front, Who};
 use crate::sparkplug::{CellView, KeptView, LoopView};
 use crate::store::{Store, StoreError, free_mb};
 use crate::verdict::Verdict;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio::time::sleep;
@@ -23,23 +20,15 @@ const EVERY: Duration = Duration::from_millis(500);
 /// The store is read at least so often: the record of a cycle's end may come a little after its state, and ages go on.
 const STORE_EVERY: Duration = Duration::from_secs(10);
 
-/// What the view is made of.
-pub(super) struct Followed {
-    pub gateway: Gateway,
-    pub people: Arc<People>,
-    pub alarms: Arc<Alarms>,
-    pub setup: Arc<dyn SetupSource>,
-}
-
 /// Looks at the cell again and again, until nobody listens.
-pub(super) async fn follow(followed: Arc<Followed>, tell: watch::Sender<Option<CellView>>) {
+pub(super) async fn follow(parts: FrontParts, tell: watch::Sender<Option<CellView>>) {
     let (mut kept, mut read) = (KeptView::default(), None::<(Instant, LoopView)>);
     while !tell.is_closed() {
-        let reply = followed.gateway.request(What::State, Who::by(Front::Sparkplug)).await;
+        let reply = parts.gateway.request(What::State, Who::by(Front::Sparkplug)).await;
         let now = loop_view(reply);
         let is_due = read.as_ref().is_none_or(|(at, was)| at.elapsed() >= STORE_EVERY || is_another(was, &now));
         if is_due {
-            let shared = followed.clone();
+            let shared = parts.clone();
             kept = tokio::task::spawn_blocking(move || kept_view(&shared)).await.unwrap_or_default();
             read = Some((Instant::now(), now.clone()));
         }
@@ -74,9 +63,9 @@ fn loop_view(reply: Reply) -> LoopView {
 
 /// What the store and the disk say, on the calling thread, which may wait for the disk. Where the store cannot be read, nothing of it
 /// is told.
-fn kept_view(followed: &Followed) -> KeptView {
-    followed.alarms.look(&*followed.setup, followed.gateway.cameras.as_ref());
-    match followed.people.read(|store| read(store, &followed.alarms)) {
+fn kept_view(parts: &FrontParts) -> KeptView {
+    parts.look();
+    match parts.people.read(|store| read(store, &parts.alarms)) {
         Ok(view) => view,
         Err(error) => {
             tracing::warn!("MQTT Sparkplug tells nothing of the store: {error}");

@@ -34,7 +34,7 @@ pub(super) async fn json(state: State<Arc<Web>>, by: By) -> Answer {
 
 async fn listed(State(web): State<Arc<Web>>, Extension(visitor): By, as_what: Form) -> Answer {
     let shared = web.clone();
-    let alarms = reading(&web, &visitor, move |store| shared.alarms.of(store)).await?;
+    let alarms = reading(&web, &visitor, move |store| shared.front.alarms.of(store)).await?;
     Ok(match as_what {
         Form::Page => {
             let words = visitor.language();
@@ -150,7 +150,7 @@ fn kept(web: &Web, line: AuditEntry, seen: &Seen, who: String) -> Result<bool, S
         },
     };
     let seen = alarms::Seen { cycle, code: seen.code.clone(), raised_unix_ms };
-    web.alarms.acknowledge(&seen, who, line)
+    web.front.alarms.acknowledge(&seen, who, line)
 }
 
 #[cfg(test)]

@@ -120,7 +120,7 @@ pub(super) async fn take(
 }
 
 fn taken(web: &Web, at: usize) -> Result<(), Reason> {
-    let cameras = web.gateway.cameras.as_ref();
+    let cameras = web.front.gateway.cameras.as_ref();
     let message = "the service has not opened its cameras yet; ask for the state";
     let cameras = cameras.ok_or_else(|| Reason::new("not_now", message))?;
     let taken = cameras.take(EYES[at].2)?;

@@ -14,7 +14,7 @@ use std::sync::Arc;
 /// Looks at everything now, for one person at a time: it asks cameras, robot and disk.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Answer {
     let Ok(_turn) = web.examining.acquire().await else { return Err(ended()) };
-    let source = web.setup.clone();
+    let source = web.front.setup.clone();
     let Some(examined) = blocking(move || source.examine()).await else { return Err(ended()) };
     let words = visitor.language();
     let title = words.word("doctor.title");

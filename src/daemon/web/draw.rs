@@ -23,7 +23,7 @@ async fn with<T: Send + 'static>(
     web: &Web,
     work: impl FnOnce(&dyn SetupSource) -> Result<T, String> + Send + 'static,
 ) -> Result<T, Response> {
-    let source = web.setup.clone();
+    let source = web.front.setup.clone();
     match blocking(move || work(&*source)).await {
         Some(Ok(done)) => Ok(done),
         Some(Err(problem)) => Err(refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problem)),

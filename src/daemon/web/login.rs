@@ -64,7 +64,7 @@ pub(super) async fn log_in(
     let wrong = |message: &str| refusal(StatusCode::UNAUTHORIZED, "log_in", message);
     let words = visitor.language();
     let line = AuditEntry { who: Some(name.clone()), role: None, ..entry(&visitor, "log in") };
-    let account = match web.people().log_in(&name, password).await {
+    let account = match web.front.people.log_in(&name, password).await {
         LogIn::Right(account) => account,
         LogIn::Wrong(why) => {
             keep(&web, AuditEntry { refused: Some(why.to_owned()), ..line }).await;
@@ -125,7 +125,7 @@ pub(super) async fn change_password(
     let (shared, line) = (web.clone(), entry(&visitor, "change own password"));
     let name = person.name.clone();
     let changed = hashing(&web, move || -> Result<(), String> {
-        let account = shared.people().judged(&person.name, &password).ok_or("the old password is wrong")?;
+        let account = shared.front.people.judged(&person.name, &password).ok_or("the old password is wrong")?;
         let salt = random::bytes().map_err(|error| error.to_string())?;
         let password_hash = accounts::hashed(&new, &person.name, salt).map_err(|error| error.to_string())?;
         let account = Account { password_hash, ..account };

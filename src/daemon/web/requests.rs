@@ -31,7 +31,7 @@ fn told(reply: &Reply) -> Response {
 }
 
 async fn requested(web: &Web, visitor: &Visitor, what: What) -> Response {
-    told(&web.gateway.request(what, visitor.who()).await)
+    told(&web.front.gateway.request(what, visitor.who()).await)
 }
 
 macro_rules! table_requests {
@@ -66,7 +66,7 @@ pub(super) async fn hold(
     Extension(visitor): By,
     Json(Hold { why }): Json<Hold>,
 ) -> Response {
-    let reply = web.gateway.request(What::Table(cycle::Request::Hold), visitor.who()).await;
+    let reply = web.front.gateway.request(What::Table(cycle::Request::Hold), visitor.who()).await;
     let why: String = why.trim().chars().filter(|c| !c.is_control()).take(MOST_CHARACTERS).collect();
     if reply.answer == Exit::Done && !why.is_empty() {
         let subject = reply.cycle_id.map_or(why.clone(), |cycle| format!("cycle {cycle}: {why}"));
@@ -112,7 +112,7 @@ pub(super) async fn start(
     Extension(visitor): By,
     Json(Start { recipe, serial, order }): Json<Start>,
 ) -> Response {
-    let source = web.setup.clone();
+    let source = web.front.setup.clone();
     let named = recipe.clone();
     let text = blocking(move || source.recipe(&named)).await;
     let text = match text {

@@ -26,7 +26,7 @@ const PHASES: [&str; 10] =
 
 /// The page.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
-    let source = web.setup.clone();
+    let source = web.front.setup.clone();
     let recipes = match visitor.may(Permission::Operate) {
         true => blocking(move || source.recipes()).await.unwrap_or_else(|| Ok(vec![])),
         false => Ok(vec![]),

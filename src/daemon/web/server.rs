@@ -11,12 +11,9 @@ use super::tls::{self, Certificate};
 use super::watching;
 use super::words::Words;
 use crate::cell;
-use crate::daemon::alarms::Alarms;
 use crate::daemon::background::step_back;
-use crate::daemon::gateway::Gateway;
+use crate::daemon::front_parts::FrontParts;
 use crate::daemon::live_view::LiveView;
-use crate::daemon::people::People;
-use crate::daemon::setup_source::SetupSource;
 use crate::disk;
 use axum::Router;
 use axum::extract::ConnectInfo;
@@ -52,16 +49,10 @@ pub struct PageParts {
     pub page: cell::Page,
     /// The store's folder.
     pub folder: PathBuf,
-    /// Who may log in.
-    pub people: Arc<People>,
-    /// The alarms of the cell.
-    pub alarms: Arc<Alarms>,
-    /// Where requests go.
-    pub gateway: Gateway,
+    /// What every front works with.
+    pub front: FrontParts,
     /// What the cameras see.
     pub view: LiveView,
-    /// Recipes, calibrations and what else is set up.
-    pub setup: Arc<dyn SetupSource>,
     /// Pages of cycles, and their signatures.
     pub records: Arc<dyn RecordSource>,
 }
@@ -84,7 +75,8 @@ impl OperatorPage {
     /// # Errors
     /// Where the certificate or the file of words cannot be used, or the system refuses.
     pub fn serve(parts: PageParts) -> Result<Option<Self>, PageError> {
-        let PageParts { page, folder, people, alarms, gateway, view, setup, records } = parts;
+        let PageParts { page, folder, front, view, records } = parts;
+        let gateway = front.gateway.clone();
         let Some(address) = page.listen else { return Ok(None) };
         let words = words(&page)?;
         let is_local = address.ip().is_loopback() && page.certificate.is_none();
@@ -110,20 +102,8 @@ impl OperatorPage {
         let is_tls = certificate.is_some();
         let (idle_min, sessions) = (page.idle_min, page.sessions);
         let hosts = is_local.then(|| [address.to_string(), format!("localhost:{}", address.port())]);
-        let parts = WebParts {
-            gateway: gateway.clone(),
-            live,
-            frames: frames.clone(),
-            words,
-            setup,
-            records,
-            is_tls,
-            hosts,
-            people,
-            alarms,
-            idle_min,
-            sessions,
-        };
+        let parts =
+            WebParts { front, live, frames: frames.clone(), words, records, is_tls, hosts, idle_min, sessions };
         let web = Arc::new(Web::new(parts));
         let router = routes::router(&web);
         let (end, ended) = oneshot::channel();

@@ -21,7 +21,7 @@ use std::sync::Arc;
 
 /// Recipes and equipment.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
-    let source = web.setup.clone();
+    let source = web.front.setup.clone();
     let Some((recipes, equipment)) = blocking(move || (source.recipes(), source.equipment())).await else {
         return ended();
     };
@@ -67,7 +67,7 @@ pub(super) async fn recipe(
     Path(name): Path<String>,
     Query(Taken { offer: taken }): Query<Taken>,
 ) -> Answer {
-    let (source, asked) = (web.setup.clone(), name.clone());
+    let (source, asked) = (web.front.setup.clone(), name.clone());
     let read = blocking(move || {
         let recipe = source.recipe(&asked)?;
         let problems = source.problems(&asked, &recipe.text);
@@ -153,7 +153,7 @@ pub(super) async fn check(
     Extension(visitor): By,
     Json(Text { text, .. }): Json<Text>,
 ) -> Response {
-    let source = web.setup.clone();
+    let source = web.front.setup.clone();
     match blocking(move || source.problems("recipe.toml", &text)).await {
         Some(problems) if problems.is_empty() => {
             Json(json!({ "message": visitor.language().word("setup.right") })).into_response()
@@ -176,7 +176,7 @@ pub(super) async fn save(
     let line =
         AuditEntry { subject: Some(versions::subject(&name, why.trim())), ..entry(&visitor, versions::CHANGE) };
     let kept = blocking(move || {
-        let former = web.setup.save(&name, &text);
+        let former = web.front.setup.save(&name, &text);
         let (before, refused) = match &former {
             Ok(before) => (before.clone(), None),
             Err(problem) => (None, Some(problem.clone())),

@@ -8,49 +8,40 @@ use super::sessions::Sessions;
 use super::visitor::Visitor;
 use super::words::{Language, Words};
 use crate::accounts::{AuditEntry, Lockout};
-use crate::daemon::alarms::Alarms;
-use crate::daemon::gateway::Gateway;
+use crate::daemon::front_parts::FrontParts;
 use crate::daemon::live_scene::LiveScene;
-use crate::daemon::people::People;
-use crate::daemon::setup_source::SetupSource;
 use crate::store::{Store, StoreError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{Semaphore, watch};
 
 /// What the page's handlers share.
 pub(super) struct Web {
-    pub gateway: Gateway,
+    pub front: FrontParts,
     pub live: watch::Receiver<Arc<Live>>,
     pub frames: Arc<Frames>,
     pub scene: LiveScene,
     pub words: Arc<Words>,
-    pub setup: Arc<dyn SetupSource>,
     pub records: Arc<dyn RecordSource>,
     /// Whether the page goes by TLS.
     pub is_tls: bool,
     /// The hosts by which a page without TLS may be asked for.
     pub hosts: Option<[String; 2]>,
-    people: Arc<People>,
     /// Whoever has the cell looked at from the bottom up.
     pub examining: Semaphore,
     /// What the cameras saw last between cycles.
     pub views: Views,
-    pub alarms: Arc<Alarms>,
     sessions: Mutex<Sessions>,
 }
 
 /// What a page is made with.
 pub(super) struct WebParts {
-    pub gateway: Gateway,
+    pub front: FrontParts,
     pub live: watch::Receiver<Arc<Live>>,
     pub frames: Arc<Frames>,
     pub words: Words,
-    pub setup: Arc<dyn SetupSource>,
     pub records: Arc<dyn RecordSource>,
     pub is_tls: bool,
     pub hosts: Option<[String; 2]>,
-    pub people: Arc<People>,
-    pub alarms: Arc<Alarms>,
     pub idle_min: usize,
     pub sessions: usize,
 }
@@ -59,26 +50,23 @@ impl Web {
     pub fn new(parts: WebParts) -> Self {
         let idle_s = parts.idle_min as f64 * 60.0;
         Web {
-            gateway: parts.gateway,
+            front: parts.front,
             live: parts.live,
             scene: parts.frames.scene(),
             frames: parts.frames,
             words: Arc::new(parts.words),
-            setup: parts.setup,
             records: parts.records,
             is_tls: parts.is_tls,
             hosts: parts.hosts,
-            people: parts.people,
             examining: Semaphore::new(1),
             views: Views::default(),
-            alarms: parts.alarms,
             sessions: Mutex::new(Sessions::new(idle_s, parts.sessions)),
         }
     }
 
     /// Seconds on a clock that does not jump.
     pub fn now_s(&self) -> f64 {
-        self.people.now_s()
+        self.front.people.now_s()
     }
 
     pub fn sessions(&self) -> MutexGuard<'_, Sessions> {
@@ -87,12 +75,12 @@ impl Web {
     }
 
     pub fn lockout(&self) -> MutexGuard<'_, Lockout> {
-        self.people.lockout()
+        self.front.people.lockout()
     }
 
     /// In which words this account's password may not be tried now, after wrong ones.
     pub fn pauses(&self, name: &str, words: Language<'_>) -> Option<String> {
-        let left_s = self.people.pauses_s(name)?;
+        let left_s = self.front.people.pauses_s(name)?;
         Some(format!("{} {:.0} s", words.word("login.pauses"), left_s.ceil()))
     }
 
@@ -101,7 +89,7 @@ impl Web {
     /// # Errors
     /// Where the store cannot be opened or read.
     pub fn read<T>(&self, read: impl FnOnce(&Store) -> Result<T, StoreError>) -> Result<T, StoreError> {
-        self.people.read(read)
+        self.front.people.read(read)
     }
 
     /// Writes a row that no cycle waits for, on the calling thread, which may wait for the disk.
@@ -109,17 +97,12 @@ impl Web {
     /// # Errors
     /// Where the store cannot be opened or written.
     pub fn write<T>(&self, write: impl FnOnce(&mut Store) -> Result<T, StoreError>) -> Result<T, StoreError> {
-        self.people.write(write)
+        self.front.people.write(write)
     }
 
     /// Keeps a line of the audit trail; where the disk refuses, the service's log has it.
     pub fn audit(&self, entry: &AuditEntry) {
-        self.people.audit(entry);
-    }
-
-    /// The accounts and who tries to use them.
-    pub fn people(&self) -> &Arc<People> {
-        &self.people
+        self.front.people.audit(entry);
     }
 }
 
@@ -146,5 +129,5 @@ pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send 
 
 /// Works with passwords, one at a time, beside the page's runtime.
 pub(super) async fn hashing<T: Send + 'static>(web: &Web, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
-    web.people.hashing(work).await
+    web.front.people.hashing(work).await
 }

@@ -15,6 +15,7 @@ use super::state::{Web, WebParts};
 use super::words::Words;
 use crate::accounts::{self, Account, AuditEntry, Role};
 use crate::daemon::alarms::Alarms;
+use crate::daemon::front_parts::FrontParts;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::live_view::LiveView;
 use crate::daemon::people::People;
@@ -191,17 +192,15 @@ impl Site {
         let (_, live) = tokio::sync::watch::channel(Arc::new(Live::default()));
         let gateway = Gateway::new(sender, loader, None);
         let people = Arc::new(People::new(folder_of_store));
+        let alarms = Arc::new(Alarms::new(people.clone()));
         let web = Web::new(WebParts {
-            gateway: gateway.clone(),
+            front: FrontParts { gateway: gateway.clone(), people, alarms, setup: Arc::new(Source) },
             live,
             frames: Arc::new(Frames::new(LiveView::default())),
             words: Words::read(None).expect("the program's own"),
-            setup: Arc::new(Source),
             records: Arc::new(Source),
             is_tls: false,
             hosts: Some(["127.0.0.1:8090".to_owned(), "localhost:8090".to_owned()]),
-            people: people.clone(),
-            alarms: Arc::new(Alarms::new(people)),
             idle_min: 30,
             sessions: 2,
         });
@@ -213,10 +212,10 @@ impl Site {
     /// The same page for its own server.
     pub fn parts(&self, page: crate::cell::Page) -> PageParts {
         let (folder, gateway) = (self.folder.path().join("store"), self.gateway.clone());
-        let (setup, records) = (Arc::new(Source), Arc::new(Source));
         let people = Arc::new(People::new(folder.clone()));
         let alarms = Arc::new(Alarms::new(people.clone()));
-        PageParts { page, folder, people, alarms, gateway, view: LiveView::default(), setup, records }
+        let front = FrontParts { gateway, people, alarms, setup: Arc::new(Source) };
+        PageParts { page, folder, front, view: LiveView::default(), records: Arc::new(Source) }
     }
 
     /// Sends a request with these headers.

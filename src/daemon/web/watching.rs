@@ -11,7 +11,7 @@ const EVERY: Duration = Duration::from_secs(60);
 pub(super) async fn follow(web: Arc<Web>) {
     loop {
         let shared = web.clone();
-        blocking(move || shared.alarms.look(&*shared.setup, shared.gateway.cameras.as_ref())).await;
+        blocking(move || shared.front.look()).await;
         tokio::time::sleep(EVERY).await;
     }
 }

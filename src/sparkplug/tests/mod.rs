@@ -27,7 +27,10 @@ fn at(ms: u64) -> Now {
 /// What the cell shows in this state.
 fn shown(state: &str) -> Vec<Value> {
     let hold = Hold { why: Why::Asked, resume: Phase::Locate };
-    let at = [At::Idle, At::Starting, At::Held(hold)].into_iter().find(|at| at.word() == state).expect("a state");
+    let at = [At::Stopped, At::Idle, At::Starting, At::Held(hold)]
+        .into_iter()
+        .find(|at| at.word() == state)
+        .expect("a state");
     let now = LoopView { table: Some(State { at, ..State::NEW }), ..LoopView::default() };
     values(&CellView { now, ..CellView::default() })
 }

@@ -73,7 +73,7 @@ impl Host {
     }
 }
 
-const STATES: [&str; 4] = ["idle", "execute", "held", "complete"];
+const STATES: [&str; 4] = ["stopped", "idle", "starting", "held"];
 
 proptest! {
     #[test]

@@ -5,9 +5,10 @@ use super::peer::Peer;
 use crate::clients::harass;
 use panelprep::cell::{self, Cell};
 use panelprep::daemon::{
-    self, Alarms, CellSetup, Computing, DaemonError, Equipment, Examined, Gateway, LinkedRobot, LiveView,
-    LoopStart, NoCameras, OperatorPage, PageParts, People, Ports, RecipeText, RecordSource, RecordingSwitch,
-    Request, RequestHandler, RequestSender, ServiceParts, SetupSource, Socket, StoreRecord, WrittenPage,
+    self, Alarms, CellSetup, Computing, DaemonError, Equipment, Examined, FrontParts, Gateway, LinkedRobot,
+    LiveView, LoopStart, NoCameras, OperatorPage, PageParts, People, Ports, RecipeText, RecordSource,
+    RecordingSwitch, Request, RequestHandler, RequestSender, ServiceParts, SetupSource, Socket, StoreRecord,
+    WrittenPage,
 };
 use panelprep::devices::robot::{Address, BlockingLink, link_limits};
 use panelprep::eki::Pace;
@@ -226,7 +227,8 @@ pub fn aborts_on_the_page(trials: usize, viewers: usize) -> Vec<Duration> {
     let people = Arc::new(People::new(folder.clone()));
     let alarms = Arc::new(Alarms::new(people.clone()));
     let view = LiveView::default();
-    let parts = PageParts { page, folder, people, alarms, gateway, view, setup, records };
+    let front = FrontParts { gateway, people, alarms, setup };
+    let parts = PageParts { page, folder, front, view, records };
     let page = OperatorPage::serve(parts).expect("served").expect("an address");
     let address = page.url.trim_start_matches("http://").trim_end_matches('/').to_owned();
     // A clear needs a person; the socket has one.

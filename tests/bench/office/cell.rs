@@ -31,7 +31,7 @@ pub fn run(arguments: &[String]) -> ExitCode {
     store.recover().expect("recovered");
     let broker = Broker { address: format!("nats://127.0.0.1:{port}"), ca: None, login: BrokerLogin::Anybody };
     let office = Office { broker, cell: CellName::new(name).expect("a name"), behind_min: 60 };
-    let parts = OfficeParts { office, folder: folder.to_owned(), cell: None, status: OfficeStatus::default() };
+    let parts = OfficeParts { office, folder: folder.to_owned(), front: None, status: OfficeStatus::default() };
     let _sender = OfficeSender::start(parts).expect("a thread");
     loop {
         sign_what_is_not(folder);

@@ -3,10 +3,12 @@
 use super::*;
 use crate::accounts::Role;
 use crate::cell::Anonymous;
+use crate::daemon::front_parts::FrontParts;
 use crate::daemon::people::People;
 use crate::daemon::request::Request as CellRequest;
 use crate::daemon::request_queue::request_queue;
 use crate::daemon::setup_source::{Equipment, Examined, RecipeText};
+use crate::daemon::{Alarms, Gateway, SetupSource};
 use crate::geometry::ColorPicture;
 use crate::office::RecipeOffer;
 use crate::packml::{ArgumentKind, METHODS, method};
@@ -83,8 +85,11 @@ impl Cell {
             }
         });
         let loader = Arc::new(|_| Err(vec![Reason::new("bad_input", "no cell here")]));
-        let access = Arc::new(Access::new(people, Arc::default(), Anonymous::Read));
-        let calls = Calls::new(Gateway::new(sender, loader, None), access, alarms, Arc::new(Source));
+        let access = Arc::new(Access::new(people.clone(), Arc::default(), Anonymous::Read));
+        let calls = Calls::new(
+            access,
+            FrontParts { gateway: Gateway::new(sender, loader, None), people, alarms, setup: Arc::new(Source) },
+        );
         Cell { calls, asked, _folder: folder }
     }
 
@@ -222,8 +227,8 @@ async fn of_a_flood_little_reaches_the_loop_and_one_line_is_kept() {
 #[tokio::test]
 async fn an_alarm_is_acknowledged_by_its_name_once() {
     let cell = Cell::new();
-    cell.calls.alarms.look(&Source, None);
-    let alarm = cell.calls.alarms.all().expect("read").remove(0);
+    cell.calls.front.alarms.look(&Source, None);
+    let alarm = cell.calls.front.alarms.all().expect("read").remove(0);
     let name = Variant::from(crate::packml::alarm_id(&alarm).as_str());
     assert_eq!(
         status(&cell.call("AcknowledgeAlarm", std::slice::from_ref(&name), Some(Role::Viewer)).await),
@@ -233,7 +238,7 @@ async fn an_alarm_is_acknowledged_by_its_name_once() {
         status(&cell.call("AcknowledgeAlarm", std::slice::from_ref(&name), Some(Role::Inspector)).await),
         StatusCode::Good
     );
-    let seen = cell.calls.alarms.all().expect("read").remove(0).acknowledged.expect("it is kept");
+    let seen = cell.calls.front.alarms.all().expect("read").remove(0).acknowledged.expect("it is kept");
     assert_eq!(seen.who, "Ada B (inspector)");
     assert_eq!(
         status(&cell.call("AcknowledgeAlarm", &[name], Some(Role::Inspector)).await),
