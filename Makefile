@@ -7,7 +7,7 @@ DEMO_OUT := target/demo
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
-	@echo 'make demo-plant  two simulated cells, broker, database, archive and the page over all cells, on this computer'
+	@echo 'make demo-plant  two simulated cells, brokers, database, archive and the page over all cells, on this computer'
 	@echo 'make test    format check, lints, all tests'
 	@echo 'make test-long  the same tests with more random walks, and those that take minutes'
 	@echo 'make package a Debian package for the system that this machine has; make package-test installs, upgrades and purges it in a folder'
@@ -72,8 +72,8 @@ demo: setup
 	cargo build --release --locked
 	target/release/panelprep demo --out $(DEMO_OUT)
 
-# Two simulated cells, a NATS broker, PostgreSQL, the archive and the office's page on this computer, until Ctrl-C. Needs nats-server and
-# postgresql of Debian.
+# Two simulated cells, the brokers of NATS and MQTT, PostgreSQL, the archive and the office's page on this computer, until Ctrl-C. Needs nats-server,
+# postgresql, mosquitto and mosquitto-clients of Debian.
 demo-plant: setup
 	cargo build --release --locked
 	sh tests/plant/demo.sh target/release/panelprep target/plant

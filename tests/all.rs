@@ -19,6 +19,7 @@ mod kuka_files;
 mod label_page;
 mod layers;
 mod licences;
+mod line;
 mod link;
 mod live;
 mod locate;

@@ -44,12 +44,23 @@ impl Service {
 
     /// The same from a file of its own.
     pub fn start_from(program: &Path, folder: &Path, environment: &[(&str, &str)]) -> Self {
+        let mut command = Command::new(program);
+        command.envs(environment.iter().copied());
+        Service::start_command(command, folder, &[])
+    }
+
+    /// The same with more in what is simulated.
+    pub fn start_simulating(folder: &Path, more: &[&str]) -> Self {
+        Service::start_command(Command::new(env!("CARGO_BIN_EXE_panelprep")), folder, more)
+    }
+
+    fn start_command(mut command: Command, folder: &Path, more: &[&str]) -> Self {
         let log =
             std::fs::OpenOptions::new().create(true).append(true).open(folder.join("run.log")).expect("a log");
-        let child = Command::new(program)
+        let child = command
             .args(["run", "--cell", "cell/cell.toml", "--seed", "3"])
+            .args(more)
             .current_dir(folder)
-            .envs(environment.iter().copied())
             .stdout(Stdio::null())
             .stderr(log)
             .spawn()

@@ -49,6 +49,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
         place: 0,
         arm_error_mm: args.arm_error_mm,
         tool_fault: args.tool_fault,
+        line_parts: 0,
     };
     let teaching = Teach {
         recipe: rendered.file("recipe.toml"),

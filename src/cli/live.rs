@@ -86,6 +86,9 @@ impl Live {
         let world = || simulated_cell(&calibrations.scanner, simulation);
         if cell.robot().kind() == RobotKind::Mock {
             let simulated = Simulated::start(cell, world()?)?;
+            if simulation.line_parts > 0 {
+                simulated.world.bring_parts(simulation.line_parts, cell).map_err(Fault::stage)?;
+            }
             let arm = Arm::Mock(simulated.server.handle());
             let cameras = cameras(cell, calibrations, Some((&simulated.world, &arm)))?;
             let looks_at = Some((&simulated.world, &arm));

@@ -35,8 +35,8 @@ pub struct Handshake {
     is_armed: bool,
     /// The part of the cycle that is over was still there.
     saw_part: bool,
-    /// What was asked for last was refused, and the line has not taken its request back yet.
-    was_refused: bool,
+    /// What was asked for last was refused, and nobody has done anything about it yet.
+    refused: Option<Ask>,
     /// The last looks that were the same, and how many.
     steady: Option<(Look, u8)>,
 }
@@ -65,18 +65,24 @@ impl Handshake {
         }
     }
 
-    /// What was asked for was refused: the line is told of a fault until its request is low.
-    pub fn refused(&mut self) {
-        self.was_refused = true;
+    /// This was refused. The line is told of a fault: after a start until its request is low, after a reset until a person has reset
+    /// the cell, since the part is gone and nothing asks again.
+    pub fn refused(&mut self, ask: Ask) {
+        self.refused = Some(ask);
     }
 
     /// What the line is told now.
     pub fn told(&mut self, look: &Look) -> Told {
-        self.was_refused &= look.inputs.is_none_or(|inputs| inputs.start_request);
-        match self.was_refused {
-            true => Told::of(&[LineSignal::Fault]),
-            false => told(look.cell.as_ref()),
+        let is_over = match self.refused {
+            Some(Ask::Start) => look.inputs.is_some_and(|inputs| !inputs.start_request),
+            Some(Ask::Reset) => look.cell.as_ref().is_some_and(|cell| cell.state != "complete"),
+            None => true,
+        };
+        if !is_over {
+            return Told::of(&[LineSignal::Fault]);
         }
+        self.refused = None;
+        told(look.cell.as_ref())
     }
 
     fn idle(&mut self, inputs: LineInputs) -> Option<Ask> {

@@ -109,18 +109,27 @@ fn a_reset_needs_a_part_that_went() {
     }
 }
 
-/// A refused start is told as a fault until the line takes its request back.
+/// A refused start is told as a fault until the line takes its request back, a refused reset until the cell was reset by a person.
 #[test]
 fn a_refusal_is_told() {
     let mut handshake = Handshake::default();
     let (low, high) = (look("idle", true, false), look("idle", true, true));
     assert_eq!(handshake.told(&high), Told::of(&[LineSignal::Ready]));
-    handshake.refused();
+    handshake.refused(Ask::Start);
     for _ in 0..3 {
         assert_eq!(handshake.told(&high), Told::of(&[LineSignal::Fault]));
     }
     assert_eq!(handshake.told(&low), Told::of(&[LineSignal::Ready]));
     assert_eq!(handshake.told(&high), Told::of(&[LineSignal::Ready]), "it was taken back");
+    handshake.refused(Ask::Reset);
+    let silent = Look { cell: None, ..low.clone() };
+    for look in
+        [look("complete", false, false), look("complete", true, true), silent, look("complete", false, false)]
+    {
+        assert_eq!(handshake.told(&look), Told::of(&[LineSignal::Fault]));
+    }
+    assert_eq!(handshake.told(&look("resetting", false, false)), Told(0));
+    assert_eq!(handshake.told(&low), Told::of(&[LineSignal::Ready]));
 }
 
 /// Every state with every verdict: at most one of ready, cycle done, review and fault; pass and fail with cycle done alone, and pass

@@ -1,7 +1,8 @@
 #!/bin/sh
-# The whole plant on this computer: `make demo-plant`. Two simulated cells with their services, a NATS broker, PostgreSQL, the archive and
-# the office's page. Each cell runs one cycle; then the archive is held against both cells. It goes on until Ctrl-C; with ONCE=1 it ends
-# after the proof. All of it lies in the folder that is named, and every server listens on this computer alone.
+# The whole plant on this computer: `make demo-plant`. Two simulated cells with their services, a NATS broker, PostgreSQL, the archive, the
+# office's page, and an MQTT broker with the live view of MQTT Sparkplug. Each cell runs one cycle; then the archive is held against both cells.
+# It goes on until Ctrl-C; with ONCE=1 it ends after the proof. All of it lies in the folder that is named, and every server listens on
+# this computer alone.
 set -eu
 
 program=$(realpath "$1")
@@ -10,12 +11,15 @@ folder=$(realpath "$2")
 broker_port=${BROKER_PORT:-14222}
 database_port=${DATABASE_PORT:-15432}
 fleet_port=${FLEET_PORT:-18444}
+mqtt_port=${MQTT_PORT:-11883}
 
 missing() {
   echo "$1 is missing; on Debian: apt-get install $2" >&2
   exit 2
 }
 command -v nats-server >/dev/null || missing nats-server nats-server
+command -v mosquitto >/dev/null || missing mosquitto mosquitto
+command -v mosquitto_sub >/dev/null || missing mosquitto_sub mosquitto-clients
 programs=$(ls -d /usr/lib/postgresql/*/bin 2>/dev/null | sort -V | tail -1)
 [ -n "$programs" ] && [ -x "$programs/postgres" ] || missing PostgreSQL postgresql
 
@@ -43,7 +47,12 @@ wait_for() {
   done
 }
 
-echo "broker and database"
+echo "brokers and database"
+mosquitto -p "$mqtt_port" >"$folder/mosquitto.log" 2>&1 &
+started="$started $!"
+wait_for mosquitto_pub -h 127.0.0.1 -p "$mqtt_port" -t ready -n
+mosquitto_sub -h 127.0.0.1 -p "$mqtt_port" -t 'spBv1.0/plant/#' -F '%t, %l bytes' >"$folder/sparkplug.log" &
+started="$started $!"
 nats-server -js -a 127.0.0.1 -p "$broker_port" -sd "$folder/nats" >"$folder/nats.log" 2>&1 &
 started="$started $!"
 mkdir -p "$folder/postgres"
@@ -87,7 +96,18 @@ for cell in 1 2; do
       "$program" calibrate verify --cell "$file" --camera "$(echo $camera | tr _ -)" --board 5x4 --square-mm 40 \
         --target "$here/target/$camera.toml" --image "$here/target/$camera.png" $flange >>"$folder/cell-$cell.log" 2>&1
     done
-    printf '\n[office]\nbroker = "nats://127.0.0.1:%s"\ncell = "cell-%s"\n' "$broker_port" "$cell" >>"$file"
+    cat >>"$file" <<SETTINGS
+
+[office]
+broker = "nats://127.0.0.1:$broker_port"
+cell = "cell-$cell"
+
+[sparkplug]
+broker = "127.0.0.1"
+port = $mqtt_port
+group_id = "plant"
+edge_node_id = "cell-$cell"
+SETTINGS
   fi
   "$program" run --cell "$file" --seed "$cell" 2>>"$folder/cell-$cell.log" >/dev/null &
   started="$started $!"
@@ -105,6 +125,13 @@ done
 echo "proof: does the archive hold the same as both cells?"
 wait_for "$program" archive check --settings "$folder/archive.toml" "cell-1=$folder/cell-1/store" "cell-2=$folder/cell-2/store"
 "$program" archive check --settings "$folder/archive.toml" "cell-1=$folder/cell-1/store" "cell-2=$folder/cell-2/store"
+
+echo "MQTT Sparkplug: what a host application has heard"
+for cell in 1 2; do
+  for kind in NBIRTH NDATA; do
+    echo "cell-$cell: $(grep -c "^spBv1.0/plant/$kind/cell-$cell," "$folder/sparkplug.log") messages $kind"
+  done
+done
 
 [ -z "${ONCE:-}" ] || exit 0
 echo

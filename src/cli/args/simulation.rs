@@ -35,11 +35,14 @@ pub struct Simulation {
     /// The simulated compliant tool fails on the way: NAME[=VALUE]@N, from the Nth waypoint in contact on, as `silent@40`.
     #[arg(long, value_name = "FAULT")]
     pub tool_fault: Option<PlannedToolFault>,
+    /// A simulated line brings so many parts to the simulated cell and asks for a cycle of each; needs [line] in the cell's file.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub line_parts: u32,
 }
 
 impl Default for Simulation {
     fn default() -> Self {
-        Simulation { seed: 1, scene: SceneName::Good, place: 0, arm_error_mm: 0.0, tool_fault: None }
+        Simulation { seed: 1, scene: SceneName::Good, place: 0, arm_error_mm: 0.0, tool_fault: None, line_parts: 0 }
     }
 }
 

@@ -104,7 +104,7 @@ async fn follow(parts: LineParts) {
         if let Some(ask) = ask
             && !parts.ask(ask).await
         {
-            handshake.refused();
+            handshake.refused(ask);
         }
     }
 }

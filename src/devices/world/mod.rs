@@ -5,13 +5,14 @@
 //! tenths is gone when the panel is wetted again. Time is the controller's. The ground truth is known here, for scores alone.
 //!
 //! - `simulated_world`: what it contains and what changes · `signal`: what an output causes, and when · `water`: the film's time ·
-//!   `touch`: where the disc was
+//!   `touch`: where the disc was · `line`: a line that brings parts, where the cell's file names its signals
 //! - `follow`: the same around a controller in another process, by its messages
 //!
 //! The process's light does not reach the flange camera's pictures, which have a lamp of their own, nor 3D shots.
 //! Not simulated: drops on a lens, a wet panel in 3D shots and in pictures of the flange camera, the arm in a picture.
 
 mod follow;
+mod line;
 mod signal;
 mod simulated_world;
 mod touch;

@@ -1,5 +1,6 @@
 //! The world itself: what stands in it, what changes, and what its cameras see.
 
+use super::line::SimulatedLine;
 use super::signal::Signal;
 use super::touch::Touched;
 use super::water::{Wetting, film_s, seconds};
@@ -29,6 +30,11 @@ pub enum WorldError {
     /// No park pose.
     #[error("[poses] park is missing; a 3D shot is taken only from there")]
     NoPark,
+    /// No signals of a line.
+    #[error(
+        "a simulated line brings no parts to a cell whose file has not all of its signals; the manual's page line.md has them"
+    )]
+    NoLine,
 }
 
 /// What should not have been done, seen from the world's side. For tests.
@@ -92,11 +98,20 @@ struct State {
     shots: u64,
     disc_diameter_mm: f64,
     violations: Vec<(u64, Violation)>,
+    line: Option<SimulatedLine>,
+    /// When the part was brought in, by the controller's time, ms.
+    part_since_ms: u64,
 }
 
 impl State {
     fn signal(&self, output: Output) -> &Signal {
         &self.signals[place(output)]
+    }
+
+    /// A part that is dry and as greasy as the first one takes its place.
+    fn bring_part(&mut self, now_ms: u64) {
+        (self.part_since_ms, self.wetting) = (now_ms, None);
+        self.healed = (None, vec![false; self.healed.1.len()]);
     }
 }
 
@@ -139,9 +154,20 @@ impl SimulatedWorld {
             shots: 0,
             disc_diameter_mm: 0.0,
             violations: Vec::new(),
+            line: None,
+            part_since_ms: 0,
         };
         let fixed = Fixed { cell: simulated, truth, park };
         Ok(SimulatedWorld { fixed: Arc::new(fixed), state: Arc::new(Mutex::new(state)) })
+    }
+
+    /// A line stands beside the cell and brings so many parts, each like the first.
+    ///
+    /// # Errors
+    /// Where the cell's file does not name the line's signals.
+    pub fn bring_parts(&self, parts: u32, cell: &cell::Cell) -> Result<(), WorldError> {
+        self.lock().line = Some(SimulatedLine::new(cell.io(), parts).ok_or(WorldError::NoLine)?);
+        Ok(())
     }
 
     /// Mounts a sanding disc: what it covers is abraded.
@@ -246,7 +272,12 @@ impl SimulatedWorld {
     /// Takes what was executed up to that moment: spots that the disc covered will hold their film.
     pub fn abrade(&self, trace: &[Sample]) {
         let truth = &self.fixed.truth;
-        let touched = Touched::by(trace, truth, self.lock().disc_diameter_mm);
+        let (disc_diameter_mm, since_ms) = {
+            let state = self.lock();
+            (state.disc_diameter_mm, state.part_since_ms)
+        };
+        let of_part = trace.partition_point(|sample| sample.time_ms < since_ms);
+        let touched = Touched::by(&trace[of_part..], truth, disc_diameter_mm);
         let healed = truth.spots.iter().map(|spot| touched.share_of(spot) >= HEALED_FROM).collect();
         let mut state = self.lock();
         state.healed = (state.wetting.map(|wetting| wetting.on_ms), healed);
@@ -317,6 +348,9 @@ struct Terminals(SimulatedWorld);
 impl mock::World for Terminals {
     fn on_output(&mut self, number: u16, value: bool, time_ms: u64) {
         let mut state = self.0.lock();
+        if state.line.as_mut().is_some_and(|line| line.reads(number, value, time_ms)) {
+            state.bring_part(time_ms);
+        }
         let Some(signal) = state.signals.iter_mut().find(|signal| signal.number == number) else { return };
         signal.switch(value, time_ms);
         let output = signal.output;
@@ -344,6 +378,9 @@ impl mock::World for Terminals {
 
     fn input(&self, number: u16, time_ms: u64) -> Option<bool> {
         let state = self.0.lock();
+        if let Some(set) = state.line.as_ref().and_then(|line| line.sets(number, time_ms)) {
+            return Some(set);
+        }
         state.signals.iter().find(|signal| signal.feedback == number).map(|signal| signal.says(time_ms))
     }
 }

@@ -1,0 +1,137 @@
+//! A simulated line: it brings parts, asks for cycles, and takes what is done, by the controller's signals alone.
+//!
+//! | It reads | It does |
+//! |---|---|
+//! | ready on | brings the next part, then asks for a cycle |
+//! | ready off | takes its request back |
+//! | cycle done on | takes the part away |
+//! | fault on while it asks | takes its request back, and asks for nothing more |
+
+use crate::cell::{InputsOutputs, LINE_INPUTS, LineSignal};
+
+/// A part is brought in, or taken out, so long after the signal for it.
+const CARRIES_MS: u64 = 1_000;
+/// A request follows the part, and goes, after so long.
+const ANSWERS_MS: u64 = 500;
+
+/// A signal of the line that changes at a time.
+#[derive(Debug, Clone, Copy, Default)]
+struct Changes {
+    before: bool,
+    then: bool,
+    at_ms: u64,
+}
+
+impl Changes {
+    fn is_on(&self, now_ms: u64) -> bool {
+        if now_ms >= self.at_ms { self.then } else { self.before }
+    }
+
+    fn change(&mut self, then: bool, now_ms: u64, after_ms: u64) {
+        *self = Changes { before: self.is_on(now_ms), then, at_ms: now_ms + after_ms };
+    }
+}
+
+/// The line beside the cell.
+#[derive(Debug, Clone)]
+pub(super) struct SimulatedLine {
+    part_present: (u16, Changes),
+    start_request: (u16, Changes),
+    ready: u16,
+    cycle_done: u16,
+    fault: u16,
+    /// Parts that are still to come.
+    parts: u32,
+}
+
+impl SimulatedLine {
+    /// One that brings so many parts; `None` where the cell's file does not name its signals.
+    pub fn new(io: &InputsOutputs, parts: u32) -> Option<Self> {
+        let [part_present, start_request] = LINE_INPUTS.map(|name| io.feedbacks().get(name).copied());
+        let output = |signal| io.line_output(signal);
+        Some(SimulatedLine {
+            part_present: (part_present?, Changes::default()),
+            start_request: (start_request?, Changes::default()),
+            ready: output(LineSignal::Ready)?,
+            cycle_done: output(LineSignal::CycleDone)?,
+            fault: output(LineSignal::Fault)?,
+            parts,
+        })
+    }
+
+    /// An output of the controller changed; whether another part is brought in by it.
+    pub fn reads(&mut self, number: u16, on: bool, now_ms: u64) -> bool {
+        let (part_present, start_request) = (&mut self.part_present.1, &mut self.start_request.1);
+        if number == self.ready && on && self.parts > 0 {
+            self.parts -= 1;
+            part_present.change(true, now_ms, CARRIES_MS);
+            start_request.change(true, now_ms, CARRIES_MS + ANSWERS_MS);
+            return true;
+        }
+        if number == self.ready && !on {
+            start_request.change(false, now_ms, ANSWERS_MS);
+        } else if number == self.cycle_done && on {
+            part_present.change(false, now_ms, CARRIES_MS);
+        } else if number == self.fault && on && start_request.is_on(now_ms) {
+            self.parts = 0;
+        }
+        false
+    }
+
+    /// What it sets, where this input of the controller is its own.
+    pub fn sets(&self, number: u16, now_ms: u64) -> Option<bool> {
+        [self.part_present, self.start_request]
+            .iter()
+            .find(|(own, _)| *own == number)
+            .map(|(_, changes)| changes.is_on(now_ms))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(parts: u32) -> SimulatedLine {
+        SimulatedLine {
+            part_present: (30, Changes::default()),
+            start_request: (31, Changes::default()),
+            ready: 40,
+            cycle_done: 41,
+            fault: 45,
+            parts,
+        }
+    }
+
+    fn sets(line: &SimulatedLine, now_ms: u64) -> [bool; 2] {
+        [30, 31].map(|number| line.sets(number, now_ms).expect("its own"))
+    }
+
+    /// One part: brought, asked for, taken; for a second one there is none.
+    #[test]
+    fn a_part_comes_is_asked_for_and_goes() {
+        let mut line = line(1);
+        assert!(line.reads(40, true, 0));
+        assert_eq!(
+            [999, 1_000, 1_499, 1_500].map(|now_ms| sets(&line, now_ms)),
+            [[false, false], [true, false], [true, false], [true, true]]
+        );
+        assert!(!line.reads(40, false, 2_000));
+        assert_eq!([2_499, 2_500].map(|now_ms| sets(&line, now_ms)), [[true, true], [true, false]]);
+        line.reads(41, true, 60_000);
+        assert_eq!([60_999, 61_000].map(|now_ms| sets(&line, now_ms)), [[true, false], [false, false]]);
+        assert!(!line.reads(40, true, 62_000), "there is no other part");
+        assert_eq!(sets(&line, 70_000), [false, false]);
+        assert_eq!(line.sets(1, 0), None);
+    }
+
+    #[test]
+    fn a_refusal_ends_its_asking() {
+        let mut line = line(5);
+        line.reads(45, true, 0);
+        assert!(line.reads(40, true, 10), "a fault before it asks is none of its own");
+        line.reads(40, false, 3_000);
+        line.reads(45, true, 3_000);
+        assert!(!line.reads(40, true, 5_000));
+        assert_eq!(sets(&line, 9_000), [true, false]);
+    }
+}

@@ -1,0 +1,75 @@
+//! Whole cycles that a line asks for: a simulated line beside the simulated cell, which knows the controller's signals alone.
+
+use super::commands::json;
+use super::service::{Service, taught};
+use panelprep::record::{Kind, PartNames};
+use panelprep::store::Store;
+use panelprep::verdict::Verdict;
+use std::path::Path;
+
+const SIGNALS: &str = "[io.line_outputs]
+ready = 40
+cycle_done = 41
+pass = 42
+fail = 43
+review = 44
+fault = 45
+
+[line]
+recipe = 'recipe.toml'
+order = 'WO 7'
+operator = 'Line 2'
+";
+
+fn with_line(folder: &Path) {
+    let file = folder.join("cell/cell.toml");
+    let text = std::fs::read_to_string(&file).expect("a cell");
+    let text = text.replace("[io.feedbacks]\n", "[io.feedbacks]\npart_present = 30\nstart_request = 31\n");
+    std::fs::write(file, text + SIGNALS).expect("written");
+}
+
+/// After one reset by a person the line has two parts prepared, each greasy when it comes; nobody does anything. A third start, while
+/// the recipe is gone, is refused, told, and not asked for again.
+#[test]
+fn a_line_has_its_parts_prepared() {
+    let folder = taught("good");
+    let folder = folder.path();
+    let (exit, told) = json(folder, "run --cell cell/cell.toml --seed 3 --line-parts 1");
+    assert!(exit == 2 && told.to_string().contains("has not all of its signals"), "{told}");
+
+    with_line(folder);
+    let service = Service::start_simulating(folder, &["--line-parts", "3"]);
+    service.reset();
+    let store = || Store::open(&folder.join("cell/store")).expect("the store opens");
+    let recipe = folder.join("cell/recipe.toml");
+    service.wait("the second cycle", |_| store().ended_cycles().expect("read").len() == 2);
+    std::fs::rename(&recipe, folder.join("gone.toml")).expect("away");
+    service
+        .wait("a third start is refused", |service| service.log().contains("asks for a start, which is refused"));
+    service.reach("idle");
+    std::fs::rename(folder.join("gone.toml"), &recipe).expect("back");
+    // Longer than a line that asks again would wait.
+    std::thread::sleep(std::time::Duration::from_secs(4));
+    assert_eq!(service.state(), "idle");
+
+    let store = store();
+    let ended = store.ended_cycles().expect("read");
+    assert_eq!(ended.len(), 2);
+    for id in ended {
+        let record = store.cycle(id).expect("its record");
+        assert_eq!(record.judgement.map(|judged| judged.verdict), Some(Verdict::Pass));
+        assert!(record.findings.iter().any(|finding| finding.kind == Kind::Abrade), "it was greasy");
+        let names = PartNames { serial: None, order: Some("WO 7".to_owned()), operator: Some("Line 2".to_owned()) };
+        assert_eq!(store.part_of(id).expect("read"), Some(names));
+    }
+    let asked: Vec<(String, bool)> = store
+        .audit(None, 100)
+        .expect("read")
+        .into_iter()
+        .filter(|line| line.entry.from == "the line's digital signals")
+        .map(|line| (line.entry.what, line.entry.refused.is_some()))
+        .rev()
+        .collect();
+    let [start, reset] = ["start", "reset"].map(|what| (what.to_owned(), false));
+    assert_eq!(asked, [start.clone(), reset.clone(), start, reset, ("start".to_owned(), true)]);
+}
