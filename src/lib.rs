@@ -2,7 +2,7 @@
 //!
 //! The map of the code. Each paragraph of `pub mod` lines is a layer; a module may name only modules of earlier
 //! paragraphs. `tests/layers.rs` reads this file and the code and holds both to it. Disk, sockets, processes and clocks are
-//! touched by `disk`, `supervision`, `store`, `backup`, `broker`, `page`, `devices`, `archive`, `daemon` and `cli` alone.
+//! touched by `disk`, `supervision`, `trust`, `store`, `backup`, `broker`, `page`, `devices`, `archive`, `daemon` and `cli` alone.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 // A result is handled, or an `expect` beside it says why it is not.
 #![cfg_attr(not(test), deny(clippy::let_underscore_must_use))]
@@ -21,6 +21,7 @@ pub mod accounts;
 pub mod cycle;
 pub mod geometry;
 pub mod krl;
+pub mod trust;
 
 pub mod cell;
 pub mod eki;

@@ -32,6 +32,7 @@ mod patterns;
 #[allow(dead_code, reason = "the bench uses the rest")]
 mod plant;
 mod poor_pictures;
+mod push;
 mod quiet;
 mod record;
 mod records;

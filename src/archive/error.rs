@@ -2,6 +2,7 @@
 
 use crate::broker::BrokerError;
 use crate::store::StoreError;
+use crate::trust::TrustError;
 use std::path::{Path, PathBuf};
 
 /// What went wrong at the archive.
@@ -55,6 +56,9 @@ pub enum ArchiveError {
         /// What is wrong with it.
         problem: String,
     },
+    /// A certificate or a password cannot be used.
+    #[error(transparent)]
+    Trust(#[from] TrustError),
 }
 
 impl ArchiveError {
@@ -72,6 +76,6 @@ impl ArchiveError {
 
     /// Whether it may be over by itself: a network, a server that starts again, a disk that is full.
     pub fn may_pass(&self) -> bool {
-        !matches!(self, ArchiveError::Newer { .. } | ArchiveError::Unfit { .. })
+        !matches!(self, ArchiveError::Newer { .. } | ArchiveError::Unfit { .. } | ArchiveError::Trust(_))
     }
 }

@@ -2,6 +2,7 @@
 
 use super::error::BrokerError;
 use crate::cell::{Broker, BrokerLogin};
+use crate::trust;
 use async_nats::jetstream::{self, Context};
 use async_nats::{Client, ConnectOptions};
 use std::time::Duration;
@@ -57,13 +58,9 @@ async fn login(options: ConnectOptions, login: &BrokerLogin) -> Result<ConnectOp
             .await
             .map_err(|error| BrokerError::Login { path: path.clone(), problem: error.to_string() }),
         BrokerLogin::Password { user, file } => {
-            let text = crate::disk::read(file)
-                .map_err(|error| BrokerError::Login { path: file.clone(), problem: error.to_string() })?;
-            let password = String::from_utf8(text).map_err(|_| BrokerError::Login {
-                path: file.clone(),
-                problem: "it is no UTF-8 text".to_owned(),
-            })?;
-            Ok(options.user_and_password(user.clone(), password.trim().to_owned()))
+            let password = trust::secret(file)
+                .map_err(|error| BrokerError::Login { path: error.path, problem: error.problem })?;
+            Ok(options.user_and_password(user.clone(), password))
         }
     }
 }

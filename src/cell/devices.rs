@@ -133,8 +133,13 @@ impl Robot {
 
     /// Whether its address can only be this machine's own.
     pub fn is_on_this_machine(&self) -> bool {
-        self.host == "localhost" || self.host.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
+        is_this_computer(&self.host)
     }
+}
+
+/// Whether a host is this computer: nobody is on the way to it.
+pub(super) fn is_this_computer(host: &str) -> bool {
+    host == "localhost" || host.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
 }
 
 /// An address, or a host's name as RFC 1123 has it; underscores as some networks have them.

@@ -21,6 +21,7 @@ mod office;
 mod opcua;
 mod page;
 mod provenance;
+mod push;
 mod removal;
 mod robot_correction;
 mod rough;
@@ -52,6 +53,7 @@ pub use office::{CellName, Office};
 pub use opcua::{Anonymous, OpcUa};
 pub use page::Page;
 pub use provenance::Provenance;
+pub use push::{Push, WebFolder};
 pub use removal::{RemovalCalibration, RemovalNumbers};
 pub use robot_correction::{CorrectionNumbers, GEOMETRY_NUMBERS, RobotCorrection, SMOOTH_NUMBERS};
 pub use rough::RoughMounts;
@@ -141,13 +143,14 @@ pub struct Cell {
     arm: Arm,
     page: Page,
     office: Option<Office>,
+    push: Option<Push>,
     sparkplug: Option<SparkplugNode>,
     opcua: OpcUa,
     line: Option<Line>,
 }
 
 /// The keys at the top of a cell's file, by which it is distinguished from other files.
-pub const CELL_KEYS: [&str; 19] = [
+pub const CELL_KEYS: [&str; 20] = [
     "store",
     "socket",
     "socket_role",
@@ -164,6 +167,7 @@ pub const CELL_KEYS: [&str; 19] = [
     "keep_out",
     "page",
     "office",
+    "push",
     "sparkplug",
     "opcua",
     "line",
@@ -195,6 +199,7 @@ impl Cell {
         let arm = arm::take_arm(&top.section("arm"), &top.sections("keep_out"));
         let page = page::take_page(folder, &top.section("page"));
         let office = office::take_office(folder, &top.section("office"));
+        let push = push::take_push(folder, &top.section("push"));
         let sparkplug = sparkplug::take_sparkplug(folder, &top.section("sparkplug"));
         let opcua = opcua::take_opcua(folder, &top.section("opcua"));
         let line = line::take_line(folder, &top.section("line"), io.as_ref());
@@ -220,6 +225,7 @@ impl Cell {
             arm: arm?,
             page: page?,
             office: office?,
+            push: push?,
             sparkplug: sparkplug?,
             line: line?,
         })
@@ -313,6 +319,11 @@ impl Cell {
     /// Where records go, where that is set.
     pub fn office(&self) -> Option<&Office> {
         self.office.as_ref()
+    }
+
+    /// Where signed records are put by HTTP, where that is set.
+    pub fn push(&self) -> Option<&Push> {
+        self.push.as_ref()
     }
 
     /// The operator's page.

@@ -1,8 +1,7 @@
 //! `[sparkplug]`: the cell as an edge node of MQTT Sparkplug B. It is off until the table is there.
 
-use super::devices::is_host;
+use super::devices::{is_host, is_this_computer};
 use crate::config::{Choice, Section};
-use core::net::IpAddr;
 use std::path::{Path, PathBuf};
 
 /// Which commands the cell takes from the broker. A rebirth is always taken, and a start never.
@@ -124,7 +123,7 @@ fn take_tls(
         section.problem("broker", format!("found \"{broker}\", {allowed}"));
         return None;
     }
-    let is_here = broker == "localhost" || broker.parse::<IpAddr>().is_ok_and(|address| address.is_loopback());
+    let is_here = is_this_computer(broker);
     match ca_certificate {
         Some(file) => {
             let own = own.map(|files| files.map(|file| folder.join(file)));

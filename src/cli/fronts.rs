@@ -4,26 +4,27 @@ use super::args::Common;
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::record_source::StoreRecords;
-use super::setup_source::FolderSource;
+use super::setup_source::{FolderSource, RecordsOnTheirWay};
 use crate::daemon::{
     Alarms, FrontParts, Gateway, LineFront, LineParts, LinkedRobot, LiveView, OfficeParts, OfficeSender,
-    OfficeStatus, OpcUaParts, OpcUaServer, OperatorPage, PageParts, People, SparkplugEdge, SparkplugParts,
+    OpcUaParts, OpcUaServer, OperatorPage, PageParts, People, PushParts, PushSender, SparkplugEdge, SparkplugParts,
 };
 use std::sync::Arc;
 
 /// What the fronts have in common.
 pub struct Fronts {
     parts: FrontParts,
-    office: OfficeStatus,
+    on_their_way: RecordsOnTheirWay,
 }
 
 impl Fronts {
-    /// Of a cell with these files; what is sent to the office tells how it goes by this status.
-    pub fn new((files, common): (&Arc<CellFiles>, &Common), gateway: Gateway, office: OfficeStatus) -> Self {
+    /// Of a cell with these files.
+    pub fn new((files, common): (&Arc<CellFiles>, &Common), gateway: Gateway) -> Self {
+        let on_their_way = RecordsOnTheirWay::default();
         let people = Arc::new(People::new(files.store_folder().to_owned()));
         let alarms = Arc::new(Alarms::new(people.clone()));
-        let setup = Arc::new(FolderSource::new(files, common, &office));
-        Fronts { parts: FrontParts { gateway, people, alarms, setup }, office }
+        let setup = Arc::new(FolderSource::new(files, common, &on_their_way));
+        Fronts { parts: FrontParts { gateway, people, alarms, setup }, on_their_way }
     }
 }
 
@@ -34,8 +35,25 @@ impl Fronts {
 pub fn office_sender(files: &CellFiles, fronts: &Fronts) -> Result<Option<OfficeSender>, Fault> {
     let Some(office) = files.cell.office().cloned() else { return Ok(None) };
     let folder = files.store_folder().to_owned();
-    let parts = OfficeParts { office, folder, front: Some(fronts.parts.clone()), status: fronts.office.clone() };
+    let parts = OfficeParts {
+        office,
+        folder,
+        front: Some(fronts.parts.clone()),
+        status: fronts.on_their_way.office.clone(),
+    };
     OfficeSender::start(parts).map(Some).map_err(Fault::stage)
+}
+
+/// Puts signed records into the quality system, where the cell's file names one.
+///
+/// # Errors
+/// Where the system refuses.
+pub fn push_sender(files: &Arc<CellFiles>, fronts: &Fronts) -> Result<Option<PushSender>, Fault> {
+    let Some(push) = files.cell.push().cloned() else { return Ok(None) };
+    tracing::info!("signed records are put below {}", push.to);
+    let (folder, records) = (files.store_folder().to_owned(), Arc::new(StoreRecords(files.clone())));
+    let parts = PushParts { push, folder, records, status: fronts.on_their_way.push.clone() };
+    PushSender::start(parts).map(Some).map_err(Fault::stage)
 }
 
 /// Connects the cell to its MQTT broker, where the cell's file names one.

@@ -3,7 +3,7 @@
 use super::args::{Common, Run};
 use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::fault::Fault;
-use super::fronts::{Fronts, edge_node, line_front, office_sender, opcua_server, operator_page};
+use super::fronts::{Fronts, edge_node, line_front, office_sender, opcua_server, operator_page, push_sender};
 use super::health;
 use super::live::Live;
 use super::load::{CellFiles, calibrated_serial};
@@ -15,10 +15,9 @@ use super::report::{self, Kept};
 use super::zivid;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
-    self, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, OfficeStatus, Ports,
-    PreparedCycle, RecordIn, Recorded, RecordedPort, Recording, RecordingSwitch, Request, RequestHandler,
-    RequestQueue, RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord,
-    WrittenPage,
+    self, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, Ports, PreparedCycle,
+    RecordIn, Recorded, RecordedPort, Recording, RecordingSwitch, Request, RequestHandler, RequestQueue,
+    RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord, WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::record::{CycleId, RecordingFile};
@@ -72,10 +71,10 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let socket =
         Socket::listen(&path, files.cell.socket_role(), gateway.clone(), &supervisor).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
-    let office = OfficeStatus::default();
-    let fronts = Fronts::new((&files, common), gateway, office);
+    let fronts = Fronts::new((&files, common), gateway);
     let page = operator_page(&files, &fronts, view.clone())?;
     let office = office_sender(&files, &fronts)?;
+    let push = push_sender(&files, &fronts)?;
     let sparkplug = edge_node(&files, &fronts)?;
     let opcua = opcua_server(&files, &fronts)?;
     let line = line_front(&files, &fronts, &live.robot)?;
@@ -120,7 +119,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     }
     let ended = ended.map_err(Fault::of_loop)?;
     // The page's connections to the store end before the store's own one, which then leaves a database without a log.
-    drop((socket, page, office, sparkplug, opcua, line, fronts, person));
+    drop((socket, page, office, push, sparkplug, opcua, line, fronts, person));
     #[expect(clippy::let_underscore_must_use, reason = "a panic in there was reported where it happened")]
     let _ = pages.join();
     let ended = ended.state;

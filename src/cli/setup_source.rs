@@ -7,7 +7,7 @@ use super::load::CellFiles;
 use super::{disk, doctor, health};
 use crate::check::{self, FileReport};
 use crate::config::Problems;
-use crate::daemon::{Equipment, Examined, OfficeStatus, RecipeText, SetupSource};
+use crate::daemon::{Equipment, Examined, OfficeStatus, PushStatus, RecipeText, SetupSource};
 use crate::files;
 use crate::geometry::ColorPicture;
 use crate::office::RecipeOffer;
@@ -22,6 +22,15 @@ const DAY_S: i64 = 86_400;
 /// The kind of a recipe's file, as `panelprep check` names it.
 const RECIPE: &str = "recipe";
 
+/// How the ways of records out of the cell stand.
+#[derive(Debug, Clone, Default)]
+pub struct RecordsOnTheirWay {
+    /// To the office.
+    pub office: OfficeStatus,
+    /// To the quality system.
+    pub push: PushStatus,
+}
+
 /// The recipes' folder, and the cell's files.
 pub struct FolderSource {
     /// The folder.
@@ -30,15 +39,15 @@ pub struct FolderSource {
     pub files: Arc<CellFiles>,
     /// What every command is told.
     pub common: Common,
-    /// How the way to the office stands.
-    pub office: OfficeStatus,
+    /// How records go out.
+    pub on_their_way: RecordsOnTheirWay,
 }
 
 impl FolderSource {
     /// With the recipes' folder that the cell's file names.
-    pub fn new(files: &Arc<CellFiles>, common: &Common, office: &OfficeStatus) -> Self {
+    pub fn new(files: &Arc<CellFiles>, common: &Common, on_their_way: &RecordsOnTheirWay) -> Self {
         let recipes = files.cell.page().recipes.clone();
-        FolderSource { recipes, files: files.clone(), common: common.clone(), office: office.clone() }
+        FolderSource { recipes, files: files.clone(), common: common.clone(), on_their_way: on_their_way.clone() }
     }
 
     /// The file of a recipe that is offered: a name that is none of them leads nowhere.
@@ -75,7 +84,7 @@ impl SetupSource for FolderSource {
         let RecipeText { name, text } = self.recipe(name)?;
         // What is wrong with the recipe is told beside it.
         let Ok(recipe) = Recipe::check(&name, &text) else { return Ok(None) };
-        Ok(self.office.offer(recipe.panel()).filter(|offer| offer.text != text))
+        Ok(self.on_their_way.office.offer(recipe.panel()).filter(|offer| offer.text != text))
     }
 
     fn problems(&self, name: &str, text: &str) -> Vec<String> {
@@ -114,9 +123,12 @@ impl SetupSource for FolderSource {
         let ending = health::ending(&self.files).unwrap_or_default();
         let store = self.files.store_folder();
         let room = free_mb(store).ok().and_then(|free_mb| doctor::scarce(&store.display().to_string(), free_mb));
-        let behind_min = self.files.cell.office().map(|office| office.behind_min);
-        let office = behind_min.map(|behind_min| self.office.reasons(behind_min, now_unix_s() * 1_000));
-        room.into_iter().chain(verified).chain(ending).chain(office.into_iter().flatten()).collect()
+        let RecordsOnTheirWay { office, push } = &self.on_their_way;
+        let now_unix_ms = now_unix_s() * 1_000;
+        let office = self.files.cell.office().map(|it| office.reasons(it.behind_min, now_unix_ms));
+        let push = self.files.cell.push().map(|it| push.reasons(it.behind_min, now_unix_ms));
+        let behind = office.into_iter().chain(push).flatten();
+        room.into_iter().chain(verified).chain(ending).chain(behind).collect()
     }
 
     fn examine(&self) -> Vec<Examined> {

@@ -2,23 +2,29 @@
 //! network sends, the cell goes on.
 
 use crate::supervision;
+use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::thread::{self, JoinHandle};
 use std::time::Duration;
-use tokio::runtime::Runtime;
+use tokio::runtime::{Builder, Runtime};
 use tokio::sync::oneshot;
-use tokio::time::timeout;
+use tokio::time::{sleep, timeout};
 
 /// What panicked begins anew after this time.
 const AGAIN: Duration = Duration::from_secs(1);
+/// It is looked for something new so often.
+const EVERY: Duration = Duration::from_secs(1);
+/// After a failure it is tried again after one second, then two, four, and so on up to this.
+const LONGEST_PAUSE: Duration = Duration::from_secs(60);
 
 /// How far they step back.
 const NICE: i32 = 5;
 
-/// The calling thread steps back behind the loop and the robot's link.
+/// The calling thread takes the processor after the loop and the robot's link.
 pub(super) fn step_back() {
     #[expect(
         clippy::let_underscore_must_use,
-        reason = "where it is not permitted, the system shares out as it does"
+        reason = "the loop keeps its share by the scheduler's fairness alone"
     )]
     let _ = rustix::process::setpriority_process(None, NICE);
 }
@@ -41,11 +47,84 @@ pub(super) fn run_apart(
     }
 }
 
+/// What is done in rounds towards a server that may be away.
+pub(super) trait Rounds {
+    /// One round; whether there is more to do at once.
+    async fn round(&mut self) -> Result<bool, String>;
+
+    /// After a failure all connections are made anew.
+    fn forget(&mut self);
+
+    /// How the last round went; whether a problem is another one than before.
+    fn is_told(&self, problem: Option<&str>) -> bool;
+}
+
+/// A thread that works in rounds; it ends when this is dropped.
+#[derive(Debug)]
+pub(super) struct Worker {
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Worker {
+    /// Starts it under this name; `what` it does, for the log.
+    ///
+    /// # Errors
+    /// Where the system gives no thread.
+    pub fn start<W: Rounds>(
+        name: &str,
+        what: &'static str,
+        begin: impl Fn() -> W + Send + 'static,
+    ) -> io::Result<Self> {
+        let runtime = Builder::new_current_thread().enable_io().enable_time().max_blocking_threads(2).build()?;
+        let (end, ended) = oneshot::channel();
+        let work = move || {
+            run_apart(&runtime, what, ended, async |ended| {
+                tokio::select! {
+                    () = in_rounds(begin(), what) => {}
+                    _ = ended => {}
+                }
+            });
+        };
+        let thread = thread::Builder::new().name(name.to_owned()).spawn(work)?;
+        Ok(Worker { end: Some(end), thread: Some(thread) })
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        drop(self.end.take());
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+async fn in_rounds(mut work: impl Rounds, what: &str) {
+    let mut pause = EVERY;
+    loop {
+        match work.round().await {
+            Ok(is_more) => {
+                pause = EVERY;
+                work.is_told(None);
+                if !is_more {
+                    sleep(EVERY).await;
+                }
+            }
+            Err(problem) => {
+                if work.is_told(Some(&problem)) {
+                    tracing::warn!("{what} does not work: {problem}");
+                }
+                work.forget();
+                sleep(pause).await;
+                pause = LONGEST_PAUSE.min(pause * 2);
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::cell::Cell;
-    use tokio::runtime::Builder;
 
     /// It panics twice, works on at its third begin, and ends when it is told to.
     #[test]

@@ -56,7 +56,10 @@ mod pending;
 mod people;
 mod ports;
 mod pressing;
+mod progress_file;
 mod protocol;
+mod push;
+mod record_source;
 mod recording;
 mod replay;
 mod reply;
@@ -108,6 +111,8 @@ pub use ports::{
     ToolAnswer, ToolCommand, ToolPort,
 };
 pub use protocol::{MOST_BYTES, ProtocolError, read_request, request_line};
+pub use push::{PushParts, PushSender, PushStatus};
+pub use record_source::RecordSource;
 pub use recording::{FLOOR_MB, StoreRecord, keeper};
 pub use replay::{
     Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, RecordedPort, Recording, RecordingPlan,
@@ -123,7 +128,7 @@ pub use setup_source::{Equipment, Examined, RecipeText, SetupSource};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Socket, SocketError};
 pub use sparkplug::{SparkplugEdge, SparkplugError, SparkplugParts};
-pub use web::{OperatorPage, PageError, PageParts, RecordSource};
+pub use web::{OperatorPage, PageError, PageParts};
 pub use wiring::Wiring;
 pub use without_store::wait_for;
 pub use words::{refusal, request_word, why};

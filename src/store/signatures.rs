@@ -234,7 +234,15 @@ impl Store {
     /// # Errors
     /// Where they cannot be read.
     pub fn signatures_of(&self, id: CycleId) -> Result<Vec<SignatureRow>, StoreError> {
-        self.signatures_where("cycle_id = ?1", Some(id))
+        self.signatures_where("cycle_id = ?1", Some(i64::from(id.0)))
+    }
+
+    /// Those after this number, in order.
+    ///
+    /// # Errors
+    /// Where they cannot be read.
+    pub fn signatures_after(&self, number: u64) -> Result<Vec<SignatureRow>, StoreError> {
+        self.signatures_where("id > ?1", Some(i64::try_from(number).unwrap_or(i64::MAX)))
     }
 
     /// What persons have signed of a cycle, in order, each with the time, ms since 1970.
@@ -271,14 +279,14 @@ impl Store {
         Ok((head, bytes, signature))
     }
 
-    fn signatures_where(&self, condition: &str, id: Option<CycleId>) -> Result<Vec<SignatureRow>, StoreError> {
+    fn signatures_where(&self, condition: &str, value: Option<i64>) -> Result<Vec<SignatureRow>, StoreError> {
         let failed = |error: rusqlite::Error| self.failed("read the signatures of", &error);
         if !self.has_table("signatures")? {
             return Ok(Vec::new());
         }
         let sql = format!("SELECT {COLUMNS} FROM signatures WHERE {condition} ORDER BY id");
         let mut statement = self.connection.prepare(&sql).map_err(failed)?;
-        let rows = statement.query_map([id.map(|id| id.0)], SignatureRow::of).map_err(failed)?;
+        let rows = statement.query_map([value], SignatureRow::of).map_err(failed)?;
         rows.collect::<Result<_, _>>().map_err(failed)
     }
 

@@ -1,16 +1,20 @@
 //! One round: what is new goes to the broker, and the office's word comes back.
 
-use super::progress_file;
+use super::parts::OfficeParts;
 use super::state::Teller;
 use super::status::OfficeStatus;
 use crate::broker::{BrokerError, CellLink, Sending};
 use crate::cell::Office;
+use crate::daemon::background::Rounds;
+use crate::daemon::progress_file;
 use crate::office::{Body, Envelope, Message, OfficeSays, Position, Progress, What, chunks};
 use crate::store::Store;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+/// How far records were sent, in the store's folder.
+const PROGRESS: &str = "office.json";
 /// Records that are read at a time.
 const AT_ONCE: usize = 200;
 /// Bytes that are on their way at a time.
@@ -27,6 +31,7 @@ pub(super) struct Sender {
     office: Office,
     folder: PathBuf,
     status: OfficeStatus,
+    teller: Option<Teller>,
     progress: Progress,
     store: Option<Store>,
     link: Option<CellLink>,
@@ -35,14 +40,38 @@ pub(super) struct Sender {
     offered: Option<Instant>,
 }
 
+impl Rounds for Sender {
+    /// Sends what is new.
+    async fn round(&mut self) -> Result<bool, String> {
+        let last = self.last()?;
+        let was = self.progress.clone();
+        let sent = self.exchange(&last).await;
+        if self.progress != was {
+            progress_file::write(&self.folder, PROGRESS, &self.progress)?;
+        }
+        self.tell_status(&last)?;
+        sent
+    }
+
+    fn forget(&mut self) {
+        (self.link, self.store, self.asked) = (None, None, None);
+        self.offered = None;
+    }
+
+    fn is_told(&self, problem: Option<&str>) -> bool {
+        self.status.goes(problem)
+    }
+}
+
 impl Sender {
-    pub fn new(office: Office, folder: PathBuf, status: OfficeStatus) -> Self {
-        let progress = progress_file::read(&folder);
+    pub fn new(parts: &OfficeParts) -> Self {
+        let OfficeParts { office, folder, front, status } = parts;
         Sender {
-            office,
-            folder,
-            status,
-            progress,
+            office: office.clone(),
+            folder: folder.clone(),
+            status: status.clone(),
+            teller: front.clone().map(Teller::new),
+            progress: progress_file::read(folder, PROGRESS),
             store: None,
             link: None,
             asked: None,
@@ -51,27 +80,7 @@ impl Sender {
         }
     }
 
-    /// After a failure all begins anew.
-    pub fn forget_link(&mut self) {
-        (self.link, self.store, self.asked) = (None, None, None);
-        self.offered = None;
-    }
-
-    /// Sends what is new; whether there is more at once.
-    pub async fn round(&mut self, teller: Option<&mut Teller>) -> Result<bool, String> {
-        let last = self.last()?;
-        let was = self.progress.clone();
-        let sent = self.exchange(teller, &last).await;
-        if self.progress != was {
-            let written = progress_file::write(&self.folder, &self.progress);
-            let path = progress_file::path(&self.folder);
-            written.map_err(|error| format!("{}: {error}", path.display()))?;
-        }
-        self.tell_status(&last)?;
-        sent
-    }
-
-    async fn exchange(&mut self, teller: Option<&mut Teller>, last: &[Position]) -> Result<bool, String> {
+    async fn exchange(&mut self, last: &[Position]) -> Result<bool, String> {
         let broken = |error: BrokerError| error.to_string();
         if self.link.is_none() {
             let link = CellLink::connect(&self.office.broker, &self.office.cell).await.map_err(broken)?;
@@ -82,7 +91,7 @@ impl Sender {
             self.link = Some(link);
         }
         let Some(link) = &self.link else { return Ok(false) };
-        let state = match teller {
+        let state = match &mut self.teller {
             Some(teller) => teller.now(&self.office.cell, last).await,
             None => None,
         };

@@ -27,13 +27,13 @@ impl OfficeStatus {
         change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    pub(super) fn works(&self) {
-        self.change(|stands| stands.problem = None);
-    }
-
-    /// Whether this is told for the first time.
-    pub(super) fn fails(&self, problem: &str) -> bool {
-        self.change(|stands| stands.problem.replace(problem.to_owned()).as_deref() != Some(problem))
+    /// How it goes; whether a problem is told for the first time.
+    pub(super) fn goes(&self, problem: Option<&str>) -> bool {
+        self.change(|stands| {
+            let is_new = problem.is_some() && stands.problem.as_deref() != problem;
+            stands.problem = problem.map(str::to_owned);
+            is_new
+        })
     }
 
     pub(super) fn is_behind(&self, behind: u64, waits_since_unix_ms: Option<i64>) {
@@ -92,7 +92,7 @@ mod tests {
         assert!(
             late(&status)[0].message.ends_with("waits for 60 min, allowed are 60: the archive does not take them")
         );
-        assert!(status.fails("no route") && !status.fails("no route"), "told once");
+        assert!(status.goes(Some("no route")) && !status.goes(Some("no route")), "told once");
         assert!(late(&status)[0].message.ends_with(": no route"));
         status.is_behind(0, None);
         assert_eq!(late(&status), []);

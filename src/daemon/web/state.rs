@@ -3,13 +3,13 @@
 use super::camera_views::Views;
 use super::frame::Frames;
 use super::live_state::Live;
-use super::record_source::RecordSource;
 use super::sessions::Sessions;
 use super::visitor::Visitor;
 use super::words::{Language, Words};
 use crate::accounts::{AuditEntry, Lockout};
 use crate::daemon::front_parts::FrontParts;
 use crate::daemon::live_scene::LiveScene;
+use crate::daemon::record_source::RecordSource;
 use crate::store::{Store, StoreError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{Semaphore, watch};

@@ -8,7 +8,6 @@ mod sessions;
 
 use super::frame::Frames;
 use super::live_state::Live;
-use super::record_source::RecordSource;
 use super::routes;
 use super::server::PageParts;
 use super::state::{Web, WebParts};
@@ -19,6 +18,7 @@ use crate::daemon::front_parts::FrontParts;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::live_view::LiveView;
 use crate::daemon::people::People;
+use crate::daemon::record_source::RecordSource;
 use crate::daemon::reply::{Exit, Reply};
 use crate::daemon::request::Request as CellRequest;
 use crate::daemon::request_queue::request_queue;

@@ -12,8 +12,8 @@ use std::time::Duration;
 
 /// Between two cycles.
 const PAUSE: Duration = Duration::from_millis(500);
-/// Bytes of the one picture of a cycle.
-const PICTURE_BYTES: usize = 20_000;
+/// Bytes of the one picture of a cycle, where nothing else is asked for.
+pub const PICTURE_BYTES: usize = 20_000;
 
 /// Starts this program as a cell.
 pub fn start(name: &str, folder: &Path, broker_port: u16, cycles: usize) -> Child {
@@ -36,7 +36,7 @@ pub fn run(arguments: &[String]) -> ExitCode {
     loop {
         sign_what_is_not(folder);
         if store.ended_cycles().expect("read").len() < cycles {
-            cycle(&mut store);
+            cycle(&mut store, PICTURE_BYTES);
         }
         std::thread::sleep(PAUSE);
     }
@@ -50,7 +50,7 @@ fn sign_what_is_not(folder: &Path) {
     Store::sign_missing(folder, &key(), &|_, _| {}).expect("signed");
 }
 
-fn cycle(store: &mut Store) -> CycleId {
+fn cycle(store: &mut Store, picture_bytes: usize) -> CycleId {
     let start = CycleStart {
         panel: "wing".to_owned(),
         taught_version: "0011223344556677".to_owned(),
@@ -60,7 +60,7 @@ fn cycle(store: &mut Store) -> CycleId {
     };
     let id = store.begin_cycle(&start).expect("begun");
     let mut picture = format!("picture of cycle {id}").into_bytes();
-    picture.resize(PICTURE_BYTES, b'.');
+    picture.resize(picture_bytes, b'.');
     let hash = store.put_blob(&picture).expect("kept");
     let judgement = Judgement { verdict: Verdict::Pass, reasons: vec![] };
     let pictures = vec![Picture { name: "overlay".to_owned(), caption: "what was seen".to_owned(), hash }];
@@ -70,12 +70,12 @@ fn cycle(store: &mut Store) -> CycleId {
     id
 }
 
-/// Writes a store with so many cycles, each signed.
-pub fn write(folder: &Path, cycles: usize) {
+/// Writes a store with so many cycles, each signed and with a picture of this size.
+pub fn write(folder: &Path, cycles: usize, picture_bytes: usize) {
     let mut store = Store::create(folder).expect("a store");
     let key = key();
     for _ in 0..cycles {
-        let id = cycle(&mut store);
+        let id = cycle(&mut store, picture_bytes);
         store.sign_cycle(&key, id).expect("signed");
     }
 }

@@ -1,0 +1,175 @@
+//! `[push]`: signed records by HTTP to a quality system. Off until `to` is set.
+
+use super::devices::{is_host, is_this_computer};
+use crate::config::Section;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+const BEHIND_MIN: std::ops::RangeInclusive<usize> = 1..=100_000;
+/// The usual ports of HTTPS and HTTP.
+const USUAL: [u16; 2] = [443, 80];
+
+/// Where signed records are put.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Push {
+    /// The folder of the server below which each file is put.
+    pub to: WebFolder,
+    /// The certificate of the authority that has signed the server's, PEM, with `https://`.
+    pub ca_certificate: Option<PathBuf>,
+    /// The file of the token that the server asks for.
+    pub token_file: Option<PathBuf>,
+    /// A record that the server does not have after so many minutes is an alarm.
+    pub behind_min: usize,
+}
+
+/// A folder of an HTTP server.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct WebFolder {
+    /// With TLS.
+    pub is_encrypted: bool,
+    /// The server's name or address.
+    pub host: String,
+    /// Its port.
+    pub port: u16,
+    /// The folder's path, from `/` on and without `/` at its end.
+    pub path: String,
+}
+
+impl fmt::Display for WebFolder {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let WebFolder { is_encrypted, host, port, path } = self;
+        let scheme = if *is_encrypted { "https" } else { "http" };
+        let host = if host.contains(':') { format!("[{host}]") } else { host.clone() };
+        match USUAL[usize::from(!is_encrypted)] == *port {
+            true => write!(f, "{scheme}://{host}{path}"),
+            false => write!(f, "{scheme}://{host}:{port}{path}"),
+        }
+    }
+}
+
+/// The outer `None` is a problem, the inner one that nothing is pushed.
+pub(super) fn take_push(folder: &Path, section: &Section<'_, '_>) -> Option<Option<Push>> {
+    if !section.is_present() {
+        return Some(None);
+    }
+    let to = section.take::<String>("to", (), None);
+    let [ca_certificate, token_file] =
+        ["ca_certificate", "token_file"].map(|key| section.take::<Option<String>>(key, (), Some(None)));
+    let behind_min = section.take::<usize>("behind_min", BEHIND_MIN, Some(60));
+    section.done();
+    let (to, ca_certificate, token_file, behind_min) = (to?, ca_certificate?, token_file?, behind_min?);
+    let Some(to) = read(&to) else {
+        let allowed = "allowed is an address such as \"https://quality.example/cells/cell-1\", with letters, digits and the signs - . _ ~ / in its path";
+        section.problem("to", format!("found \"{}\", {allowed}", to.escape_debug()));
+        return None;
+    };
+    match (to.is_encrypted, &ca_certificate) {
+        (true, None) => {
+            section.problem(
+                "ca_certificate",
+                "is missing; https:// needs the certificate of the authority that has signed the server's",
+            );
+            return None;
+        }
+        (false, Some(_)) => {
+            section.problem("ca_certificate", "is only used with https://, and to begins with http://");
+            return None;
+        }
+        (false, None) if token_file.is_some() && !is_this_computer(&to.host) => {
+            section.problem(
+                "token_file",
+                "everybody on the way could read the token; to another computer it goes by https:// alone",
+            );
+            return None;
+        }
+        _ => {}
+    }
+    let file = |name: String| folder.join(name);
+    Some(Some(Push { to, ca_certificate: ca_certificate.map(file), token_file: token_file.map(file), behind_min }))
+}
+
+fn read(text: &str) -> Option<WebFolder> {
+    let (scheme, rest) = text.split_once("://")?;
+    let is_encrypted = match scheme {
+        "https" => true,
+        "http" => false,
+        _ => return None,
+    };
+    let (server, path) = rest.split_at(rest.find('/').unwrap_or(rest.len()));
+    let (host, port) = match server.strip_prefix('[') {
+        Some(server) => {
+            let (host, port) = server.split_once(']')?;
+            (host, if port.is_empty() { None } else { Some(port.strip_prefix(':')?) })
+        }
+        None => server.split_once(':').map_or((server, None), |(host, port)| (host, Some(port))),
+    };
+    let port = match port {
+        Some(port) => port.parse::<u16>().ok().filter(|port| *port > 0)?,
+        None => USUAL[usize::from(!is_encrypted)],
+    };
+    let is_path = path.chars().all(|c| c.is_ascii_alphanumeric() || "-._~/".contains(c)) && !path.contains("//");
+    let is_right = is_host(host) && is_path && !path.split('/').any(|part| part == "..");
+    let path = path.trim_end_matches('/').to_owned();
+    is_right.then(|| WebFolder { is_encrypted, host: host.to_owned(), port, path })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Cell;
+    use super::*;
+
+    fn found(table: &str) -> Result<Option<Push>, String> {
+        let cell = Cell::check("cells/cell.toml", table).map_err(|problems| problems.to_string())?;
+        Ok(cell.push().cloned())
+    }
+
+    #[test]
+    fn it_is_off_until_an_address_is_there() {
+        assert_eq!(found(""), Ok(None));
+        let push = found(
+            "[push]\nto = 'https://quality.example/cells/1/'\nca_certificate = 'ca.pem'\ntoken_file = 'token'\n",
+        );
+        let push = push.expect("right").expect("there");
+        assert_eq!(push.to.to_string(), "https://quality.example/cells/1");
+        assert_eq!((push.to.port, push.behind_min), (443, 60));
+        assert_eq!(push.token_file.as_deref(), Some(Path::new("cells/token")));
+        for address in ["http://127.0.0.1:8080", "http://[::1]:8080/a", "http://quality/a.b/c_d~e-f"] {
+            let push = found(&format!("[push]\nto = '{address}'")).expect("right").expect("there");
+            assert_eq!(push.to.to_string(), address);
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_is_told() {
+        for wrong in [
+            "quality.example",
+            "ftp://a/b",
+            "https://",
+            "http://a:0/",
+            "http://a:b/",
+            "http://a//b",
+            "http://a/../b",
+            "http://u@a/",
+            "http://a/b?c",
+            "http://a/b c",
+        ] {
+            let problem = found(&format!("[push]\nto = '{wrong}'")).expect_err(wrong);
+            assert!(
+                problem.contains(&format!("push.to: found \"{wrong}\", allowed is an address such as")),
+                "{problem}"
+            );
+        }
+        for (table, problem) in [
+            ("to = 'https://a'", "push.ca_certificate: is missing; https:// needs"),
+            ("to = 'http://a'\nca_certificate = 'x'", "push.ca_certificate: is only used with https://"),
+            ("to = 'http://a'\ntoken_file = 'x'", "push.token_file: everybody on the way could read the token"),
+            ("to = 'http://a'\nbehind_min = 0", "push.behind_min: found 0"),
+            ("ca = 'x'\nto = 'http://a'", "push.ca: unknown key"),
+            ("behind_min = 5", "push.to: missing"),
+        ] {
+            let found = found(&format!("[push]\n{table}")).expect_err(table);
+            assert!(found.contains(problem), "{table}: {found}");
+        }
+        assert!(found("[push]\nto = 'http://localhost'\ntoken_file = 'x'").is_ok(), "nobody is on the way");
+    }
+}

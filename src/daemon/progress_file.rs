@@ -1,0 +1,28 @@
+//! How far something was sent, in a file beside the store's database. A file that is gone or damaged costs nothing but sending again.
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::Path;
+
+/// What the file of this name in this folder says; the beginning where it says nothing.
+pub(super) fn read<T: DeserializeOwned + Default>(folder: &Path, name: &str) -> T {
+    let bytes = crate::disk::read(&folder.join(name)).unwrap_or_default();
+    serde_json::from_slice(&bytes).unwrap_or_default()
+}
+
+/// Writes it: completely or not at all.
+///
+/// # Errors
+/// Where the disk refuses, with the file's name.
+pub(super) fn write(folder: &Path, name: &str, progress: &impl Serialize) -> Result<(), String> {
+    let (path, part) = (folder.join(name), folder.join(format!("{name}.part")));
+    let written = || -> std::io::Result<()> {
+        let mut file = File::create(&part)?;
+        file.write_all(&serde_json::to_vec(progress)?)?;
+        file.sync_all()?;
+        fs::rename(&part, &path)
+    };
+    written().map_err(|error| format!("{}: {error}", path.display()))
+}

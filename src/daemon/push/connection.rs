@@ -1,0 +1,141 @@
+//! One connection to the server: a file after the other is put.
+
+use crate::cell::{Push, WebFolder};
+use crate::trust;
+use axum::body::{Body, to_bytes};
+use hyper::client::conn::http1::{SendRequest, handshake};
+use hyper::header::{AUTHORIZATION, CONTENT_TYPE, HOST, HeaderValue, LOCATION};
+use hyper::{Method, Request, Response, StatusCode};
+use hyper_util::rt::TokioIo;
+use rustls::pki_types::ServerName;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::TcpStream;
+use tokio::time::timeout;
+use tokio_rustls::TlsConnector;
+
+/// To connect.
+const CONNECTS_WITHIN: Duration = Duration::from_secs(10);
+/// One file and its answer.
+const ANSWERS_WITHIN: Duration = Duration::from_secs(60);
+/// So much of an answer is read, and so much of it is told.
+const MOST_BYTES: usize = 16 * 1_024;
+const MOST_CHARACTERS: usize = 200;
+
+/// A connection.
+pub(super) struct Connection {
+    to: WebFolder,
+    authorization: Option<HeaderValue>,
+    tls: Option<TlsConnector>,
+    sender: Option<SendRequest<Body>>,
+}
+
+impl Connection {
+    /// To where the cell's file says; the server is not asked yet.
+    ///
+    /// # Errors
+    /// Where a file cannot be used.
+    pub fn new(push: &Push) -> Result<Self, String> {
+        let token = push.token_file.as_deref().map(trust::secret).transpose().map_err(|error| error.to_string())?;
+        let authorization = token.map(|token| HeaderValue::try_from(format!("Bearer {token}"))).transpose();
+        let authorization = authorization.map_err(|_| "the token has signs that HTTP does not allow".to_owned())?;
+        let config = push.ca_certificate.as_deref().map(|file| trust::client_config(file, None)).transpose();
+        let config = config.map_err(|error| error.to_string())?;
+        let tls = config.map(|config| TlsConnector::from(Arc::new(config)));
+        Ok(Connection { to: push.to.clone(), authorization, tls, sender: None })
+    }
+
+    /// Puts a file below the folder. Where a connection that was kept turns out to be closed, it is made anew.
+    ///
+    /// # Errors
+    /// Where the server cannot be reached, or does not take it.
+    pub async fn put(&mut self, name: &str, kind: &'static str, bytes: &[u8]) -> Result<(), String> {
+        let kept = self.sender.take().filter(|sender| !sender.is_closed());
+        if let Some(sender) = kept
+            && let Ok(response) = self.ask(sender, (name, kind), bytes).await
+        {
+            return self.taken(name, response).await;
+        }
+        let sender = self.connect().await.map_err(|problem| format!("{}: {problem}", self.to))?;
+        match self.ask(sender, (name, kind), bytes).await {
+            Ok(response) => self.taken(name, response).await,
+            Err(problem) => Err(format!("{}/{name}: {problem}", self.to)),
+        }
+    }
+
+    async fn connect(&self) -> Result<SendRequest<Body>, String> {
+        let WebFolder { host, port, .. } = &self.to;
+        let connecting = async {
+            let stream = TcpStream::connect((host.as_str(), *port)).await.map_err(|error| error.to_string())?;
+            let Some(tls) = &self.tls else { return begin(stream).await };
+            let name = ServerName::try_from(host.clone()).map_err(|error| error.to_string())?;
+            begin(tls.connect(name, stream).await.map_err(|error| error.to_string())?).await
+        };
+        let late = |_| format!("it does not answer within {} s", CONNECTS_WITHIN.as_secs());
+        timeout(CONNECTS_WITHIN, connecting).await.map_err(late)?
+    }
+
+    /// The connection is kept where it may be used again.
+    async fn ask(
+        &mut self,
+        mut sender: SendRequest<Body>,
+        (name, kind): (&str, &'static str),
+        bytes: &[u8],
+    ) -> Result<(StatusCode, String), String> {
+        let mut request = Request::new(Body::from(bytes.to_vec()));
+        *request.method_mut() = Method::PUT;
+        let address = format!("{}/{name}", self.to.path);
+        *request.uri_mut() = address.parse().map_err(|error| format!("{error}"))?;
+        let host = match &self.to.host {
+            host if host.contains(':') => format!("[{host}]:{}", self.to.port),
+            host => format!("{host}:{}", self.to.port),
+        };
+        let headers = request.headers_mut();
+        headers.insert(HOST, HeaderValue::try_from(host).map_err(|error| error.to_string())?);
+        headers.insert(CONTENT_TYPE, HeaderValue::from_static(kind));
+        if let Some(authorization) = &self.authorization {
+            headers.insert(AUTHORIZATION, authorization.clone());
+        }
+        let asking = async {
+            sender.ready().await.map_err(|error| error.to_string())?;
+            let response = sender.send_request(request).await.map_err(|error| error.to_string())?;
+            Ok::<_, String>(told(response).await)
+        };
+        let late = |_| format!("no answer within {} s", ANSWERS_WITHIN.as_secs());
+        let answered = timeout(ANSWERS_WITHIN, asking).await.map_err(late)??;
+        self.sender = Some(sender);
+        Ok(answered)
+    }
+
+    async fn taken(&self, name: &str, (status, words): (StatusCode, String)) -> Result<(), String> {
+        if status.is_success() {
+            return Ok(());
+        }
+        let colon = if words.is_empty() { "" } else { ": " };
+        Err(format!("{}/{name}: the server answers {status}{colon}{words}", self.to))
+    }
+}
+
+async fn begin(stream: impl AsyncRead + AsyncWrite + Send + Unpin + 'static) -> Result<SendRequest<Body>, String> {
+    let (sender, connection) = handshake(TokioIo::new(stream)).await.map_err(|error| error.to_string())?;
+    tokio::spawn(async move {
+        #[expect(clippy::let_underscore_must_use, reason = "the request that it was for tells how it ended")]
+        let _ = connection.await;
+    });
+    Ok(sender)
+}
+
+/// The status, and what the answer says to people: its first line, or where it sends us to.
+async fn told(response: Response<hyper::body::Incoming>) -> (StatusCode, String) {
+    let status = response.status();
+    if status.is_redirection() {
+        let place = response.headers().get(LOCATION).and_then(|place| place.to_str().ok()).unwrap_or("nowhere");
+        let words = format!("it sends us to {place}; write the address that takes records into [push] to");
+        return (status, words.chars().filter(|c| !c.is_control()).collect());
+    }
+    let bytes = to_bytes(Body::new(response.into_body()), MOST_BYTES).await.unwrap_or_default();
+    let text = String::from_utf8_lossy(&bytes);
+    let line = text.lines().map(str::trim).find(|line| !line.is_empty()).unwrap_or_default();
+    (status, line.chars().filter(|c| !c.is_control()).take(MOST_CHARACTERS).collect())
+}

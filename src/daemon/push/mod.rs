@@ -1,0 +1,31 @@
+//! Signed records by HTTP to a quality system: what `panelprep record export` writes, each file put below an address of its own.
+//!
+//! A thread of its own, for which nothing waits. Each signature's files are put in this order: what the record names, the page, the
+//! signature, and the record itself last, so that where a record is there everything that it names is there too. A file is put again where its
+//! answer was lost; it has the same address and the same bytes then, except the page, which also shows later signatures.
+
+mod connection;
+mod parts;
+mod sending;
+mod status;
+
+pub use parts::PushParts;
+pub use status::PushStatus;
+
+use super::background::Worker;
+use sending::Sender;
+
+/// The sender while it works; it ends when this is dropped.
+#[derive(Debug)]
+pub struct PushSender(#[expect(dead_code, reason = "it ends the thread")] Worker);
+
+impl PushSender {
+    /// Starts it.
+    ///
+    /// # Errors
+    /// Where the system gives no thread.
+    pub fn start(parts: PushParts) -> std::io::Result<Self> {
+        Worker::start("push", "the way of signed records to the quality system", move || Sender::new(&parts))
+            .map(PushSender)
+    }
+}

@@ -1,0 +1,19 @@
+//! What the sender is made of.
+
+use super::status::PushStatus;
+use crate::cell::Push;
+use crate::daemon::record_source::RecordSource;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// What the sender is made of.
+pub struct PushParts {
+    /// `[push]` of the cell's file.
+    pub push: Push,
+    /// The store's folder.
+    pub folder: PathBuf,
+    /// Where the pages of cycles come from.
+    pub records: Arc<dyn RecordSource>,
+    /// What people are told of it.
+    pub status: PushStatus,
+}

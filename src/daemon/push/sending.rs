@@ -1,0 +1,173 @@
+//! One round: the next file goes to the server.
+
+use super::connection::Connection;
+use super::parts::PushParts;
+use super::status::PushStatus;
+use crate::cell::Push;
+use crate::daemon::background::Rounds;
+use crate::daemon::progress_file;
+use crate::daemon::record_source::RecordSource;
+use crate::signing::{self, Said, Statement};
+use crate::store::{SignatureRow, Store};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// How far records were put, in the store's folder.
+const PROGRESS: &str = "push.json";
+/// What the names of pictures, recipes and calibrations begin with.
+const FILES: &str = "files/";
+/// So many of them are remembered: most records name the same recipe and calibrations.
+const MOST_FILES: usize = 50_000;
+const JSON: &str = "application/json";
+const PDF: &str = "application/pdf";
+const BYTES: &str = "application/octet-stream";
+
+/// Up to which signature this server has everything.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default)]
+struct Progress {
+    to: String,
+    number: u64,
+    /// SHA-256 of that signature's statement.
+    record_hash: String,
+}
+
+/// A file that is put.
+struct File {
+    name: String,
+    kind: &'static str,
+    bytes: Vec<u8>,
+}
+
+/// What sends.
+pub(super) struct Sender {
+    push: Push,
+    folder: PathBuf,
+    records: Arc<dyn RecordSource>,
+    status: PushStatus,
+    progress: Progress,
+    store: Option<Store>,
+    connection: Option<Connection>,
+    /// Names of files that the server has.
+    put: BTreeSet<String>,
+}
+
+impl Sender {
+    pub fn new(parts: &PushParts) -> Self {
+        let PushParts { push, folder, records, status } = parts;
+        let (push, folder, records, status) = (push.clone(), folder.clone(), records.clone(), status.clone());
+        let mut progress: Progress = progress_file::read(&folder, PROGRESS);
+        let to = push.to.to_string();
+        if progress.to != to {
+            progress = Progress { to, ..Progress::default() };
+        }
+        Sender { push, folder, records, status, progress, store: None, connection: None, put: BTreeSet::new() }
+    }
+}
+
+impl Rounds for Sender {
+    async fn round(&mut self) -> Result<bool, String> {
+        let store = match self.store.take() {
+            Some(store) => store,
+            None => Store::open(&self.folder).map_err(|error| error.to_string())?,
+        };
+        self.begin_where_it_was(&store)?;
+        let waiting = store.signatures_after(self.progress.number).map_err(|error| error.to_string())?;
+        self.status.is_behind(waiting.len(), waiting.first().map(|row| row.unix_ms));
+        let Some(row) = waiting.first() else {
+            self.store = Some(store);
+            return Ok(false);
+        };
+        let mut connection = match self.connection.take() {
+            Some(connection) => connection,
+            None => Connection::new(&self.push)?,
+        };
+        match self.next_file(&store, row).await? {
+            Some(File { name, kind, bytes }) => {
+                connection.put(&name, kind, &bytes).await?;
+                self.put.insert(name);
+            }
+            None => {
+                let (to, number, record_hash) = (self.progress.to.clone(), row.number, row.record_hash.clone());
+                self.progress = Progress { to, number, record_hash };
+                progress_file::write(&self.folder, PROGRESS, &self.progress)?;
+                // Pictures, recipes and calibrations have the same name in every record.
+                self.put.retain(|name| name.starts_with(FILES));
+                if self.put.len() >= MOST_FILES {
+                    self.put.clear();
+                }
+                self.status.is_behind(waiting.len() - 1, waiting.get(1).map(|row| row.unix_ms));
+            }
+        }
+        (self.store, self.connection) = (Some(store), Some(connection));
+        Ok(true)
+    }
+
+    fn forget(&mut self) {
+        (self.store, self.connection) = (None, None);
+    }
+
+    fn is_told(&self, problem: Option<&str>) -> bool {
+        self.status.goes(problem)
+    }
+}
+
+impl Sender {
+    /// A store that was brought back from a backup has other signatures under the same numbers: all of them are put.
+    fn begin_where_it_was(&mut self, store: &Store) -> Result<(), String> {
+        let Progress { number, record_hash, .. } = &self.progress;
+        if *number == 0 {
+            return Ok(());
+        }
+        let last = store.signatures_after(number - 1).map_err(|error| error.to_string())?;
+        if last.first().is_none_or(|row| row.number != *number || row.record_hash != *record_hash) {
+            tracing::warn!(
+                "the store has another record under the number {number} than was put last: all are put again"
+            );
+            self.progress = Progress { to: self.progress.to.clone(), ..Progress::default() };
+        }
+        Ok(())
+    }
+
+    /// The first file of a signature that was not put yet; one that is damaged, or was deleted after its time, stops nothing:
+    /// `record verify` names it.
+    async fn next_file(&mut self, store: &Store, row: &SignatureRow) -> Result<Option<File>, String> {
+        let record = store.blob(&row.record_hash).map_err(|error| error.to_string())?;
+        if let Said::Cycle(cycle) = Statement::read(&record).map_err(|error| error.to_string())?.says {
+            for (what, hash) in signing::exported_files(&cycle) {
+                let name = format!("{FILES}{hash}");
+                if self.put.contains(&name) {
+                    continue;
+                }
+                match store.blob(&hash) {
+                    Ok(bytes) => return Ok(Some(File { name, kind: BYTES, bytes })),
+                    Err(error) => {
+                        tracing::warn!("the quality system does not get {what} of cycle {}: {error}", row.cycle);
+                        self.put.insert(name);
+                    }
+                }
+            }
+        }
+        let page = format!("{}.pdf", signing::cycle_stem(row.cycle));
+        if !self.put.contains(&page) {
+            let (records, cycle) = (self.records.clone(), row.cycle);
+            let made = tokio::task::spawn_blocking(move || records.pdf(cycle)).await;
+            match made.map_err(|error| error.to_string())? {
+                Ok(Some(bytes)) => return Ok(Some(File { name: page, kind: PDF, bytes })),
+                Ok(None) => {}
+                Err(problem) => tracing::warn!("the quality system gets no page of cycle {cycle}: {problem}"),
+            }
+            self.put.insert(page);
+        }
+        let stem = match row.is_of_person {
+            false => signing::cycle_stem(row.cycle),
+            true => signing::person_stem(row.cycle, row.number),
+        };
+        let last = [("sig", BYTES, row.signature.clone()), ("json", JSON, record)];
+        let mut last =
+            last.into_iter().map(|(ending, kind, bytes)| File { name: format!("{stem}.{ending}"), kind, bytes });
+        Ok(last.find(|file| !self.put.contains(&file.name)))
+    }
+}

@@ -1,0 +1,108 @@
+//! Whom this program trusts on a network, and by what others know it: certificate authorities, its own certificate, and secrets, each from a
+//! file.
+
+use crate::disk;
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use rustls::{ClientConfig, RootCertStore};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A file that cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{}: {problem}", path.display())]
+pub struct TrustError {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong with it.
+    pub problem: String,
+}
+
+impl TrustError {
+    fn of(path: &Path, problem: impl ToString) -> Self {
+        TrustError { path: path.to_owned(), problem: problem.to_string() }
+    }
+}
+
+/// The password or token that stands alone in the first line of a file.
+///
+/// # Errors
+/// Where the file cannot be read, or its first line is empty.
+pub fn secret(file: &Path) -> Result<String, TrustError> {
+    let bytes = disk::read(file).map_err(|error| TrustError::of(file, error))?;
+    let text = String::from_utf8(bytes).map_err(|_| TrustError::of(file, "it is no UTF-8 text"))?;
+    match text.lines().next().map(str::trim_end).filter(|line| !line.is_empty()) {
+        Some(secret) => Ok(secret.to_owned()),
+        None => Err(TrustError::of(file, "its first line is empty; write the password or token there")),
+    }
+}
+
+/// TLS towards a server whose certificate the authorities of this file have signed, in PEM, and no others; this program shows its own
+/// certificate with its key where both are given.
+///
+/// # Errors
+/// Where a file cannot be read, or does not hold what it must.
+pub fn client_config(authorities: &Path, own: Option<&[PathBuf; 2]>) -> Result<ClientConfig, TrustError> {
+    let mut roots = RootCertStore::empty();
+    for certificate in certificates(authorities)? {
+        roots.add(certificate).map_err(|error| TrustError::of(authorities, error))?;
+    }
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let builder = ClientConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .map_err(|error| TrustError::of(authorities, error))?
+        .with_root_certificates(roots);
+    let Some([file, key_file]) = own else { return Ok(builder.with_no_client_auth()) };
+    let chain = certificates(file)?;
+    let key = disk::read(key_file).map_err(|error| TrustError::of(key_file, error))?;
+    let key = PrivateKeyDer::from_pem_slice(&key)
+        .map_err(|error| TrustError::of(key_file, format!("it is no PEM private key: {error}")))?;
+    let failed = |error| TrustError::of(file, format!("it cannot be shown with this key: {error}"));
+    builder.with_client_auth_cert(chain, key).map_err(failed)
+}
+
+fn certificates(file: &Path) -> Result<Vec<CertificateDer<'static>>, TrustError> {
+    let bytes = disk::read(file).map_err(|error| TrustError::of(file, error))?;
+    let read: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(&bytes).collect();
+    let all = read.map_err(|error| TrustError::of(file, format!("it is no PEM certificate: {error}")))?;
+    if all.is_empty() {
+        return Err(TrustError::of(file, "it holds no PEM certificate"));
+    }
+    Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_secret_is_the_first_line() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("token");
+        let read = |text: &[u8]| {
+            std::fs::write(&file, text).expect("written");
+            secret(&file).map_err(|error| error.problem)
+        };
+        assert_eq!(read(b"pass word\r\nsecond line\n"), Ok("pass word".to_owned()));
+        assert_eq!(read(b"alone"), Ok("alone".to_owned()));
+        let empty = Err("its first line is empty; write the password or token there".to_owned());
+        assert_eq!([read(b""), read(b"\nsecond\n")], [empty.clone(), empty]);
+        assert_eq!(read(&[0xff]), Err("it is no UTF-8 text".to_owned()));
+        let missing = secret(&folder.path().join("none")).expect_err("not there");
+        assert!(missing.to_string().ends_with("none: No such file or directory (os error 2)"), "{missing}");
+    }
+
+    #[test]
+    fn files_that_are_no_certificates_are_named() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("ca.pem");
+        std::fs::write(&file, "no certificate").expect("written");
+        let error = client_config(&file, None).expect_err("nothing in it");
+        assert!(error.to_string().ends_with("ca.pem: it holds no PEM certificate"), "{error}");
+        let own = rcgen::generate_simple_self_signed(vec!["server".to_owned()]).expect("a certificate");
+        std::fs::write(&file, own.cert.pem()).expect("written");
+        assert!(client_config(&file, None).is_ok());
+        let error = client_config(&file, Some(&[file.clone(), file.clone()])).expect_err("no key");
+        assert!(error.to_string().contains("ca.pem: it is no PEM private key"), "{error}");
+    }
+}

@@ -1,0 +1,302 @@
+//! Signed records on their way to a quality system: a server of the test's own takes them, with all that goes wrong on the way.
+
+use super::commands::json;
+use super::service::{Service, taught};
+use panelprep::cell::Cell;
+use panelprep::daemon::{PushParts, PushSender, PushStatus, RecordSource};
+use panelprep::record::CycleId;
+use panelprep::signing::CellKey;
+use panelprep::store::{CycleStart, PersonSigns, Store};
+use panelprep::verdict::Verdict;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer};
+use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpListener;
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Long enough for a busy machine.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// What a server does with a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Does {
+    Takes,
+    /// It closes the connection in the middle of what it is sent.
+    Cuts,
+    /// It has the file, and its answer is lost.
+    LosesAnswer,
+    /// It takes the file and closes the connection without a word about it.
+    Closes,
+    Answers(&'static str),
+}
+
+#[derive(Default)]
+struct Taken {
+    files: BTreeMap<String, Vec<u8>>,
+    /// The names in the order in which they were asked for.
+    asked: Vec<String>,
+    authorizations: Vec<Option<String>>,
+}
+
+/// A server whose Nth request is treated as `does` says.
+struct Server {
+    port: u16,
+    taken: Arc<Mutex<Taken>>,
+}
+
+impl Server {
+    fn start(tls: Option<Arc<rustls::ServerConfig>>, does: impl Fn(usize) -> Does + Send + Sync + 'static) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let port = listener.local_addr().expect("its number").port();
+        let taken = Arc::new(Mutex::new(Taken::default()));
+        let (shared, does) = (taken.clone(), Arc::new(does));
+        thread::spawn(move || {
+            for stream in listener.incoming().map_while(Result::ok) {
+                let (shared, does, tls) = (shared.clone(), does.clone(), tls.clone());
+                thread::spawn(move || match tls {
+                    None => serve(&stream, &shared, &*does),
+                    Some(config) => {
+                        let session = rustls::ServerConnection::new(config).expect("right");
+                        serve(rustls::StreamOwned::new(session, stream), &shared, &*does);
+                    }
+                });
+            }
+        });
+        Server { port, taken }
+    }
+
+    fn taken(&self) -> std::sync::MutexGuard<'_, Taken> {
+        self.taken.lock().expect("whole")
+    }
+
+    fn wait_for(&self, name: &str) {
+        let since = Instant::now();
+        while !self.taken().files.contains_key(name) {
+            assert!(since.elapsed() < PATIENCE, "{name} never came: {:?}", self.taken().asked);
+            thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Writes what it has as files.
+    fn write(&self, folder: &Path) {
+        for (name, bytes) in &self.taken().files {
+            let file = folder.join(name);
+            std::fs::create_dir_all(file.parent().expect("a folder")).expect("made");
+            std::fs::write(file, bytes).expect("written");
+        }
+    }
+}
+
+/// Takes requests until the connection ends.
+fn serve(stream: impl Read + Write, taken: &Mutex<Taken>, does: &dyn Fn(usize) -> Does) {
+    let mut stream = BufReader::new(stream);
+    loop {
+        let mut head = Vec::new();
+        loop {
+            let mut line = String::new();
+            if stream.read_line(&mut line).unwrap_or(0) == 0 {
+                return;
+            }
+            if line.trim().is_empty() {
+                break;
+            }
+            head.push(line.trim().to_owned());
+        }
+        let header = |name: &str| {
+            head.iter().find_map(|line| line.split_once(": ").filter(|(key, _)| key.eq_ignore_ascii_case(name)))
+        };
+        let name = head[0].strip_prefix("PUT /cell-1/").and_then(|rest| rest.strip_suffix(" HTTP/1.1"));
+        let name = name.unwrap_or_else(|| panic!("{head:?}")).to_owned();
+        let length: usize = header("content-length").expect("it is told").1.parse().expect("a number");
+        let does = {
+            let mut taken = taken.lock().expect("whole");
+            taken.asked.push(name.clone());
+            taken.authorizations.push(header("authorization").map(|(_, value)| value.to_owned()));
+            does(taken.asked.len())
+        };
+        let mut body = vec![0; if does == Does::Cuts { length / 2 } else { length }];
+        if stream.read_exact(&mut body).is_err() || does == Does::Cuts {
+            return;
+        }
+        let answer = match does {
+            Does::Answers(answer) => answer,
+            _ => "201 Created\r\n",
+        };
+        if !matches!(does, Does::Answers(_)) {
+            taken.lock().expect("whole").files.insert(name, body);
+        }
+        let (head, words) = answer.split_once('|').unwrap_or((answer, ""));
+        let answer = format!("HTTP/1.1 {head}content-length: {}\r\n\r\n{words}", words.len());
+        if does == Does::LosesAnswer
+            || stream.get_mut().write_all(answer.as_bytes()).is_err()
+            || does == Does::Closes
+        {
+            return;
+        }
+    }
+}
+
+/// A cycle's record with its page, pictures and recipe, and later a person's signature, come to a server that cuts, loses answers, closes and
+/// refuses in turn; the service is killed meanwhile and begins where it was. What the server holds verifies.
+#[test]
+fn the_service_puts_each_signed_record() {
+    let server = Server::start(None, |number| match number % 7 {
+        1 => Does::Cuts,
+        2 => Does::LosesAnswer,
+        4 => Does::Closes,
+        5 => Does::Answers("503 Service Unavailable\r\n|back soon\n"),
+        _ => Does::Takes,
+    });
+    let folder = taught("clean");
+    let folder = folder.path();
+    let file = folder.join("cell/cell.toml");
+    let text = std::fs::read_to_string(&file).expect("a cell");
+    std::fs::write(&file, format!("{text}\n[push]\nto = 'http://127.0.0.1:{}/cell-1/'\n", server.port))
+        .expect("written");
+    let service = Service::start(folder);
+    service.reset();
+    service.done("start --recipe cell/recipe.toml --wait");
+    server.wait_for("cycle-1.sig");
+    service.killed();
+    let service = Service::start(folder);
+    server.wait_for("cycle-1.json");
+    let sign = "record sign 1 --cell cell/cell.toml --name Grace --meaning released";
+    assert_eq!(json(folder, sign).0, 0);
+    server.wait_for("cycle-1-signature-2.json");
+    assert!(service.log().contains("back soon"), "{}", service.log());
+    drop(service);
+
+    let (exit, told) = json(folder, "record export 1 --cell cell/cell.toml --out exported");
+    assert_eq!(exit, 0, "{told}");
+    server.write(&folder.join("pushed"));
+    let (exit, told) = json(folder, "record verify pushed --public-key exported/public-key.pem");
+    assert_eq!((exit, told["verdict"].as_str()), (0, Some("pass")), "{told}");
+    let exported = std::fs::read_dir(folder.join("exported/files")).expect("files").count();
+    let taken = server.taken();
+    assert_eq!(taken.files.keys().filter(|name| name.starts_with("files/")).count(), exported, "all of them");
+    for name in ["cycle-1.json", "cycle-1-signature-2.sig"] {
+        assert_eq!(taken.files[name], std::fs::read(folder.join("exported").join(name)).expect("a file"), "{name}");
+    }
+    assert!(taken.files["cycle-1.pdf"].starts_with(b"%PDF"));
+    assert!(taken.authorizations.iter().all(Option::is_none));
+    let first = |name: &str| taken.asked.iter().position(|asked| asked == name).expect("it came");
+    let last_file = taken.files.keys().filter(|name| name.starts_with("files/")).map(|name| first(name)).max();
+    assert!(
+        last_file < Some(first("cycle-1.sig")) && first("cycle-1.sig") < first("cycle-1.json"),
+        "{:?}",
+        taken.asked
+    );
+}
+
+/// Cycles without pages.
+struct NoPages;
+
+impl RecordSource for NoPages {
+    fn page(&self, _: CycleId) -> Result<String, String> {
+        Err("none".to_owned())
+    }
+
+    fn pdf(&self, _: CycleId) -> Result<Option<Vec<u8>>, String> {
+        Err("none".to_owned())
+    }
+
+    fn sign(&self, _: &PersonSigns) -> Result<u64, String> {
+        Err("none".to_owned())
+    }
+}
+
+fn signed_cycle(store: &mut Store) {
+    let start = CycleStart {
+        panel: "wing".to_owned(),
+        taught_version: "0011223344556677".to_owned(),
+        recipe_text: "panel = \"wing\"\n".to_owned(),
+        file_texts: vec![],
+        recording: None,
+    };
+    let id = store.begin_cycle(&start).expect("begun");
+    store.conclude(id, Verdict::Pass, &[]).expect("over");
+    store.sign_cycle(&CellKey::of_random(&[7; 32]), id).expect("signed");
+}
+
+/// A server with TLS that asks for a token: one that is not trusted, a wrong token and an address that leads elsewhere are told, and nothing is
+/// lost by them. A store that went back is put anew, and another address gets everything.
+#[test]
+fn a_server_is_trusted_by_its_certificate_and_knows_the_cell_by_its_token() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let own = rcgen::generate_simple_self_signed(vec!["localhost".to_owned()]).expect("a certificate");
+    let other = rcgen::generate_simple_self_signed(vec!["localhost".to_owned()]).expect("a certificate");
+    let key = PrivateKeyDer::Pkcs8(PrivatePkcs8KeyDer::from(own.signing_key.serialize_der()));
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let config = rustls::ServerConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .expect("right")
+        .with_no_client_auth()
+        .with_single_cert(vec![CertificateDer::from(own.cert.der().to_vec())], key)
+        .expect("it belongs to it");
+    let step = Arc::new(Mutex::new(Does::Answers("401 Unauthorized\r\n|no such token")));
+    let does = step.clone();
+    let server = Server::start(Some(Arc::new(config)), move |_| *does.lock().expect("whole"));
+    std::fs::write(folder.join("ca.pem"), other.cert.pem()).expect("written");
+    std::fs::write(folder.join("token"), "a-token\n").expect("written");
+    let mut store = Store::create(&folder.join("store")).expect("a store");
+    signed_cycle(&mut store);
+    signed_cycle(&mut store);
+
+    let text = format!(
+        "[push]\nto = 'https://localhost:{}/cell-1'\nca_certificate = 'ca.pem'\ntoken_file = 'token'\n",
+        server.port
+    );
+    let cell = Cell::check(&folder.join("cell.toml").display().to_string(), &text).expect("right");
+    let push = cell.push().expect("it is there").clone();
+    let status = PushStatus::default();
+    let start = |push| {
+        let (folder, records) = (folder.join("store"), Arc::new(NoPages));
+        PushSender::start(PushParts { push, folder, records, status: status.clone() }).expect("a thread")
+    };
+    let told = |words: &str| {
+        let since = Instant::now();
+        loop {
+            let reasons = status.reasons(0, i64::MAX / 2);
+            if reasons.iter().any(|reason| reason.message.contains(words)) {
+                return;
+            }
+            assert!(since.elapsed() < PATIENCE, "{words}: {reasons:?}");
+            thread::sleep(Duration::from_millis(20));
+        }
+    };
+    let sender = start(push.clone());
+    told("2 signed records are not in the quality system");
+    told("invalid peer certificate");
+    assert!(server.taken().asked.is_empty(), "nothing is told to a server that is not trusted");
+    std::fs::write(folder.join("ca.pem"), own.cert.pem()).expect("written");
+    told("the server answers 401 Unauthorized: no such token");
+    *step.lock().expect("whole") = Does::Answers("307 Temporary Redirect\r\nlocation: https://elsewhere/x\r\n|");
+    told("it sends us to https://elsewhere/x; write the address that takes records into [push] to");
+    *step.lock().expect("whole") = Does::Takes;
+    server.wait_for("cycle-2.json");
+    assert!(server.taken().authorizations.iter().all(|sent| sent.as_deref() == Some("Bearer a-token")));
+    drop(sender);
+
+    // The store goes back by a cycle, and goes on with another one.
+    drop(store);
+    let asked = server.taken().asked.len();
+    let progress = folder.join("store/push.json");
+    let text = std::fs::read_to_string(&progress).expect("written");
+    assert!(text.contains("\"number\":2"), "{text}");
+    let sender = start(push.clone());
+    thread::sleep(Duration::from_millis(1_500));
+    assert_eq!(server.taken().asked.len(), asked, "nothing is put twice without a reason");
+    drop(sender);
+    let went_back = tempfile::tempdir().expect("a folder");
+    let mut store = Store::create(&went_back.path().join("store")).expect("a store");
+    std::fs::write(went_back.path().join("store/push.json"), text).expect("written");
+    signed_cycle(&mut store);
+    server.taken().files.clear();
+    let parts = PushParts { push, folder: went_back.path().join("store"), records: Arc::new(NoPages), status };
+    let _sender = PushSender::start(parts).expect("a thread");
+    server.wait_for("cycle-1.json");
+}
