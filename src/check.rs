@@ -275,7 +275,7 @@ mod tests {
         assert_eq!(
             says("a.toml", "x = 3"),
             ["not clear what this file is; its top would tell: \
-              cell (store, socket, socket_role, scanner, flange_camera, robot, tool, poses, io, calibration, limits, rough, arm, keep_out, page, office, sparkplug, opcua, line); \
+              cell (store, socket, socket_role, scanner, flange_camera, robot, tool, poses, io, calibration, limits, rough, arm, keep_out, page, office, push, sparkplug, opcua, line); \
               recipe (panel, process, locate, corner, region, inspect, surface, path, removal); \
               intrinsics (camera, scanner_errors); base_from_camera (base_from_camera); \
               flange_from_camera (flange_from_camera); flange_from_tool (flange_from_tool); \

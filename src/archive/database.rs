@@ -9,19 +9,37 @@ use tokio_postgres::{Client, Config, NoTls};
 use tokio_postgres_rustls::MakeRustlsConnect;
 
 const PATIENCE: Duration = Duration::from_secs(5);
+/// Connected, and seen to the tables.
+const OPENS_WITHIN: Duration = Duration::from_secs(10);
+
+/// Where a database is, for people.
+fn place(Database { host, port, name, user, .. }: &Database) -> String {
+    format!("{name} of {user} at {host}:{port}")
+}
 
 /// Connects, and sees to the tables.
 pub(super) async fn open(database: &Database) -> Result<Client, ArchiveError> {
-    let mut client = connect(database).await?;
-    tables::raise(&mut client).await?;
-    Ok(client)
+    let opening = async {
+        let mut client = connect(database).await?;
+        tables::raise(&mut client).await?;
+        Ok(client)
+    };
+    let silent = |_| {
+        let problem = format!("no answer within {} s", OPENS_WITHIN.as_secs());
+        Err(ArchiveError::Connect { place: place(database), problem })
+    };
+    tokio::time::timeout(OPENS_WITHIN, opening).await.unwrap_or_else(silent)
 }
 
 async fn connect(database: &Database) -> Result<Client, ArchiveError> {
     let Database { host, port, name, user, password_file, ca } = database;
-    let place = format!("{name} of {user} at {host}:{port}");
+    let place = place(database);
     let failed = |error: tokio_postgres::Error| {
         let below = std::error::Error::source(&error).map_or(String::new(), |source| format!(": {source}"));
+        let below = match error.to_string().contains("unexpected") || below.contains("bytes remaining") {
+            true => format!("{below}; what listens there is no PostgreSQL"),
+            false => below,
+        };
         ArchiveError::Connect { place: place.clone(), problem: format!("{error}{below}") }
     };
     let mut config = Config::new();

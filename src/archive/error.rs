@@ -24,6 +24,20 @@ pub enum ArchiveError {
         /// What PostgreSQL says.
         problem: String,
     },
+    /// The database takes what it is sent and says nothing.
+    #[error("the database has not answered for {seconds} s")]
+    Silent {
+        /// So long.
+        seconds: u64,
+    },
+    /// A database that cannot hold every text.
+    #[error(
+        "the database has the encoding {found}, and UTF8 is needed: make it with `createdb -E UTF8 -T template0`"
+    )]
+    Encoding {
+        /// Its encoding.
+        found: String,
+    },
     /// Tables of a later version of this program.
     #[error("the database has tables of version {found}, this program knows up to {known}: use the newer program")]
     Newer {
@@ -76,6 +90,12 @@ impl ArchiveError {
 
     /// Whether it may be over by itself: a network, a server that starts again, a disk that is full.
     pub fn may_pass(&self) -> bool {
-        !matches!(self, ArchiveError::Newer { .. } | ArchiveError::Unfit { .. } | ArchiveError::Trust(_))
+        !matches!(
+            self,
+            ArchiveError::Newer { .. }
+                | ArchiveError::Encoding { .. }
+                | ArchiveError::Unfit { .. }
+                | ArchiveError::Trust(_)
+        )
     }
 }

@@ -24,6 +24,14 @@ impl Files {
         Files(folder.to_owned())
     }
 
+    /// Makes the folder, and writes a file there and removes it: what would not work with the first picture does not work now.
+    pub fn try_out(&self) -> Result<(), ArchiveError> {
+        let trial = self.0.join(".trial");
+        fs::create_dir_all(&self.0).map_err(ArchiveError::file("make", &self.0))?;
+        fs::write(&trial, b"trial").map_err(ArchiveError::file("write", &trial))?;
+        fs::remove_file(&trial).map_err(ArchiveError::file("remove", &trial))
+    }
+
     fn near(&self, hash: &str) -> Blobs {
         Blobs::in_folder(self.0.join(hash.get(..2).unwrap_or("")))
     }

@@ -17,6 +17,7 @@ mod database;
 mod error;
 mod files;
 mod keeping;
+mod names;
 mod offering;
 pub mod reading;
 mod receiving;

@@ -4,19 +4,25 @@ use super::database;
 use super::error::ArchiveError;
 use super::files::Files;
 use super::keeping::{self, Kept};
+use super::names::Names;
 use super::offering;
 use crate::broker::{Delivery, OfficeLink, Receipt};
 use crate::office::{
     ArchiveSettings, Assembled, Assembly, CellState, Chunk, Message, OfficeError, Position, Unfit, What, subject,
 };
 use futures_util::StreamExt;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio_postgres::Client;
 
 /// Messages of the broker at a time.
 const AT_ONCE: usize = 500;
 /// After a failure it is tried again after one second, then two, four, and so on up to this.
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
+
+/// A failure that stays the same is told again after this time.
+const TOLD_AGAIN: Duration = Duration::from_secs(3_600);
+/// A database that does not answer within this time is lost: what was not acknowledged comes again.
+const KEEPS_WITHIN: Duration = Duration::from_secs(60);
 
 /// Works until `ended` comes. What fails and may pass is tried again, with a connection of its own.
 ///
@@ -31,19 +37,22 @@ pub async fn run(settings: &ArchiveSettings, ended: impl Future<Output = ()>) ->
 
 async fn again_and_again(settings: &ArchiveSettings) -> ArchiveError {
     let mut pause = Duration::from_secs(1);
-    let mut told = String::new();
+    let mut told: Option<(String, Instant)> = None;
     loop {
-        let since = std::time::Instant::now();
+        let since = Instant::now();
         let Err(error) = work(settings).await;
         if !error.may_pass() {
             return error;
         }
-        if since.elapsed() > LONGEST_PAUSE {
+        let words = error.to_string();
+        let was_good = since.elapsed() > LONGEST_PAUSE;
+        if was_good {
             pause = Duration::from_secs(1);
         }
-        if told != error.to_string() {
-            told = error.to_string();
-            tracing::warn!("{error}; it is tried again");
+        let is_known = told.as_ref().is_some_and(|(last, at)| *last == words && at.elapsed() < TOLD_AGAIN);
+        if was_good || !is_known {
+            tracing::warn!("{words}; it is tried again");
+            told = Some((words, Instant::now()));
         }
         tokio::time::sleep(pause).await;
         pause = LONGEST_PAUSE.min(pause * 2);
@@ -51,6 +60,8 @@ async fn again_and_again(settings: &ArchiveSettings) -> ArchiveError {
 }
 
 async fn work(settings: &ArchiveSettings) -> Result<std::convert::Infallible, ArchiveError> {
+    let files = Files::at(&settings.files);
+    files.try_out()?;
     let mut client = database::open(&settings.database).await?;
     let link = OfficeLink::connect(&settings.broker, settings.most_bytes()).await?;
     tracing::info!("takes what cells send by {}", settings.broker.address);
@@ -60,7 +71,7 @@ async fn work(settings: &ArchiveSettings) -> Result<std::convert::Infallible, Ar
     }
     offering::offer_again(&client, &link).await?;
     let listener = database::open(&settings.database).await?;
-    let records = receive(&mut client, &link, Files::at(&settings.files));
+    let records = receive(&mut client, &link, files);
     tokio::select! {
         Err(error) = records => Err(error),
         Err(error) = listen(&listener, &link) => Err(error),
@@ -82,12 +93,20 @@ async fn receive(
 /// What cells tell of their state; what is missed comes again in two seconds.
 async fn listen(client: &Client, link: &OfficeLink) -> Result<std::convert::Infallible, ArchiveError> {
     let mut states = link.states().await?;
+    let mut names = Names::default();
     loop {
         match states.next().await {
-            Some(state) => keep_state(client, &state.subject, &state.payload).await?,
+            Some(state) => within(keep_state((client, &mut names), &state.subject, &state.payload)).await?,
             None => return Err(link.lost().into()),
         }
     }
+}
+
+/// What the database has not done in time was not done.
+async fn within<T>(doing: impl Future<Output = Result<T, ArchiveError>>) -> Result<T, ArchiveError> {
+    tokio::time::timeout(KEEPS_WITHIN, doing)
+        .await
+        .unwrap_or(Err(ArchiveError::Silent { seconds: KEEPS_WITHIN.as_secs() }))
 }
 
 struct Receiver {
@@ -132,7 +151,7 @@ impl Receiver {
             kept.extend(whole.receipts);
         }
         if !messages.is_empty() {
-            let Kept { new, known, contradictions, archived } = keeping::keep(client, &messages).await?;
+            let Kept { new, known, contradictions, archived } = within(keeping::keep(client, &messages)).await?;
             contradictions.iter().for_each(|words| tracing::error!("{words}"));
             tracing::debug!("{new} new records, {known} that were there");
             for ((cell, epoch), number) in archived {
@@ -177,8 +196,8 @@ async fn refuse((subject, error): (&str, &OfficeError), receipts: Vec<Receipt>) 
 }
 
 /// The newest state of each cell, for pages. One that cannot be read is told and dropped.
-async fn keep_state(client: &Client, by: &str, bytes: &[u8]) -> Result<(), ArchiveError> {
-    let (cell, _) = match CellState::read(bytes) {
+async fn keep_state((client, names): (&Client, &mut Names), by: &str, bytes: &[u8]) -> Result<(), ArchiveError> {
+    let (cell, state) = match CellState::read(bytes) {
         Ok(read) if by == subject::state(&read.0) => read,
         Ok((cell, _)) => {
             tracing::error!("a state of the cell {cell} came by {}", by.escape_debug());
@@ -189,6 +208,9 @@ async fn keep_state(client: &Client, by: &str, bytes: &[u8]) -> Result<(), Archi
             return Ok(());
         }
     };
+    if names.are_two(cell.as_str(), &state) {
+        tracing::error!("two cells are called {cell}: give one of them another name at [office] cell");
+    }
     let text = String::from_utf8_lossy(bytes).into_owned();
     let sql =
         "INSERT INTO cells (cell, heard_unix_ms, state) VALUES ($1, (extract(epoch FROM now()) * 1000)::bigint, $2)

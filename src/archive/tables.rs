@@ -137,6 +137,10 @@ pub(super) async fn raise(client: &mut Client) -> Result<(), ArchiveError> {
     if found > VERSION {
         return Err(ArchiveError::Newer { found, known: VERSION });
     }
+    let encoding: String = transaction.query_one("SHOW server_encoding", &[]).await.map_err(&failed)?.get(0);
+    if encoding != "UTF8" {
+        return Err(ArchiveError::Encoding { found: encoding });
+    }
     if found < 1 {
         transaction.batch_execute(TABLES).await.map_err(&failed)?;
     }

@@ -1,10 +1,11 @@
 //! What a cell asks of the broker.
 
 use super::error::BrokerError;
-use super::link::Link;
+use super::link::{Link, Refused, with_refusal};
 use crate::cell::{Broker, CellName};
 use crate::office::{Chunk, RecipeOffer, subject};
-use async_nats::jetstream::context::PublishAckFuture;
+use async_nats::jetstream::ErrorCode;
+use async_nats::jetstream::context::{GetStreamErrorKind, PublishAckFuture};
 use async_nats::jetstream::message::PublishMessage;
 use async_nats::jetstream::stream::LastRawMessageErrorKind;
 
@@ -19,6 +20,7 @@ pub struct CellLink {
 pub struct Sending {
     ack: PublishAckFuture,
     address: String,
+    refused: Refused,
 }
 
 impl Sending {
@@ -28,7 +30,7 @@ impl Sending {
     /// Where it refuses the message, another stream took it, or nothing comes in time.
     pub async fn taken(self) -> Result<(), BrokerError> {
         let refused = |problem: String| BrokerError::Refused { address: self.address.clone(), problem };
-        let ack = self.ack.await.map_err(|error| refused(error.to_string()))?;
+        let ack = self.ack.await.map_err(|error| refused(with_refusal(error, &self.refused)))?;
         match ack.stream == subject::STREAM {
             true => Ok(()),
             false => Err(refused(format!("the stream {} took it, not {}", ack.stream, subject::STREAM))),
@@ -53,10 +55,11 @@ impl CellLink {
     /// Where there is none.
     pub async fn stream(&self) -> Result<String, BrokerError> {
         let stream = self.link.context.get_stream(subject::STREAM).await;
-        let stream = stream.map_err(|error| BrokerError::NoStream {
-            address: self.link.address.clone(),
-            stream: subject::STREAM,
-            problem: error.to_string(),
+        let stream = stream.map_err(|error| match error.kind() {
+            GetStreamErrorKind::JetStream(problem) if problem.error_code() == ErrorCode::STREAM_NOT_FOUND => {
+                BrokerError::NoStream { address: self.link.address.clone(), stream: subject::STREAM }
+            }
+            _ => self.link.failed("tell of its streams", error),
         })?;
         let info = stream.cached_info();
         // Under another name the office has nothing of what this cell sent.
@@ -113,7 +116,7 @@ impl CellLink {
         let message = PublishMessage::build().payload(bytes.into()).message_id(chunk.message_id(again));
         let sent = self.link.context.send_publish(subject::records(&self.cell), message).await;
         let ack = sent.map_err(|error| refused(error.to_string()))?;
-        Ok(Sending { ack, address: self.link.address.clone() })
+        Ok(Sending { ack, address: self.link.address.clone(), refused: self.link.refused() })
     }
 
     /// Tells the cell's state to whoever listens now; it may be lost.

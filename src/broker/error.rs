@@ -1,18 +1,13 @@
 //! Why the broker did not do what was asked.
 
-use std::path::PathBuf;
+use crate::trust::TrustError;
 
 /// What went wrong at the broker.
 #[derive(Debug, thiserror::Error)]
 pub enum BrokerError {
-    /// A file of the login cannot be used.
-    #[error("{}: {problem}", path.display())]
-    Login {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        problem: String,
-    },
+    /// A file that belongs to the broker cannot be used.
+    #[error(transparent)]
+    File(#[from] TrustError),
     /// It does not answer, or refuses us.
     #[error("the broker {address} cannot be reached: {problem}")]
     Connect {
@@ -22,14 +17,12 @@ pub enum BrokerError {
         problem: String,
     },
     /// It has no stream of ours.
-    #[error("the broker {address} has no stream {stream}: {problem}; `panelprep archive run` makes it")]
+    #[error("the broker {address} has no stream {stream}; `panelprep archive run` makes it")]
     NoStream {
         /// Its address.
         address: String,
         /// The stream.
         stream: &'static str,
-        /// What the broker says.
-        problem: String,
     },
     /// It did not take a message, or did not say that it did.
     #[error("the broker {address} did not take a message: {problem}")]

@@ -2,9 +2,10 @@
 
 use super::error::BrokerError;
 use crate::cell::{Broker, BrokerLogin};
-use crate::trust;
+use crate::trust::{self, TrustError};
 use async_nats::jetstream::{self, Context};
-use async_nats::{Client, ConnectOptions};
+use async_nats::{Client, ConnectOptions, Event};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// An answer that takes longer is none.
@@ -17,6 +18,18 @@ pub(super) struct Link {
     pub address: String,
     pub client: Client,
     pub context: Context,
+    refused: Refused,
+}
+
+/// What the broker refused last on this connection: it answers such a request with silence.
+pub(super) type Refused = Arc<Mutex<Option<String>>>;
+
+/// A problem with what the broker refused beside it.
+pub(super) fn with_refusal(problem: impl ToString, refused: &Refused) -> String {
+    match refused.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        Some(refused) => format!("{}; the broker says: {refused}", problem.to_string()),
+        None => problem.to_string(),
+    }
 }
 
 impl Link {
@@ -29,24 +42,61 @@ impl Link {
             .ping_interval(Duration::from_secs(10))
             .max_reconnects(1);
         let options = match &broker.ca {
-            Some(file) => options.add_root_certificates(file.clone()),
+            Some(file) => {
+                // The library names no file, and takes one without a certificate.
+                trust::client_config(file, None)?;
+                options.add_root_certificates(file.clone())
+            }
             None => options,
         };
         let options = options.require_tls(broker.address.starts_with("tls://"));
         let options = login(options, &broker.login).await?;
-        let failed = |problem: String| BrokerError::Connect { address: broker.address.clone(), problem };
-        let client = options.connect(&broker.address).await.map_err(|error| failed(error.to_string()))?;
+        let refused = Arc::new(Mutex::new(None));
+        let hears = refused.clone();
+        let options = options.event_callback(move |event| {
+            if let Event::ServerError(error) = event {
+                *hears.lock().unwrap_or_else(PoisonError::into_inner) = Some(error.to_string());
+            }
+            std::future::ready(())
+        });
+        let failed = |problem: &str| {
+            let problem = format!("{problem}{}", advice(problem, broker));
+            BrokerError::Connect { address: broker.address.clone(), problem }
+        };
+        let client = options.connect(&broker.address).await.map_err(|error| failed(&error.to_string()))?;
         let context = jetstream::ContextBuilder::new()
             .timeout(PATIENCE)
             .ack_timeout(PATIENCE)
             .max_ack_inflight(IN_FLIGHT)
             .backpressure_on_inflight(true)
             .build(client.clone());
-        Ok(Link { address: broker.address.clone(), client, context })
+        Ok(Link { address: broker.address.clone(), client, context, refused })
     }
 
     pub fn failed(&self, doing: &'static str, problem: impl ToString) -> BrokerError {
-        BrokerError::Failed { address: self.address.clone(), doing, problem: problem.to_string() }
+        BrokerError::Failed { address: self.address.clone(), doing, problem: with_refusal(problem, &self.refused) }
+    }
+
+    /// What the broker refuses from now on is found here.
+    pub fn refused(&self) -> Refused {
+        self.refused.clone()
+    }
+}
+
+/// What to do about the library's words.
+fn advice(problem: &str, broker: &Broker) -> &'static str {
+    let is_tls = broker.address.starts_with("tls://");
+    let has = |words: &str| problem.contains(words);
+    if has("authorization violation") || has("Authorization") {
+        "; see user with password_file, or credentials"
+    } else if has("UnknownIssuer") {
+        "; the file at ca does not hold the authority that has signed the broker's certificate"
+    } else if has("InvalidContentType") || is_tls && has("TLS is not supported") {
+        "; the broker speaks without TLS: give it a certificate, or write nats://"
+    } else if has("CertificateRequired") || has("BadCertificate") {
+        "; it asks for a certificate of the client, which this program does not show: use user or credentials"
+    } else {
+        ""
     }
 }
 
@@ -56,10 +106,9 @@ async fn login(options: ConnectOptions, login: &BrokerLogin) -> Result<ConnectOp
         BrokerLogin::Credentials(path) => options
             .credentials_file(path)
             .await
-            .map_err(|error| BrokerError::Login { path: path.clone(), problem: error.to_string() }),
+            .map_err(|error| TrustError { path: path.clone(), problem: error.to_string() }.into()),
         BrokerLogin::Password { user, file } => {
-            let password = trust::secret(file)
-                .map_err(|error| BrokerError::Login { path: error.path, problem: error.problem })?;
+            let password = trust::secret(file)?;
             Ok(options.user_and_password(user.clone(), password))
         }
     }

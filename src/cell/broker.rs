@@ -1,5 +1,6 @@
 //! Where a NATS broker is, and how it knows us: the same keys in a cell's file and in that of the archive.
 
+use super::devices::is_this_computer;
 use crate::config::Section;
 use std::path::{Path, PathBuf};
 
@@ -51,7 +52,20 @@ impl Broker {
         };
         let Some(address) = address else { return Some(None) };
         match read(&address) {
-            Ok(address) => Some(Some(Broker { address, ca: ca.map(file), login })),
+            Ok(address) => {
+                let is_open = address.starts_with("nats://");
+                let host = address.trim_start_matches("nats://").rsplit_once(':').map_or("", |(host, _)| host);
+                if is_open && ca.is_some() {
+                    section.problem("ca", "is used with tls:// alone, and the address begins with nats://");
+                    return None;
+                }
+                if is_open && login != BrokerLogin::Anybody && !is_this_computer(host.trim_matches(['[', ']'])) {
+                    let message = "begins with nats://: everybody on the way to another computer could read the password; write tls://";
+                    section.problem(key, message);
+                    return None;
+                }
+                Some(Some(Broker { address, ca: ca.map(file), login }))
+            }
             Err(problem) => {
                 section.problem(key, problem);
                 None
@@ -93,6 +107,37 @@ mod tests {
                 read(wrong).is_err_and(|problem| problem.starts_with(&format!("found \"{wrong}\""))),
                 "{wrong}"
             );
+        }
+    }
+
+    /// What would go to another computer so that everybody on the way reads it is refused.
+    #[test]
+    fn a_password_goes_encrypted() {
+        use super::super::Cell;
+        let found = |keys: &str| {
+            let text = format!("[office]\ncell = 'a'\n{keys}");
+            Cell::check("cell.toml", &text).map(drop).map_err(|problems| problems.to_string())
+        };
+        let login = "user = 'u'\npassword_file = 'p'";
+        for right in [
+            "broker = 'nats://office'".to_owned(),
+            format!("broker = 'nats://127.0.0.1'\n{login}"),
+            format!("broker = 'tls://office'\nca = 'c'\n{login}"),
+            format!("broker = 'nats://[::1]:4222'\n{login}"),
+        ] {
+            assert_eq!(found(&right), Ok(()), "{right}");
+        }
+        for (wrong, words) in [
+            (format!("broker = 'nats://office'\n{login}"), "office.broker: begins with nats://: everybody"),
+            (
+                "broker = 'nats://office'\ncredentials = 'c'".to_owned(),
+                "office.broker: begins with nats://: everybody",
+            ),
+            ("broker = 'nats://127.0.0.1'\nca = 'c'".to_owned(), "office.ca: is used with tls:// alone"),
+            ("behind_min = 5".to_owned(), "office.broker: is missing: the address of the office's broker"),
+        ] {
+            let problem = found(&wrong).expect_err("wrong");
+            assert!(problem.contains(words), "{wrong}: {problem}");
         }
     }
 }

@@ -165,7 +165,7 @@ mod tests {
             ("to = 'http://a'\ntoken_file = 'x'", "push.token_file: everybody on the way could read the token"),
             ("to = 'http://a'\nbehind_min = 0", "push.behind_min: found 0"),
             ("ca = 'x'\nto = 'http://a'", "push.ca: unknown key"),
-            ("behind_min = 5", "push.to: missing"),
+            ("behind_min = 5", "push.to: is missing; this key has no default"),
         ] {
             let found = found(&format!("[push]\n{table}")).expect_err(table);
             assert!(found.contains(problem), "{table}: {found}");

@@ -473,7 +473,8 @@ fn mistakes_of_the_opcua_server_are_named() {
         ("anonymous = 'write'", "2: opcua.anonymous: found the text \"write\", allowed is \"nothing\" or \"read\""),
         ("unencrypted = true", "2: opcua.unencrypted: found true, but nobody logs in"),
         ("host = 'a b'", "2: opcua.host: found \"a b\", allowed is a computer's name or an IP address"),
-        ("port = 4840", "2: opcua.port: unknown key"),
+        ("listen = '0.0.0.0:4840'\nport = 4840", "3: opcua.port: unknown key"),
+        ("anonymous = 'read'", "1: opcua.listen: is missing: the address and port of the server"),
     ] {
         let found = says(&format!("[opcua]\n{text}"));
         assert!(found.len() == 1 && found[0].starts_with(expected), "{text}: {found:?}");

@@ -20,7 +20,8 @@ use serde_json::json;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::path::Path;
-use tokio::runtime::{Builder, Runtime};
+use std::time::Duration;
+use tokio::runtime::Builder;
 use tokio::sync::oneshot;
 
 /// Does what is asked.
@@ -41,14 +42,23 @@ fn settings(file: &Path) -> Result<ArchiveSettings, Fault> {
     ArchiveSettings::check(&file.display().to_string(), &text).map_err(Fault::stage)
 }
 
-fn runtime() -> Result<Runtime, Fault> {
-    Builder::new_current_thread().enable_io().enable_time().build().map_err(Fault::stage)
+/// The end waits so long for names of hosts that are still looked up.
+const END_WITHIN: Duration = Duration::from_secs(1);
+
+/// Works on this to its end.
+fn work<T, E: std::error::Error + Send + Sync + 'static>(
+    doing: impl Future<Output = Result<T, E>>,
+) -> Result<T, Fault> {
+    let runtime = Builder::new_current_thread().enable_io().enable_time().build().map_err(Fault::stage)?;
+    let done = runtime.block_on(doing).map_err(Fault::stage);
+    runtime.shutdown_timeout(END_WITHIN);
+    done
 }
 
 fn serve(args: &RunArchive) -> Result<Outcome, Fault> {
     let settings = settings(&args.settings)?;
     let ended = until_a_signal()?;
-    runtime()?.block_on(archive::run(&settings, ended)).map_err(Fault::stage)?;
+    work(archive::run(&settings, ended))?;
     Ok(ended_in_words("the archive has ended"))
 }
 
@@ -65,7 +75,7 @@ pub fn fleet(args: &Fleet) -> Result<Outcome, Fault> {
             tracing::info!("SHA-256 of its own certificate: {fingerprint}");
         }
     };
-    runtime()?.block_on(serve_fleet(&settings, told, ended)).map_err(Fault::stage)?;
+    work(serve_fleet(&settings, told, ended))?;
     Ok(ended_in_words("the office's page has ended"))
 }
 
@@ -74,7 +84,7 @@ fn account(args: &ArchiveAccount) -> Result<Outcome, Fault> {
     let printed_name = args.printed_name.clone().unwrap_or_else(|| args.name.clone());
     let account = user::checked((&args.name, &printed_name), Role::Viewer, &user::password(&args.name)?)?;
     let account = OfficeAccount { name: account.name, printed_name, password_hash: account.password_hash };
-    runtime()?.block_on(Reader::new(&settings).keep_account(&account)).map_err(Fault::stage)?;
+    work(Reader::new(&settings).keep_account(&account))?;
     Ok(ended_in_words(&format!("account {}: it may look at the office's page", account.name)))
 }
 
@@ -83,9 +93,14 @@ fn offer(args: &OfferRecipe) -> Result<Outcome, Fault> {
     let text = disk::read_text(&args.recipe)?;
     let recipe = Recipe::check(&args.recipe.display().to_string(), &text).map_err(Fault::stage)?;
     let who = (args.by.as_str(), args.why.as_str());
-    let offer = RecipeOffer::new(recipe.panel(), &text, who, now_unix_s() * 1_000).map_err(Fault::stage)?;
-    runtime()?.block_on(archive::offer(&settings, &offer)).map_err(Fault::stage)?;
-    Ok(ended_in_words(&format!("recipe {} of the panel {} is offered to all cells", offer.hash(), offer.panel)))
+    let offer = RecipeOffer::new(recipe.panel(), &text, who, now_unix_s() * 1_000);
+    let offer = offer.map_err(|error| Fault::file(&args.recipe, error))?;
+    work(archive::offer(&settings, &offer))?;
+    Ok(ended_in_words(&format!(
+        "recipe {} of the panel {} is offered to every cell that has run this panel",
+        offer.hash(),
+        offer.panel
+    )))
 }
 
 fn ended_in_words(words: &str) -> Outcome {
@@ -109,7 +124,7 @@ fn until_a_signal() -> Result<impl Future<Output = ()>, Fault> {
 fn check(args: &CheckArchive) -> Result<Outcome, Fault> {
     let settings = settings(&args.settings)?;
     let lists = args.cells.iter().map(|named| list(named)).collect::<Result<Vec<CellList>, Fault>>()?;
-    let checked = runtime()?.block_on(archive::check(&settings, &lists)).map_err(Fault::stage)?;
+    let checked = work(archive::check(&settings, &lists))?;
     let reason = |cell: &str, words: &String| Reason::new("archive_differs", format!("cell {cell}: {words}"));
     let reasons = checked.iter().flat_map(|one| one.found.iter().map(|words| reason(&one.cell, words)));
     let reasons: Vec<Reason> = reasons.collect();
@@ -155,6 +170,9 @@ fn list(named: &str) -> Result<CellList, Fault> {
         ));
     };
     let cell = CellName::new(name).map_err(unfit)?;
+    if place.is_empty() {
+        return Err(unfit("after = the folder of the cell's store is missing, or the file of its list".to_owned()));
+    }
     let place = Path::new(place);
     let listed = if place.is_dir() {
         Store::open(place).and_then(|store| store.outbox_list()).map_err(Fault::stage)?

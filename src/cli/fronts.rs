@@ -83,14 +83,10 @@ pub fn line_front(files: &CellFiles, fronts: &Fronts, robot: &LinkedRobot) -> Re
 /// Serves the cell by OPC UA, where its file names an address for it.
 ///
 /// # Errors
-/// Where the certificates cannot be used, or the system refuses.
+/// Where the system refuses.
 pub fn opcua_server(files: &CellFiles, fronts: &Fronts) -> Result<Option<OpcUaServer>, Fault> {
     let parts = OpcUaParts { settings: files.cell.opcua().clone(), front: fronts.parts.clone() };
-    let server = OpcUaServer::serve(parts).map_err(Fault::stage)?;
-    if let Some(OpcUaServer { url, thumbprint, .. }) = &server {
-        tracing::info!("OPC UA: {url}, SHA-1 of its certificate {thumbprint}");
-    }
-    Ok(server)
+    OpcUaServer::serve(parts).map_err(Fault::stage)
 }
 
 /// Serves the operator's page, where the cell's file names an address for it.

@@ -16,9 +16,9 @@ pub fn start(usual: LevelFilter) {
     let log = fmt().with_writer(out).with_ansi(false).with_target(false).with_max_level(level);
     // It would be told by `eprintln!`, which panics where nobody reads.
     let log = log.log_internal_errors(false);
-    // What async-opcua tells follows from whatever comes in from a network: it is no part of the usual log.
-    let is_told =
-        move |of: &tracing::Metadata<'_>| level >= LevelFilter::DEBUG || !of.target().starts_with("opcua");
+    // What these libraries tell follows from whatever comes in from a network: it is no part of the usual log.
+    let is_of_network = |target: &str| ["opcua", "async_nats"].iter().any(|name| target.starts_with(name));
+    let is_told = move |of: &tracing::Metadata<'_>| level >= LevelFilter::DEBUG || !is_of_network(of.target());
     #[expect(clippy::let_underscore_must_use, reason = "set once for each process; a second one changes nothing")]
     let _ = match std::env::var_os("JOURNAL_STREAM") {
         Some(_) => tracing::subscriber::set_global_default(log.without_time().finish().with(filter_fn(is_told))),

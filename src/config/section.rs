@@ -33,6 +33,15 @@ impl<'d, 't> Section<'d, 't> {
         self.table.is_some()
     }
 
+    /// A table that is not there switches its subject off. One that is there without its first key is a problem: nobody writes it in vain.
+    pub fn is_off<T>(&self, key: &str, what: &str) -> Option<Option<T>> {
+        if self.is_present() {
+            self.problem(key, format!("is missing: {what}; without the whole table it is off"));
+            return None;
+        }
+        Some(None)
+    }
+
     /// Is this key in the table?
     pub fn has(&self, key: &str) -> bool {
         self.entry(key).is_some()

@@ -9,8 +9,10 @@ use crate::accounts::AuditEntry;
 use crate::history::{Acknowledgement, Alarm, Query};
 use crate::record::CycleId;
 use crate::store::{Store, StoreError};
+use crate::verdict::Reason;
 use std::cmp::Reverse;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// The newest cycles whose alarms are shown.
@@ -35,12 +37,14 @@ pub struct Alarms {
     people: Arc<People>,
     standing: Standing,
     looked: Mutex<Option<Instant>>,
+    /// What is wrong with a connection to the plant, by its name.
+    troubles: Mutex<BTreeMap<&'static str, String>>,
 }
 
 impl Alarms {
     /// Alarms of the store that these people have.
     pub fn new(people: Arc<People>) -> Self {
-        Alarms { people, standing: Standing::default(), looked: Mutex::default() }
+        Alarms { people, standing: Standing::default(), looked: Mutex::default(), troubles: Mutex::default() }
     }
 
     /// All of them: what lasts first, then by priority and time. On the calling thread, which may wait for the disk.
@@ -91,8 +95,25 @@ impl Alarms {
             }
             *looked = Some(Instant::now());
         }
-        let found = Found { cell: setup.standing(), cameras: cameras.and_then(SharedCameras::check) };
+        let mut cell = setup.standing();
+        let reason = |(of, problem): (&&str, &String)| Reason::new("plant_connection", format!("{of}: {problem}"));
+        cell.extend(self.troubles().iter().map(reason));
+        let found = Found { cell, cameras: cameras.and_then(SharedCameras::check) };
         self.standing.look(&found, now_unix_ms());
+    }
+
+    /// A connection to the plant has this problem, or none any more. It is an alarm where it lasts until the cell is looked at. Whether it is
+    /// another one than before.
+    pub(super) fn trouble(&self, of: &'static str, problem: Option<&str>) -> bool {
+        let mut troubles = self.troubles();
+        match problem {
+            Some(problem) => troubles.insert(of, problem.to_owned()).is_none_or(|before| before != problem),
+            None => troubles.remove(of).is_some(),
+        }
+    }
+
+    fn troubles(&self) -> MutexGuard<'_, BTreeMap<&'static str, String>> {
+        self.troubles.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Keeps that a person has seen an alarm, and says so in the audit trail. False where there is no such alarm, or somebody

@@ -17,6 +17,9 @@ const EVERY: Duration = Duration::from_secs(1);
 /// After a failure it is tried again after one second, then two, four, and so on up to this.
 const LONGEST_PAUSE: Duration = Duration::from_secs(60);
 
+/// The program's end waits so long for what still blocks.
+const END_WITHIN: Duration = Duration::from_secs(1);
+
 /// How far they step back.
 const NICE: i32 = 5;
 
@@ -85,6 +88,8 @@ impl Worker {
                     _ = ended => {}
                 }
             });
+            // A host's name that is still looked up keeps nobody waiting.
+            runtime.shutdown_timeout(END_WITHIN);
         };
         let thread = thread::Builder::new().name(name.to_owned()).spawn(work)?;
         Ok(Worker { end: Some(end), thread: Some(thread) })

@@ -102,7 +102,7 @@ pub use lending::{AllCameras, BorrowedFlangeCamera, BorrowedScanner, LastState, 
 pub use line::{LineFront, LineParts};
 pub use live_view::{LiveFilm, LiveFrame, LiveView};
 pub use office::{OfficeParts, OfficeSender, OfficeStatus};
-pub use opcua::{OpcUaError, OpcUaParts, OpcUaServer};
+pub use opcua::{OpcUaParts, OpcUaServer};
 pub use people::{LogIn, People};
 pub use ports::{
     CameraAnswer, CameraCommand, CameraFault, CameraPort, Command, Figure, Finding, Keeper, Kept, LinkedRobot,
@@ -127,7 +127,7 @@ pub use setup::{Calibrations, CellSetup, CycleSetup};
 pub use setup_source::{Equipment, Examined, RecipeText, SetupSource};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Socket, SocketError};
-pub use sparkplug::{SparkplugEdge, SparkplugError, SparkplugParts};
+pub use sparkplug::{SparkplugEdge, SparkplugParts};
 pub use web::{OperatorPage, PageError, PageParts};
 pub use wiring::Wiring;
 pub use without_store::wait_for;

@@ -41,6 +41,7 @@ impl Standing {
             }
             // By code and time an alarm is acknowledged: no two have both in common.
             let after = alarms.iter().map(|alarm| alarm.raised_unix_ms + 1).max().unwrap_or(now_unix_ms);
+            tracing::warn!("alarm {}: {}", reason.code, reason.message);
             alarms.push(Alarm::between_cycles(reason, now_unix_ms.max(after)));
         }
         while alarms.iter().filter(|alarm| !alarm.is_active()).count() > MOST_GONE {

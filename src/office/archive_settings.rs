@@ -102,7 +102,9 @@ fn take_fleet(folder: &Path, section: &Section<'_, '_>) -> Option<Option<FleetPa
         section.problem("certificate", "certificate and certificate_key belong together");
         return None;
     }
-    let Some(text) = listen else { return Some(None) };
+    let Some(text) = listen else {
+        return section.is_off("listen", "the address and port of the page, such as \"127.0.0.1:8444\"");
+    };
     match text.parse::<SocketAddr>() {
         Ok(listen) => {
             let certificate = certificate.zip(key).map(|(file, key)| [folder.join(file), folder.join(key)]);

@@ -234,7 +234,7 @@ impl Store {
     /// # Errors
     /// Where they cannot be read.
     pub fn signatures_of(&self, id: CycleId) -> Result<Vec<SignatureRow>, StoreError> {
-        self.signatures_where("cycle_id = ?1", Some(i64::from(id.0)))
+        self.signatures_where("cycle_id = ?1", Some(id.0))
     }
 
     /// Those after this number, in order.

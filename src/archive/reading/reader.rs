@@ -5,9 +5,14 @@ use crate::archive::error::ArchiveError;
 use crate::archive::files::Files;
 use crate::office::ArchiveSettings;
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::sync::Mutex;
+use tokio::time::timeout;
 use tokio_postgres::Client;
 use tokio_postgres::types::ToSql;
+
+/// A page waits so long for the database.
+const ANSWERS_WITHIN: Duration = Duration::from_secs(15);
 
 /// A reader of the archive; clones share one connection, which is made anew where it was lost.
 #[derive(Clone)]
@@ -51,11 +56,22 @@ impl Reader {
         let failed = ArchiveError::database("read the archive");
         let client = self.client().await?;
         // Prepared by the library again and again would be a round trip more; the server plans these in less than a millisecond.
-        client.query(sql, values).await.map_err(failed)
+        self.in_time(client.query(sql, values)).await?.map_err(failed)
     }
 
     pub(super) async fn change(&self, sql: &str, values: Values<'_>) -> Result<u64, ArchiveError> {
         let client = self.client().await?;
-        client.execute(sql, values).await.map_err(ArchiveError::database("write to the archive"))
+        self.in_time(client.execute(sql, values)).await?.map_err(ArchiveError::database("write to the archive"))
+    }
+
+    /// A database that says nothing is left, so that the next page connects anew.
+    async fn in_time<T>(&self, asking: impl Future<Output = T>) -> Result<T, ArchiveError> {
+        match timeout(ANSWERS_WITHIN, asking).await {
+            Ok(answered) => Ok(answered),
+            Err(_) => {
+                *self.client.lock().await = None;
+                Err(ArchiveError::Silent { seconds: ANSWERS_WITHIN.as_secs() })
+            }
+        }
     }
 }

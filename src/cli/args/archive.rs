@@ -1,5 +1,6 @@
 //! Arguments of `panelprep archive`.
 
+use clap::builder::NonEmptyStringValueParser;
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 
@@ -48,10 +49,10 @@ pub struct OfferRecipe {
     #[arg(value_name = "FILE")]
     pub recipe: PathBuf,
     /// The printed name of who approved it.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new())]
     pub by: String,
     /// Why.
-    #[arg(long, value_name = "WORDS")]
+    #[arg(long, value_name = "WORDS", value_parser = NonEmptyStringValueParser::new())]
     pub why: String,
     /// The archive's settings.
     #[arg(long, value_name = "FILE", default_value = "config/archive.toml")]

@@ -2,7 +2,7 @@
 //!
 //! It moves nothing and writes nothing. Where something above rests on something below that is not right, it is said to
 //! be not looked at, which counts as not right. `judge` turns facts into words, `machine` finds those of the computer,
-//! `cell` those of the cell's files, and `devices`, `tool` and `zivid` those of what is connected.
+//! `cell` those of the cell's files, `devices`, `tool` and `zivid` those of what is connected, and `plant` those of what lies beyond.
 
 mod borrowed;
 mod cell;
@@ -10,6 +10,7 @@ mod check;
 mod devices;
 mod judge;
 mod machine;
+mod plant;
 mod tool;
 mod zivid;
 
@@ -62,6 +63,7 @@ fn of_cell(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> {
     checks.extend(programs.checks);
     checks.extend(devices::cameras(files, args.warm_up));
     checks.extend(devices::robot_and_service(files, programs.sum));
+    checks.extend(plant::check(&files.cell));
     checks.extend(tool::check(&files.cell, asking::state_of(&files.socket()).is_some()));
     checks
 }

@@ -1,7 +1,8 @@
 //! Why there is no page of the office.
 
-use crate::daemon::web::PageError;
+use crate::daemon::web::PageFileError;
 use std::net::SocketAddr;
+use std::path::PathBuf;
 
 /// Why there is no page of the office.
 #[derive(Debug, thiserror::Error)]
@@ -19,7 +20,17 @@ pub enum FleetError {
         /// What the system says.
         source: std::io::Error,
     },
+    /// The folder of the archive.
+    #[error("cannot make the archive's folder {}: {source}", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
     /// The certificate.
-    #[error(transparent)]
-    Certificate(#[from] PageError),
+    #[error(
+        "the office's page: {0}; certificate and certificate_key in [fleet] of the archive's settings name others"
+    )]
+    Certificate(#[from] PageFileError),
 }

@@ -46,7 +46,11 @@ pub async fn serve(
     let is_local = listen.ip().is_loopback() && certificate.is_none();
     let certificate = match is_local {
         true => None,
-        false => Some(web::certificate(certificate.as_ref(), &settings.files, *listen)?),
+        false => {
+            std::fs::create_dir_all(&settings.files)
+                .map_err(|source| FleetError::Folder { path: settings.files.clone(), source })?;
+            Some(web::certificate(certificate.as_ref(), &settings.files, *listen)?)
+        }
     };
     let listener = TcpListener::bind(listen).await.map_err(failed)?;
     let address: SocketAddr = listener.local_addr().map_err(failed)?;

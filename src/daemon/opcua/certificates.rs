@@ -9,7 +9,7 @@
 //! ```
 
 use super::error::OpcUaError;
-use opcua::crypto::{CertificateStore, X509, X509Data};
+use opcua::crypto::{CertificateStore, KeySize, PrivateKey, PublicKey, X509, X509Data};
 use std::collections::BTreeSet;
 use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt;
@@ -60,11 +60,59 @@ pub(super) fn prepare(folder: &Path, application_uri: &str, hosts: &[String]) ->
             ));
         }
     }
-    CertificateStore::read_pkey(&key)
+    for file in [&own, &key] {
+        crate::disk::read(file).map_err(|error| OpcUaError::file(file, error))?;
+    }
+    let private = CertificateStore::read_pkey(&key)
         .map_err(|_| OpcUaError::file(&key, "it is no PEM private key (RSA, PKCS #8)"))?;
     let certificate =
         CertificateStore::read_cert(&own).map_err(|_| OpcUaError::file(&own, "it is no DER certificate"))?;
+    let public = certificate.public_key().map_err(|error| OpcUaError::file(&own, error))?;
+    let belong_together = is_key_of(&private, &public).map_err(|problem| OpcUaError::file(&key, problem))?;
+    if !belong_together {
+        return Err(OpcUaError::file(&key, "it is the key of another certificate than own/cert.der"));
+    }
     Ok(certificate.thumbprint().as_hex_string())
+}
+
+/// Whether what this key signs is verified by that one.
+fn is_key_of(private: &PrivateKey, public: &PublicKey) -> Result<bool, String> {
+    if private.size() * 8 < KEY_BITS as usize {
+        return Err(format!("it has {} bits, and {KEY_BITS} are needed", private.size() * 8));
+    }
+    let mut signature = vec![0; private.size()];
+    private.sign_sha256(b"probe", &mut signature).map_err(|error| error.to_string())?;
+    Ok(public.verify_sha256(b"probe", &signature).unwrap_or(false))
+}
+
+/// A client's certificate is found by a name of its own, which nobody types: what a person put there under another one, or as PEM, gets that
+/// name. What came of each file, for the log; one that is no certificate is told again only when it is another one.
+pub(super) fn name_trusted(folder: &Path, known: &mut BTreeSet<PathBuf>) -> Vec<String> {
+    let trusted = folder.join(TRUSTED);
+    let files = fs::read_dir(&trusted).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut told = Vec::new();
+    for file in files.filter(|file| file.is_file()) {
+        let found = crate::disk::read(&file)
+            .ok()
+            .and_then(|bytes| X509::from_der(&bytes).or_else(|_| X509::from_pem(&bytes)).ok());
+        let Some(certificate) = found else {
+            if known.insert(file.clone()) {
+                told.push(format!("{}: it is no certificate, and nobody is trusted by it", file.display()));
+            }
+            continue;
+        };
+        let named = trusted.join(CertificateStore::cert_file_name(&certificate));
+        if file == named {
+            continue;
+        }
+        let Ok(der) = certificate.to_der() else { continue };
+        let placed = fs::write(&named, der).and_then(|()| fs::remove_file(&file));
+        told.push(match placed {
+            Ok(()) => format!("{} is trusted, and called {} from now on", file.display(), named.display()),
+            Err(error) => format!("{}: {error}", file.display()),
+        });
+    }
+    told
 }
 
 /// Makes a certificate for this computer and its key. Both are written beside their places, and the key's permissions are set
@@ -164,6 +212,39 @@ mod tests {
             error.contains("private.pem: is missing"),
             "a lost key is told, and no new certificate is made: {error}"
         );
+    }
+
+    #[test]
+    fn a_key_of_another_certificate_is_refused() {
+        let folders = [0; 2].map(|_| tempfile::tempdir().expect("a folder"));
+        let of =
+            |folder: &tempfile::TempDir| prepare(folder.path(), "urn:panelprep:test", &["localhost".to_owned()]);
+        folders.iter().for_each(|folder| drop(of(folder).expect("made")));
+        let [from, to] = [&folders[0], &folders[1]].map(|folder| folder.path().join(KEY));
+        fs::copy(from, to).expect("copied");
+        let error = of(&folders[1]).expect_err("refused").to_string();
+        assert!(error.contains("private.pem: it is the key of another certificate than own/cert.der"), "{error}");
+    }
+
+    /// One that a person put there gets its own name; what is none is told once.
+    #[test]
+    fn a_trusted_certificate_may_have_any_name() {
+        let folder = tempfile::tempdir().expect("a folder");
+        prepare(folder.path(), "urn:panelprep:test", &["localhost".to_owned()]).expect("made");
+        let trusted = folder.path().join(TRUSTED);
+        fs::copy(folder.path().join(OWN), trusted.join("line.crt")).expect("copied");
+        fs::write(trusted.join("notes.txt"), "ask Ada").expect("written");
+        let mut known = BTreeSet::new();
+        let mut told = name_trusted(folder.path(), &mut known);
+        told.sort();
+        let [line, notes] = &told[..] else { panic!("{told:?}") };
+        assert!(
+            line.contains("line.crt is trusted, and called ") && notes.contains("notes.txt: it is no certificate")
+        );
+        let certificate = CertificateStore::read_cert(&folder.path().join(OWN)).expect("a certificate");
+        let named = trusted.join(CertificateStore::cert_file_name(&certificate));
+        assert!(named.is_file() && !trusted.join("line.crt").exists());
+        assert_eq!(name_trusted(folder.path(), &mut known), Vec::<String>::new());
     }
 
     #[test]

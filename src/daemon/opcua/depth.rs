@@ -12,6 +12,7 @@ use crate::record::{CycleId, PartNames};
 use crate::store::{Store, StoreError};
 use crate::verdict::Verdict;
 use std::cmp::Reverse;
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -52,6 +53,8 @@ pub(super) struct Reader {
     /// The folder of the certificates.
     pub folder: PathBuf,
     pub rejected: Rejected,
+    /// Files among those that are trusted which are no certificates.
+    pub unknown: BTreeSet<PathBuf>,
     pub files_read: Option<Instant>,
     /// Up to which cycle the counters are.
     pub counted: Option<Newest>,
@@ -104,6 +107,9 @@ impl Reader {
 
     /// Connections and certificates that were turned away since, for the audit trail.
     fn tell_turned_away(&mut self) {
+        for words in certificates::name_trusted(&self.folder, &mut self.unknown) {
+            tracing::warn!("OPC UA server: {words}");
+        }
         let new = self.rejected.new_ones(&self.folder);
         for file in new.iter().take(MOST_TOLD) {
             let words = certificates::words(file);

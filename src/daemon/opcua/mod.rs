@@ -29,5 +29,4 @@ mod server;
 mod settings;
 mod values;
 
-pub use error::OpcUaError;
 pub use server::{OpcUaParts, OpcUaServer};

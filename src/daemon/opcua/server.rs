@@ -8,7 +8,6 @@ use super::conditions::Conditions;
 use super::core_nodes::CoreNodes;
 use super::depth::{Depth, Newest, Reader};
 use super::door::Door;
-use super::error::OpcUaError;
 use super::follow::{Follower, read_on};
 use super::settings;
 use crate::cell::OpcUa;
@@ -19,9 +18,10 @@ use opcua::server::diagnostics::DiagnosticsNodeManagerBuilder;
 use opcua::server::node_manager::ServerContext;
 use opcua::server::node_manager::memory::{InMemoryNodeManager, InMemoryNodeManagerBuilder};
 use opcua::server::{Server, ServerHandle};
+use std::collections::BTreeSet;
 use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -31,6 +31,10 @@ use tokio::time::sleep;
 
 /// An address that could not be had, and a server that failed, are tried again after this time.
 const AGAIN: Duration = Duration::from_secs(1);
+/// What it is called in the log and among alarms.
+const NAME: &str = "OPC UA server";
+/// The program's end waits so long for what still blocks.
+const END_WITHIN: Duration = Duration::from_secs(2);
 /// Threads that wait for the store's disk and hash passwords.
 const BLOCKING: usize = 4;
 /// Messages are decoded one inside of another: room for that, whatever comes in.
@@ -47,46 +51,26 @@ pub struct OpcUaParts {
 /// The server while it is served; it ends when this is dropped.
 #[derive(Debug)]
 pub struct OpcUaServer {
-    /// What clients connect to.
-    pub url: String,
-    /// The SHA-1 thumbprint of its certificate, as clients show it.
-    pub thumbprint: String,
     end: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl OpcUaServer {
-    /// Serves the cell; `None` where its file names no address. An address that cannot be had now is tried again: the cell does not
-    /// wait for it.
+    /// Serves the cell; `None` where its file names no address. An address that cannot be had now, and certificates that cannot be used, are
+    /// tried again: the cell does not wait for it.
     ///
     /// # Errors
-    /// Where the certificates cannot be used, or the system refuses.
-    pub fn serve(parts: OpcUaParts) -> Result<Option<Self>, OpcUaError> {
+    /// Where the system refuses a thread.
+    pub fn serve(parts: OpcUaParts) -> std::io::Result<Option<Self>> {
         let Some(address) = parts.settings.listen else { return Ok(None) };
-        let host = settings::host(&parts.settings, address);
-        let folder = &parts.settings.certificates;
-        let thumbprint =
-            certificates::prepare(folder, &settings::application_uri(&host), &settings::hosts(&host, address))?;
-        let failed = |source| OpcUaError::Listen { address, source };
-        let mut builder = Builder::new_current_thread();
-        let runtime = builder.enable_all().max_blocking_threads(BLOCKING).build().map_err(failed)?;
-        let first = runtime.block_on(TcpListener::bind(address));
-        if let Err(error) = &first {
-            tracing::warn!(
-                "the OPC UA server cannot be served at {address}: {error}; it is tried again every second"
-            );
-        }
-        let url = format!("opc.tcp://{host}:{}/", address.port());
+        let runtime = Builder::new_current_thread().enable_all().max_blocking_threads(BLOCKING).build()?;
         let (end, ended) = oneshot::channel();
-        let first = Mutex::new(first.ok());
         let serve = move || {
-            run_apart(&runtime, "the OPC UA server", ended, async |ended| {
-                run(&parts, (&first, address), ended).await
-            });
+            run_apart(&runtime, NAME, ended, async |ended| run((&parts, address), ended).await);
+            runtime.shutdown_timeout(END_WITHIN);
         };
-        let builder = thread::Builder::new().name("opcua".to_owned()).stack_size(STACK_BYTES);
-        let thread = builder.spawn(serve).map_err(OpcUaError::Thread)?;
-        Ok(Some(OpcUaServer { url, thumbprint, end: Some(end), thread: Some(thread) }))
+        let thread = thread::Builder::new().name("opcua".to_owned()).stack_size(STACK_BYTES).spawn(serve)?;
+        Ok(Some(OpcUaServer { end: Some(end), thread: Some(thread) }))
     }
 }
 
@@ -97,37 +81,21 @@ impl Drop for OpcUaServer {
     }
 }
 
-/// Serves until it is ended. Where the server ends by itself, another one begins.
-async fn run(
-    parts: &OpcUaParts,
-    (first, address): (&Mutex<Option<TcpListener>>, SocketAddr),
-    ended: &mut oneshot::Receiver<()>,
-) {
+/// Serves until it is ended. Where the server cannot be served, or ends by itself, it begins anew.
+async fn run((parts, address): (&OpcUaParts, SocketAddr), ended: &mut oneshot::Receiver<()>) {
+    let alarms = &parts.front.alarms;
     loop {
-        let listener = first.lock().unwrap_or_else(PoisonError::into_inner).take();
         let problem = tokio::select! {
-            served = serve_once(parts, listener, address) => served.err().unwrap_or_else(|| "without a cause".to_owned()),
+            served = serve_once(parts, address) => served.err().unwrap_or_else(|| "it ended without a cause".to_owned()),
             _ = &mut *ended => return,
         };
-        tracing::warn!("the OPC UA server ended: {problem}; it begins anew");
+        if alarms.trouble(NAME, Some(&problem)) {
+            tracing::warn!("{NAME}: {problem}; it is tried again every second");
+        }
         tokio::select! {
             () = sleep(AGAIN) => {}
             _ = &mut *ended => return,
         }
-    }
-}
-
-/// Tries until the address is free and the network is there.
-async fn bound(listener: Option<TcpListener>, address: SocketAddr) -> TcpListener {
-    if let Some(listener) = listener {
-        return listener;
-    }
-    loop {
-        if let Ok(listener) = TcpListener::bind(address).await {
-            tracing::info!("the OPC UA server is served at {address} now");
-            return listener;
-        }
-        sleep(AGAIN).await;
     }
 }
 
@@ -165,8 +133,13 @@ fn build(parts: &OpcUaParts, address: SocketAddr) -> Result<Built, String> {
     Ok(Built { server, handle, nodes, core, conditions, access, door })
 }
 
-async fn serve_once(parts: &OpcUaParts, listener: Option<TcpListener>, address: SocketAddr) -> Result<(), String> {
-    let listener = bound(listener, address).await;
+async fn serve_once(parts: &OpcUaParts, address: SocketAddr) -> Result<(), String> {
+    let host = settings::host(&parts.settings, address);
+    let (uri, hosts) = (settings::application_uri(&host), settings::hosts(&host, address));
+    let thumbprint = certificates::prepare(&parts.settings.certificates, &uri, &hosts);
+    let thumbprint = thumbprint.map_err(|error| error.to_string())?;
+    let listener = TcpListener::bind(address).await;
+    let listener = listener.map_err(|error| format!("{address} cannot be had: {error}"))?;
     let failed = |error: std::io::Error| error.to_string();
     let behind = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.map_err(failed)?;
     let behind_address = behind.local_addr().map_err(failed)?;
@@ -179,6 +152,7 @@ async fn serve_once(parts: &OpcUaParts, listener: Option<TcpListener>, address: 
         door: door.clone(),
         folder: parts.settings.certificates.clone(),
         rejected: Rejected::default(),
+        unknown: BTreeSet::new(),
         files_read: None,
         counted: None,
         last: Depth::default(),
@@ -192,6 +166,8 @@ async fn serve_once(parts: &OpcUaParts, listener: Option<TcpListener>, address: 
         depth,
         cycle: tell_cycle,
     };
+    parts.front.alarms.trouble(NAME, None);
+    tracing::info!("{NAME}: opc.tcp://{host}:{}/, SHA-1 of its certificate {thumbprint}", address.port());
     // Where the server goes, all that belongs to it goes too.
     tokio::select! {
         served = server.run_with(behind) => served,

@@ -1,9 +1,8 @@
 //! How the broker is reached: address, TLS, user and password. The files are read once, when the service starts.
 
-use super::error::SparkplugError;
 use crate::cell::SparkplugNode;
 use crate::sparkplug::Message;
-use crate::trust;
+use crate::trust::{self, TrustError};
 use rumqttc::{LastWill, MqttOptions, QoS, TlsConfiguration, Transport};
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,10 +13,7 @@ const KEEP_ALIVE: Duration = Duration::from_secs(10);
 const MOST_BYTES: [usize; 2] = [16 * 1_024, 256 * 1_024];
 
 /// How the broker is reached.
-#[derive(Clone)]
 pub(super) struct Broker {
-    /// Its address and port, for people.
-    pub address: String,
     options: MqttOptions,
 }
 
@@ -26,7 +22,7 @@ impl Broker {
     ///
     /// # Errors
     /// Where a file cannot be read or is not what it must be.
-    pub fn read(node: &SparkplugNode) -> Result<Self, SparkplugError> {
+    pub fn read(node: &SparkplugNode) -> Result<Self, TrustError> {
         let client_id = format!("{}/{}", node.group_id, node.edge_node_id);
         let mut options = MqttOptions::new(client_id, node.broker.clone(), node.port);
         options
@@ -41,7 +37,7 @@ impl Broker {
         if let Some((user, file)) = &node.login {
             options.set_credentials(user.clone(), trust::secret(file)?);
         }
-        Ok(Broker { address: format!("{}:{}", node.broker, node.port), options })
+        Ok(Broker { options })
     }
 
     /// How to connect with this will.

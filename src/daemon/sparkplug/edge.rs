@@ -2,7 +2,6 @@
 
 use super::asking::Asking;
 use super::broker::Broker;
-use super::error::SparkplugError;
 use super::following::follow;
 use super::session::{Ended, Parts, connected};
 use crate::cell::{NodeCommands, SparkplugNode};
@@ -40,25 +39,20 @@ pub struct SparkplugEdge {
 }
 
 impl SparkplugEdge {
-    /// Connects the cell to its broker, and again where the connection is lost: the cell does not wait for it.
+    /// Connects the cell to its broker, and again where the connection is lost or a file cannot be used: the cell does not wait for it.
     ///
     /// # Errors
-    /// Where a certificate, a key or the password cannot be read, or the system refuses a thread.
-    pub fn serve(SparkplugParts { node, parts }: SparkplugParts) -> Result<Self, SparkplugError> {
-        let broker = Broker::read(&node)?;
-        let runtime = Builder::new_current_thread()
-            .enable_io()
-            .enable_time()
-            .max_blocking_threads(BLOCKING)
-            .build()
-            .map_err(SparkplugError::Thread)?;
+    /// Where the system refuses a thread.
+    pub fn serve(SparkplugParts { node, parts }: SparkplugParts) -> std::io::Result<Self> {
+        let runtime =
+            Builder::new_current_thread().enable_io().enable_time().max_blocking_threads(BLOCKING).build()?;
         let (end, ended) = oneshot::channel();
         let serve = move || {
-            run_apart(&runtime, "MQTT Sparkplug", ended, async |leave| run((&node, &parts), &broker, leave).await);
+            run_apart(&runtime, "MQTT Sparkplug", ended, async |leave| run((&node, &parts), leave).await);
             runtime.shutdown_timeout(END_WITHIN);
         };
         let thread = thread::Builder::new().name("sparkplug".to_owned()).spawn(serve);
-        Ok(SparkplugEdge { end: Some(end), thread: Some(thread.map_err(SparkplugError::Thread)?) })
+        Ok(SparkplugEdge { end: Some(end), thread: Some(thread?) })
     }
 }
 
@@ -69,12 +63,13 @@ impl Drop for SparkplugEdge {
     }
 }
 
-async fn run((node, parts): (&SparkplugNode, &FrontParts), broker: &Broker, leave: &mut oneshot::Receiver<()>) {
-    let from = format!("MQTT broker {}", broker.address);
+async fn run((node, parts): (&SparkplugNode, &FrontParts), leave: &mut oneshot::Receiver<()>) {
+    let address = format!("{}:{}", node.broker, node.port);
+    let from = format!("MQTT broker {address}");
     let asking = Asking { gateway: parts.gateway.clone(), people: parts.people.clone(), from };
     let (tell, view) = watch::channel(None);
     tokio::spawn(follow(parts.clone(), tell));
-    let session = Parts { broker: broker.clone(), asking, view, begun: Instant::now() };
+    let session = Parts { asking, view, begun: Instant::now(), address, alarms: parts.alarms.clone() };
     let mut edge = EdgeNode::new(NodeSetup {
         commands_allowed: node.commands == NodeCommands::Operator,
         aliases: node.aliases,
@@ -84,17 +79,19 @@ async fn run((node, parts): (&SparkplugNode, &FrontParts), broker: &Broker, leav
             primary_host_id: node.primary_host_id.clone(),
         },
     });
-    again_and_again(&session, &mut edge, leave).await;
-}
-
-async fn again_and_again(parts: &Parts, node: &mut EdgeNode, leave: &mut oneshot::Receiver<()>) {
-    let (address, mut pause) = (&parts.broker.address, BACK_OFF[0]);
+    let mut pause = BACK_OFF[0];
     loop {
         let begun = Instant::now();
-        match connected(parts, node, leave).await {
+        let ended = match Broker::read(node) {
+            Ok(broker) => connected((&session, &broker), &mut edge, leave).await,
+            Err(problem) => Ended::Lost(format!("{problem}; [sparkplug] in the cell's file names what it uses")),
+        };
+        match ended {
             Ended::Leaves => return,
-            Ended::HostOffline => tracing::info!("MQTT Sparkplug: the primary host is offline; {address} is left"),
-            Ended::Lost(why) => tracing::warn!("MQTT Sparkplug: no connection to {address}: {why}"),
+            Ended::HostOffline => {
+                tracing::info!("MQTT Sparkplug: the primary host is offline; {} is left", session.address);
+            }
+            Ended::Lost(why) => session.fails(&why),
         }
         pause = if begun.elapsed() >= GOOD { BACK_OFF[0] } else { pause };
         tokio::select! {

@@ -13,7 +13,6 @@
 mod asking;
 mod broker;
 mod edge;
-mod error;
 mod following;
 mod session;
 
@@ -21,4 +20,3 @@ mod session;
 mod tests;
 
 pub use edge::{SparkplugEdge, SparkplugParts};
-pub use error::SparkplugError;

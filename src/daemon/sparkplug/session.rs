@@ -2,9 +2,11 @@
 
 use super::asking::Asking;
 use super::broker::{Broker, quality};
+use crate::daemon::alarms::Alarms;
 use crate::daemon::clock::now_unix_ms;
 use crate::sparkplug::{Act, CellView, EdgeNode, Event, Now, values};
 use rumqttc::{AsyncClient, ConnectReturnCode, ConnectionError, EventLoop, Outgoing, Packet, SubscribeReasonCode};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinSet;
@@ -36,13 +38,31 @@ pub(super) enum Ended {
 
 /// What every connection works with.
 pub(super) struct Parts {
-    pub broker: Broker,
     pub asking: Asking,
     pub view: watch::Receiver<Option<CellView>>,
     pub begun: Instant,
+    /// The broker's address and port, for people.
+    pub address: String,
+    pub alarms: Arc<Alarms>,
 }
 
+/// The name of this connection among alarms.
+const NAME: &str = "MQTT Sparkplug";
+
 impl Parts {
+    /// There is no connection, for this reason: told once, until there was one.
+    pub fn fails(&self, why: &str) {
+        let problem = format!("no connection to {}: {why}", self.address);
+        if self.alarms.trouble(NAME, Some(&problem)) {
+            tracing::warn!("{NAME}: {problem}; it is tried again");
+        }
+    }
+
+    fn works(&self) {
+        self.alarms.trouble(NAME, None);
+        tracing::info!("{NAME}: connected to {}", self.address);
+    }
+
     fn now(&self) -> Now {
         let steady_ms = u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX);
         Now { unix_ms: now_unix_ms().unsigned_abs(), steady_ms }
@@ -59,9 +79,13 @@ struct Session<'s> {
 }
 
 /// Connects, and serves the connection until it ends.
-pub(super) async fn connected(parts: &Parts, node: &mut EdgeNode, leave: &mut oneshot::Receiver<()>) -> Ended {
+pub(super) async fn connected(
+    (parts, broker): (&Parts, &Broker),
+    node: &mut EdgeNode,
+    leave: &mut oneshot::Receiver<()>,
+) -> Ended {
     node.step(Event::Connecting, parts.now());
-    let options = parts.broker.options(node.will(parts.now()));
+    let options = broker.options(node.will(parts.now()));
     // A connection of its own each time: nothing that waited for a former one is sent in this one.
     let (client, mut eventloop) = AsyncClient::new(options, MOST_WAITING);
     eventloop.network_options.set_connection_timeout(CONNECT_WITHIN_S);
@@ -135,6 +159,7 @@ impl Session<'_> {
                 if !was_open || self.open_subscriptions > 0 {
                     return None;
                 }
+                self.parts.works();
                 let acts = self.node.step(Event::Subscribed, self.parts.now());
                 self.perform(acts).await
             }
@@ -197,6 +222,18 @@ fn words(error: &ConnectionError) -> String {
             _ => "the broker is not available".to_owned(),
         },
         ConnectionError::NetworkTimeout => format!("no answer within {CONNECT_WITHIN_S} s"),
-        other => other.to_string(),
+        other => {
+            let words = other.to_string();
+            let advice = if words.contains("UnknownIssuer") {
+                "; the file at ca_certificate does not hold the authority that has signed the broker's certificate"
+            } else if words.contains("Promised boundary crossed") || words.contains("reset by peer") {
+                "; it may speak another protocol there, or MQTT over TLS, which ca_certificate switches on"
+            } else if words.contains("closed by peer abruptly") {
+                "; another client may have the same group_id and edge_node_id"
+            } else {
+                ""
+            };
+            format!("{words}{advice}")
+        }
     }
 }

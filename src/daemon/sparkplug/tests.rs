@@ -4,6 +4,7 @@ use super::asking::Asking;
 use super::broker::Broker;
 use super::session::{BROKEN, Ended, Parts, connected};
 use crate::cell::{NodeCommands, SparkplugNode};
+use crate::daemon::alarms::Alarms;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::people::People;
 use crate::daemon::request_queue::{RequestQueue, request_queue};
@@ -22,6 +23,7 @@ use tokio::sync::{oneshot, watch};
 /// A node that knows the cell's state, and what came of its requests.
 struct Edge {
     parts: Parts,
+    broker: Broker,
     node: EdgeNode,
     queue: RequestQueue,
     listener: TcpListener,
@@ -48,14 +50,15 @@ impl Edge {
         let (sender, queue) = request_queue();
         let gateway = Gateway::new(sender, Arc::new(|_| Err(vec![])), None);
         let people = Arc::new(People::new(folder.path().to_owned()));
+        let alarms = Arc::new(Alarms::new(people.clone()));
         let asking = Asking { gateway, people, from: "a broker".to_owned() };
         let (tell, view) = watch::channel(Some(CellView::default()));
         let broker = Broker::read(&settings).expect("no file is named");
-        let parts = Parts { broker, asking, view, begun: Instant::now() };
+        let parts = Parts { asking, view, begun: Instant::now(), address: "a broker".to_owned(), alarms };
         let ids = Ids { group_id: "G".to_owned(), edge_node_id: "cell".to_owned(), primary_host_id: None };
         let node = EdgeNode::new(NodeSetup { ids, commands_allowed: true, aliases: true });
         let runtime = Builder::new_current_thread().enable_all().build().expect("a runtime");
-        Edge { parts, node, queue, listener, runtime, _tell: tell, _folder: folder }
+        Edge { parts, broker, node, queue, listener, runtime, _tell: tell, _folder: folder }
     }
 
     /// One connection to a broker that does this, and hangs up then. What the node sent comes back.
@@ -71,7 +74,7 @@ impl Edge {
             bytes
         });
         let (_end, mut leave) = oneshot::channel();
-        let ended = self.runtime.block_on(connected(&self.parts, &mut self.node, &mut leave));
+        let ended = self.runtime.block_on(connected((&self.parts, &self.broker), &mut self.node, &mut leave));
         let Ended::Lost(why) = ended else { panic!("it did not end so") };
         (why, plays.join().expect("it ends"))
     }

@@ -17,20 +17,25 @@ pub enum PageError {
         source: std::io::Error,
     },
     /// A file.
-    #[error("the operator's page: {}: {problem}; [page] in the cell's file names what it uses", path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        problem: String,
-    },
+    #[error("the operator's page: {0}; [page] in the cell's file names what it uses")]
+    File(#[from] PageFileError),
     /// The system gives no thread.
     #[error("the operator's page has no thread: {0}")]
     Thread(std::io::Error),
 }
 
-impl PageError {
+/// A file of the page that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {problem}", path.display())]
+pub struct PageFileError {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong with it.
+    pub problem: String,
+}
+
+impl PageFileError {
     pub(super) fn file(path: &Path, problem: impl ToString) -> Self {
-        PageError::File { path: path.to_owned(), problem: problem.to_string() }
+        PageFileError { path: path.to_owned(), problem: problem.to_string() }
     }
 }

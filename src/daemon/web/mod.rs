@@ -54,7 +54,7 @@ mod tests;
 
 pub(super) use assets::STYLE_SHEET;
 pub(super) use downloads::csv_file;
-pub use error::PageError;
+pub use error::{PageError, PageFileError};
 pub(super) use guard::{cookie, cookie_name};
 pub(super) use server::listen_on;
 pub use server::{OperatorPage, PageParts};

@@ -1,6 +1,6 @@
 //! The page's thread: it listens, speaks TLS, and holds every connection to limits of time and number.
 
-use super::error::PageError;
+use super::error::{PageError, PageFileError};
 use super::frame::Frames;
 use super::live;
 use super::live_state::Live;
@@ -132,12 +132,12 @@ fn words(page: &cell::Page) -> Result<Words, PageError> {
     let more = match &page.words {
         None => None,
         Some(file) => {
-            let bytes = disk::read(file).map_err(|error| PageError::file(file, error))?;
-            Some(String::from_utf8(bytes).map_err(|_| PageError::file(file, "it is no UTF-8 text"))?)
+            let bytes = disk::read(file).map_err(|error| PageFileError::file(file, error))?;
+            Some(String::from_utf8(bytes).map_err(|_| PageFileError::file(file, "it is no UTF-8 text"))?)
         }
     };
     let file = page.words.clone().unwrap_or_default();
-    Words::read(more.as_deref()).map_err(|error| PageError::file(&file, error))
+    Ok(Words::read(more.as_deref()).map_err(|error| PageFileError::file(&file, error))?)
 }
 
 fn run(

@@ -1,6 +1,6 @@
 //! The page's certificate: a given one, or one that the program makes for itself and keeps beside its store.
 
-use super::error::PageError;
+use super::error::PageFileError;
 use crate::disk;
 use rcgen::{CertificateParams, KeyPair};
 use rustls::ServerConfig;
@@ -32,7 +32,7 @@ pub fn certificate(
     given: Option<&[PathBuf; 2]>,
     folder: &Path,
     listen: SocketAddr,
-) -> Result<Certificate, PageError> {
+) -> Result<Certificate, PageFileError> {
     let own = OWN.map(|name| folder.join(name));
     let files = match given {
         Some(files) => files,
@@ -44,13 +44,13 @@ pub fn certificate(
         }
     };
     let [text, key] = files;
-    let read = |file: &Path| disk::read(file).map_err(|error| PageError::file(file, error));
+    let read = |file: &Path| disk::read(file).map_err(|error| PageFileError::file(file, error));
     let chain: Vec<CertificateDer<'static>> = CertificateDer::pem_slice_iter(&read(text)?)
         .collect::<Result<_, _>>()
-        .map_err(|error| PageError::file(text, format!("it is no PEM certificate: {error}")))?;
+        .map_err(|error| PageFileError::file(text, format!("it is no PEM certificate: {error}")))?;
     let private = PrivateKeyDer::from_pem_slice(&read(key)?)
-        .map_err(|error| PageError::file(key, format!("it is no PEM private key: {error}")))?;
-    let first = chain.first().ok_or_else(|| PageError::file(text, "it holds no certificate"))?;
+        .map_err(|error| PageFileError::file(key, format!("it is no PEM private key: {error}")))?;
+    let first = chain.first().ok_or_else(|| PageFileError::file(text, "it holds no certificate"))?;
     let is_own = given.is_none();
     let fingerprint = is_own.then(|| {
         let bytes = Sha256::digest(first.as_ref());
@@ -60,16 +60,16 @@ pub fn certificate(
     let config = ServerConfig::builder_with_provider(provider)
         .with_safe_default_protocol_versions()
         .and_then(|builder| builder.with_no_client_auth().with_single_cert(chain, private))
-        .map_err(|error| PageError::file(text, format!("it does not serve with this key: {error}")))?;
+        .map_err(|error| PageFileError::file(text, format!("it does not serve with this key: {error}")))?;
     Ok(Certificate { config: Arc::new(config), fingerprint })
 }
 
 /// Makes a certificate for this computer, for ten years: browsers are told once to trust its fingerprint.
-fn make([text, key]: &[PathBuf; 2], listen: SocketAddr) -> Result<(), PageError> {
+fn make([text, key]: &[PathBuf; 2], listen: SocketAddr) -> Result<(), PageFileError> {
     let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
     let mut names = vec![host, "localhost".to_owned(), "127.0.0.1".to_owned()];
     names.extend((!listen.ip().is_unspecified()).then(|| listen.ip().to_string()));
-    let failed = |error: rcgen::Error| PageError::file(text, format!("no certificate could be made: {error}"));
+    let failed = |error: rcgen::Error| PageFileError::file(text, format!("no certificate could be made: {error}"));
     let pair = KeyPair::generate().map_err(failed)?;
     let mut params = CertificateParams::new(names).map_err(failed)?;
     params.distinguished_name.push(rcgen::DnType::CommonName, "Panelprep operator's page");
@@ -79,11 +79,11 @@ fn make([text, key]: &[PathBuf; 2], listen: SocketAddr) -> Result<(), PageError>
 }
 
 /// Writes a file whole, which only its owner reads.
-fn write(file: &Path, text: &str) -> Result<(), PageError> {
+fn write(file: &Path, text: &str) -> Result<(), PageFileError> {
     let folder = file.parent().unwrap_or(Path::new("."));
     let written = NamedTempFile::new_in(folder).and_then(|mut new| new.write_all(text.as_bytes()).map(|()| new));
     let placed = written.and_then(|new| new.persist(file).map_err(|error| error.error));
-    placed.map(drop).map_err(|error| PageError::file(file, error))
+    placed.map(drop).map_err(|error| PageFileError::file(file, error))
 }
 
 #[cfg(test)]

@@ -1,0 +1,56 @@
+//! Whether two cells use one name: their stores have other epochs, and tell of them in turn.
+
+use crate::office::CellState;
+use std::collections::BTreeMap;
+
+/// What cells told last, by their names.
+#[derive(Debug, Default)]
+pub(super) struct Names(BTreeMap<String, Heard>);
+
+#[derive(Debug, Default)]
+struct Heard {
+    /// The epochs that were told last, and others before them.
+    last: Vec<String>,
+    before: Vec<String>,
+    is_told: bool,
+}
+
+impl Names {
+    /// Whether it is found now, for the first time, that this name has two cells: its epochs became others, and are the former ones again. Epochs
+    /// alone that become others may be a store that was brought back.
+    pub fn are_two(&mut self, cell: &str, state: &CellState) -> bool {
+        let mut epochs: Vec<String> = state.last.iter().map(|position| position.epoch.clone()).collect();
+        epochs.sort();
+        let heard = self.0.entry(cell.to_owned()).or_default();
+        if epochs == heard.last {
+            return false;
+        }
+        let came_back = epochs == heard.before && !epochs.is_empty() && !heard.last.is_empty();
+        heard.before = std::mem::replace(&mut heard.last, epochs);
+        came_back && !std::mem::replace(&mut heard.is_told, true)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::CellName;
+    use crate::office::Position;
+
+    #[test]
+    fn a_store_that_was_brought_back_is_one_cell_and_two_stores_in_turn_are_two() {
+        let told = |epochs: &[&str]| {
+            let mut state = CellState::of(&CellName::new("a").expect("a name"));
+            let position = |epoch: &&str| Position { epoch: (*epoch).to_owned(), number: 1 };
+            state.last = epochs.iter().map(position).collect();
+            state
+        };
+        let mut names = Names::default();
+        for epochs in [&["1"][..], &["1"], &["1", "2"], &["3"], &["3", "4"]] {
+            assert!(!names.are_two("a", &told(epochs)), "{epochs:?}");
+        }
+        let found: Vec<bool> =
+            [&["5"][..], &["6"], &["5"], &["6"]].iter().map(|epochs| names.are_two("b", &told(epochs))).collect();
+        assert_eq!(found, [false, false, true, false], "told once");
+    }
+}

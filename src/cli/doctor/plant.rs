@@ -1,0 +1,157 @@
+//! What lies beyond the cell: the line, the office, the quality system and the MQTT broker. Files that they need are read and servers are
+//! connected to; nobody logs in, and nothing is sent.
+
+use super::check::Check;
+use crate::cell::{Broker, BrokerLogin, Cell, WebFolder};
+use crate::disk;
+use crate::recipe::Recipe;
+use crate::trust::{self, TrustError};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
+
+/// A server has so long to take a connection; its name is looked up within the same time again.
+const WITHIN: Duration = Duration::from_secs(3);
+
+/// Everything that the cell's file names.
+pub(super) fn check(cell: &Cell) -> Vec<Check> {
+    let mut checks = Vec::new();
+    checks.extend(cell.line().map(|line| recipe(&line.recipe)));
+    if let Some(office) = cell.office() {
+        let address = office.broker.address.split_once("://").map_or("", |(_, rest)| rest);
+        checks.push(reached("office", broker_files(&office.broker), address));
+    }
+    if let Some(push) = cell.push() {
+        let WebFolder { host, port, .. } = &push.to;
+        let files =
+            secrets(push.token_file.as_deref()).and_then(|()| authorities(push.ca_certificate.as_deref(), None));
+        checks.push(reached("quality system", files, &joined(host, *port)));
+    }
+    if let Some(node) = cell.sparkplug() {
+        let (ca, own) =
+            node.tls.as_ref().map_or((None, None), |tls| (Some(tls.ca_certificate.as_path()), tls.own.as_ref()));
+        let password = node.login.as_ref().map(|(_, file)| file.as_path());
+        let files = secrets(password).and_then(|()| authorities(ca, own));
+        checks.push(reached("MQTT broker", files, &joined(&node.broker, node.port)));
+    }
+    checks
+}
+
+fn joined(host: &str, port: u16) -> String {
+    if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
+}
+
+fn secrets(file: Option<&Path>) -> Result<(), TrustError> {
+    file.map_or(Ok(()), |file| trust::secret(file).map(drop))
+}
+
+fn authorities(file: Option<&Path>, own: Option<&[PathBuf; 2]>) -> Result<(), TrustError> {
+    file.map_or(Ok(()), |file| trust::client_config(file, own).map(drop))
+}
+
+fn broker_files(broker: &Broker) -> Result<(), TrustError> {
+    authorities(broker.ca.as_deref(), None)?;
+    match &broker.login {
+        BrokerLogin::Anybody => Ok(()),
+        // It begins with a certificate, and its form is the broker's matter.
+        BrokerLogin::Credentials(file) | BrokerLogin::Password { file, .. } => secrets(Some(file)),
+    }
+}
+
+fn recipe(file: &Path) -> Check {
+    const NAME: &str = "line";
+    let text = disk::read(file).map_err(|error| format!("{}: {error}", file.display()));
+    let text = text
+        .and_then(|bytes| String::from_utf8(bytes).map_err(|_| format!("{}: it is no UTF-8 text", file.display())));
+    let checked = text.and_then(|text| {
+        Recipe::check(&file.display().to_string(), &text).map_err(|problems| problems.to_string())
+    });
+    match checked {
+        Ok(recipe) => {
+            Check::right(NAME, format!("asks for cycles of the panel {}, by {}", recipe.panel(), file.display()))
+        }
+        Err(problem) => Check::wrong(
+            NAME,
+            problem,
+            "write a recipe of this cell into [line] recipe: each start that the line asks for would be refused",
+        ),
+    }
+}
+
+fn reached(name: &'static str, files: Result<(), TrustError>, address: &str) -> Check {
+    if let Err(problem) = files {
+        return Check::wrong(name, problem.to_string(), "mend the file, or name another one in the cell's file");
+    }
+    match connected(address) {
+        Ok(()) => Check::right(name, format!("{address} takes connections")),
+        Err(problem) => {
+            let advice = "look at the address in the cell's file, the network, and whether the server runs; the cell works without it";
+            Check::wrong(name, format!("{address}: {problem}"), advice)
+        }
+    }
+}
+
+/// On a thread of its own: a name may be looked up for minutes.
+fn connected(address: &str) -> Result<(), String> {
+    let (tell, told) = mpsc::channel();
+    let wanted = address.to_owned();
+    thread::spawn(move || {
+        let connect = || -> std::io::Result<()> {
+            let mut last = std::io::Error::new(std::io::ErrorKind::NotFound, "its name has no address");
+            for address in wanted.to_socket_addrs()? {
+                match TcpStream::connect_timeout(&address, WITHIN) {
+                    Ok(_) => return Ok(()),
+                    Err(error) => last = error,
+                }
+            }
+            Err(last)
+        };
+        tell.send(connect().map_err(|error| error.to_string()))
+    });
+    told.recv_timeout(2 * WITHIN).unwrap_or_else(|_| Err(format!("no answer within {} s", 2 * WITHIN.as_secs())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::TcpListener;
+
+    fn found(folder: &Path, table: &str) -> Vec<(bool, String)> {
+        let file = folder.join("cell.toml").display().to_string();
+        let cell = Cell::check(&file, table).expect("right");
+        check(&cell).into_iter().map(|check| (check.ok, format!("{}: {}", check.name, check.found))).collect()
+    }
+
+    #[test]
+    fn servers_and_files_are_looked_at() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let folder = folder.path();
+        assert_eq!(found(folder, ""), []);
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let port = listener.local_addr().expect("its number").port();
+        let office = format!("[office]\nbroker = \"nats://127.0.0.1:{port}\"\ncell = \"a\"\n");
+        assert_eq!(found(folder, &office), [(true, format!("office: 127.0.0.1:{port} takes connections"))]);
+        let sparkplug = "[sparkplug]\nbroker = \"localhost\"\ngroup_id = \"g\"\nedge_node_id = \"e\"\nuser = \"u\"\npassword_file = \"none\"\n";
+        let told = found(folder, sparkplug);
+        assert!(!told[0].0 && told[0].1.ends_with("none: No such file or directory (os error 2)"), "{told:?}");
+        drop(listener);
+        let push = format!("[push]\nto = \"http://127.0.0.1:{port}/a\"\n");
+        let told = found(folder, &push);
+        assert!(
+            !told[0].0 && told[0].1.starts_with(&format!("quality system: 127.0.0.1:{port}: Connection refused")),
+            "{told:?}"
+        );
+    }
+
+    #[test]
+    fn a_line_needs_a_recipe() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let missing = recipe(&folder.path().join("none.toml"));
+        assert!(!missing.ok && missing.found.contains("none.toml: No such file"), "{}", missing.found);
+        let file = folder.path().join("cell.toml");
+        std::fs::write(&file, "[scanner]\nkind = \"simulated\"\n").expect("written");
+        assert!(!recipe(&file).ok);
+    }
+}
