@@ -154,12 +154,8 @@ fn people_run_judge_and_sign_a_part_in_a_browser() {
         ("change recipe", "engineer", true),
         ("change recipe", "engineer", false),
     ] {
-        // A recipe that is wrong was only checked, and nothing was attempted.
-        assert_eq!(
-            has(what, who, refused),
-            (what, refused) != ("change recipe", true),
-            "{what} by {who}: {audit:#?}"
-        );
+        // The change over somebody else's one was attempted; a recipe that is wrong was only checked.
+        assert!(has(what, who, refused), "{what} by {who}: {audit:#?}");
     }
     let asked = store.cycle(panelprep::record::CycleId(2)).expect("read").asked;
     let abort = asked.iter().find(|asked| format!("{:?}", asked.wanted).contains("Abort")).expect("it is kept");

@@ -103,6 +103,18 @@ fn sum(found: &serde_json::Value, what: &str) -> u64 {
     found["cells"].as_array().into_iter().flatten().filter_map(|cell| cell[what].as_u64()).sum()
 }
 
+/// Cells that end with this.
+struct Cells(Vec<Child>);
+
+impl Drop for Cells {
+    fn drop(&mut self) {
+        for child in &mut self.0 {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
 /// Cells that write and are killed; everything else is, too.
 fn killed(programs: &Path, (count, kills, cycles): (usize, usize, usize), seed: u64) -> bool {
     let mut plant = Plant::start(programs);
@@ -111,7 +123,7 @@ fn killed(programs: &Path, (count, kills, cycles): (usize, usize, usize), seed: 
         .map(|number| (format!("cell-{number}"), plant.folder.path().join(format!("cell-{number}"))))
         .collect();
     let start = |(name, folder): &(String, PathBuf)| cell::start(name, folder, network.port, cycles);
-    let mut running: Vec<Child> = names.iter().map(start).collect();
+    let mut running = Cells(names.iter().map(start).collect());
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let (begun, mut killed) = (Instant::now(), [0_usize; 4]);
     for _ in 0..kills {
@@ -128,9 +140,9 @@ fn killed(programs: &Path, (count, kills, cycles): (usize, usize, usize), seed: 
             }
             _ => {
                 let one = random.random_range(0..count);
-                let _ = running[one].kill();
-                let _ = running[one].wait();
-                running[one] = start(&names[one]);
+                let _ = running.0[one].kill();
+                let _ = running.0[one].wait();
+                running.0[one] = start(&names[one]);
             }
         }
     }
@@ -152,10 +164,7 @@ fn killed(programs: &Path, (count, kills, cycles): (usize, usize, usize), seed: 
         }
         std::thread::sleep(Duration::from_secs(2));
     };
-    for child in &mut running {
-        let _ = child.kill();
-        let _ = child.wait();
-    }
+    drop(running);
     let [brokers, databases, archives, cells] = killed;
     println!(
         "{count} cells with at least {cycles} cycles each, {kills} kills in {under_fire_s:.0} s: broker {brokers}, database {databases}, \

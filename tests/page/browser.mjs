@@ -106,7 +106,14 @@ await judged(engineer, "recipe-wrong");
 await engineer.fill("textarea", `${recipe}\n# changed on the page\n`);
 await engineer.click("button.primary");
 await engineer.waitForFunction(() => document.querySelector("form .told").textContent === "Saved.");
-step("changed a recipe");
+await engineer.fill("textarea", `${recipe}\n# changed again\n`);
+await engineer.evaluate(() => { document.querySelector("form .told").textContent = ""; });
+await engineer.click("button.primary");
+await engineer.waitForFunction(() => document.querySelector("form .told").textContent === "Saved.");
+await engineer.evaluate(() => { document.querySelector("input[name=before]").value = "0".repeat(64); });
+await engineer.click("button.primary");
+await engineer.waitForFunction(() => /Somebody has changed this recipe/.test(document.querySelector("form .told").textContent));
+step("changed a recipe, and not over somebody else's change");
 
 await engineer.goto(`${base}/setup/recipe/recipe.toml/draw`);
 await engineer.waitForSelector("#propose:enabled");

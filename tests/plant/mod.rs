@@ -5,13 +5,25 @@ use std::fs;
 use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU16, Ordering};
 use std::time::{Duration, Instant};
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
+/// Ports below those that the system gives to connections that go out: a server that is killed must get its own one again.
+const PORTS: std::ops::Range<u16> = 20_000..32_000;
+
 /// A port that nobody has at this moment.
 pub fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("its number").port()
+    static NEXT: AtomicU16 = AtomicU16::new(0);
+    // Other processes of the tests begin elsewhere.
+    let begin = (std::process::id() % 397) as u16 * 30;
+    let is_free = |port: &u16| TcpListener::bind(("127.0.0.1", *port)).is_ok();
+    let ports = std::iter::repeat_with(|| {
+        let step = NEXT.fetch_add(1, Ordering::Relaxed).wrapping_add(begin);
+        PORTS.start + step % (PORTS.end - PORTS.start)
+    });
+    ports.take(usize::from(PORTS.end - PORTS.start)).find(is_free).expect("a port")
 }
 
 /// A server that is killed when the test ends.

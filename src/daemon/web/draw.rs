@@ -8,6 +8,7 @@ use super::state::{Web, blocking};
 use super::versions::difference;
 use crate::daemon::setup_source::SetupSource;
 use crate::files;
+use crate::files::content_hash;
 use crate::page::drawing::sheet;
 use crate::recipe::Drawn;
 use axum::extract::{Path, State};
@@ -62,6 +63,7 @@ fn approval<'w>(own: &str, word: &dyn Fn(&'w str) -> &'w str) -> Markup {
             h2 { (word("setup.proposal")) }
             div #difference {}
             form data-post=(own) data-then=(own) {
+                input type="hidden" name="before";
                 textarea name="text" hidden aria-label=(word("setup.text")) {}
                 label { (word("setup.why")) input name="why" required maxlength="200" autocomplete="off"; }
                 p.told role="status" {}
@@ -111,5 +113,9 @@ pub(super) async fn propose(
     });
     let (before, after) = proposed.await?;
     let difference = difference(&before, &after).into_string();
-    Ok(Json(json!({ "text": after, "is_changed": after != before, "difference": difference })).into_response())
+    let told = json!({
+        "text": after, "is_changed": after != before, "difference": difference,
+        "before": content_hash(before.as_bytes()),
+    });
+    Ok(Json(told).into_response())
 }

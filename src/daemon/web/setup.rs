@@ -7,6 +7,7 @@ use super::state::{Web, blocking, entry};
 use super::versions;
 use super::words::Language;
 use crate::accounts::{AuditEntry, Permission};
+use crate::files::content_hash;
 use crate::office::RecipeOffer;
 use crate::store::Store;
 use crate::verdict::Verdict;
@@ -96,6 +97,7 @@ pub(super) async fn recipe(
                 @let taken = offer.as_ref().filter(|offer| offer.hash() == taken);
                 @let why = taken.map_or(String::new(), |offer| format!("{} {}: {}", word("setup.of_office"), offer.by, offer.why));
                 form data-post={ "/setup/recipe/" (name) } {
+                    input type="hidden" name="before" value=(content_hash(recipe.text.as_bytes()));
                     label { (word("setup.text")) textarea name="text" rows="30" spellcheck="false" {
                         (taken.map_or(recipe.text.as_str(), |offer| offer.text.as_str()))
                     } }
@@ -145,6 +147,9 @@ pub(super) struct Text {
     text: String,
     #[serde(default)]
     why: String,
+    /// SHA-256 of the text that was changed into this one; empty where that is not known.
+    #[serde(default)]
+    before: String,
 }
 
 /// What is wrong with this text; nothing is written.
@@ -168,15 +173,22 @@ pub(super) async fn save(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
     Path(name): Path<String>,
-    Json(Text { text, why }): Json<Text>,
+    Json(Text { text, why, before: read }): Json<Text>,
 ) -> Response {
     if why.trim().is_empty() {
         return refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", visitor.language().word("setup.why_missing"));
     }
     let line =
         AuditEntry { subject: Some(versions::subject(&name, why.trim())), ..entry(&visitor, versions::CHANGE) };
+    let changed = visitor.language().word("setup.changed_meanwhile").to_owned();
+    let after = content_hash(text.as_bytes());
     let kept = blocking(move || {
-        let former = web.front.setup.save(&name, &text);
+        let setup = &web.front.setup;
+        let is_newest = |now: &str| read.is_empty() || content_hash(now.as_bytes()) == read;
+        let former = match setup.recipe(&name) {
+            Ok(now) if !is_newest(&now.text) => Err(changed),
+            _ => setup.save(&name, &text),
+        };
         let (before, refused) = match &former {
             Ok(before) => (before.clone(), None),
             Err(problem) => (None, Some(problem.clone())),
@@ -185,7 +197,11 @@ pub(super) async fn save(
         former
     });
     match kept.await {
-        Some(Ok(_)) => Json(json!({ "message": visitor.language().word("saved") })).into_response(),
+        // The form goes on from what was saved.
+        Some(Ok(_)) => {
+            let told = json!({ "message": visitor.language().word("saved"), "fields": { "before": after } });
+            Json(told).into_response()
+        }
         Some(Err(problem)) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problem),
         None => ended(),
     }

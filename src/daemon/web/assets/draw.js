@@ -14,6 +14,7 @@ id("propose").addEventListener("click", async () => {
   const parsed = new DOMParser().parseFromString(result.told.difference, "text/html");
   id("difference").replaceChildren(...parsed.body.childNodes);
   id("proposal").querySelector("textarea").value = result.told.text;
+  id("proposal").querySelector("input[name=before]").value = result.told.before;
   id("proposal").hidden = false;
   id("proposal").querySelector("input[name=why]").focus();
 });

@@ -1,6 +1,7 @@
 //! Drawing a recipe's region on the page, and what else is looked at in Set-up.
 
 use super::{DOOR, PASSWORD, Site};
+use crate::files::content_hash;
 use axum::http::StatusCode;
 use serde_json::{Value, json};
 
@@ -39,6 +40,14 @@ async fn what_is_drawn_is_proposed_and_not_yet_written() {
     let change = json!({ "text": text, "why": "" }).to_string();
     let told = site.post(&engineer, "/setup/recipe/door.toml", &change).await;
     assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY, "a reason is asked for");
+    // Two engineers have opened the same recipe: the second one to save is told, and overwrites nothing.
+    let save = |before: &str| json!({ "text": text, "why": "wider", "before": before }).to_string();
+    let saved = site.post(&engineer, "/setup/recipe/door.toml", &save(&content_hash(DOOR.as_bytes()))).await;
+    assert_eq!(saved.status, StatusCode::OK, "{}", saved.body);
+    assert!(saved.body.contains(&content_hash(text.as_bytes())), "the form goes on: {}", saved.body);
+    let late = site.post(&engineer, "/setup/recipe/door.toml", &save(&content_hash(b"an older text"))).await;
+    assert_eq!(late.status, StatusCode::UNPROCESSABLE_ENTITY);
+    assert!(late.body.contains("Somebody has changed this recipe"), "{}", late.body);
 }
 
 #[tokio::test]
