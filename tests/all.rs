@@ -48,6 +48,7 @@ mod teach_page;
 mod tool_faults;
 mod walk;
 mod wall;
+mod without_plant;
 mod words;
 #[allow(dead_code, unused_imports, reason = "the bench uses the rest")]
 mod world;

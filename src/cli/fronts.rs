@@ -7,7 +7,8 @@ use super::record_source::StoreRecords;
 use super::setup_source::{FolderSource, RecordsOnTheirWay};
 use crate::daemon::{
     Alarms, FrontParts, Gateway, LineFront, LineParts, LinkedRobot, LiveView, OfficeParts, OfficeSender,
-    OpcUaParts, OpcUaServer, OperatorPage, PageParts, People, PushParts, PushSender, SparkplugEdge, SparkplugParts,
+    OpcUaParts, OpcUaServer, OperatorPage, PageError, PageParts, People, PushParts, PushSender, SparkplugEdge,
+    SparkplugParts,
 };
 use std::sync::Arc;
 
@@ -92,7 +93,7 @@ pub fn opcua_server(files: &CellFiles, fronts: &Fronts) -> Result<Option<OpcUaSe
 /// Serves the operator's page, where the cell's file names an address for it.
 ///
 /// # Errors
-/// Where its certificate or its words cannot be used, or the system refuses.
+/// Where the system refuses. Without its certificate or its words there is no page, which is an alarm.
 pub fn operator_page(
     files: &Arc<CellFiles>,
     fronts: &Fronts,
@@ -105,7 +106,16 @@ pub fn operator_page(
         view,
         records: Arc::new(StoreRecords(files.clone())),
     };
-    let page = OperatorPage::serve(parts).map_err(Fault::stage)?;
+    let page = match OperatorPage::serve(parts) {
+        Ok(page) => page,
+        // The cell is stopped and asked by its socket all the same.
+        Err(error @ PageError::File(_)) => {
+            fronts.parts.alarms.trouble("the operator's page", Some(&error.to_string()));
+            tracing::warn!("{error}; the cell works without it until the service is started again");
+            None
+        }
+        Err(error) => return Err(Fault::stage(error)),
+    };
     if let Some(page) = &page {
         tracing::info!("operator's page: {}", page.url);
         if let Some(fingerprint) = &page.fingerprint {

@@ -104,7 +104,7 @@ impl Alarms {
 
     /// A connection to the plant has this problem, or none any more. It is an alarm where it lasts until the cell is looked at. Whether it is
     /// another one than before.
-    pub(super) fn trouble(&self, of: &'static str, problem: Option<&str>) -> bool {
+    pub fn trouble(&self, of: &'static str, problem: Option<&str>) -> bool {
         let mut troubles = self.troubles();
         match problem {
             Some(problem) => troubles.insert(of, problem.to_owned()).is_none_or(|before| before != problem),

@@ -69,6 +69,11 @@ impl Sender {
 
 impl Rounds for Sender {
     async fn round(&mut self) -> Result<bool, String> {
+        // Its files are read before anything is to be put: what is wrong with them is told at once.
+        let mut connection = match self.connection.take() {
+            Some(connection) => connection,
+            None => Connection::new(&self.push)?,
+        };
         let store = match self.store.take() {
             Some(store) => store,
             None => Store::open(&self.folder).map_err(|error| error.to_string())?,
@@ -77,12 +82,8 @@ impl Rounds for Sender {
         let waiting = store.signatures_after(self.progress.number).map_err(|error| error.to_string())?;
         self.status.is_behind(waiting.len(), waiting.first().map(|row| row.unix_ms));
         let Some(row) = waiting.first() else {
-            self.store = Some(store);
+            (self.store, self.connection) = (Some(store), Some(connection));
             return Ok(false);
-        };
-        let mut connection = match self.connection.take() {
-            Some(connection) => connection,
-            None => Connection::new(&self.push)?,
         };
         match self.next_file(&store, row).await? {
             Some(File { name, kind, bytes }) => {

@@ -1,0 +1,61 @@
+//! A cell whose plant is not there, or whose files for it are wrong, works: the log says what is wrong, and doctor too.
+
+use super::commands::{json, rendered};
+use super::service::Service;
+
+/// Each connection is told by its file or address, none keeps the service from starting, and it ends at once.
+#[test]
+fn wrong_files_of_the_plant_stop_no_cell() {
+    let folder = rendered("clean");
+    let folder = folder.path();
+    let file = folder.join("cell/cell.toml");
+    let tables = "
+[page]
+listen = '127.0.0.1:28443'
+certificate = 'none.pem'
+certificate_key = 'none.key'
+
+[office]
+broker = 'tls://127.0.0.1:1'
+cell = 'a'
+ca = 'no-ca.pem'
+
+[push]
+to = 'http://127.0.0.1:1/cell-1'
+token_file = 'no-token'
+
+[sparkplug]
+broker = 'localhost'
+port = 1
+group_id = 'g'
+edge_node_id = 'e'
+user = 'u'
+password_file = 'no-password'
+
+[opcua]
+listen = '127.0.0.1:28444'
+certificates = 'cell.toml'
+";
+    let text = std::fs::read_to_string(&file).expect("a cell");
+    std::fs::write(&file, text + tables).expect("written");
+    let service = Service::start(folder);
+    for words in [
+        "operator's page: cell/none.pem: No such file or directory (os error 2); [page] in the cell's file names what it uses",
+        "the way of records to the office does not work: cell/no-ca.pem: No such file",
+        "the way of signed records to the quality system does not work: cell/no-token: No such file",
+        "MQTT Sparkplug: no connection to localhost:1: cell/no-password: No such file",
+        "OPC UA server: its certificates: cell/cell.toml/own: Not a directory",
+    ] {
+        service.wait(words, |service| service.log().contains(words));
+    }
+    let (exit, told) = json(folder, "doctor --cell cell/cell.toml");
+    let told = told.to_string();
+    assert_ne!(exit, 0, "{told}");
+    for words in ["office: cell/no-ca.pem", "quality system: cell/no-token", "MQTT broker: cell/no-password"] {
+        assert!(told.contains(words), "{words}: {told}");
+    }
+    let begun = std::time::Instant::now();
+    service.signal(rustix::process::Signal::TERM);
+    assert!(service.ended().success());
+    assert!(begun.elapsed().as_secs() < 20, "{:?}", begun.elapsed());
+}
