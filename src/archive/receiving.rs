@@ -6,10 +6,11 @@ use super::files::Files;
 use super::keeping::{self, Kept};
 use super::names::Names;
 use super::offering;
-use crate::broker::{Delivery, OfficeLink, Receipt};
+use crate::broker::{BrokerError, Delivery, OfficeLink, Receipt};
 use crate::office::{
     ArchiveSettings, Assembled, Assembly, CellState, Chunk, Message, OfficeError, Position, Unfit, What, subject,
 };
+use async_nats::Subscriber;
 use futures_util::StreamExt;
 use std::time::{Duration, Instant};
 use tokio_postgres::Client;
@@ -63,7 +64,7 @@ async fn work(settings: &ArchiveSettings) -> Result<std::convert::Infallible, Ar
     let files = Files::at(&settings.files);
     files.try_out()?;
     let mut client = database::open(&settings.database).await?;
-    let link = OfficeLink::connect(&settings.broker, settings.most_bytes()).await?;
+    let mut link = OfficeLink::connect(&settings.broker, settings.most_bytes()).await?;
     tracing::info!("takes what cells send by {}", settings.broker.address);
     // A cell may have missed it, or the broker lost it.
     for (cell, epoch, archived) in keeping::epochs(&client).await? {
@@ -71,33 +72,41 @@ async fn work(settings: &ArchiveSettings) -> Result<std::convert::Infallible, Ar
     }
     offering::offer_again(&client, &link).await?;
     let listener = database::open(&settings.database).await?;
-    let records = receive(&mut client, &link, files);
+    let states = link.states().await?;
+    let lost = link.lost();
+    let records = receive(&mut client, &mut link, files);
     tokio::select! {
         Err(error) = records => Err(error),
-        Err(error) = listen(&listener, &link) => Err(error),
+        Err(error) = listen(&listener, states, lost) => Err(error),
     }
 }
 
 async fn receive(
     client: &mut Client,
-    link: &OfficeLink,
+    link: &mut OfficeLink,
     files: Files,
 ) -> Result<std::convert::Infallible, ArchiveError> {
     let mut receiver = Receiver { files, assembly: Assembly::default() };
     loop {
         let batch = link.next(AT_ONCE).await?;
         receiver.take(client, link, batch).await?;
+        if link.is_begun_anew().await? {
+            receiver.assembly = Assembly::default();
+        }
     }
 }
 
 /// What cells tell of their state; what is missed comes again in two seconds.
-async fn listen(client: &Client, link: &OfficeLink) -> Result<std::convert::Infallible, ArchiveError> {
-    let mut states = link.states().await?;
+async fn listen(
+    client: &Client,
+    mut states: Subscriber,
+    lost: BrokerError,
+) -> Result<std::convert::Infallible, ArchiveError> {
     let mut names = Names::default();
     loop {
         match states.next().await {
             Some(state) => within(keep_state((client, &mut names), &state.subject, &state.payload)).await?,
-            None => return Err(link.lost().into()),
+            None => return Err(lost.into()),
         }
     }
 }

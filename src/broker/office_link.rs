@@ -9,12 +9,14 @@ use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
 use async_nats::jetstream::stream::{Config, DiscardPolicy, RetentionPolicy, StorageType};
 use async_nats::jetstream::{AckKind, Message};
 use futures_util::StreamExt;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// The archive's place in the stream.
 const CONSUMER: &str = "archive";
 /// What was delivered and not acknowledged for so long is delivered again.
 const ACK_WAIT: Duration = Duration::from_secs(60);
+/// Where nothing came for so long, everything that was not acknowledged should have come again.
+const QUIET: Duration = Duration::from_secs(90);
 /// Messages that are delivered and not acknowledged: the parts of what is not whole yet among them.
 const PENDING: i64 = 20_000;
 /// The broker knows a message again for so long; afterwards the archive does.
@@ -27,6 +29,23 @@ const EXPIRES: Duration = Duration::from_secs(1);
 pub struct OfficeLink {
     link: Link,
     consumer: PullConsumer,
+    /// When the last message came.
+    quiet_since: Instant,
+}
+
+/// The archive's place in the stream of records.
+async fn consumer(link: &Link) -> Result<PullConsumer, BrokerError> {
+    let stream = link.context.get_stream(subject::STREAM).await;
+    let stream = stream.map_err(|error| link.failed("find its stream", error))?;
+    let config = pull::Config {
+        durable_name: Some(CONSUMER.to_owned()),
+        ack_policy: AckPolicy::Explicit,
+        ack_wait: ACK_WAIT,
+        max_ack_pending: PENDING,
+        ..pull::Config::default()
+    };
+    let consumer = stream.get_or_create_consumer(CONSUMER, config).await;
+    consumer.map_err(|error| link.failed("take a place in its stream", error))
 }
 
 /// A message that the broker has delivered.
@@ -119,25 +138,44 @@ impl OfficeLink {
             let made = link.context.create_or_update_stream(config).await;
             made.map_err(|error| link.failed("make a stream", with_advice(&error.to_string())))?;
         }
-        let stream = link.context.get_stream(subject::STREAM).await;
-        let stream = stream.map_err(|error| link.failed("find its stream", error))?;
-        let config = pull::Config {
-            durable_name: Some(CONSUMER.to_owned()),
-            ack_policy: AckPolicy::Explicit,
-            ack_wait: ACK_WAIT,
-            max_ack_pending: PENDING,
-            ..pull::Config::default()
-        };
-        let consumer = stream.get_or_create_consumer(CONSUMER, config).await;
-        let consumer = consumer.map_err(|error| link.failed("take a place in its stream", error))?;
-        Ok(OfficeLink { link, consumer })
+        let consumer = consumer(&link).await?;
+        Ok(OfficeLink { link, consumer, quiet_since: Instant::now() })
+    }
+
+    /// Whether the broker keeps messages back, and takes care of it: after it was killed it may hold messages for delivered and never deliver
+    /// them again (seen with nats-server 2.9 under a thousand kills). The archive's place in the stream is made anew then, and the
+    /// broker delivers again what it still has; what the archive knows, it knows again by its names. Receipts of before are void.
+    ///
+    /// # Errors
+    /// Where the broker does not answer.
+    pub async fn is_begun_anew(&mut self) -> Result<bool, BrokerError> {
+        if self.quiet_since.elapsed() < QUIET {
+            return Ok(false);
+        }
+        self.quiet_since = Instant::now();
+        let info =
+            self.consumer.get_info().await.map_err(|error| self.link.failed("tell of what it delivers", error))?;
+        if info.num_ack_pending == 0 {
+            return Ok(false);
+        }
+        tracing::warn!(
+            "the broker has not delivered {} messages again for {} s: it is asked anew",
+            info.num_ack_pending,
+            QUIET.as_secs()
+        );
+        let stream = self.link.context.get_stream(subject::STREAM).await;
+        let stream = stream.map_err(|error| self.link.failed("find its stream", error))?;
+        let gone = stream.delete_consumer(CONSUMER).await;
+        gone.map_err(|error| self.link.failed("give up a place in its stream", error))?;
+        self.consumer = consumer(&self.link).await?;
+        Ok(true)
     }
 
     /// The next messages, at most so many; none where none come within a second.
     ///
     /// # Errors
     /// Where the broker does not answer.
-    pub async fn next(&self, most: usize) -> Result<Vec<Delivery>, BrokerError> {
+    pub async fn next(&mut self, most: usize) -> Result<Vec<Delivery>, BrokerError> {
         let failed = |problem: String| self.link.failed("deliver messages", problem);
         let batch = self.consumer.batch().max_messages(most).expires(EXPIRES).messages().await;
         let mut batch = batch.map_err(|error| failed(error.to_string()))?;
@@ -147,6 +185,7 @@ impl OfficeLink {
             // A receipt may be kept for long, and the bytes are not needed for it.
             let bytes = Vec::from(std::mem::take(&mut message.message.payload));
             let subject = message.subject.to_string();
+            self.quiet_since = Instant::now();
             all.push(Delivery { bytes, subject, receipt: Receipt { message, address: self.link.address.clone() } });
         }
         Ok(all)

@@ -112,6 +112,11 @@ fn as_user(program: &Path) -> Command {
     command
 }
 
+/// What a server says, for whoever looks why it does not answer.
+fn appended(log: &Path) -> fs::File {
+    fs::OpenOptions::new().create(true).append(true).open(log).expect("a log")
+}
+
 /// A database server with the database and the user `panelprep`, in this folder.
 pub fn database(programs: &Path, folder: &Path, port: u16) -> Server {
     let data = folder.join("postgres");
@@ -131,13 +136,13 @@ pub fn database(programs: &Path, folder: &Path, port: u16) -> Server {
             .status();
         assert!(made.expect("initdb").success());
     }
-    let (programs, started) = (programs.to_owned(), programs.to_owned());
+    let (programs, started, log) = (programs.to_owned(), programs.to_owned(), folder.join("postgres.log"));
     let server = Server::new(port, move || {
         // What a killed server leaves is not its own: a new one looks itself whether it may start.
         as_user(&started.join("postgres"))
             .args(["-D", &data_text, "-p", &port.to_string(), "-k", "", "-c", "listen_addresses=127.0.0.1"])
             .stdout(Stdio::null())
-            .stderr(Stdio::null())
+            .stderr(appended(&log))
             .spawn()
             .expect("postgres starts")
     });
