@@ -61,9 +61,15 @@ fn write_tables(folder: &Path) -> PathBuf {
     file
 }
 
+/// The server makes its certificate before it listens, and the cell does not wait for that.
+fn serves(address: &str, service: &Service) {
+    service.wait("the OPC UA server listens", |_| std::net::TcpStream::connect(address).is_ok());
+}
+
 /// A client does what this script says, to its end.
 fn client(python: &Path, script: &str, (address, folder): (&str, &Path), service: &Service) {
     let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/opcua");
+    serves(address, service);
     let told = Command::new(python)
         .arg(here.join(script))
         .arg(format!("opc.tcp://{address}/"))

@@ -237,12 +237,18 @@ impl Store {
         self.signatures_where("cycle_id = ?1", Some(id.0))
     }
 
-    /// Those after this number, in order.
+    /// The first one after this number, and how many there are after it.
     ///
     /// # Errors
     /// Where they cannot be read.
-    pub fn signatures_after(&self, number: u64) -> Result<Vec<SignatureRow>, StoreError> {
-        self.signatures_where("id > ?1", Some(i64::try_from(number).unwrap_or(i64::MAX)))
+    pub fn signature_after(&self, number: u64) -> Result<Option<(SignatureRow, u64)>, StoreError> {
+        let number = Some(i64::try_from(number).unwrap_or(i64::MAX));
+        let first = "id = (SELECT min(id) FROM signatures WHERE id > ?1)";
+        let Some(first) = self.signatures_where(first, number)?.pop() else { return Ok(None) };
+        let sql = "SELECT count(*) FROM signatures WHERE id > ?1";
+        let count = self.connection.query_row(sql, [number], |row| row.get::<_, i64>(0));
+        let count = count.map_err(|error| self.failed("read the signatures of", &error))?;
+        Ok(Some((first, count.unsigned_abs())))
     }
 
     /// What persons have signed of a cycle, in order, each with the time, ms since 1970.

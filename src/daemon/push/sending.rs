@@ -79,13 +79,14 @@ impl Rounds for Sender {
             None => Store::open(&self.folder).map_err(|error| error.to_string())?,
         };
         self.begin_where_it_was(&store)?;
-        let waiting = store.signatures_after(self.progress.number).map_err(|error| error.to_string())?;
-        self.status.is_behind(waiting.len(), waiting.first().map(|row| row.unix_ms));
-        let Some(row) = waiting.first() else {
+        let waiting = store.signature_after(self.progress.number).map_err(|error| error.to_string())?;
+        let Some((row, behind)) = waiting else {
+            self.status.is_behind(0, None);
             (self.store, self.connection) = (Some(store), Some(connection));
             return Ok(false);
         };
-        match self.next_file(&store, row).await? {
+        self.status.is_behind(behind, Some(row.unix_ms));
+        match self.next_file(&store, &row).await? {
             Some(File { name, kind, bytes }) => {
                 connection.put(&name, kind, &bytes).await?;
                 self.put.insert(name);
@@ -99,7 +100,6 @@ impl Rounds for Sender {
                 if self.put.len() >= MOST_FILES {
                     self.put.clear();
                 }
-                self.status.is_behind(waiting.len() - 1, waiting.get(1).map(|row| row.unix_ms));
             }
         }
         (self.store, self.connection) = (Some(store), Some(connection));
@@ -122,8 +122,8 @@ impl Sender {
         if *number == 0 {
             return Ok(());
         }
-        let last = store.signatures_after(number - 1).map_err(|error| error.to_string())?;
-        if last.first().is_none_or(|row| row.number != *number || row.record_hash != *record_hash) {
+        let last = store.signature_after(number - 1).map_err(|error| error.to_string())?;
+        if last.is_none_or(|(row, _)| row.number != *number || row.record_hash != *record_hash) {
             tracing::warn!(
                 "the store has another record under the number {number} than was put last: all are put again"
             );

@@ -12,7 +12,7 @@ struct Stands {
     /// Why nothing is put now.
     problem: Option<String>,
     /// Signed records that the server does not have.
-    behind: usize,
+    behind: u64,
     /// When the oldest of them was signed, ms since 1970.
     waits_since_unix_ms: Option<i64>,
 }
@@ -31,7 +31,7 @@ impl PushStatus {
         })
     }
 
-    pub(super) fn is_behind(&self, behind: usize, waits_since_unix_ms: Option<i64>) {
+    pub(super) fn is_behind(&self, behind: u64, waits_since_unix_ms: Option<i64>) {
         self.change(|stands| (stands.behind, stands.waits_since_unix_ms) = (behind, waits_since_unix_ms));
     }
 
