@@ -5,6 +5,7 @@ use super::tables;
 use crate::office::Database;
 use crate::trust;
 use std::time::Duration;
+use tokio::time::timeout;
 use tokio_postgres::{Client, Config, NoTls};
 use tokio_postgres_rustls::MakeRustlsConnect;
 
@@ -15,6 +16,17 @@ const OPENS_WITHIN: Duration = Duration::from_secs(10);
 /// Where a database is, for people.
 fn place(Database { host, port, name, user, .. }: &Database) -> String {
     format!("{name} of {user} at {host}:{port}")
+}
+
+/// What a database has not done in time was not done.
+///
+/// # Errors
+/// Where it is silent, and as what is done.
+pub(super) async fn within<T>(
+    limit: Duration,
+    doing: impl Future<Output = Result<T, ArchiveError>>,
+) -> Result<T, ArchiveError> {
+    timeout(limit, doing).await.unwrap_or(Err(ArchiveError::Silent { seconds: limit.as_secs() }))
 }
 
 /// Connects, and sees to the tables.
@@ -28,7 +40,7 @@ pub(super) async fn open(database: &Database) -> Result<Client, ArchiveError> {
         let problem = format!("no answer within {} s", OPENS_WITHIN.as_secs());
         Err(ArchiveError::Connect { place: place(database), problem })
     };
-    tokio::time::timeout(OPENS_WITHIN, opening).await.unwrap_or_else(silent)
+    timeout(OPENS_WITHIN, opening).await.unwrap_or_else(silent)
 }
 
 async fn connect(database: &Database) -> Result<Client, ArchiveError> {

@@ -62,14 +62,6 @@ pub enum ArchiveError {
         /// What the system says.
         source: std::io::Error,
     },
-    /// Something that a file holds cannot be used.
-    #[error("{}: {problem}", path.display())]
-    Unfit {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        problem: String,
-    },
     /// A certificate or a password cannot be used.
     #[error(transparent)]
     Trust(#[from] TrustError),
@@ -90,12 +82,6 @@ impl ArchiveError {
 
     /// Whether it may be over by itself: a network, a server that starts again, a disk that is full.
     pub fn may_pass(&self) -> bool {
-        !matches!(
-            self,
-            ArchiveError::Newer { .. }
-                | ArchiveError::Encoding { .. }
-                | ArchiveError::Unfit { .. }
-                | ArchiveError::Trust(_)
-        )
+        !matches!(self, ArchiveError::Newer { .. } | ArchiveError::Encoding { .. } | ArchiveError::Trust(_))
     }
 }

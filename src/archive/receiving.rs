@@ -6,12 +6,10 @@ use super::files::Files;
 use super::keeping::{self, Kept};
 use super::names::Names;
 use super::offering;
-use crate::broker::{BrokerError, Delivery, OfficeLink, Receipt};
+use crate::broker::{Delivery, OfficeLink, Receipt, States};
 use crate::office::{
     ArchiveSettings, Assembled, Assembly, CellState, Chunk, Message, OfficeError, Position, Unfit, What, subject,
 };
-use async_nats::Subscriber;
-use futures_util::StreamExt;
 use std::time::{Duration, Instant};
 use tokio_postgres::Client;
 
@@ -67,17 +65,16 @@ async fn work(settings: &ArchiveSettings) -> Result<std::convert::Infallible, Ar
     let mut link = OfficeLink::connect(&settings.broker, settings.most_bytes()).await?;
     tracing::info!("takes what cells send by {}", settings.broker.address);
     // A cell may have missed it, or the broker lost it.
-    for (cell, epoch, archived) in keeping::epochs(&client).await? {
+    for (cell, epoch, archived) in database::within(KEEPS_WITHIN, keeping::epochs(&client)).await? {
         link.say_archived(&cell, &epoch, archived).await?;
     }
-    offering::offer_again(&client, &link).await?;
+    database::within(KEEPS_WITHIN, offering::offer_again(&client, &link)).await?;
     let listener = database::open(&settings.database).await?;
     let states = link.states().await?;
-    let lost = link.lost();
     let records = receive(&mut client, &mut link, files);
     tokio::select! {
         Err(error) = records => Err(error),
-        Err(error) = listen(&listener, states, lost) => Err(error),
+        Err(error) = listen(&listener, states) => Err(error),
     }
 }
 
@@ -90,32 +87,19 @@ async fn receive(
     loop {
         let batch = link.next(AT_ONCE).await?;
         receiver.take(client, link, batch).await?;
-        if link.is_begun_anew().await? {
+        if link.begin_anew_where_stuck().await? {
             receiver.assembly = Assembly::default();
         }
     }
 }
 
 /// What cells tell of their state; what is missed comes again in two seconds.
-async fn listen(
-    client: &Client,
-    mut states: Subscriber,
-    lost: BrokerError,
-) -> Result<std::convert::Infallible, ArchiveError> {
+async fn listen(client: &Client, mut states: States) -> Result<std::convert::Infallible, ArchiveError> {
     let mut names = Names::default();
     loop {
-        match states.next().await {
-            Some(state) => within(keep_state((client, &mut names), &state.subject, &state.payload)).await?,
-            None => return Err(lost.into()),
-        }
+        let (by, bytes) = states.next().await?;
+        database::within(KEEPS_WITHIN, keep_state((client, &mut names), &by, &bytes)).await?;
     }
-}
-
-/// What the database has not done in time was not done.
-async fn within<T>(doing: impl Future<Output = Result<T, ArchiveError>>) -> Result<T, ArchiveError> {
-    tokio::time::timeout(KEEPS_WITHIN, doing)
-        .await
-        .unwrap_or(Err(ArchiveError::Silent { seconds: KEEPS_WITHIN.as_secs() }))
 }
 
 struct Receiver {
@@ -160,7 +144,8 @@ impl Receiver {
             kept.extend(whole.receipts);
         }
         if !messages.is_empty() {
-            let Kept { new, known, contradictions, archived } = within(keeping::keep(client, &messages)).await?;
+            let Kept { new, known, contradictions, archived } =
+                database::within(KEEPS_WITHIN, keeping::keep(client, &messages)).await?;
             contradictions.iter().for_each(|words| tracing::error!("{words}"));
             tracing::debug!("{new} new records, {known} that were there");
             for ((cell, epoch), number) in archived {

@@ -11,4 +11,4 @@ mod office_link;
 
 pub use cell_link::{CellLink, Sending};
 pub use error::BrokerError;
-pub use office_link::{Delivery, OfficeLink, Receipt};
+pub use office_link::{Delivery, OfficeLink, Receipt, States};

@@ -15,8 +15,10 @@ use std::time::{Duration, Instant};
 const CONSUMER: &str = "archive";
 /// What was delivered and not acknowledged for so long is delivered again.
 const ACK_WAIT: Duration = Duration::from_secs(60);
-/// Where nothing came for so long, everything that was not acknowledged should have come again.
-const QUIET: Duration = Duration::from_secs(90);
+/// The first message that is not acknowledged comes again within [`ACK_WAIT`]; where it stays the first for so long, it does not.
+const STUCK: Duration = Duration::from_secs(150);
+/// That is looked at so often.
+const LOOK_EVERY: Duration = Duration::from_secs(15);
 /// Messages that are delivered and not acknowledged: the parts of what is not whole yet among them.
 const PENDING: i64 = 20_000;
 /// The broker knows a message again for so long; afterwards the archive does.
@@ -29,8 +31,9 @@ const EXPIRES: Duration = Duration::from_secs(1);
 pub struct OfficeLink {
     link: Link,
     consumer: PullConsumer,
-    /// When the last message came.
-    quiet_since: Instant,
+    /// Up to which message all are acknowledged, and since when it is this one; when that was looked at.
+    floor: (u64, Instant),
+    looked: Instant,
 }
 
 /// The archive's place in the stream of records.
@@ -139,29 +142,35 @@ impl OfficeLink {
             made.map_err(|error| link.failed("make a stream", with_advice(&error.to_string())))?;
         }
         let consumer = consumer(&link).await?;
-        Ok(OfficeLink { link, consumer, quiet_since: Instant::now() })
+        let now = Instant::now();
+        Ok(OfficeLink { link, consumer, floor: (0, now), looked: now })
     }
 
-    /// Whether the broker keeps messages back, and takes care of it: after it was killed it may hold messages for delivered and never deliver
-    /// them again (seen with nats-server 2.9 under a thousand kills). The archive's place in the stream is made anew then, and the
-    /// broker delivers again what it still has; what the archive knows, it knows again by its names. Receipts of before are void.
+    /// Begins anew where the broker keeps a message back: after it was killed it may hold messages for delivered and never deliver them again
+    /// (seen with nats-server 2.9 under a thousand kills). The archive's place in the stream is made anew then, and the broker delivers
+    /// again what it still has; what the archive knows, it knows again by its names. Whether it was so: receipts of before are void.
     ///
     /// # Errors
     /// Where the broker does not answer.
-    pub async fn is_begun_anew(&mut self) -> Result<bool, BrokerError> {
-        if self.quiet_since.elapsed() < QUIET {
+    pub async fn begin_anew_where_stuck(&mut self) -> Result<bool, BrokerError> {
+        if self.looked.elapsed() < LOOK_EVERY {
             return Ok(false);
         }
-        self.quiet_since = Instant::now();
-        let info =
-            self.consumer.get_info().await.map_err(|error| self.link.failed("tell of what it delivers", error))?;
-        if info.num_ack_pending == 0 {
+        self.looked = Instant::now();
+        let info = self.consumer.get_info().await;
+        let info = info.map_err(|error| self.link.failed("tell of what it delivers", error))?;
+        let (waits, floor) = (info.num_ack_pending, info.ack_floor.stream_sequence);
+        if waits == 0 || floor != self.floor.0 {
+            self.floor = (floor, Instant::now());
             return Ok(false);
         }
+        if self.floor.1.elapsed() < STUCK {
+            return Ok(false);
+        }
+        self.floor.1 = Instant::now();
         tracing::warn!(
-            "the broker has not delivered {} messages again for {} s: it is asked anew",
-            info.num_ack_pending,
-            QUIET.as_secs()
+            "the broker has kept back one of {waits} messages for {} s: it is asked anew",
+            STUCK.as_secs()
         );
         let stream = self.link.context.get_stream(subject::STREAM).await;
         let stream = stream.map_err(|error| self.link.failed("find its stream", error))?;
@@ -175,7 +184,7 @@ impl OfficeLink {
     ///
     /// # Errors
     /// Where the broker does not answer.
-    pub async fn next(&mut self, most: usize) -> Result<Vec<Delivery>, BrokerError> {
+    pub async fn next(&self, most: usize) -> Result<Vec<Delivery>, BrokerError> {
         let failed = |problem: String| self.link.failed("deliver messages", problem);
         let batch = self.consumer.batch().max_messages(most).expires(EXPIRES).messages().await;
         let mut batch = batch.map_err(|error| failed(error.to_string()))?;
@@ -185,7 +194,6 @@ impl OfficeLink {
             // A receipt may be kept for long, and the bytes are not needed for it.
             let bytes = Vec::from(std::mem::take(&mut message.message.payload));
             let subject = message.subject.to_string();
-            self.quiet_since = Instant::now();
             all.push(Delivery { bytes, subject, receipt: Receipt { message, address: self.link.address.clone() } });
         }
         Ok(all)
@@ -214,17 +222,32 @@ impl OfficeLink {
         ack.await.map(drop).map_err(|error| failed(error.to_string()))
     }
 
-    /// That the connection is lost, as an error.
-    pub fn lost(&self) -> BrokerError {
-        self.link.failed("listen to the cells", "the connection is lost")
-    }
-
     /// What all cells say of their state from now on.
     ///
     /// # Errors
     /// Where the broker does not let us listen.
-    pub async fn states(&self) -> Result<Subscriber, BrokerError> {
+    pub async fn states(&self) -> Result<States, BrokerError> {
         let heard = self.link.client.subscribe(subject::ALL_STATES).await;
-        heard.map_err(|error| self.link.failed("listen to the cells", error))
+        let heard = heard.map_err(|error| self.link.failed("listen to the cells", error))?;
+        Ok(States { heard, link: self.link.clone() })
+    }
+}
+
+/// What cells say of their state.
+pub struct States {
+    heard: Subscriber,
+    link: Link,
+}
+
+impl States {
+    /// The next one: by which subject it came, and its bytes.
+    ///
+    /// # Errors
+    /// Where the connection is lost.
+    pub async fn next(&mut self) -> Result<(String, Vec<u8>), BrokerError> {
+        match self.heard.next().await {
+            Some(state) => Ok((state.subject.to_string(), state.payload.into())),
+            None => Err(self.link.failed("listen to the cells", "the connection is lost")),
+        }
     }
 }

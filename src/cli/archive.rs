@@ -8,7 +8,7 @@ use super::outcome::Outcome;
 use super::user;
 use crate::accounts::Role;
 use crate::archive::reading::{OfficeAccount, Reader};
-use crate::archive::{self, ArchiveError, CellList, CheckedCell};
+use crate::archive::{self, CellList, CheckedCell};
 use crate::cell::CellName;
 use crate::daemon::{FleetAddress, serve_fleet};
 use crate::office::{ArchiveSettings, Listed, RecipeOffer};
@@ -163,7 +163,7 @@ fn list(named: &str) -> Result<CellList, Fault> {
     struct Written {
         records: Vec<Listed>,
     }
-    let unfit = |problem: String| Fault::stage(ArchiveError::Unfit { path: named.into(), problem });
+    let unfit = |problem: String| Fault::file(Path::new(named), problem);
     let Some((name, place)) = named.split_once('=') else {
         return Err(unfit(
             "allowed is the cell's name, = and its store's folder or the file of its list".to_owned(),

@@ -7,7 +7,6 @@ use crate::office::ArchiveSettings;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Mutex;
-use tokio::time::timeout;
 use tokio_postgres::Client;
 use tokio_postgres::types::ToSql;
 
@@ -56,22 +55,21 @@ impl Reader {
         let failed = ArchiveError::database("read the archive");
         let client = self.client().await?;
         // Prepared by the library again and again would be a round trip more; the server plans these in less than a millisecond.
-        self.in_time(client.query(sql, values)).await?.map_err(failed)
+        self.in_time(async { client.query(sql, values).await.map_err(failed) }).await
     }
 
     pub(super) async fn change(&self, sql: &str, values: Values<'_>) -> Result<u64, ArchiveError> {
+        let failed = ArchiveError::database("write to the archive");
         let client = self.client().await?;
-        self.in_time(client.execute(sql, values)).await?.map_err(ArchiveError::database("write to the archive"))
+        self.in_time(async { client.execute(sql, values).await.map_err(failed) }).await
     }
 
     /// A database that says nothing is left, so that the next page connects anew.
-    async fn in_time<T>(&self, asking: impl Future<Output = T>) -> Result<T, ArchiveError> {
-        match timeout(ANSWERS_WITHIN, asking).await {
-            Ok(answered) => Ok(answered),
-            Err(_) => {
-                *self.client.lock().await = None;
-                Err(ArchiveError::Silent { seconds: ANSWERS_WITHIN.as_secs() })
-            }
+    async fn in_time<T>(&self, asking: impl Future<Output = Result<T, ArchiveError>>) -> Result<T, ArchiveError> {
+        let answered = database::within(ANSWERS_WITHIN, asking).await;
+        if let Err(ArchiveError::Silent { .. }) = answered {
+            *self.client.lock().await = None;
         }
+        answered
     }
 }
