@@ -1,5 +1,6 @@
 //! Where a NATS broker is, and how it knows us: the same keys in a cell's file and in that of the archive.
 
+use super::address::{Address, authority, read};
 use super::devices::is_this_computer;
 use crate::config::Section;
 use std::path::{Path, PathBuf};
@@ -31,7 +32,9 @@ pub enum BrokerLogin {
     },
 }
 
-const PORT: u16 = 4222;
+/// Without encryption, and with it; both have the same usual port.
+const OPEN: &str = "nats";
+const SCHEMES: [(&str, u16); 2] = [(OPEN, 4_222), ("tls", 4_222)];
 
 impl Broker {
     /// Takes the address under this key and what belongs to it; the outer `None` is a problem, the inner one no broker.
@@ -51,69 +54,34 @@ impl Broker {
             }
         };
         let Some(address) = address else { return Some(None) };
-        match read(&address) {
-            Ok(address) => {
-                let is_open = address.starts_with("nats://");
-                let host = address.trim_start_matches("nats://").rsplit_once(':').map_or("", |(host, _)| host);
-                if is_open && ca.is_some() {
-                    section.problem("ca", "is used with tls:// alone, and the address begins with nats://");
-                    return None;
-                }
-                if is_open && login != BrokerLogin::Anybody && !is_this_computer(host.trim_matches(['[', ']'])) {
-                    let message = "begins with nats://: everybody on the way to another computer could read the password; write tls://";
-                    section.problem(key, message);
-                    return None;
-                }
-                Some(Some(Broker { address, ca: ca.map(file), login }))
-            }
-            Err(problem) => {
-                section.problem(key, problem);
-                None
-            }
+        let Some(Address { scheme, host, port, .. }) = read(&address, SCHEMES).filter(|read| read.path.is_empty())
+        else {
+            let allowed =
+                "allowed is an address such as \"nats://office.example:4222\" or \"tls://office.example:4222\"";
+            section.problem(key, format!("found \"{}\", {allowed}", address.escape_debug()));
+            return None;
+        };
+        if scheme == OPEN && ca.is_some() {
+            section.problem("ca", "is used with tls:// alone, and the address begins with nats://");
+            return None;
         }
-    }
-}
-
-/// The address with its port.
-fn read(text: &str) -> Result<String, String> {
-    let allowed = || {
-        format!(
-            "found \"{text}\", allowed is an address such as \"nats://office.example:4222\" or \"tls://office.example:4222\""
-        )
-    };
-    let (scheme, rest) = text.split_once("://").ok_or_else(allowed)?;
-    let (host, port) = match rest.rsplit_once(':') {
-        Some((host, port)) => (host, port.parse::<u16>().ok().filter(|port| *port > 0).ok_or_else(allowed)?),
-        None => (rest, PORT),
-    };
-    let is_host = !host.is_empty() && host.chars().all(|c| c.is_ascii_alphanumeric() || ".-[]:".contains(c));
-    match ["nats", "tls"].contains(&scheme) && is_host {
-        true => Ok(format!("{scheme}://{host}:{port}")),
-        false => Err(allowed()),
+        if scheme == OPEN && login != BrokerLogin::Anybody && !is_this_computer(&host) {
+            let message = "begins with nats://: everybody on the way to another computer could read the password; write tls://";
+            section.problem(key, message);
+            return None;
+        }
+        let address = format!("{scheme}://{}", authority(&host, port));
+        Some(Some(Broker { address, ca: ca.map(file), login }))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::read;
-
-    #[test]
-    fn an_address_has_a_scheme_a_host_and_a_port() {
-        assert_eq!(read("nats://office"), Ok("nats://office:4222".to_owned()));
-        assert_eq!(read("tls://10.0.0.7:4223"), Ok("tls://10.0.0.7:4223".to_owned()));
-        assert_eq!(read("nats://[::1]:4222"), Ok("nats://[::1]:4222".to_owned()));
-        for wrong in ["office", "http://office", "nats://", "nats://office:0", "nats://office:x", "nats://a@b:1"] {
-            assert!(
-                read(wrong).is_err_and(|problem| problem.starts_with(&format!("found \"{wrong}\""))),
-                "{wrong}"
-            );
-        }
-    }
+    use super::super::Cell;
 
     /// What would go to another computer so that everybody on the way reads it is refused.
     #[test]
     fn a_password_goes_encrypted() {
-        use super::super::Cell;
         let found = |keys: &str| {
             let text = format!("[office]\ncell = 'a'\n{keys}");
             Cell::check("cell.toml", &text).map(drop).map_err(|problems| problems.to_string())
@@ -134,6 +102,10 @@ mod tests {
                 "office.broker: begins with nats://: everybody",
             ),
             ("broker = 'nats://127.0.0.1'\nca = 'c'".to_owned(), "office.ca: is used with tls:// alone"),
+            (
+                "broker = 'nats://office/a'".to_owned(),
+                "office.broker: found \"nats://office/a\", allowed is an address",
+            ),
             ("behind_min = 5".to_owned(), "office.broker: is missing: the address of the office's broker"),
         ] {
             let problem = found(&wrong).expect_err("wrong");

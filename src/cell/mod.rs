@@ -4,6 +4,7 @@
 //! limits for every panel. File names are relative to the cell file's folder. A file may leave out what a command
 //! does not need (offline work has no poses); who needs it says so. Reading the disk is the caller's work.
 
+mod address;
 mod arm;
 mod board_size;
 mod broker;
@@ -34,6 +35,7 @@ mod zivid_settings;
 #[cfg(test)]
 mod tests;
 
+pub use address::authority;
 pub use arm::{Arm, ArmAxes, ArmGeometry, ArmModel, ArmTable, KeepOut, PerAxis};
 pub use board_size::BoardSize;
 pub use broker::{Broker, BrokerLogin};

@@ -61,7 +61,7 @@ pub(super) fn take_office(folder: &Path, section: &Section<'_, '_>) -> Option<Op
     let (Some(broker), Some(cell), Some(behind_min)) = (broker, cell, behind_min) else { return None };
     let Some(broker) = broker else {
         return section
-            .is_off("broker", "the address of the office's broker, such as \"tls://office.example:4222\"");
+            .off_without("broker", "the address of the office's broker, such as \"tls://office.example:4222\"");
     };
     let Some(cell) = cell else {
         section.problem("cell", "is missing: the name by which the office knows this cell, such as \"cell-1\"");

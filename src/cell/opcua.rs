@@ -69,7 +69,7 @@ pub(super) fn take_opcua(folder: &Path, section: &Section<'_, '_>) -> Option<Opc
         return None;
     }
     let address = match &listen? {
-        None => section.is_off("listen", "the address and port of the server, such as \"0.0.0.0:4840\"")?,
+        None => section.off_without("listen", "the address and port of the server, such as \"0.0.0.0:4840\"")?,
         Some(text) => match text.parse::<SocketAddr>() {
             Ok(address) if address.port() > 0 => Some(address),
             _ => {

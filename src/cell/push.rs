@@ -1,13 +1,14 @@
 //! `[push]`: signed records by HTTP to a quality system. Off until `to` is set.
 
-use super::devices::{is_host, is_this_computer};
+use super::address::{self, Address, read};
+use super::devices::is_this_computer;
 use crate::config::Section;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
 const BEHIND_MIN: std::ops::RangeInclusive<usize> = 1..=100_000;
-/// The usual ports of HTTPS and HTTP.
-const USUAL: [u16; 2] = [443, 80];
+/// With their usual ports.
+const SCHEMES: [(&str, u16); 2] = [("https", 443), ("http", 80)];
 
 /// Where signed records are put.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -35,15 +36,19 @@ pub struct WebFolder {
     pub path: String,
 }
 
+impl WebFolder {
+    /// Host and port as they stand in an address.
+    pub fn authority(&self) -> String {
+        address::authority(&self.host, self.port)
+    }
+}
+
 impl fmt::Display for WebFolder {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let WebFolder { is_encrypted, host, port, path } = self;
-        let scheme = if *is_encrypted { "https" } else { "http" };
-        let host = if host.contains(':') { format!("[{host}]") } else { host.clone() };
-        match USUAL[usize::from(!is_encrypted)] == *port {
-            true => write!(f, "{scheme}://{host}{path}"),
-            false => write!(f, "{scheme}://{host}:{port}{path}"),
-        }
+        let (scheme, usual) = SCHEMES[usize::from(!self.is_encrypted)];
+        let authority = self.authority();
+        let usual = format!(":{usual}");
+        write!(f, "{scheme}://{}{}", authority.strip_suffix(&usual).unwrap_or(&authority), self.path)
     }
 }
 
@@ -58,7 +63,7 @@ pub(super) fn take_push(folder: &Path, section: &Section<'_, '_>) -> Option<Opti
     let behind_min = section.take::<usize>("behind_min", BEHIND_MIN, Some(60));
     section.done();
     let (to, ca_certificate, token_file, behind_min) = (to?, ca_certificate?, token_file?, behind_min?);
-    let Some(to) = read(&to) else {
+    let Some(to) = folder_at(&to) else {
         let allowed = "allowed is an address such as \"https://quality.example/cells/cell-1\", with letters, digits and the signs - . _ ~ / in its path";
         section.problem("to", format!("found \"{}\", {allowed}", to.escape_debug()));
         return None;
@@ -88,29 +93,9 @@ pub(super) fn take_push(folder: &Path, section: &Section<'_, '_>) -> Option<Opti
     Some(Some(Push { to, ca_certificate: ca_certificate.map(file), token_file: token_file.map(file), behind_min }))
 }
 
-fn read(text: &str) -> Option<WebFolder> {
-    let (scheme, rest) = text.split_once("://")?;
-    let is_encrypted = match scheme {
-        "https" => true,
-        "http" => false,
-        _ => return None,
-    };
-    let (server, path) = rest.split_at(rest.find('/').unwrap_or(rest.len()));
-    let (host, port) = match server.strip_prefix('[') {
-        Some(server) => {
-            let (host, port) = server.split_once(']')?;
-            (host, if port.is_empty() { None } else { Some(port.strip_prefix(':')?) })
-        }
-        None => server.split_once(':').map_or((server, None), |(host, port)| (host, Some(port))),
-    };
-    let port = match port {
-        Some(port) => port.parse::<u16>().ok().filter(|port| *port > 0)?,
-        None => USUAL[usize::from(!is_encrypted)],
-    };
-    let is_path = path.chars().all(|c| c.is_ascii_alphanumeric() || "-._~/".contains(c)) && !path.contains("//");
-    let is_right = is_host(host) && is_path && !path.split('/').any(|part| part == "..");
-    let path = path.trim_end_matches('/').to_owned();
-    is_right.then(|| WebFolder { is_encrypted, host: host.to_owned(), port, path })
+fn folder_at(text: &str) -> Option<WebFolder> {
+    let Address { scheme, host, port, path } = read(text, SCHEMES)?;
+    Some(WebFolder { is_encrypted: scheme == "https", host, port, path })
 }
 
 #[cfg(test)]

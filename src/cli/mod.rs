@@ -11,6 +11,7 @@ mod calibrate;
 mod check;
 mod clear;
 mod commissioned;
+mod connecting;
 mod ctl;
 mod cycle;
 mod cycle_files;

@@ -34,7 +34,7 @@ impl<'d, 't> Section<'d, 't> {
     }
 
     /// A table that is not there switches its subject off. One that is there without its first key is a problem: nobody writes it in vain.
-    pub fn is_off<T>(&self, key: &str, what: &str) -> Option<Option<T>> {
+    pub fn off_without<T>(&self, key: &str, what: &str) -> Option<Option<T>> {
         if self.is_present() {
             self.problem(key, format!("is missing: {what}; without the whole table it is off"));
             return None;

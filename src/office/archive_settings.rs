@@ -103,7 +103,7 @@ fn take_fleet(folder: &Path, section: &Section<'_, '_>) -> Option<Option<FleetPa
         return None;
     }
     let Some(text) = listen else {
-        return section.is_off("listen", "the address and port of the page, such as \"127.0.0.1:8444\"");
+        return section.off_without("listen", "the address and port of the page, such as \"127.0.0.1:8444\"");
     };
     match text.parse::<SocketAddr>() {
         Ok(listen) => {

@@ -2,17 +2,15 @@
 //! connected to; nobody logs in, and nothing is sent.
 
 use super::check::Check;
-use crate::cell::{Broker, BrokerLogin, Cell, WebFolder};
+use crate::cell::{Broker, BrokerLogin, Cell, authority};
+use crate::cli::connecting::connected;
 use crate::disk;
 use crate::recipe::Recipe;
 use crate::trust::{self, TrustError};
-use std::net::{TcpStream, ToSocketAddrs};
 use std::path::{Path, PathBuf};
-use std::sync::mpsc;
-use std::thread;
 use std::time::Duration;
 
-/// A server has so long to take a connection; its name is looked up within the same time again.
+/// A server has so long to take a connection.
 const WITHIN: Duration = Duration::from_secs(3);
 
 /// Everything that the cell's file names.
@@ -21,26 +19,21 @@ pub(super) fn check(cell: &Cell) -> Vec<Check> {
     checks.extend(cell.line().map(|line| recipe(&line.recipe)));
     if let Some(office) = cell.office() {
         let address = office.broker.address.split_once("://").map_or("", |(_, rest)| rest);
-        checks.push(reached("office", broker_files(&office.broker), address));
+        checks.push(reached("office", broker_files(&office.broker), address.to_owned()));
     }
     if let Some(push) = cell.push() {
-        let WebFolder { host, port, .. } = &push.to;
         let files =
             secrets(push.token_file.as_deref()).and_then(|()| authorities(push.ca_certificate.as_deref(), None));
-        checks.push(reached("quality system", files, &joined(host, *port)));
+        checks.push(reached("quality system", files, push.to.authority()));
     }
     if let Some(node) = cell.sparkplug() {
         let (ca, own) =
             node.tls.as_ref().map_or((None, None), |tls| (Some(tls.ca_certificate.as_path()), tls.own.as_ref()));
         let password = node.login.as_ref().map(|(_, file)| file.as_path());
         let files = secrets(password).and_then(|()| authorities(ca, own));
-        checks.push(reached("MQTT broker", files, &joined(&node.broker, node.port)));
+        checks.push(reached("MQTT broker", files, authority(&node.broker, node.port)));
     }
     checks
-}
-
-fn joined(host: &str, port: u16) -> String {
-    if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
 }
 
 fn secrets(file: Option<&Path>) -> Result<(), TrustError> {
@@ -80,37 +73,17 @@ fn recipe(file: &Path) -> Check {
     }
 }
 
-fn reached(name: &'static str, files: Result<(), TrustError>, address: &str) -> Check {
+fn reached(name: &'static str, files: Result<(), TrustError>, address: String) -> Check {
     if let Err(problem) = files {
         return Check::wrong(name, problem.to_string(), "mend the file, or name another one in the cell's file");
     }
-    match connected(address) {
+    match connected(address.clone(), WITHIN) {
         Ok(()) => Check::right(name, format!("{address} takes connections")),
         Err(problem) => {
             let advice = "look at the address in the cell's file, the network, and whether the server runs; the cell works without it";
             Check::wrong(name, format!("{address}: {problem}"), advice)
         }
     }
-}
-
-/// On a thread of its own: a name may be looked up for minutes.
-fn connected(address: &str) -> Result<(), String> {
-    let (tell, told) = mpsc::channel();
-    let wanted = address.to_owned();
-    thread::spawn(move || {
-        let connect = || -> std::io::Result<()> {
-            let mut last = std::io::Error::new(std::io::ErrorKind::NotFound, "its name has no address");
-            for address in wanted.to_socket_addrs()? {
-                match TcpStream::connect_timeout(&address, WITHIN) {
-                    Ok(_) => return Ok(()),
-                    Err(error) => last = error,
-                }
-            }
-            Err(last)
-        };
-        tell.send(connect().map_err(|error| error.to_string()))
-    });
-    told.recv_timeout(2 * WITHIN).unwrap_or_else(|_| Err(format!("no answer within {} s", 2 * WITHIN.as_secs())))
 }
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! What answers at the cell: cameras and the controller. Nothing is set and nothing is moved.
 
+use super::super::connecting::connected;
 use super::super::zivid::{LIBRARY, ROLE, THIS_PROGRAM};
 use crate::devices::gige;
 use crate::devices::zivid::{Patience, Restarts, Setup, Size, Source, ZividFault, ZividScanner, launcher};
-use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
 /// How long the controller may take to answer.
@@ -65,16 +65,8 @@ fn only_zivid() -> Result<String, String> {
 /// Whether something listens at the controller's address.
 pub(super) fn controller(host: &str, port: u16) -> String {
     let place = format!("{host}, port {port}");
-    let addresses = match (host, port).to_socket_addrs() {
-        Ok(addresses) => addresses,
-        Err(error) => return format!("{place}: this address is not known here: {error}"),
-    };
-    let mut last = "it has no address".to_owned();
-    for address in addresses {
-        match TcpStream::connect_timeout(&address, PATIENCE) {
-            Ok(_) => return format!("{place}: the controller takes connections; `panelprep doctor` looks closer"),
-            Err(error) => last = error.to_string(),
-        }
+    match connected((host.to_owned(), port), PATIENCE) {
+        Ok(()) => format!("{place}: the controller takes connections; `panelprep doctor` looks closer"),
+        Err(problem) => format!("{place}: nothing answers yet: {problem}"),
     }
-    format!("{place}: nothing answers yet: {last}")
 }

@@ -1,0 +1,78 @@
+//! Addresses of servers in the cell's file: a scheme, a host, a port and, for some, a path.
+
+use super::devices::is_host;
+use hyper::Uri;
+
+/// An address that was read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Address {
+    pub scheme: &'static str,
+    /// The name or IP address, without brackets.
+    pub host: String,
+    pub port: u16,
+    /// From `/` on and without `/` at its end; empty where there is none.
+    pub path: String,
+}
+
+/// Reads an address of one of these schemes, each with its usual port. No user, no query, no name of a folder above.
+pub(super) fn read(text: &str, schemes: [(&'static str, u16); 2]) -> Option<Address> {
+    let uri: Uri = text.parse().ok()?;
+    let (scheme, usual) = schemes.into_iter().find(|(scheme, _)| uri.scheme_str() == Some(scheme))?;
+    let authority = uri.authority()?;
+    let host = authority.host().trim_matches(['[', ']']);
+    let port = authority.port_u16().unwrap_or(usual);
+    let path = uri.path();
+    let is_plain = path.chars().all(|c| c.is_ascii_alphanumeric() || "-._~/".contains(c));
+    let is_path = is_plain && !path.contains("//") && !path.split('/').any(|part| part == "..");
+    let is_right = is_host(host) && port > 0 && is_path && uri.query().is_none();
+    let is_whole = !authority.as_str().contains('@') && !authority.as_str().ends_with(':') && !text.contains('#');
+    (is_right && is_whole).then(|| Address {
+        scheme,
+        host: host.to_owned(),
+        port,
+        path: path.trim_end_matches('/').to_owned(),
+    })
+}
+
+/// Host and port as they stand in an address.
+pub fn authority(host: &str, port: u16) -> String {
+    if host.contains(':') { format!("[{host}]:{port}") } else { format!("{host}:{port}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_is_read_whole_or_not_at_all() {
+        let of = |text| {
+            let read = read(text, [("nats", 4_222), ("tls", 4_222)])?;
+            Some((read.scheme, read.host, read.port, read.path))
+        };
+        let whole = |scheme, host: &str, port, path: &str| Some((scheme, host.to_owned(), port, path.to_owned()));
+        assert_eq!(of("nats://office"), whole("nats", "office", 4_222, ""));
+        assert_eq!(of("tls://10.0.0.7:4223/a/b.c/"), whole("tls", "10.0.0.7", 4_223, "/a/b.c"));
+        assert_eq!(of("nats://[::1]:4222"), whole("nats", "::1", 4_222, ""));
+        assert_eq!([authority("::1", 1), authority("a", 2)], ["[::1]:1", "a:2"]);
+        for wrong in [
+            "",
+            "office",
+            "http://office",
+            "nats://",
+            "nats://office:0",
+            "nats://office:x",
+            "nats://office:",
+            "nats://a@b:1",
+            "nats://a?b",
+            "nats://a#b",
+            "nats://a//b",
+            "nats://a/../b",
+            "nats://a/b c",
+            "nats://a/%41",
+            "nats://-a",
+            "nats://a:99999",
+        ] {
+            assert_eq!(of(wrong), None, "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,30 @@
+//! Whether something listens at an address. Nothing is sent.
+
+use std::io::{Error, ErrorKind};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
+
+/// Connects to the first of its addresses that takes the connection, each within this time; its name is looked up within the same time.
+///
+/// # Errors
+/// Why none took it, in words.
+pub(super) fn connected(place: impl ToSocketAddrs + Send + 'static, within: Duration) -> Result<(), String> {
+    let (tell, told) = mpsc::channel();
+    // On a thread of its own: a name may be looked up for minutes.
+    thread::spawn(move || {
+        let connect = || {
+            let mut last = Error::new(ErrorKind::NotFound, "its name has no address");
+            for address in place.to_socket_addrs()? {
+                match TcpStream::connect_timeout(&address, within) {
+                    Ok(_) => return Ok(()),
+                    Err(error) => last = error,
+                }
+            }
+            Err(last)
+        };
+        tell.send(connect().map_err(|error: Error| error.to_string()))
+    });
+    told.recv_timeout(2 * within).unwrap_or_else(|_| Err(format!("no answer within {} s", 2 * within.as_secs())))
+}
