@@ -64,7 +64,7 @@ pub fn push_sender(files: &Arc<CellFiles>, fronts: &Fronts) -> Result<Option<Pus
 pub fn edge_node(files: &CellFiles, fronts: &Fronts) -> Result<Option<SparkplugEdge>, Fault> {
     let Some(node) = files.cell.sparkplug().cloned() else { return Ok(None) };
     tracing::info!("MQTT Sparkplug: edge node {} of the group {}", node.edge_node_id, node.group_id);
-    SparkplugEdge::serve(SparkplugParts { node, parts: fronts.parts.clone() }).map(Some).map_err(Fault::stage)
+    SparkplugEdge::serve(SparkplugParts { node, front: fronts.parts.clone() }).map(Some).map_err(Fault::stage)
 }
 
 /// Looks at the line by its digital signals, where the cell's file has one.

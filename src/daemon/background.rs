@@ -16,9 +16,8 @@ const AGAIN: Duration = Duration::from_secs(1);
 const EVERY: Duration = Duration::from_secs(1);
 /// After a failure it is tried again after one second, then two, four, and so on up to this.
 const LONGEST_PAUSE: Duration = Duration::from_secs(60);
-
 /// The program's end waits so long for what still blocks.
-const END_WITHIN: Duration = Duration::from_secs(1);
+const END_WITHIN: Duration = Duration::from_secs(2);
 
 /// How far they step back.
 const NICE: i32 = 5;
@@ -32,9 +31,73 @@ pub(super) fn step_back() {
     let _ = rustix::process::setpriority_process(None, NICE);
 }
 
-/// Runs this on the calling thread until it returns, which it does when it is told that it is to end. Where it panics, that is no fault of
-/// the cell, and it begins anew.
-pub(super) fn run_apart(
+/// A thread with a runtime of its own.
+pub(super) struct Plan {
+    /// The thread's name.
+    pub name: &'static str,
+    /// What it does, for the log.
+    pub what: &'static str,
+    /// Threads that may wait for the disk, for hosts' names and the like.
+    pub blocking: usize,
+    /// Room for calls inside of calls; `None` is the system's usual one.
+    pub stack_bytes: Option<usize>,
+}
+
+/// The thread while it works; it is told to end when this is dropped, and waited for.
+#[derive(Debug)]
+pub(super) struct Background {
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Background {
+    /// Starts it. It works until `begin` returns, which it does when it is told that it is to end. Where it panics, that is no fault of the
+    /// cell, and it begins anew.
+    ///
+    /// # Errors
+    /// Where the system gives no thread.
+    pub fn start(
+        Plan { name, what, blocking, stack_bytes }: Plan,
+        begin: impl AsyncFn(&mut oneshot::Receiver<()>) + Send + 'static,
+    ) -> io::Result<Self> {
+        let runtime = Builder::new_current_thread().enable_all().max_blocking_threads(blocking).build()?;
+        let (end, ended) = oneshot::channel();
+        let work = move || {
+            run_apart(&runtime, what, ended, begin);
+            // A host's name that is still looked up keeps nobody waiting.
+            runtime.shutdown_timeout(END_WITHIN);
+        };
+        let builder = thread::Builder::new().name(name.to_owned());
+        let builder = match stack_bytes {
+            Some(bytes) => builder.stack_size(bytes),
+            None => builder,
+        };
+        Ok(Background { end: Some(end), thread: Some(builder.spawn(work)?) })
+    }
+
+    /// Starts one that works in rounds, and ends between any two steps of them.
+    ///
+    /// # Errors
+    /// As [`Background::start`].
+    pub fn in_rounds<W: Rounds>(plan: Plan, begin: impl Fn() -> W + Send + 'static) -> io::Result<Self> {
+        let what = plan.what;
+        Background::start(plan, async move |ended| {
+            tokio::select! {
+                () = in_rounds(begin(), what) => {}
+                _ = ended => {}
+            }
+        })
+    }
+}
+
+impl Drop for Background {
+    fn drop(&mut self) {
+        drop(self.end.take());
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+fn run_apart(
     runtime: &Runtime,
     what: &str,
     mut ended: oneshot::Receiver<()>,
@@ -58,49 +121,8 @@ pub(super) trait Rounds {
     /// After a failure all connections are made anew.
     fn forget(&mut self);
 
-    /// How the last round went; whether a problem is another one than before.
-    fn is_told(&self, problem: Option<&str>) -> bool;
-}
-
-/// A thread that works in rounds; it ends when this is dropped.
-#[derive(Debug)]
-pub(super) struct Worker {
-    end: Option<oneshot::Sender<()>>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Worker {
-    /// Starts it under this name; `what` it does, for the log.
-    ///
-    /// # Errors
-    /// Where the system gives no thread.
-    pub fn start<W: Rounds>(
-        name: &str,
-        what: &'static str,
-        begin: impl Fn() -> W + Send + 'static,
-    ) -> io::Result<Self> {
-        let runtime = Builder::new_current_thread().enable_io().enable_time().max_blocking_threads(2).build()?;
-        let (end, ended) = oneshot::channel();
-        let work = move || {
-            run_apart(&runtime, what, ended, async |ended| {
-                tokio::select! {
-                    () = in_rounds(begin(), what) => {}
-                    _ = ended => {}
-                }
-            });
-            // A host's name that is still looked up keeps nobody waiting.
-            runtime.shutdown_timeout(END_WITHIN);
-        };
-        let thread = thread::Builder::new().name(name.to_owned()).spawn(work)?;
-        Ok(Worker { end: Some(end), thread: Some(thread) })
-    }
-}
-
-impl Drop for Worker {
-    fn drop(&mut self) {
-        drop(self.end.take());
-        let _ = self.thread.take().map(JoinHandle::join);
-    }
+    /// Hears how the last round went; whether a problem is another one than before.
+    fn told(&self, problem: Option<&str>) -> bool;
 }
 
 async fn in_rounds(mut work: impl Rounds, what: &str) {
@@ -109,13 +131,13 @@ async fn in_rounds(mut work: impl Rounds, what: &str) {
         match work.round().await {
             Ok(is_more) => {
                 pause = EVERY;
-                work.is_told(None);
+                work.told(None);
                 if !is_more {
                     sleep(EVERY).await;
                 }
             }
             Err(problem) => {
-                if work.is_told(Some(&problem)) {
+                if work.told(Some(&problem)) {
                     tracing::warn!("{what} does not work: {problem}");
                 }
                 work.forget();

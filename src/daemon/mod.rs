@@ -82,6 +82,7 @@ mod standing;
 mod store_access;
 mod tool_reports;
 mod underway;
+mod waiting;
 mod web;
 mod wiring;
 mod without_store;

@@ -2,7 +2,7 @@
 //! broker, and asks what the office has. Nothing in the cell waits for it, and nothing that the office says changes what the cell
 //! does: it is sent again, or it is an alarm.
 //!
-//! `sending` is one round of it, `progress_file` what is remembered between two processes, `status` what people are told.
+//! `sending` is one round of it, `status` what people are told; how far it came is remembered in the store's folder (`progress_file`).
 
 mod parts;
 mod sending;
@@ -12,12 +12,14 @@ mod status;
 pub use parts::OfficeParts;
 pub use status::OfficeStatus;
 
-use super::background::Worker;
+use super::background::{Background, Plan};
 use sending::Sender;
 
 /// The sender while it works; it ends when this is dropped.
 #[derive(Debug)]
-pub struct OfficeSender(#[expect(dead_code, reason = "it ends the thread")] Worker);
+pub struct OfficeSender {
+    _background: Background,
+}
 
 impl OfficeSender {
     /// Starts it.
@@ -25,6 +27,8 @@ impl OfficeSender {
     /// # Errors
     /// Where the system gives no thread.
     pub fn start(parts: OfficeParts) -> std::io::Result<Self> {
-        Worker::start("office", "the way of records to the office", move || Sender::new(&parts)).map(OfficeSender)
+        let plan =
+            Plan { name: "office", what: "the way of records to the office", blocking: 2, stack_bytes: None };
+        Ok(OfficeSender { _background: Background::in_rounds(plan, move || Sender::new(&parts))? })
     }
 }

@@ -58,7 +58,7 @@ impl Rounds for Sender {
         self.offered = None;
     }
 
-    fn is_told(&self, problem: Option<&str>) -> bool {
+    fn told(&self, problem: Option<&str>) -> bool {
         self.status.goes(problem)
     }
 }

@@ -1,8 +1,11 @@
 //! What people are told of the way to the office.
 
+use crate::daemon::waiting::Waiting;
 use crate::office::RecipeOffer;
 use crate::verdict::Reason;
 use std::sync::{Arc, Mutex, PoisonError};
+
+const WORDS: (&str, &str) = ("records are not in the office", "the archive does not take them");
 
 /// How it stands; clones are the same one.
 #[derive(Debug, Clone, Default)]
@@ -10,12 +13,8 @@ pub struct OfficeStatus(Arc<Mutex<Stands>>);
 
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 struct Stands {
-    /// Why nothing is sent now.
-    problem: Option<String>,
     /// What the office does not have yet.
-    behind: u64,
-    /// Since when the oldest of it waits, ms since 1970.
-    waits_since_unix_ms: Option<i64>,
+    waiting: Waiting,
     /// Epochs of which the office says that it has more than the store ever had: name, its number, the store's.
     more: Vec<(String, u64, u64)>,
     /// Recipes that the office offers.
@@ -29,15 +28,11 @@ impl OfficeStatus {
 
     /// How it goes; whether a problem is told for the first time.
     pub(super) fn goes(&self, problem: Option<&str>) -> bool {
-        self.change(|stands| {
-            let is_new = problem.is_some() && stands.problem.as_deref() != problem;
-            stands.problem = problem.map(str::to_owned);
-            is_new
-        })
+        self.change(|stands| stands.waiting.goes(problem))
     }
 
     pub(super) fn is_behind(&self, behind: u64, waits_since_unix_ms: Option<i64>) {
-        self.change(|stands| (stands.behind, stands.waits_since_unix_ms) = (behind, waits_since_unix_ms));
+        self.change(|stands| stands.waiting.is_behind(behind, waits_since_unix_ms));
     }
 
     pub(super) fn has_more(&self, more: Vec<(String, u64, u64)>) {
@@ -56,16 +51,9 @@ impl OfficeStatus {
     /// What is wrong, for the alarms between cycles: a record that waits longer than `behind_min`, and an office that has more than the
     /// cell.
     pub fn reasons(&self, behind_min: usize, now_unix_ms: i64) -> Vec<Reason> {
-        let Stands { problem, behind, waits_since_unix_ms, more, offers: _ } = self.change(|stands| stands.clone());
-        let mut reasons = Vec::new();
-        let waits_min = waits_since_unix_ms.map_or(0, |since| (now_unix_ms - since).max(0) / 60_000);
-        if behind > 0 && usize::try_from(waits_min).is_ok_and(|min| min >= behind_min) {
-            let why = problem.map_or("the archive does not take them".to_owned(), |problem| problem);
-            let words = format!(
-                "{behind} records are not in the office; the oldest waits for {waits_min} min, allowed are {behind_min}: {why}"
-            );
-            reasons.push(Reason::new("office_behind", words));
-        }
+        let Stands { waiting, more, offers: _ } = self.change(|stands| stands.clone());
+        let late = waiting.late(behind_min, now_unix_ms, WORDS);
+        let mut reasons: Vec<Reason> = late.into_iter().map(|words| Reason::new("office_behind", words)).collect();
         for (epoch, office, store) in more {
             let words = format!(
                 "the office has {office} records of epoch {epoch}, the store of this cell {store}: the store was rolled back, or another \

@@ -85,34 +85,48 @@ fn is_key_of(private: &PrivateKey, public: &PublicKey) -> Result<bool, String> {
     Ok(public.verify_sha256(b"probe", &signature).unwrap_or(false))
 }
 
-/// A client's certificate is found by a name of its own, which nobody types: what a person put there under another one, or as PEM, gets that
-/// name. What came of each file, for the log; one that is no certificate is told again only when it is another one.
-pub(super) fn name_trusted(folder: &Path, known: &mut BTreeSet<PathBuf>) -> Vec<String> {
-    let trusted = folder.join(TRUSTED);
-    let files = fs::read_dir(&trusted).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut told = Vec::new();
-    for file in files.filter(|file| file.is_file()) {
-        let found = crate::disk::read(&file)
-            .ok()
-            .and_then(|bytes| X509::from_der(&bytes).or_else(|_| X509::from_pem(&bytes)).ok());
-        let Some(certificate) = found else {
-            if known.insert(file.clone()) {
-                told.push(format!("{}: it is no certificate, and nobody is trusted by it", file.display()));
-            }
-            continue;
-        };
-        let named = trusted.join(CertificateStore::cert_file_name(&certificate));
-        if file == named {
-            continue;
-        }
-        let Ok(der) = certificate.to_der() else { continue };
-        let placed = fs::write(&named, der).and_then(|()| fs::remove_file(&file));
-        told.push(match placed {
-            Ok(()) => format!("{} is trusted, and called {} from now on", file.display(), named.display()),
-            Err(error) => format!("{}: {error}", file.display()),
+/// Which files among those that are trusted were looked at, as they were.
+#[derive(Debug, Default)]
+pub(super) struct Trusted {
+    known: BTreeSet<(PathBuf, SystemTime)>,
+}
+
+impl Trusted {
+    /// A client's certificate is found by a name of its own, which nobody types: what a person put there under another one, or as PEM, gets
+    /// that name. What came of each file that is new, for the log. On the calling thread, which may wait for the disk.
+    pub fn name_new_ones(&mut self, folder: &Path) -> Vec<String> {
+        let trusted = folder.join(TRUSTED);
+        let found = fs::read_dir(&trusted).into_iter().flatten().flatten();
+        let files = found.filter_map(|entry| {
+            let about = entry.metadata().ok().filter(fs::Metadata::is_file)?;
+            Some((entry.path(), about.modified().ok()?))
         });
+        let now: BTreeSet<(PathBuf, SystemTime)> = files.collect();
+        let told = now.difference(&self.known).filter_map(|(file, _)| named(file, &trusted)).collect();
+        self.known = now;
+        told
     }
-    told
+}
+
+/// Gives a certificate the name by which it is found; what came of it, where that is anything to tell.
+fn named(file: &Path, trusted: &Path) -> Option<String> {
+    let read = crate::disk::read(file).ok();
+    let certificate = read.and_then(|bytes| X509::from_der(&bytes).or_else(|_| X509::from_pem(&bytes)).ok());
+    let Some(certificate) = certificate else {
+        return Some(format!("{}: it is no certificate, and nobody is trusted by it", file.display()));
+    };
+    let name = trusted.join(CertificateStore::cert_file_name(&certificate));
+    if file == name {
+        return None;
+    }
+    let der = certificate.to_der().map_err(|error| error.to_string());
+    let placed = der.and_then(|der| {
+        fs::write(&name, der).and_then(|()| fs::remove_file(file)).map_err(|error| error.to_string())
+    });
+    Some(match placed {
+        Ok(()) => format!("{} is trusted, and called {} from now on", file.display(), name.display()),
+        Err(problem) => format!("{}: {problem}", file.display()),
+    })
 }
 
 /// Makes a certificate for this computer and its key. Both are written beside their places, and the key's permissions are set
@@ -234,8 +248,8 @@ mod tests {
         let trusted = folder.path().join(TRUSTED);
         fs::copy(folder.path().join(OWN), trusted.join("line.crt")).expect("copied");
         fs::write(trusted.join("notes.txt"), "ask Ada").expect("written");
-        let mut known = BTreeSet::new();
-        let mut told = name_trusted(folder.path(), &mut known);
+        let mut seen = Trusted::default();
+        let mut told = seen.name_new_ones(folder.path());
         told.sort();
         let [line, notes] = &told[..] else { panic!("{told:?}") };
         assert!(
@@ -244,7 +258,7 @@ mod tests {
         let certificate = CertificateStore::read_cert(&folder.path().join(OWN)).expect("a certificate");
         let named = trusted.join(CertificateStore::cert_file_name(&certificate));
         assert!(named.is_file() && !trusted.join("line.crt").exists());
-        assert_eq!(name_trusted(folder.path(), &mut known), Vec::<String>::new());
+        assert_eq!(seen.name_new_ones(folder.path()), Vec::<String>::new());
     }
 
     #[test]

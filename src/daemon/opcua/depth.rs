@@ -2,7 +2,7 @@
 //! makes old values and no other harm.
 
 use super::access::{Access, line};
-use super::certificates::{self, Rejected};
+use super::certificates::{self, Rejected, Trusted};
 use super::door::Door;
 use crate::accounts::AuditEntry;
 use crate::daemon::front_parts::FrontParts;
@@ -12,7 +12,6 @@ use crate::record::{CycleId, PartNames};
 use crate::store::{Store, StoreError};
 use crate::verdict::Verdict;
 use std::cmp::Reverse;
-use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -53,8 +52,7 @@ pub(super) struct Reader {
     /// The folder of the certificates.
     pub folder: PathBuf,
     pub rejected: Rejected,
-    /// Files among those that are trusted which are no certificates.
-    pub unknown: BTreeSet<PathBuf>,
+    pub trusted: Trusted,
     pub files_read: Option<Instant>,
     /// Up to which cycle the counters are.
     pub counted: Option<Newest>,
@@ -107,7 +105,7 @@ impl Reader {
 
     /// Connections and certificates that were turned away since, for the audit trail.
     fn tell_turned_away(&mut self) {
-        for words in certificates::name_trusted(&self.folder, &mut self.unknown) {
+        for words in self.trusted.name_new_ones(&self.folder) {
             tracing::warn!("OPC UA server: {words}");
         }
         let new = self.rejected.new_ones(&self.folder);

@@ -3,7 +3,7 @@
 use super::access::Access;
 use super::calls::Calls;
 use super::cell_nodes::CellNodes;
-use super::certificates::{self, Rejected};
+use super::certificates::{self, Rejected, Trusted};
 use super::conditions::Conditions;
 use super::core_nodes::CoreNodes;
 use super::depth::{Depth, Newest, Reader};
@@ -11,21 +11,18 @@ use super::door::Door;
 use super::follow::{Follower, read_on};
 use super::settings;
 use crate::cell::OpcUa;
-use crate::daemon::background::run_apart;
+use crate::daemon::background::{Background, Plan};
 use crate::daemon::front_parts::FrontParts;
 use opcua::server::address_space::AddressSpace;
 use opcua::server::diagnostics::DiagnosticsNodeManagerBuilder;
 use opcua::server::node_manager::ServerContext;
 use opcua::server::node_manager::memory::{InMemoryNodeManager, InMemoryNodeManagerBuilder};
 use opcua::server::{Server, ServerHandle};
-use std::collections::BTreeSet;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::thread::{self, JoinHandle};
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::runtime::Builder;
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
@@ -33,8 +30,6 @@ use tokio::time::sleep;
 const AGAIN: Duration = Duration::from_secs(1);
 /// What it is called in the log and among alarms.
 const NAME: &str = "OPC UA server";
-/// The program's end waits so long for what still blocks.
-const END_WITHIN: Duration = Duration::from_secs(2);
 /// Threads that wait for the store's disk and hash passwords.
 const BLOCKING: usize = 4;
 /// Messages are decoded one inside of another: room for that, whatever comes in.
@@ -51,8 +46,7 @@ pub struct OpcUaParts {
 /// The server while it is served; it ends when this is dropped.
 #[derive(Debug)]
 pub struct OpcUaServer {
-    end: Option<oneshot::Sender<()>>,
-    thread: Option<JoinHandle<()>>,
+    _background: Background,
 }
 
 impl OpcUaServer {
@@ -63,21 +57,9 @@ impl OpcUaServer {
     /// Where the system refuses a thread.
     pub fn serve(parts: OpcUaParts) -> std::io::Result<Option<Self>> {
         let Some(address) = parts.settings.listen else { return Ok(None) };
-        let runtime = Builder::new_current_thread().enable_all().max_blocking_threads(BLOCKING).build()?;
-        let (end, ended) = oneshot::channel();
-        let serve = move || {
-            run_apart(&runtime, NAME, ended, async |ended| run((&parts, address), ended).await);
-            runtime.shutdown_timeout(END_WITHIN);
-        };
-        let thread = thread::Builder::new().name("opcua".to_owned()).stack_size(STACK_BYTES).spawn(serve)?;
-        Ok(Some(OpcUaServer { end: Some(end), thread: Some(thread) }))
-    }
-}
-
-impl Drop for OpcUaServer {
-    fn drop(&mut self) {
-        drop(self.end.take());
-        let _ = self.thread.take().map(JoinHandle::join);
+        let plan = Plan { name: "opcua", what: NAME, blocking: BLOCKING, stack_bytes: Some(STACK_BYTES) };
+        let begin = async move |ended: &mut oneshot::Receiver<()>| run((&parts, address), ended).await;
+        Ok(Some(OpcUaServer { _background: Background::start(plan, begin)? }))
     }
 }
 
@@ -152,7 +134,7 @@ async fn serve_once(parts: &OpcUaParts, address: SocketAddr) -> Result<(), Strin
         door: door.clone(),
         folder: parts.settings.certificates.clone(),
         rejected: Rejected::default(),
-        unknown: BTreeSet::new(),
+        trusted: Trusted::default(),
         files_read: None,
         counted: None,
         last: Depth::default(),

@@ -2,7 +2,7 @@
 
 use crate::cell::{Push, WebFolder};
 use crate::trust;
-use axum::body::{Body, to_bytes};
+use axum::body::{Body, Bytes, to_bytes};
 use hyper::client::conn::http1::{SendRequest, handshake};
 use hyper::header::{AUTHORIZATION, CONTENT_TYPE, HOST, HeaderValue, LOCATION};
 use hyper::{Method, Request, Response, StatusCode};
@@ -50,16 +50,16 @@ impl Connection {
     ///
     /// # Errors
     /// Where the server cannot be reached, or does not take it.
-    pub async fn put(&mut self, name: &str, kind: &'static str, bytes: &[u8]) -> Result<(), String> {
+    pub async fn put(&mut self, name: &str, kind: &'static str, bytes: Bytes) -> Result<(), String> {
         let kept = self.sender.take().filter(|sender| !sender.is_closed());
         if let Some(sender) = kept
-            && let Ok(response) = self.ask(sender, (name, kind), bytes).await
+            && let Ok(response) = self.ask(sender, (name, kind), bytes.clone()).await
         {
-            return self.taken(name, response).await;
+            return self.taken(name, response);
         }
         let sender = self.connect().await.map_err(|problem| format!("{}: {problem}", self.to))?;
         match self.ask(sender, (name, kind), bytes).await {
-            Ok(response) => self.taken(name, response).await,
+            Ok(response) => self.taken(name, response),
             Err(problem) => Err(format!("{}/{name}: {problem}", self.to)),
         }
     }
@@ -81,18 +81,14 @@ impl Connection {
         &mut self,
         mut sender: SendRequest<Body>,
         (name, kind): (&str, &'static str),
-        bytes: &[u8],
+        bytes: Bytes,
     ) -> Result<(StatusCode, String), String> {
-        let mut request = Request::new(Body::from(bytes.to_vec()));
+        let mut request = Request::new(Body::from(bytes));
         *request.method_mut() = Method::PUT;
         let address = format!("{}/{name}", self.to.path);
         *request.uri_mut() = address.parse().map_err(|error| format!("{error}"))?;
-        let host = match &self.to.host {
-            host if host.contains(':') => format!("[{host}]:{}", self.to.port),
-            host => format!("{host}:{}", self.to.port),
-        };
         let headers = request.headers_mut();
-        headers.insert(HOST, HeaderValue::try_from(host).map_err(|error| error.to_string())?);
+        headers.insert(HOST, HeaderValue::try_from(self.to.authority()).map_err(|error| error.to_string())?);
         headers.insert(CONTENT_TYPE, HeaderValue::from_static(kind));
         if let Some(authorization) = &self.authorization {
             headers.insert(AUTHORIZATION, authorization.clone());
@@ -108,7 +104,7 @@ impl Connection {
         Ok(answered)
     }
 
-    async fn taken(&self, name: &str, (status, words): (StatusCode, String)) -> Result<(), String> {
+    fn taken(&self, name: &str, (status, words): (StatusCode, String)) -> Result<(), String> {
         if status.is_success() {
             return Ok(());
         }

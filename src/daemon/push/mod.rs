@@ -12,12 +12,14 @@ mod status;
 pub use parts::PushParts;
 pub use status::PushStatus;
 
-use super::background::Worker;
+use super::background::{Background, Plan};
 use sending::Sender;
 
 /// The sender while it works; it ends when this is dropped.
 #[derive(Debug)]
-pub struct PushSender(#[expect(dead_code, reason = "it ends the thread")] Worker);
+pub struct PushSender {
+    _background: Background,
+}
 
 impl PushSender {
     /// Starts it.
@@ -25,7 +27,12 @@ impl PushSender {
     /// # Errors
     /// Where the system gives no thread.
     pub fn start(parts: PushParts) -> std::io::Result<Self> {
-        Worker::start("push", "the way of signed records to the quality system", move || Sender::new(&parts))
-            .map(PushSender)
+        let plan = Plan {
+            name: "push",
+            what: "the way of signed records to the quality system",
+            blocking: 2,
+            stack_bytes: None,
+        };
+        Ok(PushSender { _background: Background::in_rounds(plan, move || Sender::new(&parts))? })
     }
 }

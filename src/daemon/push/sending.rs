@@ -9,6 +9,7 @@ use crate::daemon::progress_file;
 use crate::daemon::record_source::RecordSource;
 use crate::signing::{self, Said, Statement};
 use crate::store::{SignatureRow, Store};
+use axum::body::Bytes;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -38,7 +39,7 @@ struct Progress {
 struct File {
     name: String,
     kind: &'static str,
-    bytes: Vec<u8>,
+    bytes: Bytes,
 }
 
 /// What sends.
@@ -81,14 +82,14 @@ impl Rounds for Sender {
         self.begin_where_it_was(&store)?;
         let waiting = store.signature_after(self.progress.number).map_err(|error| error.to_string())?;
         let Some((row, behind)) = waiting else {
-            self.status.is_behind(0, None);
+            self.status.waiting().is_behind(0, None);
             (self.store, self.connection) = (Some(store), Some(connection));
             return Ok(false);
         };
-        self.status.is_behind(behind, Some(row.unix_ms));
+        self.status.waiting().is_behind(behind, Some(row.unix_ms));
         match self.next_file(&store, &row).await? {
             Some(File { name, kind, bytes }) => {
-                connection.put(&name, kind, &bytes).await?;
+                connection.put(&name, kind, bytes).await?;
                 self.put.insert(name);
             }
             None => {
@@ -110,8 +111,8 @@ impl Rounds for Sender {
         (self.store, self.connection) = (None, None);
     }
 
-    fn is_told(&self, problem: Option<&str>) -> bool {
-        self.status.goes(problem)
+    fn told(&self, problem: Option<&str>) -> bool {
+        self.status.waiting().goes(problem)
     }
 }
 
@@ -143,7 +144,7 @@ impl Sender {
                     continue;
                 }
                 match store.blob(&hash) {
-                    Ok(bytes) => return Ok(Some(File { name, kind: BYTES, bytes })),
+                    Ok(bytes) => return Ok(Some(File { name, kind: BYTES, bytes: bytes.into() })),
                     Err(error) => {
                         tracing::warn!("the quality system does not get {what} of cycle {}: {error}", row.cycle);
                         self.put.insert(name);
@@ -156,7 +157,7 @@ impl Sender {
             let (records, cycle) = (self.records.clone(), row.cycle);
             let made = tokio::task::spawn_blocking(move || records.pdf(cycle)).await;
             match made.map_err(|error| error.to_string())? {
-                Ok(Some(bytes)) => return Ok(Some(File { name: page, kind: PDF, bytes })),
+                Ok(Some(bytes)) => return Ok(Some(File { name: page, kind: PDF, bytes: bytes.into() })),
                 Ok(None) => {}
                 Err(problem) => tracing::warn!("the quality system gets no page of cycle {cycle}: {problem}"),
             }
@@ -167,8 +168,11 @@ impl Sender {
             true => signing::person_stem(row.cycle, row.number),
         };
         let last = [("sig", BYTES, row.signature.clone()), ("json", JSON, record)];
-        let mut last =
-            last.into_iter().map(|(ending, kind, bytes)| File { name: format!("{stem}.{ending}"), kind, bytes });
+        let mut last = last.into_iter().map(|(ending, kind, bytes)| File {
+            name: format!("{stem}.{ending}"),
+            kind,
+            bytes: bytes.into(),
+        });
         Ok(last.find(|file| !self.put.contains(&file.name)))
     }
 }

@@ -1,4 +1,4 @@
-//! How the broker is reached: address, TLS, user and password. The files are read once, when the service starts.
+//! How the broker is reached: address, TLS, user and password. The files are read anew for each connection.
 
 use crate::cell::SparkplugNode;
 use crate::sparkplug::Message;

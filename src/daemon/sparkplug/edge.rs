@@ -3,14 +3,12 @@
 use super::asking::Asking;
 use super::broker::Broker;
 use super::following::follow;
-use super::session::{Ended, Parts, connected};
+use super::session::{Ended, NAME, Parts, connected};
 use crate::cell::{NodeCommands, SparkplugNode};
-use crate::daemon::background::run_apart;
+use crate::daemon::background::{Background, Plan};
 use crate::daemon::front_parts::FrontParts;
 use crate::sparkplug::{EdgeNode, Ids, NodeSetup};
-use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
-use tokio::runtime::Builder;
 use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
@@ -20,22 +18,19 @@ const BACK_OFF: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(60)
 const GOOD: Duration = Duration::from_secs(30);
 /// Threads that wait for the store's disk and for names of hosts.
 const BLOCKING: usize = 3;
-/// The program's end waits so long for them.
-const END_WITHIN: Duration = Duration::from_secs(2);
 
 /// What the edge node is made of.
 pub struct SparkplugParts {
     /// `[sparkplug]` of the cell's file.
     pub node: SparkplugNode,
     /// What every front works with.
-    pub parts: FrontParts,
+    pub front: FrontParts,
 }
 
 /// The edge node while it is served. Dropping it tells the broker its death, and ends it.
 #[derive(Debug)]
 pub struct SparkplugEdge {
-    end: Option<oneshot::Sender<()>>,
-    thread: Option<JoinHandle<()>>,
+    _background: Background,
 }
 
 impl SparkplugEdge {
@@ -43,33 +38,20 @@ impl SparkplugEdge {
     ///
     /// # Errors
     /// Where the system refuses a thread.
-    pub fn serve(SparkplugParts { node, parts }: SparkplugParts) -> std::io::Result<Self> {
-        let runtime =
-            Builder::new_current_thread().enable_io().enable_time().max_blocking_threads(BLOCKING).build()?;
-        let (end, ended) = oneshot::channel();
-        let serve = move || {
-            run_apart(&runtime, "MQTT Sparkplug", ended, async |leave| run((&node, &parts), leave).await);
-            runtime.shutdown_timeout(END_WITHIN);
-        };
-        let thread = thread::Builder::new().name("sparkplug".to_owned()).spawn(serve);
-        Ok(SparkplugEdge { end: Some(end), thread: Some(thread?) })
+    pub fn serve(SparkplugParts { node, front }: SparkplugParts) -> std::io::Result<Self> {
+        let plan = Plan { name: "sparkplug", what: NAME, blocking: BLOCKING, stack_bytes: None };
+        let begin = async move |leave: &mut oneshot::Receiver<()>| run((&node, &front), leave).await;
+        Ok(SparkplugEdge { _background: Background::start(plan, begin)? })
     }
 }
 
-impl Drop for SparkplugEdge {
-    fn drop(&mut self) {
-        drop(self.end.take());
-        let _ = self.thread.take().map(JoinHandle::join);
-    }
-}
-
-async fn run((node, parts): (&SparkplugNode, &FrontParts), leave: &mut oneshot::Receiver<()>) {
+async fn run((node, front): (&SparkplugNode, &FrontParts), leave: &mut oneshot::Receiver<()>) {
     let address = format!("{}:{}", node.broker, node.port);
     let from = format!("MQTT broker {address}");
-    let asking = Asking { gateway: parts.gateway.clone(), people: parts.people.clone(), from };
+    let asking = Asking { gateway: front.gateway.clone(), people: front.people.clone(), from };
     let (tell, view) = watch::channel(None);
-    tokio::spawn(follow(parts.clone(), tell));
-    let session = Parts { asking, view, begun: Instant::now(), address, alarms: parts.alarms.clone() };
+    tokio::spawn(follow(front.clone(), tell));
+    let session = Parts { asking, view, begun: Instant::now(), address, alarms: front.alarms.clone() };
     let mut edge = EdgeNode::new(NodeSetup {
         commands_allowed: node.commands == NodeCommands::Operator,
         aliases: node.aliases,

@@ -46,8 +46,8 @@ pub(super) struct Parts {
     pub alarms: Arc<Alarms>,
 }
 
-/// The name of this connection among alarms.
-const NAME: &str = "MQTT Sparkplug";
+/// What it is called in the log and among alarms.
+pub(super) const NAME: &str = "MQTT Sparkplug";
 
 impl Parts {
     /// There is no connection, for this reason: told once, until there was one.
