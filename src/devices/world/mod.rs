@@ -4,7 +4,7 @@
 //! simulated cameras have their view rendered. A spot of grease of which the running disc covered nine
 //! tenths is gone when the panel is wetted again. Time is the controller's. The ground truth is known here, for scores alone.
 //!
-//! - `simulated_world`: what it contains and what changes · `signal`: what an output causes, and when · `water`: the film's time ·
+//! - `simulated_world`: what it contains and what its cameras see · `state`: what changes · `signal`: what an output causes, and when · `water`: the film's time ·
 //!   `touch`: where the disc was · `line`: a line that brings parts, where the cell's file names its signals
 //! - `follow`: the same around a controller in another process, by its messages
 //!
@@ -15,9 +15,11 @@ mod follow;
 mod line;
 mod signal;
 mod simulated_world;
+mod state;
 mod touch;
 mod water;
 
 pub use follow::Follower;
-pub use simulated_world::{Moment, SimulatedWorld, Violation, WorldError};
+pub use simulated_world::{Moment, SimulatedWorld, WorldError};
+pub use state::Violation;
 pub use touch::{ContactErrors, Touched, contact_errors, step_over};

@@ -2,8 +2,9 @@
 
 use super::line::SimulatedLine;
 use super::signal::Signal;
+use super::state::{State, Violation};
 use super::touch::Touched;
-use super::water::{Wetting, film_s, seconds};
+use super::water::{film_s, seconds};
 use crate::cell::{self, Output};
 use crate::devices::cameras::{CameraError, FlangePicture, Picture, Shot};
 use crate::devices::mock::{self, ChannelFile, Controller, Sample, Setup};
@@ -37,23 +38,6 @@ pub enum WorldError {
     NoLine,
 }
 
-/// What should not have been done, seen from the world's side. For tests.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Violation {
-    /// A 3D shot with the arm not parked, or moving.
-    ArmInView,
-    /// A picture of the flange camera while the arm moved.
-    ArmMoves,
-    /// A 3D shot with the process's light on.
-    LightDuring3d,
-    /// Water while the lens was not shut.
-    SprayOnLens,
-    /// Water while the tool ran, or the tool switched on while water came.
-    ToolInWater,
-    /// The tool switched on without the extraction's flow.
-    ToolWithoutExtraction,
-}
-
 /// The robot at one time.
 #[derive(Debug, Clone, Copy)]
 pub struct Moment {
@@ -82,36 +66,6 @@ impl Moment {
             base_from_flange: controller.flange_pose(),
             moving: controller.is_moving(),
         }
-    }
-}
-
-/// What changes.
-struct State {
-    signals: Vec<Signal>,
-    wetting: Option<Wetting>,
-    /// Which spots are gone, as far as the wetting that began at this time shows it.
-    healed: (Option<u64>, Vec<bool>),
-    /// The film with these spots gone.
-    film: Option<(Vec<bool>, Arc<Film>)>,
-    /// Each wetting that was watched: when its water came on, its film, and the film's time in the last picture, s.
-    watched: Vec<(u64, Arc<Film>, f64)>,
-    shots: u64,
-    disc_diameter_mm: f64,
-    violations: Vec<(u64, Violation)>,
-    line: Option<SimulatedLine>,
-    /// When the part was brought in, by the controller's time, ms.
-    part_since_ms: u64,
-}
-
-impl State {
-    fn signal(&self, output: Output) -> &Signal {
-        &self.signals[place(output)]
-    }
-
-    /// A part that is dry and as greasy as the first one takes its place.
-    fn bring_part(&mut self, now_ms: u64) {
-        (self.part_since_ms, self.wetting) = (now_ms, None);
-        self.healed = (None, vec![false; self.healed.1.len()]);
     }
 }
 
@@ -145,18 +99,7 @@ impl SimulatedWorld {
         let signals = Output::ALL.iter().copied().map(signal).collect::<Result<Vec<Signal>, _>>()?;
         let park = cell.park().ok_or(WorldError::NoPark)?;
         let truth = simulated.truth();
-        let state = State {
-            signals,
-            wetting: None,
-            healed: (None, vec![false; truth.spots.len()]),
-            film: None,
-            watched: Vec::new(),
-            shots: 0,
-            disc_diameter_mm: 0.0,
-            violations: Vec::new(),
-            line: None,
-            part_since_ms: 0,
-        };
+        let state = State::new(signals, truth.spots.len());
         let fixed = Fixed { cell: simulated, truth, park };
         Ok(SimulatedWorld { fixed: Arc::new(fixed), state: Arc::new(Mutex::new(state)) })
     }
@@ -347,47 +290,12 @@ struct Terminals(SimulatedWorld);
 
 impl mock::World for Terminals {
     fn on_output(&mut self, number: u16, value: bool, time_ms: u64) {
-        let mut state = self.0.lock();
-        if state.line.as_mut().is_some_and(|line| line.reads(number, value, time_ms)) {
-            state.bring_part(time_ms);
-        }
-        let Some(signal) = state.signals.iter_mut().find(|signal| signal.number == number) else { return };
-        signal.switch(value, time_ms);
-        let output = signal.output;
-        let runs = |output| state.signal(output).runs(time_ms);
-        let mut wrong = Vec::new();
-        match (output, value) {
-            (Output::Spray, true) => {
-                wrong.extend(runs(Output::Tool).then_some(Violation::ToolInWater));
-                wrong.extend((!runs(Output::LensShutter)).then_some(Violation::SprayOnLens));
-                state.wetting = Some(Wetting { on_ms: time_ms, off_ms: None });
-            }
-            (Output::Spray, false) => {
-                if let Some(wetting) = &mut state.wetting {
-                    wetting.off_ms = Some(time_ms);
-                }
-            }
-            (Output::Tool, true) => {
-                wrong.extend(runs(Output::Spray).then_some(Violation::ToolInWater));
-                wrong.extend((!runs(Output::Extraction)).then_some(Violation::ToolWithoutExtraction));
-            }
-            _ => {}
-        }
-        state.violations.extend(wrong.into_iter().map(|violation| (time_ms, violation)));
+        self.0.lock().on_output(number, value, time_ms);
     }
 
     fn input(&self, number: u16, time_ms: u64) -> Option<bool> {
-        let state = self.0.lock();
-        if let Some(set) = state.line.as_ref().and_then(|line| line.sets(number, time_ms)) {
-            return Some(set);
-        }
-        state.signals.iter().find(|signal| signal.feedback == number).map(|signal| signal.says(time_ms))
+        self.0.lock().input(number, time_ms)
     }
-}
-
-/// Where an output stands among all.
-fn place(output: Output) -> usize {
-    Output::ALL.iter().position(|other| *other == output).unwrap_or_default()
 }
 
 /// The picture by a share of its light, 0…1.

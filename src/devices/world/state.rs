@@ -1,0 +1,114 @@
+//! What changes in the simulated world, and what the controller's outputs and inputs have to do with it.
+
+use super::line::SimulatedLine;
+use super::signal::Signal;
+use super::water::Wetting;
+use crate::cell::Output;
+use crate::sim::Film;
+use std::sync::Arc;
+
+/// What should not have been done, seen from the world's side. For tests.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Violation {
+    /// A 3D shot with the arm not parked, or moving.
+    ArmInView,
+    /// A picture of the flange camera while the arm moved.
+    ArmMoves,
+    /// A 3D shot with the process's light on.
+    LightDuring3d,
+    /// Water while the lens was not shut.
+    SprayOnLens,
+    /// Water while the tool ran, or the tool switched on while water came.
+    ToolInWater,
+    /// The tool switched on without the extraction's flow.
+    ToolWithoutExtraction,
+}
+
+/// What changes.
+pub(super) struct State {
+    pub signals: Vec<Signal>,
+    pub wetting: Option<Wetting>,
+    /// Which spots are gone, as far as the wetting that began at this time shows it.
+    pub healed: (Option<u64>, Vec<bool>),
+    /// The film with these spots gone.
+    pub film: Option<(Vec<bool>, Arc<Film>)>,
+    /// Each wetting that was watched: when its water came on, its film, and the film's time in the last picture, s.
+    pub watched: Vec<(u64, Arc<Film>, f64)>,
+    pub shots: u64,
+    pub disc_diameter_mm: f64,
+    pub violations: Vec<(u64, Violation)>,
+    pub line: Option<SimulatedLine>,
+    /// When the part was brought in, by the controller's time, ms.
+    pub part_since_ms: u64,
+}
+
+impl State {
+    /// Nothing was done yet.
+    pub fn new(signals: Vec<Signal>, spots: usize) -> Self {
+        State {
+            signals,
+            wetting: None,
+            healed: (None, vec![false; spots]),
+            film: None,
+            watched: Vec::new(),
+            shots: 0,
+            disc_diameter_mm: 0.0,
+            violations: Vec::new(),
+            line: None,
+            part_since_ms: 0,
+        }
+    }
+
+    pub fn signal(&self, output: Output) -> &Signal {
+        &self.signals[place(output)]
+    }
+
+    /// A part that is dry and as greasy as the first one takes its place.
+    fn bring_part(&mut self, now_ms: u64) {
+        (self.part_since_ms, self.wetting) = (now_ms, None);
+        self.healed = (None, vec![false; self.healed.1.len()]);
+    }
+
+    /// An output of the controller changed.
+    pub fn on_output(&mut self, number: u16, value: bool, time_ms: u64) {
+        if self.line.as_mut().is_some_and(|line| line.reads(number, value, time_ms)) {
+            self.bring_part(time_ms);
+        }
+        let Some(signal) = self.signals.iter_mut().find(|signal| signal.number == number) else { return };
+        signal.switch(value, time_ms);
+        let output = signal.output;
+        let runs = |output| self.signal(output).runs(time_ms);
+        let mut wrong = Vec::new();
+        match (output, value) {
+            (Output::Spray, true) => {
+                wrong.extend(runs(Output::Tool).then_some(Violation::ToolInWater));
+                wrong.extend((!runs(Output::LensShutter)).then_some(Violation::SprayOnLens));
+                self.wetting = Some(Wetting { on_ms: time_ms, off_ms: None });
+            }
+            (Output::Spray, false) => {
+                if let Some(wetting) = &mut self.wetting {
+                    wetting.off_ms = Some(time_ms);
+                }
+            }
+            (Output::Tool, true) => {
+                wrong.extend(runs(Output::Spray).then_some(Violation::ToolInWater));
+                wrong.extend((!runs(Output::Extraction)).then_some(Violation::ToolWithoutExtraction));
+            }
+            _ => {}
+        }
+        self.violations.extend(wrong.into_iter().map(|violation| (time_ms, violation)));
+    }
+
+    /// An input of the controller, where something is wired to it.
+    pub fn input(&self, number: u16, time_ms: u64) -> Option<bool> {
+        if let Some(set) = self.line.as_ref().and_then(|line| line.sets(number, time_ms)) {
+            return Some(set);
+        }
+        self.signals.iter().find(|signal| signal.feedback == number).map(|signal| signal.says(time_ms))
+    }
+}
+
+/// Where an output stands among all.
+fn place(output: Output) -> usize {
+    Output::ALL.iter().position(|other| *other == output).unwrap_or_default()
+}
