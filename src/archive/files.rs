@@ -2,6 +2,7 @@
 
 use super::error::ArchiveError;
 use crate::files::is_hex;
+use crate::office::{Body, Message};
 use crate::store::{Blobs, StoreError};
 use std::fs;
 use std::io::ErrorKind;
@@ -53,6 +54,12 @@ impl Files {
     /// The bytes of a file that is whole; a hash that is none names nothing.
     pub fn get(&self, hash: &str) -> Option<Vec<u8>> {
         is_hex(hash, 64).then(|| self.near(hash).get(hash).ok()).flatten()
+    }
+
+    /// Whether every file is here that this record names and that its cell still had.
+    pub fn has_all_of(&self, message: &Message) -> bool {
+        let Body::Signature { files, .. } = &message.envelope.body else { return true };
+        files.iter().filter(|file| file.gone.is_none()).all(|file| self.near(&file.hash).has(&file.hash))
     }
 
     /// How the file with this hash stands.

@@ -18,6 +18,8 @@ const AT_ONCE: usize = 500;
 /// After a failure it is tried again after one second, then two, four, and so on up to this.
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
 
+/// So many records that wait for their files are told at a time.
+const MOST_TOLD: usize = 5;
 /// A failure that stays the same is told again after this time.
 const TOLD_AGAIN: Duration = Duration::from_secs(3_600);
 /// A database that does not answer within this time is lost: what was not acknowledged comes again.
@@ -83,12 +85,12 @@ async fn receive(
     link: &mut OfficeLink,
     files: Files,
 ) -> Result<std::convert::Infallible, ArchiveError> {
-    let mut receiver = Receiver { files, assembly: Assembly::default() };
+    let mut receiver = Receiver { files, assembly: Assembly::default(), waiting: Vec::new() };
     loop {
         let batch = link.next(AT_ONCE).await?;
         receiver.take(client, link, batch).await?;
         if link.begin_anew_where_stuck().await? {
-            receiver.assembly = Assembly::default();
+            receiver.forget();
         }
     }
 }
@@ -105,6 +107,8 @@ async fn listen(client: &Client, mut states: States) -> Result<std::convert::Inf
 struct Receiver {
     files: Files,
     assembly: Assembly<Receipt>,
+    /// Records of which a file is not here yet. A cell is told that the office has a record only where its files are here too.
+    waiting: Vec<(Message, Vec<Receipt>)>,
 }
 
 impl Receiver {
@@ -114,7 +118,7 @@ impl Receiver {
         link: &OfficeLink,
         batch: Vec<Delivery>,
     ) -> Result<(), ArchiveError> {
-        let (mut messages, mut kept) = (Vec::new(), Vec::new());
+        let mut kept = Vec::new();
         for Delivery { bytes, subject, receipt } in batch {
             let chunk = match Chunk::read(&bytes).and_then(|chunk| sent_by(&subject, chunk)) {
                 Ok(chunk) => chunk,
@@ -132,17 +136,23 @@ impl Receiver {
                 }
             };
             match &whole.what {
-                What::File(hash) => self.files.put(hash, &whole.bytes)?,
+                What::File(hash) => {
+                    self.files.put(hash, &whole.bytes)?;
+                    kept.extend(whole.receipts);
+                }
                 What::Message(position) => match message_of(&whole, position) {
-                    Ok(message) => messages.push(message),
-                    Err(error) => {
-                        refuse((&subject, &error), whole.receipts).await?;
-                        continue;
+                    Ok(message) => {
+                        // What comes again brings other receipts.
+                        self.waiting.retain(|(before, _)| *before != message);
+                        self.waiting.push((message, whole.receipts));
                     }
+                    Err(error) => refuse((&subject, &error), whole.receipts).await?,
                 },
             }
-            kept.extend(whole.receipts);
         }
+        let files = &self.files;
+        let whole = self.waiting.extract_if(.., |(message, _)| files.has_all_of(message));
+        let (messages, receipts): (Vec<Message>, Vec<Vec<Receipt>>) = whole.unzip();
         if !messages.is_empty() {
             let Kept { new, known, contradictions, archived } =
                 database::within(KEEPS_WITHIN, keeping::keep(client, &messages)).await?;
@@ -152,10 +162,20 @@ impl Receiver {
                 link.say_archived(&cell, &epoch, number).await?;
             }
         }
-        for receipt in &kept {
+        for receipt in kept.iter().chain(receipts.iter().flatten()) {
             receipt.acknowledge().await?;
         }
         Ok(())
+    }
+
+    /// All that was not acknowledged comes again.
+    fn forget(&mut self) {
+        for (Message { cell, envelope }, _) in self.waiting.iter().take(MOST_TOLD) {
+            let Position { epoch, number } = &envelope.position;
+            tracing::warn!("cell {cell}: record {number} of epoch {epoch} waits for its files");
+        }
+        self.assembly = Assembly::default();
+        self.waiting.clear();
     }
 }
 

@@ -19,14 +19,17 @@ pub(super) fn read(text: &str, schemes: [(&'static str, u16); 2]) -> Option<Addr
     let uri: Uri = text.parse().ok()?;
     let (scheme, usual) = schemes.into_iter().find(|(scheme, _)| uri.scheme_str() == Some(scheme))?;
     let authority = uri.authority()?;
+    // The library takes what stands before @, and a port that is no number, for nothing.
+    let port = match authority.as_str().strip_prefix(authority.host())? {
+        "" => usual,
+        port => port.strip_prefix(':')?.parse().ok()?,
+    };
     let host = authority.host().trim_matches(['[', ']']);
-    let port = authority.port_u16().unwrap_or(usual);
     let path = uri.path();
     let is_plain = path.chars().all(|c| c.is_ascii_alphanumeric() || "-._~/".contains(c));
     let is_path = is_plain && !path.contains("//") && !path.split('/').any(|part| part == "..");
     let is_right = is_host(host) && port > 0 && is_path && uri.query().is_none();
-    let is_whole = !authority.as_str().contains('@') && !authority.as_str().ends_with(':') && !text.contains('#');
-    (is_right && is_whole).then(|| Address {
+    (is_right && !text.contains('#')).then(|| Address {
         scheme,
         host: host.to_owned(),
         port,

@@ -137,5 +137,8 @@ fn signature(statement: Vec<u8>, head: SignedHead, number: u64) -> Result<Body, 
     if names != head.public_key || !key.verifies(&statement, &signature) {
         return Err(wrong(format!("the signature is not one of these bytes by the key {}", head.public_key)));
     }
+    if let Some(file) = head.files.iter().find(|file| !is_hex(&file.hash, 64)) {
+        return Err(wrong(format!("the file {} is named by no SHA-256", file.name.escape_debug())));
+    }
     Ok(Body::Signature { statement, signature, public_key: head.public_key, files: head.files })
 }

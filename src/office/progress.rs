@@ -50,6 +50,11 @@ impl Progress {
         self.again
     }
 
+    /// What is sent again from now on has another name.
+    pub fn begin_again(&mut self) {
+        self.again += 1;
+    }
+
     /// How many numbers the office does not have yet, given the last number of each epoch.
     pub fn behind(&self, last: &[Position]) -> u64 {
         last.iter().map(|last| last.number.saturating_sub(self.archived(&last.epoch))).sum()
@@ -63,9 +68,10 @@ impl Progress {
         }
     }
 
-    /// The broker took everything up to here.
+    /// The broker took everything up to here; what was sent again may be older than the last.
     pub fn took(&mut self, position: &Position) {
-        self.sent.insert(position.epoch.clone(), position.number);
+        let sent = self.sent.entry(position.epoch.clone()).or_default();
+        *sent = position.number.max(*sent);
     }
 
     /// The office says up to where it has all of an epoch, whose last number in the store is `last`.
@@ -76,7 +82,7 @@ impl Progress {
         let before = self.archived.insert(epoch.to_owned(), archived).unwrap_or(0);
         if archived < before {
             self.sent.insert(epoch.to_owned(), archived);
-            self.again += 1;
+            self.begin_again();
             return OfficeSays::HasLess;
         }
         let sent = self.sent.entry(epoch.to_owned()).or_default();

@@ -94,6 +94,11 @@ impl Blobs {
         free_mb(&self.folder).map_err(at("look at the disk of", &self.folder))
     }
 
+    /// Whether there is a file with this hash; what is there was whole when it was put there.
+    pub fn has(&self, hash: &str) -> bool {
+        self.folder.join(hash).is_file()
+    }
+
     /// The bytes with this hash.
     ///
     /// # Errors

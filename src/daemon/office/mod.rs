@@ -4,6 +4,7 @@
 //!
 //! `sending` is one round of it, `status` what people are told; how far it came is remembered in the store's folder (`progress_file`).
 
+mod lacking;
 mod parts;
 mod sending;
 mod state;

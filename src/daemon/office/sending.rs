@@ -1,5 +1,6 @@
 //! One round: what is new goes to the broker, and the office's word comes back.
 
+use super::lacking::Lacking;
 use super::parts::OfficeParts;
 use super::state::Teller;
 use super::status::OfficeStatus;
@@ -9,7 +10,7 @@ use crate::daemon::background::Rounds;
 use crate::daemon::progress_file;
 use crate::office::{Body, Envelope, Message, OfficeSays, Position, Progress, What, chunks};
 use crate::store::Store;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -38,6 +39,8 @@ pub(super) struct Sender {
     asked: Option<Instant>,
     files: BTreeSet<String>,
     offered: Option<Instant>,
+    /// Since when the office lacks the same record of an epoch, though the broker took it.
+    lacking: BTreeMap<String, Lacking>,
 }
 
 impl Rounds for Sender {
@@ -77,6 +80,7 @@ impl Sender {
             asked: None,
             files: BTreeSet::new(),
             offered: None,
+            lacking: BTreeMap::new(),
         }
     }
 
@@ -104,8 +108,9 @@ impl Sender {
         }
         self.ask_for_offers().await;
         for last in last {
-            if self.progress.sent(&last.epoch) < last.number {
-                self.send(&last.epoch).await?;
+            let sent = Position { epoch: last.epoch.clone(), number: self.progress.sent(&last.epoch) };
+            if sent.number < last.number {
+                self.send(&sent).await?;
                 return Ok(true);
             }
         }
@@ -146,12 +151,22 @@ impl Sender {
         let Some(link) = &self.link else { return Ok(()) };
         let stream = link.stream().await.map_err(|error| error.to_string())?;
         self.progress.at_stream(&stream);
-        let mut more = Vec::new();
+        let (mut more, mut again) = (Vec::new(), Vec::new());
         for last in last {
             // An office that never said anything has nothing: it may be another one than before.
             let archived = link.archived(&last.epoch).await.map_err(|error| error.to_string())?.unwrap_or(0);
             match self.progress.told(&last.epoch, archived, last.number) {
-                OfficeSays::Known => {}
+                OfficeSays::Known => {
+                    let lacks = archived < self.progress.sent(&last.epoch);
+                    if self
+                        .lacking
+                        .entry(last.epoch.clone())
+                        .or_default()
+                        .is_due((lacks, archived), self.office.behind_min)
+                    {
+                        again.push(last.epoch.clone());
+                    }
+                }
                 OfficeSays::HasLess => {
                     self.files.clear();
                     tracing::warn!(
@@ -164,19 +179,22 @@ impl Sender {
         }
         self.status.has_more(more);
         self.asked = Some(Instant::now());
+        for epoch in again {
+            self.send_again(&epoch).await?;
+        }
         Ok(())
     }
 
-    /// Sends some records of an epoch, each after its files, and waits until the broker has them.
-    async fn send(&mut self, epoch: &str) -> Result<(), String> {
-        let after = Position { epoch: epoch.to_owned(), number: self.progress.sent(epoch) };
-        let envelopes = self.store()?.outbox_after(&after, AT_ONCE).map_err(|error| error.to_string())?;
+    /// Sends some records after this one, each after its files, and waits until the broker has them.
+    async fn send(&mut self, after: &Position) -> Result<(), String> {
+        let envelopes = self.store()?.outbox_after(after, AT_ONCE).map_err(|error| error.to_string())?;
         let mut under_way: Vec<(Position, Vec<Sending>)> = Vec::new();
         let mut bytes = 0;
         let mut broken = None;
         for envelope in envelopes {
-            match self.begin(&envelope, &mut bytes).await {
-                Ok(sending) => under_way.push((envelope.position, sending)),
+            let position = envelope.position.clone();
+            match self.begin(envelope, &mut bytes).await {
+                Ok(sending) => under_way.push((position, sending)),
                 Err(problem) => {
                     broken = Some(problem);
                     break;
@@ -195,27 +213,35 @@ impl Sender {
         broken.map_or(Ok(()), Err)
     }
 
-    async fn begin(&mut self, envelope: &Envelope, bytes: &mut usize) -> Result<Vec<Sending>, String> {
+    /// Sends a record after its files; those that are on their way already are not sent again.
+    async fn begin(&mut self, mut envelope: Envelope, bytes: &mut usize) -> Result<Vec<Sending>, String> {
         let cell = self.office.cell.clone();
         let mut whole: Vec<(What, Vec<u8>)> = Vec::new();
-        if let Body::Signature { files, .. } = &envelope.body {
-            for file in files.iter().filter(|file| file.gone.is_none()) {
+        if let Body::Signature { files, .. } = &mut envelope.body {
+            for file in files.iter_mut().filter(|file| file.gone.is_none()) {
                 if self.files.len() >= MOST_FILES {
                     self.files.clear();
                 }
-                if !self.files.insert(file.hash.clone()) {
+                if self.files.contains(&file.hash) {
                     continue;
                 }
-                // A file that is damaged stops nothing: the office is told that it never came, by `archive check`.
                 match self.store()?.blob(&file.hash) {
-                    Ok(content) => whole.push((What::File(file.hash.clone()), content)),
-                    Err(error) => tracing::warn!("the office does not get {}: {error}", file.name),
+                    Ok(content) => {
+                        self.files.insert(file.hash.clone());
+                        whole.push((What::File(file.hash.clone()), content));
+                    }
+                    // The office waits for no file of which it is told that it never comes.
+                    Err(error) => {
+                        tracing::warn!("the office does not get {}: {error}", file.name);
+                        file.gone = Some("damaged in the cell's store".to_owned());
+                    }
                 }
             }
         }
-        let message = Message { cell: cell.clone(), envelope: envelope.clone() };
+        let position = envelope.position.clone();
+        let message = Message { cell: cell.clone(), envelope };
         let message = message.bytes().map_err(|error| error.to_string())?;
-        whole.push((What::Message(envelope.position.clone()), message));
+        whole.push((What::Message(position), message));
         let link = self.link.as_ref().ok_or_else(|| "the connection is lost".to_owned())?;
         let mut sending = Vec::new();
         for (what, content) in whole {
@@ -225,6 +251,18 @@ impl Sender {
             }
         }
         Ok(sending)
+    }
+
+    /// Sends what the office lacks first once more, with its files: a broker that took it may have lost it.
+    async fn send_again(&mut self, epoch: &str) -> Result<(), String> {
+        let archived = Position { epoch: epoch.to_owned(), number: self.progress.archived(epoch) };
+        tracing::warn!(
+            "the office still has no more than {} of epoch {epoch}: some of what follows is sent again",
+            archived.number
+        );
+        self.progress.begin_again();
+        self.files.clear();
+        self.send(&archived).await
     }
 
     fn tell_status(&mut self, last: &[Position]) -> Result<(), String> {

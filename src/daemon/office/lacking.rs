@@ -1,0 +1,62 @@
+//! When a record that the office still lacks is sent again, though the broker took it.
+
+use std::time::{Duration, Instant};
+
+/// It is sent again after this share of the time after which it is an alarm, then after twice as long each time.
+const SHARE: u32 = 6;
+/// The longest time between two.
+const LONGEST: Duration = Duration::from_secs(2 * 3_600);
+
+/// Since when the office has no more of an epoch.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Lacking(Option<Since>);
+
+#[derive(Debug, Clone, Copy)]
+struct Since {
+    archived: u64,
+    at: Instant,
+    pause: Duration,
+}
+
+impl Lacking {
+    /// Hears that the office lacks something or not, and up to which number it has all; whether the next one is to be sent again.
+    pub fn is_due(&mut self, (lacks, archived): (bool, u64), behind_min: usize) -> bool {
+        self.is_due_at((lacks, archived), behind_min, Instant::now())
+    }
+
+    fn is_due_at(&mut self, (lacks, archived): (bool, u64), behind_min: usize, now: Instant) -> bool {
+        let first = Duration::from_secs(60) * u32::try_from(behind_min).unwrap_or(u32::MAX) / SHARE;
+        match &mut self.0 {
+            Some(since) if lacks && since.archived == archived => {
+                let is_due = now.duration_since(since.at) >= since.pause;
+                if is_due {
+                    (since.at, since.pause) = (now, LONGEST.min(since.pause * 2));
+                }
+                is_due
+            }
+            since => {
+                *since = lacks.then_some(Since { archived, at: now, pause: first.min(LONGEST) });
+                false
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// With an alarm after 60 min: after 10 min, 20 min later, 40 min later; anew where the office got on.
+    #[test]
+    fn it_is_sent_again_after_longer_and_longer_times() {
+        let (mut lacking, begin) = (Lacking::default(), Instant::now());
+        let mut due = |told, minute: u64| lacking.is_due_at(told, 60, begin + Duration::from_secs(60 * minute));
+        let found: Vec<u64> = (0..=75).filter(|minute| due((true, 7), *minute)).collect();
+        assert_eq!(found, [10, 30, 70]);
+        assert!(!due((true, 8), 76) && !due((true, 8), 85) && due((true, 8), 86), "it got on");
+        assert!(
+            !due((false, 9), 200) && !due((true, 9), 300) && due((true, 9), 310),
+            "it lacked nothing meanwhile"
+        );
+    }
+}
