@@ -1,6 +1,8 @@
 //! Signed records as an inspector and an auditor use them: signed by the cell and a person, exported, and verified by the
 //! program, by OpenSSL and by the manual's own script.
 
+mod preflight;
+
 use super::commands::{json, rendered, taught_and_verified};
 use std::fs;
 use std::path::Path;
@@ -73,6 +75,7 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     }
     let pdf = fs::read(records.join("cycle-1.pdf")).expect("the PDF");
     assert!(pdf.starts_with(b"%PDF-1.7") && pdf.windows(20).any(|part| part == b"<pdfaid:part>3</pdfa"), "PDF/A-3");
+    preflight::accepts(&records.join("cycle-1.pdf"));
 
     // One letter of the verdict; the same file as it was; and a picture.
     let file = records.join("cycle-1.json");

@@ -4,7 +4,7 @@ use super::args::Explain;
 use super::fault::Fault;
 use super::outcome::Outcome;
 use crate::config::nearest;
-use crate::history::{code, codes};
+use crate::history::{Row, code, codes, translated};
 use serde_json::json;
 
 /// Tells what the code means; without one, lists all of them.
@@ -25,12 +25,15 @@ pub fn run(args: &Explain) -> Result<Outcome, Fault> {
         let nearest = nearest(word, &words).map(|(name, _)| name.to_owned());
         return Err(Fault::NoSuchCode { found: word.to_owned(), nearest });
     };
-    outcome.say(&*known.cause);
-    outcome.say(format!("What to do: {}", known.remedy));
+    let rows = translated().find(|(language, _)| *language == args.language).map(|(_, rows)| rows);
+    let row = rows.and_then(|rows| rows.into_iter().find(|row| row.code == known.code));
+    let (cause, remedy) = row.map_or((&*known.cause, &*known.remedy), |Row { cause, remedy, .. }| (cause, remedy));
+    outcome.say(cause);
+    outcome.say(if row.is_some() { remedy.to_owned() } else { format!("What to do: {remedy}") });
     outcome.put("code", json!(known.code));
     outcome.put("priority", json!(known.priority));
-    outcome.put("meaning", json!(known.cause));
-    outcome.put("remedy", json!(known.remedy));
+    outcome.put("meaning", json!(cause));
+    outcome.put("remedy", json!(remedy));
     Ok(outcome)
 }
 
@@ -40,11 +43,18 @@ mod tests {
 
     #[test]
     fn a_code_is_explained_and_a_mistyped_one_is_answered_with_the_nearest() {
-        let asked = |code: &str| run(&Explain { code: Some(code.to_owned()) });
+        let asked_in = |code: &str, language: &str| {
+            run(&Explain { code: Some(code.to_owned()), language: language.to_owned() })
+        };
+        let asked = |code: &str| asked_in(code, "en");
         let words = asked("(low_overlap)").expect("a row").words.join("\n");
         assert!(words.contains("overlap") && words.contains("What to do: "), "{words}");
         let fault = asked("low_overlapp").expect_err("no such code").to_string();
         assert!(fault.contains("did you mean low_overlap?"), "{fault}");
-        assert!(run(&Explain { code: None }).expect("a list").words[0].lines().count() > 150);
+        let german = asked_in("low_overlap", "de").expect("a row").words.join("\n");
+        assert!(german.contains("min_overlap") && german != words, "{german}");
+        assert!(
+            run(&Explain { code: None, language: "en".to_owned() }).expect("a list").words[0].lines().count() > 150
+        );
     }
 }

@@ -8,6 +8,8 @@ use std::borrow::Cow;
 use std::sync::LazyLock;
 
 const PAGE: &str = include_str!("../../config/manual/messages.md");
+/// The same page in other languages, each with the same rows.
+const TRANSLATED: [(&str, &str); 1] = [("de", include_str!("../../config/manual/messages.de.md"))];
 
 /// How urgently a person is needed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, strum::IntoStaticStr)]
@@ -93,7 +95,36 @@ const NO_START: [&str; 6] = [
     "calibration",
 ];
 
-static CODES: LazyLock<Vec<Code>> = LazyLock::new(|| rows(PAGE));
+static CODES: LazyLock<Vec<Code>> = LazyLock::new(|| {
+    let of = |(section, row): (&'static str, Row)| Code {
+        code: row.code.into(),
+        priority: priority(row.code, row.cause, section),
+        cause: row.cause.into(),
+        remedy: row.remedy.into(),
+    };
+    rows(PAGE).into_iter().map(of).collect()
+});
+
+/// A code's row of the page in one language.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Row {
+    /// The stable word, `low_overlap`.
+    pub code: &'static str,
+    /// What it means and by what it comes.
+    pub cause: &'static str,
+    /// What to do.
+    pub remedy: &'static str,
+}
+
+/// The rows of the page in each language but English, by the language's name.
+pub fn translated() -> impl Iterator<Item = (&'static str, Vec<Row>)> {
+    TRANSLATED.into_iter().map(|(language, page)| (language, rows(page).into_iter().map(|(_, row)| row).collect()))
+}
+
+/// The languages in which the codes are explained, English first.
+pub fn languages() -> impl Iterator<Item = &'static str> {
+    std::iter::once("en").chain(TRANSLATED.into_iter().map(|(language, _)| language))
+}
 
 /// All codes, in the order of the manual.
 pub fn codes() -> &'static [Code] {
@@ -105,9 +136,10 @@ pub fn code(word: &str) -> Option<&'static Code> {
     CODES.iter().find(|code| code.code == word)
 }
 
-fn rows(page: &'static str) -> Vec<Code> {
+/// Each row with the section in which it stands.
+fn rows(page: &'static str) -> Vec<(&'static str, Row)> {
     let mut section = "";
-    let mut codes = Vec::new();
+    let mut rows = Vec::new();
     for line in page.lines() {
         if let Some(title) = line.strip_prefix("## ") {
             section = title;
@@ -115,12 +147,10 @@ fn rows(page: &'static str) -> Vec<Code> {
         let Some(row) = line.strip_prefix("| `").and_then(|row| row.strip_suffix('|')) else { continue };
         let cells: Vec<&'static str> = row.split('|').map(str::trim).collect();
         if let [code, cause, remedy] = cells[..] {
-            let code = code.trim_end_matches('`');
-            let priority = priority(code, cause, section);
-            codes.push(Code { code: code.into(), priority, cause: cause.into(), remedy: remedy.into() });
+            rows.push((section, Row { code: code.trim_end_matches('`'), cause, remedy }));
         }
     }
-    codes
+    rows
 }
 
 fn priority(code: &str, cause: &str, section: &str) -> Priority {
@@ -155,6 +185,26 @@ mod tests {
             assert!(code.cause.ends_with('.') && code.remedy.len() > 10, "{code:?}");
         }
         assert!(code("no_such_code").is_none() && codes().len() > 150);
+    }
+
+    /// A page in another language has the same rows, and in each row the same codes, commands, keys and files.
+    #[test]
+    fn each_language_has_every_row_with_what_is_not_translated() {
+        let marked = |row: &Row| {
+            let text = format!("{} {}", row.cause, row.remedy);
+            let mut marked: Vec<String> = text.split('`').skip(1).step_by(2).map(str::to_owned).collect();
+            marked.sort();
+            marked
+        };
+        let english: Vec<Row> = rows(PAGE).into_iter().map(|(_, row)| row).collect();
+        for (language, others) in translated() {
+            let words = |rows: &[Row]| rows.iter().map(|row| row.code).collect::<Vec<_>>();
+            assert_eq!(words(&others), words(&english), "{language}");
+            for (row, other) in english.iter().zip(&others) {
+                assert_eq!(marked(other), marked(row), "{language}: {}", row.code);
+                assert!(other.cause != row.cause && other.remedy != row.remedy, "{language}: {}", row.code);
+            }
+        }
     }
 
     /// A code that is no longer given must not stay in a list here.

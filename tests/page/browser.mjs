@@ -31,6 +31,14 @@ await operator.waitForFunction(() => [...document.querySelectorAll("#review img"
 if (!/grid r/.test(await review.innerText())) fail(`the review does not say what it is about: ${await review.innerText()}`);
 if (!(await operator.locator("#panel").innerText()).includes("SN-0017")) fail("the part is not shown");
 await judged(operator, "run-review");
+const german = await person({ locale: "de-DE" });
+await logIn(german, "inspector");
+await german.locator("#review").waitFor();
+const said = await german.locator("#review").innerText();
+if (!/Zu beurteilen\./.test(said) || !/Was zu tun ist:/.test(said) || !/grid r/.test(said)) fail(`the review is not told in German: ${said}`);
+await judged(german, "run-review-german");
+await german.close();
+step("read the review in German");
 await review.locator("button").click();
 step("accepted a review by its numbers");
 

@@ -1,5 +1,7 @@
 //! Arguments of the commands about what is kept: the store, pages, recordings, codes.
 
+use crate::history::languages;
+use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 
@@ -54,6 +56,9 @@ pub struct VerifyStore {
 pub struct Explain {
     /// The word in parentheses behind a message.
     pub code: Option<String>,
+    /// The language of meaning and remedy.
+    #[arg(long, default_value = "en", value_parser = PossibleValuesParser::new(languages()))]
+    pub language: String,
 }
 
 /// Options of `replay`.

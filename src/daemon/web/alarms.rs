@@ -3,6 +3,7 @@
 use super::downloads::{self, Form};
 use super::guard::{By, refusal};
 use super::layout::{Frame, Script, local};
+use super::messages;
 use super::reading::{Answer, ended, reading};
 use super::state::{Web, blocking, entry};
 use super::words::Language;
@@ -89,14 +90,7 @@ fn one(words: Language<'_>, alarm: &Alarm, may_acknowledge: bool) -> Markup {
                 }
                 @if let Some(kind) = alarm.phase { " · " (kind.word()) }
             }
-            p lang="en" { (alarm.message) }
-            @if !alarm.remedy.is_empty() {
-                details {
-                    summary { (word("alarms.cause")) " · " (word("alarms.remedy")) }
-                    p lang="en" { (alarm.cause) }
-                    p lang="en" { strong { (word("alarms.remedy")) ": " } (alarm.remedy) }
-                }
-            }
+            (messages::explained(words, &alarm.code, &alarm.message))
             @match &alarm.acknowledged {
                 Some(seen) => p { "✓ " (word("alarms.acknowledged")) ": " (seen.who) ", " (local(seen.unix_ms)) },
                 None if may_acknowledge && alarm.priority > Priority::Note => form data-post="/alarms/acknowledge" data-then="/alarms" {
@@ -184,7 +178,7 @@ mod tests {
         assert!(
             active.contains("!! medium, lasts")
                 && active.contains("85 % &lt;b&gt;")
-                && active.contains("Remove it.")
+                && active.contains("Remove what stands in front of the panel")
         );
         assert!(
             active.contains("name=\"raised_unix_ms\" value=\"5000\"")

@@ -3,6 +3,7 @@
 use super::camera_views::View;
 use super::guard::{By, not_found, refusal};
 use super::layout::{Frame, Script, local};
+use super::messages;
 use super::reading::ended;
 use super::state::{Web, blocking, entry};
 use super::words::Language;
@@ -114,7 +115,11 @@ pub(super) async fn take(
     });
     match taken.await {
         Some(Ok(())) => Json(json!({ "message": visitor.language().word("js.done") })).into_response(),
-        Some(Err(reason)) => refusal(StatusCode::CONFLICT, &reason.code, &reason.message),
+        Some(Err(reason)) => refusal(
+            StatusCode::CONFLICT,
+            &reason.code,
+            &messages::text(visitor.language(), std::slice::from_ref(&reason)),
+        ),
         None => ended(),
     }
 }

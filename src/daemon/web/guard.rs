@@ -2,7 +2,7 @@
 
 use super::access::{Access, Method, Route};
 use super::state::{Web, blocking, entry};
-use super::visitor::{Person, Visitor};
+use super::visitor::{Person, Visitor, role_key};
 use axum::body::Body;
 use axum::extract::{ConnectInfo, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -100,17 +100,19 @@ fn foreign(headers: &HeaderMap, visitor: &Visitor, access: Access) -> Option<Res
     // Whoever needs no session needs no token of one: a stop from a page whose session has ended goes on.
     match &visitor.person {
         Some(person) if access != Access::Open && text(CSRF) != Some(&person.csrf) => {
-            Some(refusal(StatusCode::FORBIDDEN, "token", "the page is older than the session; load it again"))
+            Some(refusal(StatusCode::FORBIDDEN, "token", visitor.language().word("refused.token")))
         }
         _ => None,
     }
 }
 
 async fn refused(web: &Arc<Web>, visitor: Visitor, path: String, is_change: bool) -> Response {
+    let words = visitor.language();
     let Some(person) = &visitor.person else {
+        let first = || refusal(StatusCode::UNAUTHORIZED, "log_in", words.word("refused.log_in"));
         return match is_change {
-            true => refusal(StatusCode::UNAUTHORIZED, "log_in", "log in first"),
-            false if is_by_itself(&path) => refusal(StatusCode::UNAUTHORIZED, "log_in", "log in first"),
+            true => first(),
+            false if is_by_itself(&path) => first(),
             false => Redirect::to(&format!(
                 "/login?next={}",
                 form_urlencoded::byte_serialize(path.as_bytes()).collect::<String>()
@@ -119,10 +121,11 @@ async fn refused(web: &Arc<Web>, visitor: Visitor, path: String, is_change: bool
         };
     };
     let message = format!("the role {} may not do this", person.role.word());
+    let told = format!("{} ({})", words.word("refused.role"), words.word(role_key(person.role)));
     let (web, mut line) = (web.clone(), entry(&visitor, if is_change { "request" } else { "look" }));
-    (line.subject, line.refused) = (Some(path), Some(message.clone()));
+    (line.subject, line.refused) = (Some(path), Some(message));
     blocking(move || web.audit(&line)).await;
-    refusal(StatusCode::FORBIDDEN, "role", &message)
+    refusal(StatusCode::FORBIDDEN, "role", &told)
 }
 
 pub(super) async fn not_found() -> Response {

@@ -32,6 +32,7 @@ mod layout;
 mod live;
 mod live_state;
 mod login;
+mod messages;
 mod people;
 mod reading;
 mod requests;

@@ -1,6 +1,7 @@
 //! Requests of the cell from the page: each goes through the gateway, as one of the socket does.
 
 use super::guard::By;
+use super::messages;
 use super::state::{Web, blocking, entry};
 use super::visitor::Visitor;
 use crate::accounts::AuditEntry;
@@ -16,7 +17,7 @@ use serde_json::json;
 use std::sync::Arc;
 
 /// What came of a request, for the page.
-fn told(reply: &Reply) -> Response {
+fn told(visitor: &Visitor, reply: &Reply) -> Response {
     let status = match reply.answer {
         Exit::Done => StatusCode::OK,
         Exit::Refused => StatusCode::CONFLICT,
@@ -24,14 +25,14 @@ fn told(reply: &Reply) -> Response {
     };
     let message = match reply.answer {
         Exit::Done => reply.done.clone().unwrap_or_default(),
-        _ => reply.reasons.iter().map(|reason| reason.message.as_str()).collect::<Vec<_>>().join("; "),
+        _ => messages::text(visitor.language(), &reply.reasons),
     };
     let code = reply.reasons.first().map(|reason| reason.code.as_ref()).filter(|_| reply.answer != Exit::Done);
     (status, Json(json!({ "code": code, "message": message, "state": reply.state }))).into_response()
 }
 
 async fn requested(web: &Web, visitor: &Visitor, what: What) -> Response {
-    told(&web.front.gateway.request(what, visitor.who()).await)
+    told(visitor, &web.front.gateway.request(what, visitor.who()).await)
 }
 
 macro_rules! table_requests {
@@ -73,7 +74,7 @@ pub(super) async fn hold(
         let line = AuditEntry { subject: Some(subject), ..entry(&visitor, "hold") };
         blocking(move || web.audit(&line)).await;
     }
-    told(&reply)
+    told(&visitor, &reply)
 }
 
 #[derive(Debug, Deserialize)]

@@ -3,8 +3,8 @@
 use super::access::{Access, Method, Route};
 use super::state::Web;
 use super::{
-    alarms, assets, audit, cameras, compare, cycle, doctor, draw, guard, history, live, login, people, requests,
-    run_page, scene, setup, trends,
+    alarms, assets, audit, cameras, compare, cycle, doctor, draw, guard, history, live, login, messages, people,
+    requests, run_page, scene, setup, trends,
 };
 use crate::accounts::Permission;
 use axum::Router;
@@ -31,6 +31,7 @@ use Permission::{Accept, Acknowledge, Audit, Configure, ManagePeople, Operate, S
 pub(super) static ROUTES: &[Route] = &[
     look("/", Open, || get(run_page::page)),
     look("/events", Open, || get(live::events)),
+    look("/message/{code}", Open, || get(messages::json)),
     look("/assets/{name}", Open, || get(assets::asset)),
     look("/login", Open, || get(login::page)),
     change("/login", Open, || post(login::log_in)),

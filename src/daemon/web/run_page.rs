@@ -2,6 +2,7 @@
 
 use super::guard::{By, not_found};
 use super::layout::{Frame, Script};
+use super::messages;
 use super::reading::{Answer, reading};
 use super::scene;
 use super::state::{Web, blocking};
@@ -40,6 +41,8 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
             p.panel #panel {}
             p.word #state-word { "…" }
             p.why #why {}
+            p.sentence #sentence lang="en" {}
+            p.remedy #remedy {}
             ol.reasons #reasons {}
         }
         section.review #review hidden aria-live="polite" {}
@@ -172,7 +175,7 @@ fn question(visitor: &Visitor, id: CycleId, (number, finding): (usize, &Finding)
     let judged = finding.checks.iter().filter(|check| check.limit.bound().is_some());
     html! {
         h2 { (word("review.title")) }
-        ul { @for reason in &finding.judgement.reasons { li { (reason.message) " " small { "(" (reason.code) ")" } } } }
+        ul { @for reason in &finding.judgement.reasons { li { (messages::explained(words, &reason.code, &reason.message)) } } }
         div.evidence {
             @for (at, picture) in finding.pictures.iter().enumerate() {
                 figure {

@@ -1,13 +1,19 @@
 //! The page's words: one table, a column for each language. A further language is a further column, without code.
 //!
-//! Messages of the program come with a code and are English; the table has what the page itself says.
+//! Messages of the program are English sentences with their values, each with a code. What a code means and what to do is a part of
+//! the table too (`message.CODE.cause`, `message.CODE.remedy`), from the manual's pages of messages; a further table may leave those
+//! keys out and has them in English then.
 
+use crate::history::{codes, translated};
 use std::collections::BTreeMap;
 
 /// The table that the program brings: English and German.
 const TABLE: &str = include_str!("words.csv");
 /// What other parts of the program bring along for its pages.
 const MORE: [&str; 1] = [crate::page::drawing::sheet::WORDS];
+
+/// How the keys of messages begin.
+const MESSAGE: &str = "message.";
 
 /// Why a table of words cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -43,6 +49,7 @@ impl Words {
         for more in MORE {
             words.table.extend(Self::parsed(more)?.table);
         }
+        words.table.extend(messages(&words.languages));
         let Some(more) = more else { return Ok(words) };
         let more = Self::parsed(more)?;
         for (at, language) in more.languages.iter().enumerate() {
@@ -51,7 +58,8 @@ impl Words {
                 words.languages.push(language.clone());
             }
             for (key, row) in &mut words.table {
-                let Some(word) = more.table.get(key).map(|row| row[at].clone()) else {
+                let own = key.starts_with(MESSAGE).then(|| row[column.unwrap_or(0)].clone());
+                let Some(word) = more.table.get(key).map(|row| row[at].clone()).or(own) else {
                     return Err(WordsError { line: 1, problem: format!("the key {key} is missing") });
                 };
                 match column {
@@ -104,7 +112,35 @@ impl Words {
     }
 }
 
+/// What every code means and what to do, in each language that has a page of messages, otherwise in English.
+fn messages(languages: &[String]) -> BTreeMap<String, Vec<String>> {
+    let others: BTreeMap<&str, _> = translated().collect();
+    let mut table = BTreeMap::new();
+    for (at, code) in codes().iter().enumerate() {
+        let row = |language: &String| others.get(language.as_str()).and_then(|rows| rows.get(at));
+        let cause = |language: &String| row(language).map_or(&*code.cause, |row| row.cause).to_owned();
+        let remedy = |language: &String| row(language).map_or(&*code.remedy, |row| row.remedy).to_owned();
+        table.insert(format!("{MESSAGE}{}.cause", code.code), languages.iter().map(cause).collect());
+        table.insert(format!("{MESSAGE}{}.remedy", code.code), languages.iter().map(remedy).collect());
+    }
+    table
+}
+
 impl<'w> Language<'w> {
+    /// What this code means, and what to do; none where it is not in the manual.
+    pub fn message(&self, code: &str) -> Option<(&'w str, &'w str)> {
+        let word = |what: &str| {
+            let row = self.words.table.get(&format!("{MESSAGE}{code}.{what}"))?;
+            row.get(self.column).map(String::as_str)
+        };
+        Some((word("cause")?, word("remedy")?))
+    }
+
+    /// Whether a program's own message, which is English, is in this language.
+    pub fn is_of_the_program(&self) -> bool {
+        self.name() == "en"
+    }
+
     /// The word for this key; the key itself where there is none, so that a test finds it.
     pub fn word(&self, key: &'w str) -> &'w str {
         self.words.table.get(key).and_then(|row| row.get(self.column)).map_or(key, String::as_str)
@@ -144,6 +180,10 @@ mod tests {
             .collect();
         let words = Words::read(Some(&more)).expect("a further column");
         assert_eq!(words.language(Some("fr"), None).word("action.stop"), "mot de action.stop");
+        let message = |name| words.language(Some(name), None).message("low_overlap").expect("a row");
+        assert_ne!(message("de"), message("en"));
+        assert_eq!(message("fr"), message("en"), "a table without messages has them in English");
+        assert!(words.language(Some("de"), None).message("no_such_code").is_none());
         let short = Words::read(Some("key,fr\naction.stop,Arrêt\n")).expect_err("not whole");
         assert!(short.problem.contains("is missing"), "{short}");
     }

@@ -25,12 +25,33 @@ function looks(now) {
 /** The commands that a message names, and the buttons that do the same. */
 const COMMANDS = [["unhold --dried", "unhold_dried"], ["unhold", "unhold"], ["accept", "accept"], ["clear", "clear"], ["reset", "reset"]];
 
-/** What a reason says on this page: in the page's language where it has words for it, with buttons in place of commands. */
+/** A text of the program for this page: with buttons in place of commands, and without the marks around names. */
+const readable = (text) => COMMANDS.reduce((all, [command, name]) => all.replaceAll(`\`panelprep ctl ${command}\``, `“${action(name)}”`), text).replaceAll("`", "");
+
+/** What the codes mean that were asked for, by code: { cause, remedy }, or null where there is no answer yet. */
+const meanings = new Map();
+
+/** What a code means and what to do, in the page's language; it is fetched once, and the state is shown again when it came. */
+function meaning(code) {
+  if (!meanings.has(code)) {
+    meanings.set(code, null);
+    fetch(`/message/${encodeURIComponent(code)}`).then((response) => (response.ok ? response.json() : null)).then((found) => {
+      meanings.set(code, found);
+      if (found) showState();
+    }).catch(() => meanings.delete(code));
+  }
+  return meanings.get(code);
+}
+
+/** What a reason says on this page, { text, sentence, remedy }: in the page's language, the program's English sentence with its values beside it. */
 function said(reason) {
   const key = `why.${now.state}.${reason.code}`;
-  if (word(key) !== key) return word(key);
-  const message = COMMANDS.reduce((text, [command, name]) => text.replaceAll(`\`panelprep ctl ${command}\``, `“${action(name)}”`), reason.message);
-  return `${message} (${reason.code})`;
+  if (word(key) !== key) return { text: word(key), sentence: "", remedy: "" };
+  const sentence = `${readable(reason.message)} (${reason.code})`;
+  const known = meaning(reason.code);
+  const remedy = known ? `${word("remedy")}: ${readable(known.remedy)}` : "";
+  const isEnglish = document.documentElement.lang === "en";
+  return known && !isEnglish ? { text: readable(known.cause), sentence, remedy } : { text: sentence, sentence: "", remedy };
 }
 
 function showState() {
@@ -44,11 +65,15 @@ function showState() {
   set(id("panel"), [now.panel, part.serial, part.order, part.operator].filter(Boolean).join(" · "));
   // What a review is about stands beside its pictures and buttons.
   const list = (now.is_review ? now.reasons.slice(0, 1) : now.reasons).map(said);
-  set(id("why"), list[0] ?? "");
+  const first = list[0] ?? { text: "", sentence: "", remedy: "" };
+  set(id("why"), first.text);
+  id("why").classList.toggle("is-long", first.text.length > 140);
+  set(id("sentence"), first.sentence);
+  set(id("remedy"), now.is_review || now.state === "execute" ? "" : first.remedy);
   const more = id("reasons");
   if (more.dataset.list !== JSON.stringify(list)) {
     more.dataset.list = JSON.stringify(list);
-    more.replaceChildren(...list.slice(1).map((text) => Object.assign(document.createElement("li"), { textContent: text })));
+    more.replaceChildren(...list.slice(1).map(({ text }) => Object.assign(document.createElement("li"), { textContent: text })));
   }
 }
 
