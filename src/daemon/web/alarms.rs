@@ -90,7 +90,7 @@ fn one(words: Language<'_>, alarm: &Alarm, may_acknowledge: bool) -> Markup {
                 }
                 @if let Some(kind) = alarm.phase { " · " (kind.word()) }
             }
-            (messages::explained(words, &alarm.code, &alarm.message))
+            (messages::explained(words, &alarm.code, &[&alarm.message]))
             @match &alarm.acknowledged {
                 Some(seen) => p { "✓ " (word("alarms.acknowledged")) ": " (seen.who) ", " (local(seen.unix_ms)) },
                 None if may_acknowledge && alarm.priority > Priority::Note => form data-post="/alarms/acknowledge" data-then="/alarms" {

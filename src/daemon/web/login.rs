@@ -124,21 +124,24 @@ pub(super) async fn change_password(
     }
     let (shared, line) = (web.clone(), entry(&visitor, "change own password"));
     let name = person.name.clone();
-    let changed = hashing(&web, move || -> Result<(), String> {
-        let account = shared.front.people.judged(&person.name, &password).ok_or("the old password is wrong")?;
-        let salt = random::bytes().map_err(|error| error.to_string())?;
-        let password_hash = accounts::hashed(&new, &person.name, salt).map_err(|error| error.to_string())?;
+    // Nothing is told where the old password is wrong.
+    let changed = hashing(&web, move || -> Result<(), Option<String>> {
+        let account = shared.front.people.judged(&person.name, &password).ok_or(None)?;
+        let salt = random::bytes().map_err(|error| Some(error.to_string()))?;
+        let password_hash = accounts::hashed(&new, &person.name, salt).map_err(|error| Some(error.to_string()))?;
         let account = Account { password_hash, ..account };
-        shared.write(|store| store.keep_account(&account, &line)).map_err(|error| error.to_string())
+        shared.write(|store| store.keep_account(&account, &line)).map_err(|error| Some(error.to_string()))
     });
     match changed.await {
         Some(Ok(())) => {
             web.sessions().end_all_of(&name);
             Json(json!({ "message": visitor.language().word("login.again") })).into_response()
         }
-        Some(Err(problem)) => {
+        Some(Err(Some(problem))) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "password", &problem),
+        Some(Err(None)) => {
             web.lockout().wrong(&name, web.now_s());
-            refusal(StatusCode::UNPROCESSABLE_ENTITY, "password", &problem)
+            let told = visitor.language().word("login.old_wrong");
+            refusal(StatusCode::UNPROCESSABLE_ENTITY, "password", told)
         }
         None => ended(),
     }

@@ -27,17 +27,30 @@ pub(super) fn text(words: Language<'_>, reasons: &[Reason]) -> String {
     reasons.iter().map(one).collect::<Vec<_>>().join("; ")
 }
 
-/// One message: its sentence and what the code means, in the order in which the person reads them, and what to do.
-pub(super) fn explained(words: Language<'_>, code: &str, message: &str) -> Markup {
+/// Reasons by their codes: what each code means and what to do stands once, beside all of its sentences.
+pub(super) fn by_code(words: Language<'_>, reasons: &[Reason]) -> Markup {
+    let mut codes: Vec<(&str, Vec<&str>)> = Vec::new();
+    for reason in reasons {
+        match codes.iter_mut().find(|(code, _)| *code == reason.code) {
+            Some((_, messages)) => messages.push(&reason.message),
+            None => codes.push((&reason.code, vec![&reason.message])),
+        }
+    }
+    html! { ul { @for (code, messages) in &codes { li { (explained(words, code, messages)) } } } }
+}
+
+/// The sentences of a code and what it means, in the order in which the person reads them, and what to do.
+pub(super) fn explained(words: Language<'_>, code: &str, messages: &[&str]) -> Markup {
     let remedy = |remedy| html! { p { strong { (words.word("alarms.remedy")) ": " } (prose(remedy)) } };
-    let sentence = html! { p lang="en" { (prose(message)) " " small { "(" (code) ")" } } };
+    let sentences =
+        html! { @for message in messages { p lang="en" { (prose(message)) " " small { "(" (code) ")" } } } };
     match words.message(code) {
         Some((cause, what)) if words.is_of_the_program() => html! {
-            (sentence)
+            (sentences)
             details { summary { (words.word("alarms.cause")) " · " (words.word("alarms.remedy")) } p { (prose(cause)) } (remedy(what)) }
         },
-        Some((cause, what)) => html! { p { (prose(cause)) } (remedy(what)) (sentence) },
-        None => sentence,
+        Some((cause, what)) => html! { p { (prose(cause)) } (remedy(what)) (sentences) },
+        None => sentences,
     }
 }
 
@@ -64,7 +77,7 @@ mod tests {
         assert_eq!(text(english, std::slice::from_ref(&reason)), "moved 80 mm, allowed < 60 mm");
         let told = text(german, &[reason, Reason::new("no_such_code", "odd")]);
         assert!(told.starts_with(cause) && told.ends_with(" (moved 80 mm, allowed < 60 mm); odd"), "{told}");
-        let page = |words| explained(words, "shift_limit", "moved 80 mm, allowed < 60 mm").into_string();
+        let page = |words| explained(words, "shift_limit", &["moved 80 mm, allowed < 60 mm"]).into_string();
         let at = |page: &str, text: &str| page.find(text).unwrap_or_else(|| panic!("{text}: {page}"));
         let (english, german) = (page(english), page(german));
         assert!(at(&english, "moved 80 mm, allowed &lt; 60 mm") < at(&english, "farther from its nominal place"));
@@ -72,7 +85,12 @@ mod tests {
             at(&german, "Was zu tun ist") < at(&german, "moved 80 mm")
                 && german.contains("<code lang=\"en\">[locate]")
         );
+        let two = [("a", "1"), ("b", "2"), ("a", "3")].map(|(code, message)| Reason::new(code, message));
+        let listed = by_code(words.language(Some("de"), None), &two).into_string();
+        assert!(listed.matches("<li>").count() == 2 && at(&listed, ">3 ") < at(&listed, ">2 "), "{listed}");
         assert!(!english.contains('`') && !german.contains('`'));
-        assert!(explained(words.language(Some("de"), None), "no_such_code", "odd").into_string().contains("odd"));
+        assert!(
+            explained(words.language(Some("de"), None), "no_such_code", &["odd"]).into_string().contains("odd")
+        );
     }
 }

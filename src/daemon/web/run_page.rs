@@ -175,7 +175,7 @@ fn question(visitor: &Visitor, id: CycleId, (number, finding): (usize, &Finding)
     let judged = finding.checks.iter().filter(|check| check.limit.bound().is_some());
     html! {
         h2 { (word("review.title")) }
-        ul { @for reason in &finding.judgement.reasons { li { (messages::explained(words, &reason.code, &reason.message)) } } }
+        (messages::by_code(words, &finding.judgement.reasons))
         div.evidence {
             @for (at, picture) in finding.pictures.iter().enumerate() {
                 figure {
