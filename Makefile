@@ -3,13 +3,14 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
+.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-rest test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
 	@echo 'make demo-plant  two simulated cells, brokers, database, archive and the page over all cells, on this computer'
-	@echo 'make test    format check, lints, all tests'
-	@echo 'make test-long  the same tests with more random walks, and those that take minutes'
+	@echo 'make test    format check, lints, the tests'
+	@echo 'make test-rest  the tests of tests/long.txt, which make test leaves out for their length; CI runs both'
+	@echo 'make test-long  test-rest, more random walks, and the tests that take minutes'
 	@echo 'make package a Debian package for the system that this machine has; make package-test installs, upgrades and purges it in a folder'
 	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-office'
 	@echo 'make deny    licences, duplicates, sources and known faults of all crates; make mutants: changes of the code that no test notices'
@@ -87,14 +88,19 @@ demo-plant: setup
 	cargo build --release --locked
 	sh tests/plant/demo.sh target/release/panelprep target/plant
 
-# Some tests wait for a watchdog or a cable, and some compute: three at a time keep two cores busy.
+# Some tests wait for a watchdog or a cable, and some compute: three at a time keep two cores busy. Those of tests/long.txt are left to
+# test-rest.
+LONG := $(shell sed '/^\#/d' tests/long.txt)
 test: setup browser preflight sparkplug-peers opcua-peer
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
-	RUST_TEST_THREADS=3 cargo test --locked
+	RUST_TEST_THREADS=3 cargo test --locked -- $(addprefix --skip ,$(LONG))
 
-# More walks of the link and of the controller's programs than `make test` has, and the tests that it leaves out for their length.
-test-long: setup
+test-rest: setup browser preflight sparkplug-peers opcua-peer
+	RUST_TEST_THREADS=3 cargo test --locked --test all -- $(LONG)
+
+# More walks of the link and of the controller's programs, and the tests that take minutes.
+test-long: test-rest
 	LINK_WALKS=20000 KRL_WALKS=5000 RUST_TEST_THREADS=2 cargo test --locked --test all -- no_walk_
 	RUST_TEST_THREADS=2 cargo test --locked -- --ignored --skip appends_until_killed --skip signs_until_killed --skip the_manual_leads
 

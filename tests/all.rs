@@ -23,6 +23,7 @@ mod line;
 mod link;
 mod live;
 mod locate;
+mod long;
 mod manual;
 mod new;
 mod office;
