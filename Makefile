@@ -94,10 +94,12 @@ LONG := $(shell sed '/^\#/d' tests/long.txt)
 test: setup browser preflight sparkplug-peers opcua-peer
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
-	RUST_TEST_THREADS=3 cargo test --locked -- $(addprefix --skip ,$(LONG))
+	@echo "the tests but the $(words $(LONG)) of tests/long.txt"
+	@RUST_TEST_THREADS=3 cargo test --locked -- $(addprefix --skip ,$(LONG))
 
 test-rest: setup browser preflight sparkplug-peers opcua-peer
-	RUST_TEST_THREADS=3 cargo test --locked --test all -- $(LONG)
+	@echo "the $(words $(LONG)) tests of tests/long.txt"
+	@RUST_TEST_THREADS=3 cargo test --locked --test all -- $(LONG)
 
 # More walks of the link and of the controller's programs, and the tests that take minutes.
 test-long: test-rest
