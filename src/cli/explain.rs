@@ -4,7 +4,7 @@ use super::args::Explain;
 use super::fault::Fault;
 use super::outcome::Outcome;
 use crate::config::nearest;
-use crate::history::{Row, code, codes, translated};
+use crate::history::{code, codes, row};
 use serde_json::json;
 
 /// Tells what the code means; without one, lists all of them.
@@ -25,11 +25,10 @@ pub fn run(args: &Explain) -> Result<Outcome, Fault> {
         let nearest = nearest(word, &words).map(|(name, _)| name.to_owned());
         return Err(Fault::NoSuchCode { found: word.to_owned(), nearest });
     };
-    let rows = translated().find(|(language, _)| *language == args.language).map(|(_, rows)| rows);
-    let row = rows.and_then(|rows| rows.into_iter().find(|row| row.code == known.code));
-    let (cause, remedy) = row.map_or((&*known.cause, &*known.remedy), |Row { cause, remedy, .. }| (cause, remedy));
+    let (cause, remedy) =
+        row(word, &args.language).map_or((&*known.cause, &*known.remedy), |row| (row.cause, row.remedy));
     outcome.say(cause);
-    outcome.say(if row.is_some() { remedy.to_owned() } else { format!("What to do: {remedy}") });
+    outcome.say(if args.language == "en" { format!("What to do: {remedy}") } else { remedy.to_owned() });
     outcome.put("code", json!(known.code));
     outcome.put("priority", json!(known.priority));
     outcome.put("meaning", json!(cause));

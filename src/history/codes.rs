@@ -5,11 +5,12 @@
 
 use serde::Serialize;
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 const PAGE: &str = include_str!("../../config/manual/messages.md");
-/// The same page in other languages, each with the same rows.
-const TRANSLATED: [(&str, &str); 1] = [("de", include_str!("../../config/manual/messages.de.md"))];
+/// The page in each language, English first, each with the same rows.
+const PAGES: [(&str, &str); 2] = [("en", PAGE), ("de", include_str!("../../config/manual/messages.de.md"))];
 
 /// How urgently a person is needed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, strum::IntoStaticStr)]
@@ -116,14 +117,21 @@ pub struct Row {
     pub remedy: &'static str,
 }
 
-/// The rows of the page in each language but English, by the language's name.
-pub fn translated() -> impl Iterator<Item = (&'static str, Vec<Row>)> {
-    TRANSLATED.into_iter().map(|(language, page)| (language, rows(page).into_iter().map(|(_, row)| row).collect()))
+type Table = BTreeMap<&'static str, Row>;
+
+static ROWS: LazyLock<BTreeMap<&'static str, Table>> = LazyLock::new(|| {
+    let table = |page| rows(page).into_iter().map(|(_, row)| (row.code, row)).collect();
+    PAGES.into_iter().map(|(language, page)| (language, table(page))).collect()
+});
+
+/// A code's row in this language; none where there is no such code, or no page in that language.
+pub fn row(code: &str, language: &str) -> Option<Row> {
+    ROWS.get(language)?.get(code).copied()
 }
 
 /// The languages in which the codes are explained, English first.
 pub fn languages() -> impl Iterator<Item = &'static str> {
-    std::iter::once("en").chain(TRANSLATED.into_iter().map(|(language, _)| language))
+    PAGES.into_iter().map(|(language, _)| language)
 }
 
 /// All codes, in the order of the manual.
@@ -196,8 +204,10 @@ mod tests {
             marked.sort();
             marked
         };
-        let english: Vec<Row> = rows(PAGE).into_iter().map(|(_, row)| row).collect();
-        for (language, others) in translated() {
+        let of = |page| rows(page).into_iter().map(|(_, row)| row).collect::<Vec<Row>>();
+        let english = of(PAGE);
+        for (language, page) in &PAGES[1..] {
+            let others = of(page);
             let words = |rows: &[Row]| rows.iter().map(|row| row.code).collect::<Vec<_>>();
             assert_eq!(words(&others), words(&english), "{language}");
             for (row, other) in english.iter().zip(&others) {

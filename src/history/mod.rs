@@ -25,7 +25,7 @@ pub mod western_electric;
 
 pub use acknowledgement::Acknowledgement;
 pub use alarms::{Alarm, AlarmTimes, alarms};
-pub use codes::{Code, Priority, Row, code, codes, languages, translated};
+pub use codes::{Code, Priority, Row, code, codes, languages, row};
 pub use compare::{CheckPair, Comparison, GridPair, InputPair, compare};
 pub use dates::{DateError, Edge, unix_s};
 pub use grid::{GridPast, grid_place, grid_states, seen_grids};

@@ -20,7 +20,7 @@ pub(super) async fn json(Extension(visitor): By, Path(code): Path<String>) -> An
 
 /// Reasons as one text, each in the person's language first.
 pub(super) fn text(words: Language<'_>, reasons: &[Reason]) -> String {
-    let one = |reason: &Reason| match words.message(&reason.code).filter(|_| !words.is_of_the_program()) {
+    let one = |reason: &Reason| match words.message(&reason.code).filter(|_| !words.is_english()) {
         Some((cause, remedy)) => format!("{cause} {remedy} ({})", reason.message),
         None => reason.message.clone(),
     };
@@ -45,7 +45,7 @@ pub(super) fn explained(words: Language<'_>, code: &str, messages: &[&str]) -> M
     let sentences =
         html! { @for message in messages { p lang="en" { (prose(message)) " " small { "(" (code) ")" } } } };
     match words.message(code) {
-        Some((cause, what)) if words.is_of_the_program() => html! {
+        Some((cause, what)) if words.is_english() => html! {
             (sentences)
             details { summary { (words.word("alarms.cause")) " · " (words.word("alarms.remedy")) } p { (prose(cause)) } (remedy(what)) }
         },

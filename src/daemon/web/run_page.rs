@@ -42,7 +42,7 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
             p.word #state-word { "…" }
             p.why #why {}
             p.sentence #sentence lang="en" {}
-            p.remedy #remedy {}
+            p.remedy hidden { (word("alarms.remedy")) ": " span #remedy {} }
             ol.reasons #reasons {}
         }
         section.review #review hidden aria-live="polite" {}

@@ -4,7 +4,7 @@
 //! the table too (`message.CODE.cause`, `message.CODE.remedy`), from the manual's pages of messages; a further table may leave those
 //! keys out and has them in English then.
 
-use crate::history::{codes, translated};
+use crate::history::{codes, row};
 use std::collections::BTreeMap;
 
 /// The table that the program brings: English and German.
@@ -114,10 +114,9 @@ impl Words {
 
 /// What every code means and what to do, in each language that has a page of messages, otherwise in English.
 fn messages(languages: &[String]) -> BTreeMap<String, Vec<String>> {
-    let others: BTreeMap<&str, _> = translated().collect();
     let mut table = BTreeMap::new();
-    for (at, code) in codes().iter().enumerate() {
-        let row = |language: &String| others.get(language.as_str()).and_then(|rows| rows.get(at));
+    for code in codes() {
+        let row = |language: &String| row(&code.code, language);
         let cause = |language: &String| row(language).map_or(&*code.cause, |row| row.cause).to_owned();
         let remedy = |language: &String| row(language).map_or(&*code.remedy, |row| row.remedy).to_owned();
         table.insert(format!("{MESSAGE}{}.cause", code.code), languages.iter().map(cause).collect());
@@ -136,8 +135,8 @@ impl<'w> Language<'w> {
         Some((word("cause")?, word("remedy")?))
     }
 
-    /// Whether a program's own message, which is English, is in this language.
-    pub fn is_of_the_program(&self) -> bool {
+    /// Whether it is English, as the program's sentences are.
+    pub fn is_english(&self) -> bool {
         self.name() == "en"
     }
 

@@ -49,7 +49,7 @@ function said(reason) {
   if (word(key) !== key) return { text: word(key), sentence: "", remedy: "" };
   const sentence = `${readable(reason.message)} (${reason.code})`;
   const known = meaning(reason.code);
-  const remedy = known ? `${word("remedy")}: ${readable(known.remedy)}` : "";
+  const remedy = known ? readable(known.remedy) : "";
   const isEnglish = document.documentElement.lang === "en";
   return known && !isEnglish ? { text: readable(known.cause), sentence, remedy } : { text: sentence, sentence: "", remedy };
 }
@@ -69,7 +69,9 @@ function showState() {
   set(id("why"), first.text);
   id("why").classList.toggle("is-long", first.text.length > 140);
   set(id("sentence"), first.sentence);
-  set(id("remedy"), now.is_review || now.state === "execute" ? "" : first.remedy);
+  const remedy = now.is_review || now.state === "execute" ? "" : first.remedy;
+  set(id("remedy"), remedy);
+  id("remedy").parentElement.hidden = remedy === "";
   const more = id("reasons");
   if (more.dataset.list !== JSON.stringify(list)) {
     more.dataset.list = JSON.stringify(list);
