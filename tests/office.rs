@@ -230,11 +230,7 @@ fn what_a_broker_or_a_database_forgets_is_sent_again() {
     plant.kill_archive();
     cell.cycles(5);
     let progress = cell.path().join("office.json");
-    let since = Instant::now();
-    while !sent(&progress, 20) {
-        assert!(since.elapsed() < PATIENCE, "{:?}", fs::read_to_string(&progress));
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    wait_until_sent(&progress, 20);
     plant.broker.kill();
     fs::remove_dir_all(plant.folder.path().join("nats")).expect("its disk");
     plant.broker.start();
@@ -254,11 +250,7 @@ fn what_a_broker_or_a_database_forgets_is_sent_again() {
     cell.sender = None;
     cell.send(Office { behind_min: 1, ..plant.office("cell-1") });
     cell.cycles(5);
-    let since = Instant::now();
-    while !sent(&progress, 30) {
-        assert!(since.elapsed() < PATIENCE, "{:?}", fs::read_to_string(&progress));
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    wait_until_sent(&progress, 30);
     runtime().block_on(async {
         let client = async_nats::connect(format!("127.0.0.1:{}", plant.broker_port)).await.expect("connected");
         let stream = async_nats::jetstream::new(client).get_stream("PANELPREP").await.expect("it is there");
@@ -309,10 +301,17 @@ fn a_record_counts_with_its_files() {
     wait_for(2);
 }
 
-/// Whether the broker has taken everything up to this number of the only epoch.
-fn sent(progress: &Path, number: u64) -> bool {
-    let read: Value = serde_json::from_slice(&fs::read(progress).unwrap_or_default()).unwrap_or_default();
-    read["sent"].as_object().is_some_and(|all| all.values().any(|sent| sent.as_u64() == Some(number)))
+/// Waits until the broker has taken everything up to this number of the only epoch.
+fn wait_until_sent(progress: &Path, number: u64) {
+    let since = Instant::now();
+    loop {
+        let read: Value = serde_json::from_slice(&fs::read(progress).unwrap_or_default()).unwrap_or_default();
+        if read["sent"].as_object().is_some_and(|all| all.values().any(|sent| sent.as_u64() == Some(number))) {
+            return;
+        }
+        assert!(since.elapsed() < PATIENCE, "{read}");
+        std::thread::sleep(Duration::from_millis(50));
+    }
 }
 
 fn sql(plant: &Plant, statements: &str) {
