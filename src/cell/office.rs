@@ -57,6 +57,14 @@ pub(super) fn take_office(folder: &Path, section: &Section<'_, '_>) -> Option<Op
     let broker = Broker::take(folder, section, "broker");
     let cell = section.take::<Option<String>>("cell", (), Some(None));
     let behind_min = section.take::<usize>("behind_min", BEHIND_MIN, Some(60));
+    // A wrong name is told beside a wrong broker.
+    let cell = cell.and_then(|name| match name.as_deref().map(CellName::new).transpose() {
+        Ok(name) => Some(name),
+        Err(problem) => {
+            section.problem("cell", problem);
+            None
+        }
+    });
     section.done();
     let (Some(broker), Some(cell), Some(behind_min)) = (broker, cell, behind_min) else { return None };
     let Some(broker) = broker else {
@@ -67,11 +75,19 @@ pub(super) fn take_office(folder: &Path, section: &Section<'_, '_>) -> Option<Op
         section.problem("cell", "is missing: the name by which the office knows this cell, such as \"cell-1\"");
         return None;
     };
-    match CellName::new(&cell) {
-        Ok(cell) => Some(Some(Office { broker, cell, behind_min })),
-        Err(problem) => {
-            section.problem("cell", problem);
-            None
+    Some(Some(Office { broker, cell, behind_min }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Cell;
+
+    #[test]
+    fn a_wrong_name_and_a_wrong_broker_are_told_at_once() {
+        let text = "[office]\ncell = 'c 1'\nbroker = 'nats://10.0.0.1:a'\n";
+        let problems = Cell::check("cell.toml", text).expect_err("wrong").to_string();
+        for words in ["office.cell: found \"c 1\"", "office.broker: found \"nats://10.0.0.1:a\""] {
+            assert!(problems.contains(words), "{problems}");
         }
     }
 }
