@@ -80,13 +80,13 @@ opcua-peer:
 
 demo: setup
 	cargo build --release --locked
-	target/release/panelprep demo --out $(DEMO_OUT)
+	$(BUILT)/release/panelprep demo --out $(DEMO_OUT)
 
 # Two simulated cells, the brokers of NATS and MQTT, PostgreSQL, the archive and the office's page on this computer, until Ctrl-C. Needs nats-server,
 # postgresql, mosquitto and mosquitto-clients of Debian.
 demo-plant: setup
 	cargo build --release --locked
-	sh tests/plant/demo.sh target/release/panelprep target/plant
+	sh tests/plant/demo.sh $(BUILT)/release/panelprep target/plant
 
 # Some tests wait for a watchdog or a cable, and some compute: three at a time keep two cores busy. Those of tests/long.txt are left to
 # test-rest.
