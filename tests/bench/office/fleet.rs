@@ -134,7 +134,7 @@ fn timed(port: u16) -> bool {
         "/cycles?serial=sn-1234",
         "/cycles?from=2024-06-01&to=2024-06-02",
         "/cycles?before=1710000000,5,cell-9",
-        "/cycle?cell=cell-7&number=321",
+        "/cycle?cell=cell-7&number=21",
         "/numbers?panel=panel-3&quantity=localization-error",
         "/verifications?subject=scanner",
         "/recipes?panel=panel-3",
