@@ -3,8 +3,10 @@
 use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, OPEN, RUN};
 use super::{Mirror, Model};
 
-/// A pixel that showed nothing in a larger share of the pictures was not seen.
+/// A pixel that showed nothing in a larger share of the pictures was not seen …
 const MOST_UNSEEN: f64 = 0.5;
+/// … nor was one that shows nothing for longer than this at the end, s: glints move on sooner, and a break stays.
+const MOST_UNSEEN_AT_END_S: f32 = 3.0;
 
 impl Model {
     /// Block and place in it of a pixel of the window.
@@ -43,7 +45,8 @@ impl Model {
         self.kept(index) & INSIDE > 0
     }
 
-    /// Whether it showed that it is wet or dry, and did so in half of the pictures: no glint, nothing that flickers.
+    /// Whether it showed that it is wet or dry, and did so in half of the pictures and near the end: no glint, nothing that
+    /// flickers.
     pub fn saw(&self, index: usize) -> bool {
         if let Some(mirror) = &self.mirror {
             return mirror.saw(index);
@@ -53,6 +56,14 @@ impl Model {
         self.sees(index)
             && self.kept(index) & (EVER_WET | BROKE | RUN) > 0
             && f64::from(self.past[block].unseen[at]) <= MOST_UNSEEN * judged as f64
+            && self.unseen_at_end_s(block, at) <= MOST_UNSEEN_AT_END_S
+    }
+
+    /// For how long until now it has shown neither that it is wet nor that it is dry, s.
+    fn unseen_at_end_s(&self, block: usize, at: usize) -> f32 {
+        let judged = self.times_s.len() - 1;
+        let told = judged.saturating_sub(usize::from(self.past[block].unseen_now[at]));
+        self.times_s[judged] - self.times_s[told]
     }
 
     /// Whether it was seen wet in a picture.

@@ -30,6 +30,7 @@ impl Band<'_> {
     pub fn judge(&mut self, lamp: &Light, index: usize, rule: Rule, watching: bool) -> Vec<usize> {
         let columns = self.columns;
         let gains = lamp.blocks_q12(index);
+        let ceilings = lamp.ceilings_q12(&gains);
         // Rows of a cell share one row of gains.
         let cells = |at: usize| at / columns / CELL_PX * columns + at % columns;
         let mut found = Vec::new();
@@ -41,7 +42,8 @@ impl Band<'_> {
         }
         let mut cores = vec![[0; CELLS]; gains.len()];
         for &at in found.iter().filter(|&at| watching && (at / columns).is_multiple_of(CORE_EVERY)) {
-            let hidden = kernel::hidden_in_cells(&self.light[at], &self.dry[at], &self.kept[at], &gains[cells(at)]);
+            let hidden =
+                kernel::hidden_in_cells(&self.light[at], &self.dry[at], &self.kept[at], &ceilings[cells(at)]);
             cores[cells(at)].iter_mut().zip(hidden).for_each(|(core, hidden)| *core += hidden);
         }
         let doubtful = around(cores.as_flattened(), columns * CELLS);
@@ -53,6 +55,7 @@ impl Band<'_> {
                 before: &self.before[at],
                 dry: &self.dry[at],
                 gain_q12: &gains[cells(at)],
+                ceiling_q12: &ceilings[cells(at)],
                 doubtful: &std::array::from_fn(|i| u16::from(doubtful[cells(at)][i / CELL_PX])),
             };
             if judge(seen, &mut self.kept[at], &mut self.past[at], rule) {

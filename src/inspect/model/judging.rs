@@ -1,7 +1,8 @@
 //! Wet, dry or hidden: each pixel of each picture, and for how long.
 //!
 //! With brightness s, light g, the dry brightness d and what the film leaves τ, as [`super::kernel`] has them,
-//!     dry    g d (1 + τ)/2 ≤ s ≤ 9/8 g d + 1.5 levels,    wet    s below that,    hidden by a glint    s above it.  (1)
+//!     dry    g d (1 + τ)/2 ≤ s ≤ 9/8 G d + 1.5 levels,    wet    s below that,    hidden by a glint    s above it,  (1)
+//! where G ≥ g is the brightest that the light may be there ([`super::light`]).
 //! The rim of a glint may be as bright as a dry place; but it moves, and a dry place keeps its brightness. So dry counts
 //! only with
 //!     |s − s' g/g'| ≤ g d/16 + 2.5 levels,    s', g' those of the picture before.                             (2)
@@ -13,8 +14,8 @@
 #![allow(unsafe_code, reason = "multiversion's dispatch; nothing here is unsafe by itself")]
 
 use super::kernel::{
-    BLOCK_PX, BRIGHTNESS, BROKE, Block, EVER_WET, HIDDEN, INSIDE, LEVEL, NEW, OPEN, RUN, choose, high, is_hidden,
-    lit, where_,
+    BLOCK_PX, BRIGHTNESS, BROKE, Block, EVER_WET, HIDDEN, INSIDE, LEVEL, NEW, OPEN, RUN, UNTOLD, choose, high,
+    is_hidden, lit, where_,
 };
 use multiversion::multiversion;
 
@@ -30,6 +31,8 @@ pub struct BlockObservation<'a> {
     pub dry: &'a Block,
     /// The lamp's light, 1/4096.
     pub gain_q12: &'a Block,
+    /// The brightest that it may be there, 1/4096.
+    pub ceiling_q12: &'a Block,
     /// A glint's neighbourhood, not 0: what looks dry there may be its rim.
     pub doubtful: &'a Block,
 }
@@ -43,13 +46,20 @@ pub struct Past {
     pub until: Block,
     /// How far it was from its dry brightness while it looked dry: a mean that forgets, 1/64 level; signed.
     pub off: Block,
-    /// In how many pictures it showed neither that it is wet nor that it is dry.
+    /// In how many pictures it showed neither that it is wet nor that it is dry …
     pub unseen: Block,
+    /// … and in how many without a break until now.
+    pub unseen_now: Block,
 }
 
 impl Past {
-    pub const NONE: Past =
-        Past { since: [0; BLOCK_PX], until: [0; BLOCK_PX], off: [0; BLOCK_PX], unseen: [0; BLOCK_PX] };
+    pub const NONE: Past = Past {
+        since: [0; BLOCK_PX],
+        until: [0; BLOCK_PX],
+        off: [0; BLOCK_PX],
+        unseen: [0; BLOCK_PX],
+        unseen_now: [0; BLOCK_PX],
+    };
 }
 
 /// How pixels are judged.
@@ -83,7 +93,8 @@ pub fn stirred(first: usize, [light, dry, kept, gain_q12]: [&[Block]; 4], film_q
         let mut stirred = 0;
         for i in 0..BLOCK_PX {
             let wet = light[i] & BRIGHTNESS < wet_below(lit(dry[i], gain_q12[i]), film_q16);
-            let still = wet & (light[i] & HIDDEN == 0) & (kept[i] & (RUN | OPEN | NEW | EVER_WET) == EVER_WET);
+            let still =
+                wet & (light[i] & HIDDEN == 0) & (kept[i] & (RUN | OPEN | NEW | UNTOLD | EVER_WET) == EVER_WET);
             stirred |= if still { 0 } else { kept[i] & INSIDE };
         }
         if stirred > 0 {
@@ -96,16 +107,17 @@ pub fn stirred(first: usize, [light, dry, kept, gain_q12]: [&[Block]; 4], film_q
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn judge(seen: BlockObservation<'_>, kept: &mut Block, past: &mut Past, rule: Rule) -> bool {
     // Copies, which nothing else can point at: else the loop is not turned into vectors.
-    let BlockObservation { light, before, dry, gain_q12, doubtful } = seen;
-    let (light, before, dry, gain_q12, doubtful) = (*light, *before, *dry, *gain_q12, *doubtful);
-    let (mut state, Past { mut since, mut until, mut off, mut unseen }) = (*kept, *past);
+    let BlockObservation { light, before, dry, gain_q12, ceiling_q12, doubtful } = seen;
+    let (light, before, dry, doubtful) = (*light, *before, *dry, *doubtful);
+    let (gain_q12, ceiling_q12) = (*gain_q12, *ceiling_q12);
+    let (mut state, Past { mut since, mut until, mut off, mut unseen, mut unseen_now }) = (*kept, *past);
     let counts = u16::from(rule.notes > 0);
     let mut any = 0;
     for i in 0..BLOCK_PX {
         let s = light[i] & BRIGHTNESS;
         let dl = lit(dry[i], gain_q12[i]);
         let wl = high(dl, rule.film_q16);
-        let seen = !where_(is_hidden(light[i], dl));
+        let seen = !where_(is_hidden(light[i], lit(dry[i], ceiling_q12[i])));
         let wet = where_(s < wet_below(dl, rule.film_q16)) & seen;
         let change = s.abs_diff(lit(before[i] & BRIGHTNESS, rule.brighter_q12));
         let steady = where_(change <= dl / 16 + STEADY_MARGIN);
@@ -121,19 +133,21 @@ pub fn judge(seen: BlockObservation<'_>, kept: &mut Block, past: &mut Past, rule
         off[i] = choose(looks_dry, mean, off[i]);
         since[i] = choose(begins & up & where_(state[i] & BROKE == 0), rule.before, since[i]);
         until[i] = choose(where_(was == 1) & down, rule.now, until[i]);
-        unseen[i] += !wet & !looks_dry & counts;
+        let untold = !wet & !looks_dry & counts;
+        unseen[i] += untold;
+        unseen_now[i] = (unseen_now[i] + untold) & untold.wrapping_neg();
         // A third of the way from wet to dry: beyond doubt it is wet.
         let surely_wet = where_(s < wl + high(dl - wl, 21_845)) & seen;
         let opens = where_(run >= rule.persist) & where_(state[i] & INSIDE > 0);
         let closed = where_(run == 0);
-        let mut next = state[i] & !(NEW | RUN) | surely_wet & EVER_WET;
+        let mut next = state[i] & !(NEW | UNTOLD | RUN) | surely_wet & EVER_WET | untold.wrapping_neg() & UNTOLD;
         let new = opens & where_(next & BROKE == 0) & rule.notes;
         next = next & !(closed & OPEN) | opens & OPEN | new;
         state[i] = next | run;
         any |= next;
     }
     *kept = state;
-    *past = Past { since, until, off, unseen };
+    *past = Past { since, until, off, unseen, unseen_now };
     any & NEW > 0
 }
 
@@ -165,7 +179,17 @@ mod tests {
         }
 
         /// Judged where it is stirred, as a band does it.
-        fn judge(&mut self, [before, level]: [u16; 2], gain_q12: u16, rule: Rule) -> bool {
+        fn judge(&mut self, levels: [u16; 2], gain_q12: u16, rule: Rule) -> bool {
+            self.judge_below(levels, [gain_q12; 2], rule)
+        }
+
+        /// The same where the light may be brighter than it is.
+        fn judge_below(
+            &mut self,
+            [before, level]: [u16; 2],
+            [gain_q12, ceiling_q12]: [u16; 2],
+            rule: Rule,
+        ) -> bool {
             let [before, light, gain_q12, doubtful] = [before * 64, level * 64, gain_q12, 0].map(|n| [n; BLOCK_PX]);
             let mut found = Vec::new();
             let row = [&light, &[DRY; BLOCK_PX], &self.kept, &gain_q12].map(std::slice::from_ref);
@@ -175,6 +199,7 @@ mod tests {
                 before: &before,
                 dry: &[DRY; BLOCK_PX],
                 gain_q12: &gain_q12,
+                ceiling_q12: &[ceiling_q12; BLOCK_PX],
                 doubtful: &doubtful,
             };
             !found.is_empty() && judge(seen, &mut self.kept, &mut self.past, rule)
@@ -201,6 +226,30 @@ mod tests {
             [[92, 100], [91, 100], [109, 101], [110, 101]].map(|levels| run_after(levels, 4096, 1)),
             [2, 1, 2, 1]
         );
+    }
+
+    /// By hand, dry 100 levels: where the light is a half and may be whole, dry is up to 112.5 + 1.5, and wet what is below 40.
+    #[test]
+    fn a_glint_is_brighter_than_the_brightest_light_lets_dry_be() {
+        let run_after = |level: u16| {
+            let mut one = One::new(1);
+            one.judge_below([level; 2], [2048, 4096], RULE);
+            one.run()
+        };
+        assert_eq!([39, 40, 58, 114, 115].map(run_after), [0, 2, 2, 2, 1]);
+    }
+
+    /// Hidden in three pictures, wet, hidden in two: two without a break at the end, and wet again none, though the block
+    /// is left alone from then on.
+    #[test]
+    fn what_was_hidden_until_now_is_counted() {
+        let mut one = One::new(0);
+        let counts = [60_u16, 200, 200, 200, 60, 200, 200, 60, 60].map(|level| {
+            one.judge([level; 2], 4096, RULE);
+            one.past.unseen_now[0]
+        });
+        assert_eq!(counts, [0, 1, 2, 3, 0, 1, 2, 0, 0]);
+        assert_eq!(one.past.unseen[0], 5);
     }
 
     /// By hand, dry 100 and wet 60 levels: up to 60 + 40/3 = 73.3 it is wet beyond doubt.

@@ -38,6 +38,8 @@ pub const EVER_WET: u16 = 0x0400;
 pub const BROKE: u16 = 0x0800;
 /// It broke in this picture.
 pub const NEW: u16 = 0x1000;
+/// It showed in this picture neither that it is wet nor that it is dry.
+pub const UNTOLD: u16 = 0x2000;
 
 /// a b / 2¹⁶.
 #[inline(always)]

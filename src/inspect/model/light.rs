@@ -4,6 +4,10 @@
 //! became wet or dry are far from that factor (a film takes a third or more) and have no part in it: neither has a
 //! glint. A tile's factor is then a mean over its neighbours, bounded from above by little more than the region's median:
 //! a shadow darkens a part, nothing brightens a part alone. So a break that fills a tile is not taken for light.
+//!
+//! A film that removes more in one part than in another looks like a shadow there, and a film that removes more as time passes looks
+//! like a lamp that fades. A place that breaks then is brighter than dry in that light. So the light has a ceiling, the median or
+//! what lies around the panel, and only what is brighter than dry under the ceiling is a glint.
 
 use super::kernel::{BLOCK_PX, Block, CELL_PX, CELLS, Sum};
 
@@ -25,6 +29,8 @@ pub struct Light {
     tiles: Vec<f64>,
     /// The region's median.
     pub global: f64,
+    /// The brightest light that any place may have: what is dry is as bright as that at most.
+    pub ceiling: f64,
     /// The share of the region that contributed to it.
     pub share: f64,
 }
@@ -32,7 +38,7 @@ pub struct Light {
 impl Light {
     /// The dry picture's own light on a lattice of tiles.
     pub fn even(columns: usize, rows: usize) -> Self {
-        Light { columns, tiles: vec![1.0; columns * rows], global: 1.0, share: 1.0 }
+        Light { columns, tiles: vec![1.0; columns * rows], global: 1.0, ceiling: 1.0, share: 1.0 }
     }
 
     /// The light by the tiles' sums, each with its pixels in the region.
@@ -68,13 +74,19 @@ impl Light {
             columns: self.columns,
             tiles: (0..sums.len()).map(smooth).collect(),
             global,
+            ceiling: global,
             share: told as f64 / all.max(1) as f64,
         }
     }
 
     /// The same light everywhere.
     pub fn flat(&self, global: f64) -> Light {
-        Light { tiles: vec![global; self.tiles.len()], global, ..self.clone() }
+        Light { tiles: vec![global; self.tiles.len()], global, ceiling: global, ..self.clone() }
+    }
+
+    /// Where what lies around the panel is in brighter light than this, the panel may be so, too.
+    pub fn beside(self, around: Option<f64>) -> Light {
+        Light { ceiling: around.map_or(self.ceiling, |around| self.ceiling.max(around)), ..self }
     }
 
     /// The light on the blocks of one row of tiles, 1/4096, each row of cells once: it goes from tile centre to tile centre.
@@ -93,6 +105,12 @@ impl Light {
             }
         }
         blocks
+    }
+
+    /// The brightest light that there may be where it is as in `gains`, 1/4096.
+    pub fn ceilings_q12(&self, gains: &[Block]) -> Vec<Block> {
+        let ceiling = q12(self.ceiling);
+        gains.iter().map(|block| block.map(|gain| gain.max(ceiling))).collect()
     }
 }
 
@@ -154,7 +172,7 @@ mod tests {
     /// By hand: the first cell's centre lies before the first tile's; the cells between two tiles' centres go from one to the other.
     #[test]
     fn light_goes_smoothly_from_tile_to_tile() {
-        let light = Light { columns: 2, tiles: vec![1.0, 2.0], global: 1.0, share: 1.0 };
+        let light = Light { columns: 2, tiles: vec![1.0, 2.0], global: 1.0, ceiling: 1.0, share: 1.0 };
         let blocks = light.blocks_q12(0);
         let cells = blocks[..2].as_flattened().iter().step_by(CELL_PX).map(|gain| gain / 64);
         assert_eq!(cells.collect::<Vec<u16>>(), [64, 64, 72, 88, 104, 120, 128, 128]);

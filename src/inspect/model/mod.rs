@@ -171,7 +171,7 @@ impl Model {
             self.mirror = Some(mirror);
             return look;
         }
-        self.next_light = Some(light);
+        self.next_light = Some(light.beside(self.lit_around(picture)));
         look
     }
 

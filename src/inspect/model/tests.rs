@@ -64,3 +64,39 @@ fn beside_a_glint_nothing_looks_dry() {
     };
     assert_eq!([broke(3, 26), broke(2, 26), broke(3, 34)], [0, 16, 16]);
 }
+
+/// By hand, wet 60 of 100 levels: a film that grows to 48 looks like a light of 0.8, under which dry is 91.5 levels at most. What lies
+/// around the panel is as bright as before, so that a place of 100 levels has broken.
+#[test]
+fn what_breaks_in_a_film_that_grew_darker_is_no_glint() {
+    let broke = |around: u8| {
+        let window = Window { left: SIDE / 2, top: SIDE / 2, width: SIDE, height: SIDE };
+        let mut model = Model::new(window, &[true; SIDE * SIDE], [1.0; 3], 3);
+        let show = |film: u8, around: u8, place: u8| {
+            let level = |index: usize| {
+                let (column, row) = (index % (2 * SIDE), index / (2 * SIDE));
+                let is_panel = [column, row].iter().all(|at| (SIDE / 2..3 * SIDE / 2).contains(at));
+                let is_place = [column, row].iter().all(|at| (60..70).contains(at));
+                if is_place {
+                    place
+                } else if is_panel {
+                    film
+                } else {
+                    around
+                }
+            };
+            let rgb = (0..4 * SIDE * SIDE).map(|index| [level(index); 3]).collect();
+            ColorPicture { width: 2 * SIDE, height: 2 * SIDE, rgb }
+        };
+        model.dry(&show(100, 100, 100));
+        let films = [60, 60, 57, 54, 51, 48, 48, 48, 48, 48, 48];
+        let pictures = films.iter().enumerate().map(|(time, &film)| {
+            let place = if time < 6 { film } else { around };
+            model.look(&show(film, around, place));
+            model.follow(time as f64).len()
+        });
+        pictures.sum::<usize>()
+    };
+    assert_eq!(broke(100), 100);
+    assert_eq!(broke(80), 100, "the same under a lamp that faded to 0.8");
+}
