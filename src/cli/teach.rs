@@ -147,6 +147,11 @@ fn say_how_it_is_held(
     if let Some(outline) = &outline {
         say_what_shows_the_outline(outline, outcome);
     }
+    let marks_mm = prepared.as_ref().map_or(0.0, locate::Prepared::marks_mm);
+    if marks_mm > 0.0 {
+        outcome.say(format!("its marks: {marks_mm:.0} mm of their borders hold it sideways, too"));
+    }
+    outcome.put("marks_mm", json!(marks_mm));
     let found = prepared.and_then(|prepared| prepared.locate());
     let at_teaching = outline.map_or(Vec::new(), |outline| gate::checks_at_teaching(&outline, found.as_ref().ok()));
     warnings.extend(at_teaching.into_iter().filter_map(|check| check.message));

@@ -1,14 +1,14 @@
 //! Comparison of two pose hypotheses of one panel: what supports one of them alone.
 //!
 //! Only places at which the two differ carry information: a stretch of the outline that has its edge at one pose and not
-//! at the other, or a piece of surface that lies on the scan at one and not at the other. Places that are occluded at either
+//! at the other, a border of a mark likewise, or a piece of surface that lies on the scan at one and not at the other. Places that are occluded at either
 //! pose are left out. Both kinds are expressed as a length; a square of surface counts as its side.
 
 use super::edges::Edge;
 use super::fit::FitInputs;
 use super::grid::Motion;
 use super::search::{PointObservation, observe_point, spread_over};
-use super::{model::Model, outline_edges};
+use super::{mark_edges, model::Model, outline_edges};
 use crate::geometry::{Camera, Panel, Rigid};
 use rayon::prelude::*;
 
@@ -43,10 +43,19 @@ impl ConsistencyScore {
             PointObservation::Through => Some(false),
             PointObservation::Near | PointObservation::Hidden | PointObservation::Unknown => None,
         });
+        let marks = model.marks.points.par_iter().with_min_len(64).map(|mark| {
+            match mark_edges::observe(&motion, mark, &grid.camera, scan).map(|observed| observed.edge)? {
+                Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => Some(offset_px.abs() <= EDGE_NEAR_PX),
+                Edge::Absent => Some(false),
+                Edge::Hidden | Edge::OutOfView => None,
+            }
+        });
         let mut said: Vec<Option<bool>> = outline.collect();
         said.extend(surface.collect::<Vec<_>>());
         let mut lengths_mm: Vec<f64> = model.outline.iter().map(|sample| sample.length_mm).collect();
         lengths_mm.resize(said.len(), SQUARE_MM);
+        said.extend(marks.collect::<Vec<_>>());
+        lengths_mm.extend(model.marks.points.iter().map(|mark| mark.length_mm));
         ConsistencyScore { said, lengths_mm }
     }
 

@@ -6,7 +6,7 @@
 //! f_k is how much larger the n cells' means are than that, which ν cells' worth of trust in the stated noise steadies:
 //! a small panel has few cells. A point x of the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
 
-use super::fit::{EDGE_CORRELATION_MM, Residuals};
+use super::fit::{EDGE_CORRELATION_MM, KINDS, Residuals};
 use super::grid::Motion;
 use super::model::Model;
 use super::solve::{Constraint, ResidualWeighting, Sums};
@@ -45,7 +45,7 @@ impl Weakest {
 /// (1), and the direction in which it is largest.
 pub(super) fn covariance(
     residuals: &Residuals,
-    weighing: &[ResidualWeighting; 3],
+    weighing: &[ResidualWeighting; KINDS],
     model: &Model,
     motion: &Motion,
 ) -> Option<(Matrix6<f64>, (f64, Weakest))> {
@@ -54,11 +54,13 @@ pub(super) fn covariance(
         (first - model.normal * model.normal.dot(&first)).try_normalize(1e-9)?
     };
     let up = model.normal.cross(&across);
-    let square = |sample: usize| {
-        let offset = model.points[sample] - model.centre;
-        let cell = |along: &Vector3<f64>| (offset.dot(along) / model.range.correlation_mm).floor() as i64;
-        (cell(&across), cell(&up))
+    let cell = |point: &Vector3<f64>, side_mm: f64| {
+        let offset = point - model.centre;
+        let number = |along: &Vector3<f64>| (offset.dot(along) / side_mm).floor() as i64;
+        (number(&across), number(&up))
     };
+    let square = |sample: usize| cell(&model.points[sample], model.range.correlation_mm);
+    let mark_square = |sample: usize| cell(&model.marks.points[sample].point, model.range.correlation_mm);
     // The taught outline is in order, so that a stretch of it is a run of its points.
     let mut ways_mm = Vec::with_capacity(model.outline.len());
     let mut way_mm = 0.0;
@@ -71,8 +73,9 @@ pub(super) fn covariance(
         inflation(&residuals.surface, &weighing[0], square),
         inflation(&residuals.colour, &weighing[1], stretch),
         inflation(&residuals.depth, &weighing[2], stretch),
+        inflation(&residuals.marks, &weighing[3], mark_square),
     ];
-    let kinds = [&residuals.surface, &residuals.colour, &residuals.depth];
+    let kinds = residuals.kinds();
     let mut information = Matrix6::zeros();
     for ((kind, weighing), factor) in kinds.iter().zip(weighing).zip(factors) {
         information += Sums::over(kind, weighing, &residuals.centre).information / factor;

@@ -73,7 +73,7 @@ impl Tangent {
     }
 
     /// How far a depth at a pixel lies behind the plane, along its normal, mm.
-    fn behind_mm(&self, column: usize, row: usize, depth_mm: f64) -> f64 {
+    pub fn behind_mm(&self, column: usize, row: usize, depth_mm: f64) -> f64 {
         let way = Vector2::new(column as f64 - self.at.u, row as f64 - self.at.v);
         let plane_mm = 1.0 / (self.inverse + self.slope.dot(&way));
         self.cos * (depth_mm - plane_mm)

@@ -11,7 +11,7 @@ use super::fit::{FitInputs, Fitted, Residuals, Samples};
 use super::grid::Motion;
 use super::model::Model;
 use super::pieces::Piece;
-use super::shares::{OutlineShares, SurfaceShares, saturated, scan_found};
+use super::shares::{OutlineShares, SurfaceShares, marks_found, saturated, scan_found};
 use crate::geometry::{Base, Camera, Degrees, Panel, Rigid};
 use crate::panel::panel_from_base_at_teaching;
 use nalgebra::Matrix6;
@@ -42,6 +42,8 @@ pub struct Fit {
     pub seen_through: f64,
     /// Share of the taught outline in view beyond which the surface goes on, or which is not there.
     pub outline_absent: f64,
+    /// Share of the taught marks in view that the scan shows where they should be, 0…1; `None` where the panel has hardly any.
+    pub marks_found: Option<f64>,
     /// Share of the taught points in view and not hidden for which the scan has a point at all: low where it is wet.
     pub measured: f64,
     /// How many pixels a step of brightness takes at the outline, median; `None` where colour shows no edge.
@@ -165,6 +167,7 @@ pub(super) fn weigh(
         outline_found: outline.found,
         seen_through: surface.through,
         outline_absent: outline.absent,
+        marks_found: marks_found(&residuals, model),
         measured: of_expected(surface.measured),
         edge_width_px: outline.width_px,
         taught_edge_width_px: model.edge_width_px,

@@ -63,6 +63,8 @@ pub struct Explained {
     pub surface: Vec<(Pixel, SurfaceMark)>,
     /// The taught outline, in order.
     pub outline: Vec<(Pixel, OutlineMark)>,
+    /// The borders of taught marks, each by a short stretch.
+    pub marks: Vec<([Pixel; 2], OutlineMark)>,
     /// The outline's places with the stated error along the weakest direction added, [`ENLARGED`].
     pub weakest: Vec<(Pixel, Pixel)>,
     /// Where the step of brightness at the outline is widest.
@@ -90,7 +92,9 @@ impl Prepared<'_> {
         let Some(fit) = fit else { return explained };
         let placed: Rigid<Camera, Panel> = self.view.base_from_camera.inverse() * fit.base_from_panel;
         explained.surface = surface(&placed, inputs);
-        (explained.outline, explained.widest) = outline(&placed, inputs);
+        let residuals = Residuals::at(&placed, inputs, &Samples::all(inputs.model));
+        (explained.outline, explained.widest) = outline(&placed, inputs, &residuals);
+        explained.marks = marks(&placed, inputs, &residuals);
         explained.weakest = weakest(&placed, inputs, fit);
         let mark = |(pixel, edge): (Pixel, FixtureEdge)| match edge {
             FixtureEdge::Moved(px) if px.abs() <= MOVED_PX => (pixel, FixtureMark::Stands),
@@ -121,20 +125,41 @@ fn surface(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> Vec<(Pixel, 
     (0..inputs.model.points.len()).filter_map(mark).collect()
 }
 
-fn outline(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> (Vec<(Pixel, OutlineMark)>, Option<Pixel>) {
+/// Whether an edge is where it should be.
+fn told(edge: &Edge) -> OutlineMark {
+    match edge {
+        Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } if offset_px.abs() <= EDGE_FOUND_PX => {
+            OutlineMark::Found
+        }
+        Edge::Colour { .. } | Edge::Depth { .. } | Edge::Absent => OutlineMark::Elsewhere,
+        Edge::Hidden | Edge::OutOfView => OutlineMark::Hidden,
+    }
+}
+
+fn marks(
+    placed: &Rigid<Camera, Panel>,
+    inputs: FitInputs<'_>,
+    residuals: &Residuals,
+) -> Vec<([Pixel; 2], OutlineMark)> {
     let motion = Motion::of(placed);
-    let residuals = Residuals::at(placed, inputs, &Samples::all(inputs.model));
-    let pixel = |k: usize| inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)));
-    let mark = |(k, edge): &(usize, Edge)| {
-        let mark = match edge {
-            Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } if offset_px.abs() <= EDGE_FOUND_PX => {
-                OutlineMark::Found
-            }
-            Edge::Colour { .. } | Edge::Depth { .. } | Edge::Absent => OutlineMark::Elsewhere,
-            Edge::Hidden | Edge::OutOfView => OutlineMark::Hidden,
+    let stretch = |(k, edge): &(usize, Edge)| {
+        let mark = &inputs.model.marks.points[*k];
+        let end = |way_mm: f64| {
+            inputs.grid.camera.project(camera_point(&motion.point(&(mark.point + mark.along * way_mm))))
         };
-        Some((pixel(*k)?, mark))
+        Some(([end(-mark.length_mm / 2.0)?, end(mark.length_mm / 2.0)?], told(edge)))
     };
+    residuals.mark_edges.iter().filter_map(stretch).collect()
+}
+
+fn outline(
+    placed: &Rigid<Camera, Panel>,
+    inputs: FitInputs<'_>,
+    residuals: &Residuals,
+) -> (Vec<(Pixel, OutlineMark)>, Option<Pixel>) {
+    let motion = Motion::of(placed);
+    let pixel = |k: usize| inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)));
+    let mark = |(k, edge): &(usize, Edge)| Some((pixel(*k)?, told(edge)));
     let width = |(k, edge): &(usize, Edge)| match edge {
         Edge::Colour { width_px, .. } => Some((*k, *width_px)),
         _ => None,

@@ -2,12 +2,13 @@
 //!
 //! The surface constrains the panel along its normal and hardly in its plane: a smooth panel slides along itself. The outline
 //! constrains it in its plane, and through the picture's perspective a little along the normal as well. Both are residuals of one
-//! Gauss–Newton iteration (`solve`). Each kind is weighted by its noise and by the number of neighbours whose errors are
+//! Gauss–Newton iteration (`solve`), and so are the borders of marks inside the outline, where the panel has any. Each kind is weighted by its noise and by the number of neighbours whose errors are
 //! correlated: a scanner's range noise is correlated over centimetres, so that thousands of points carry no more information than
 //! a few dozen independent ones.
 
 use super::edges::Edge;
 use super::grid::{Grid, Motion, Scan};
+use super::mark_edges;
 use super::model::Model;
 use super::outline_edges;
 use super::search::{spread_over, surface_residual};
@@ -30,13 +31,19 @@ const SURFACE_FLOOR_MM: f64 = 0.4;
 const EDGE_FLOOR_PX: f64 = 0.5;
 const DEPTH_EDGE_FLOOR_PX: f64 = 2.0;
 
+/// Kinds of residuals.
+pub(super) const KINDS: usize = 4;
+
 /// All residuals that constrain the panel at a pose.
 pub(super) struct Residuals {
     pub surface: Vec<Constraint>,
     pub colour: Vec<Constraint>,
     pub depth: Vec<Constraint>,
+    pub marks: Vec<Constraint>,
     /// What was found beside each point of the outline that was looked at.
     pub edges: Vec<(usize, Edge)>,
+    /// The same of each mark.
+    pub mark_edges: Vec<(usize, Edge)>,
     /// The middle of the panel.
     pub centre: Vector3<f64>,
     /// What the taught depth's noise makes of an edge in this view, px.
@@ -55,18 +62,24 @@ pub(super) struct FitInputs<'a> {
 pub(super) struct Samples {
     surface: Vec<usize>,
     outline: Vec<usize>,
+    marks: Vec<usize>,
 }
 
 impl Samples {
     pub fn all(model: &Model) -> Samples {
-        Samples { surface: (0..model.points.len()).collect(), outline: (0..model.outline.len()).collect() }
+        Samples {
+            surface: (0..model.points.len()).collect(),
+            outline: (0..model.outline.len()).collect(),
+            marks: (0..model.marks.points.len()).collect(),
+        }
     }
 
-    /// About this number of the surface, and a tenth as many of the outline.
+    /// About this number of the surface, and an eighth as many of the outline and of the marks.
     pub fn some(model: &Model, wanted: usize) -> Samples {
         Samples {
             surface: spread_over(model.points.len(), wanted),
             outline: spread_over(model.outline.len(), wanted / 8),
+            marks: spread_over(model.marks.points.len(), wanted / 8),
         }
     }
 }
@@ -102,19 +115,21 @@ impl Residuals {
                 Edge::Hidden | Edge::OutOfView | Edge::Absent => {}
             }
         }
+        let (marks, mark_edges) = marks_at(&motion, inputs, &samples.marks);
         let centre = motion.point(&model.centre);
         let taught_noise_px =
             model.range.of_taught_mm * model.view_change(&motion) * grid.camera.px_per_mm_at(centre.z).0;
         let surface = surface.into_iter().flatten().collect();
-        Residuals { surface, colour, depth, edges, centre, taught_noise_px }
+        Residuals { surface, colour, depth, marks, edges, mark_edges, centre, taught_noise_px }
     }
 
-    /// How each kind is weighed: surface, edges by colour, edges by depth.
-    pub fn weighing(&self, model: &Model, samples: &Samples) -> [ResidualWeighting; 3] {
+    /// How each kind is weighed: surface, edges by colour, edges by depth, marks.
+    pub fn weighing(&self, model: &Model, samples: &Samples) -> [ResidualWeighting; KINDS] {
         let point_mm2 = model.area_mm2 / samples.surface.len().max(1) as f64;
         let length_mm: f64 = model.outline.iter().map(|sample| sample.length_mm).sum();
         let edge_mm = length_mm / samples.outline.len().max(1) as f64;
         let edge_correlated_count = (EDGE_CORRELATION_MM / edge_mm).max(1.0);
+        let marks_taken = samples.marks.len() as f64 / model.marks.points.len().max(1) as f64;
         let reach = |constraints: &[Constraint], floor: f64| (REACH_SIGMAS * spread(constraints)).max(floor);
         [
             ResidualWeighting {
@@ -132,18 +147,47 @@ impl Residuals {
                 correlated_count: edge_correlated_count,
                 cutoff: reach(&self.depth, DEPTH_EDGE_FLOOR_PX),
             },
+            ResidualWeighting {
+                sigma: EDGE_NOISE_PX.hypot(self.taught_noise_px),
+                correlated_count: (model.marks.correlated_count(model.range.correlation_mm) * marks_taken).max(1.0),
+                cutoff: reach(&self.marks, EDGE_FLOOR_PX),
+            },
         ]
     }
 
+    /// Every kind of constraint, in the order of [`Residuals::weighing`].
+    pub fn kinds(&self) -> [&[Constraint]; KINDS] {
+        [&self.surface, &self.colour, &self.depth, &self.marks]
+    }
+
     /// The sums of all kinds.
-    pub fn sums(&self, weighing: &[ResidualWeighting; 3]) -> Sums {
-        let kinds = [&self.surface, &self.colour, &self.depth];
-        kinds
+    pub fn sums(&self, weighing: &[ResidualWeighting; KINDS]) -> Sums {
+        self.kinds()
             .iter()
             .zip(weighing)
             .map(|(kind, weighing)| Sums::over(kind, weighing, &self.centre))
             .fold(Sums::ZERO, Sums::plus)
     }
+}
+
+/// The marks that the scan shows, and what was found beside each.
+fn marks_at(
+    motion: &Motion,
+    FitInputs { model, grid, scan }: FitInputs<'_>,
+    samples: &[usize],
+) -> (Vec<Constraint>, Vec<(usize, Edge)>) {
+    let observe =
+        |&mark: &usize| Some((mark, mark_edges::observe(motion, &model.marks.points[mark], &grid.camera, scan)?));
+    let looked: Vec<_> = samples.par_iter().with_min_len(64).filter_map(observe).collect();
+    let constraint = |(sample, looked): &(usize, outline_edges::EdgeObservation)| match looked.edge {
+        Edge::Colour { offset_px, .. } => {
+            let (point, gradient) = (looked.point, looked.gradient);
+            Some(Constraint { point, gradient, residual: -offset_px, sample: *sample })
+        }
+        _ => None,
+    };
+    let constraints = looked.iter().filter_map(constraint).collect();
+    (constraints, looked.iter().map(|(mark, looked)| (*mark, looked.edge)).collect())
 }
 
 /// Where an iteration ended.

@@ -22,6 +22,8 @@ const OUTLINE_ALLOWANCE: f64 = 0.15;
 pub const MAX_SEEN_THROUGH: f64 = 0.01;
 /// Outline in view that is not where the taught one says.
 pub const MAX_OUTLINE_ABSENT: f64 = 0.08;
+/// Marks of the panel in view that are where the taught ones are.
+pub const MIN_MARKS_FOUND: f64 = 0.5;
 /// Outline residual of a panel of the taught shape, px.
 pub const MAX_OUTLINE_RMS_PX: f64 = 0.5;
 /// Points that a dry panel gives.
@@ -122,7 +124,21 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
             .rejects("outline_differs", differs),
     ];
     checks.extend(overlap(fit, limits));
+    checks.extend(fit.marks_found.map(marks));
     checks
+}
+
+/// Does it have the taught marks?
+fn marks(found: f64) -> Check {
+    Check::new("marks in view that are where the taught ones are", "", found)
+        .at_least(MIN_MARKS_FOUND, SetBy::Program)
+        .reviews("marks_differ", || {
+            let [found, needed] = percent_apart(found, MIN_MARKS_FOUND, 0);
+            format!(
+                "{found} % of the panel's marks in view are where the taught ones are, needed are {needed} %; is it the right panel, \
+                 this way up? Where its marks were sanded off, teach it again"
+            )
+        })
 }
 
 /// Is the scan good: dry, sharp, not overexposed?
@@ -368,6 +384,7 @@ mod tests {
             outline_found: 0.97,
             seen_through: 0.001,
             outline_absent: 0.01,
+            marks_found: None,
             measured: 0.99,
             edge_width_px: Some(1.3),
             taught_edge_width_px: 1.2,
@@ -425,6 +442,8 @@ mod tests {
         reject(Fit { outline_absent: 0.2, ..good() }, "outline_differs");
         reject(Fit { outline_rms_px: f64::NAN, ..good() }, "outline_differs");
         review(Fit { measured: 0.8, ..good() }, "points_missing");
+        review(Fit { marks_found: Some(0.49), ..good() }, "marks_differ");
+        assert_eq!(judged(&Fit { marks_found: Some(0.5), ..good() }).0, Verdict::Accept);
         review(Fit { edge_width_px: Some(2.3), ..good() }, "blurred");
         review(Fit { saturated: 0.3, ..good() }, "overexposed");
         review(Fit { uncertainty_mm: 0.26, ..good() }, "uncertain");

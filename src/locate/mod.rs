@@ -3,7 +3,7 @@
 //! The search needs no start value and covers all poses in the search box. The scan is downsampled ([`grid`]) and
 //! segmented into connected pieces in the box ([`pieces`]). The taught panel is aligned with these pieces at every rotation
 //! ([`search`]). The best pose hypotheses are fitted to the surface and to the outline's edges in the colour picture together
-//! ([`fit`], [`edges`]), and compared with each other ([`consistency`]). The result is a [`Fit`]: the pose with its covariance,
+//! ([`fit`], [`edges`]), with the borders of marks inside it (`taught_marks`, `mark_edges`), and compared with each other ([`consistency`]). The result is a [`Fit`]: the pose with its covariance,
 //! the agreement of independent starts, and what the fixture shows of the camera's pose. [`gate`] judges this evidence.
 //! [`explain`] marks in the scan's picture where a reason comes from. [`corner`] finds the panel's corner in a picture of the
 //! flange camera, and [`refine`] corrects the pose by it. [`thesis_icp`] is the thesis's own method, for comparison.
@@ -21,6 +21,7 @@ pub mod explain;
 mod fit;
 pub mod gate;
 mod grid;
+mod mark_edges;
 mod model;
 mod outline_edges;
 mod pieces;
@@ -33,6 +34,7 @@ mod search;
 mod shadow;
 mod shares;
 mod solve;
+mod taught_marks;
 mod taught_outline;
 mod taught_surface;
 
@@ -115,6 +117,11 @@ impl<'a> Prepared<'a> {
     /// What the taught scan shows of the panel's outline.
     pub fn outline_seen(&self) -> OutlineSeen {
         self.model.outline_seen
+    }
+
+    /// How much border of marks the taught picture shows inside of the outline, mm: it holds the panel sideways, too.
+    pub fn marks_mm(&self) -> f64 {
+        self.model.marks.points.iter().map(|mark| mark.length_mm).sum()
     }
 
     fn inputs(&self) -> FitInputs<'_> {

@@ -6,6 +6,7 @@ use super::LocateError;
 use super::grid::{Grid, Motion, camera_point};
 use super::scan_errors::RangeErrors;
 use super::scatter::centroid_and_normal;
+use super::taught_marks::TaughtMarks;
 use super::taught_outline::{MIN_OUTLINE, OutlinePoint, OutlineSeen, TaughtOutline};
 use super::taught_surface::Surface;
 use crate::geometry::{Camera, Panel, Pixel, Point, Rigid, Vector};
@@ -25,6 +26,8 @@ pub(super) struct Model {
     pub normals: Vec<Vector3<f64>>,
     /// The outline, in order.
     pub outline: Vec<OutlinePoint>,
+    /// The steps of brightness inside of it.
+    pub marks: TaughtMarks,
     /// The middle of the surface.
     pub centre: Vector3<f64>,
     /// The direction in which the surface scatters least, towards the camera.
@@ -61,8 +64,8 @@ impl Model {
         };
         let grid = Grid::of_depths((panel.scan.width(), panel.scan.height()), &panel.camera, depth);
         let surface = Surface::of(&grid);
-        let TaughtOutline { points: outline, edge_width_px, seen: outline_seen } =
-            TaughtOutline::of(panel, &grid, &surface);
+        let (TaughtOutline { points: outline, edge_width_px, seen: outline_seen }, marks) =
+            rayon::join(|| TaughtOutline::of(panel, &grid, &surface), || TaughtMarks::of(panel, &grid, &surface));
         let few = LocateError::Degenerate { surface: surface.samples.len(), outline: outline.len() };
         if surface.samples.len() < MIN_SURFACE || outline.len() < MIN_OUTLINE {
             return Err(few);
@@ -79,6 +82,7 @@ impl Model {
         Ok(Model {
             normals,
             outline,
+            marks,
             centre,
             normal: if axis.dot(&towards) < 0.0 { -axis } else { axis },
             area_mm2: surface.samples.iter().map(|sample| sample.area_mm2).sum(),

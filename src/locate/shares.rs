@@ -108,6 +108,25 @@ impl OutlineShares {
     }
 }
 
+/// A panel with less border of marks in view than this has none that tell anything, mm.
+const MIN_MARKS_MM: f64 = 100.0;
+
+/// Of the marks in view, by the length of their borders, the share that is where it should be, 0…1.
+pub(super) fn marks_found(residuals: &Residuals, model: &Model) -> Option<f64> {
+    let (mut found_mm, mut in_view_mm) = (0.0, 0.0);
+    for (mark, edge) in &residuals.mark_edges {
+        let length_mm = model.marks.points[*mark].length_mm;
+        let is_found = match edge {
+            Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => offset_px.abs() <= EDGE_FOUND_PX,
+            Edge::Absent => false,
+            Edge::Hidden | Edge::OutOfView => continue,
+        };
+        in_view_mm += length_mm;
+        found_mm += if is_found { length_mm } else { 0.0 };
+    }
+    (in_view_mm >= MIN_MARKS_MM).then(|| found_mm / in_view_mm)
+}
+
 /// Of the pieces that are part of the panel, the share that the taught panel has. What hangs on the panel where it is held is
 /// another piece.
 pub(super) fn scan_found(motion: &Motion, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {

@@ -100,6 +100,15 @@ pub fn reason_pictures(
     judgement.reasons.iter().filter_map(drawn).collect()
 }
 
+/// The colour of what was found at a place.
+fn ink(mark: OutlineMark) -> Ink {
+    match mark {
+        OutlineMark::Found => Ink::GREEN,
+        OutlineMark::Elsewhere => Ink::VERMILLION,
+        OutlineMark::Hidden => Ink::WHITE,
+    }
+}
+
 type Drawn = Result<ColorPicture, ImagingError>;
 
 impl View<'_> {
@@ -123,6 +132,14 @@ impl View<'_> {
                 ];
                 let picture = self.picture.clone();
                 (self.marked(picture, panel, explained, &legend), "Where the panel's edge is not the taught one")
+            }
+            "marks_differ" => {
+                let legend = [
+                    (Ink::GREEN, "mark found"),
+                    (Ink::VERMILLION, "not where it was taught"),
+                    (Ink::WHITE, "hidden or out of view"),
+                ];
+                (self.with_marks(panel, explained, &legend), "Where the panel's marks are not the taught ones")
             }
             "overexposed" => {
                 let legend = [(Ink::VERMILLION, "overexposed"), (Ink::GREEN, "outline found")];
@@ -171,6 +188,20 @@ impl View<'_> {
     }
 
     /// The outline in colours over a picture, framed around the panel.
+    /// The borders of the panel's marks, where they should be.
+    fn with_marks(
+        &self,
+        panel: &TaughtPanel,
+        explained: &Explained,
+        legend: &[(Ink, &str)],
+    ) -> Result<ColorPicture, ImagingError> {
+        let mut canvas = Canvas::on(self.picture)?;
+        for (ends, mark) in &explained.marks {
+            canvas.polyline(ends, false, Pen { ink: ink(*mark), width_px: self.line_px() + 1 })?;
+        }
+        self.framed(canvas, panel, legend)
+    }
+
     fn marked(
         &self,
         picture: ColorPicture,
@@ -179,11 +210,6 @@ impl View<'_> {
         legend: &[(Ink, &str)],
     ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::on(&picture)?;
-        let ink = |mark: OutlineMark| match mark {
-            OutlineMark::Found => Ink::GREEN,
-            OutlineMark::Elsewhere => Ink::VERMILLION,
-            OutlineMark::Hidden => Ink::WHITE,
-        };
         // A run of one mark is one line; another one begins elsewhere, as a window's outline does.
         let apart_px = 12.0 * explained.block_px.max(1) as f64;
         let goes_on =

@@ -263,7 +263,8 @@ impl BoardCell {
     pub fn real_scan(&self, shot: &BoardShot<Camera>, distortion: &ScannerDistortion) -> OrganizedCloud<Camera> {
         let (camera, picture) = (self.scanner(), self.picture(&self.scanner(), shot));
         let seed = self.seed.child(Purpose::BoardScan, shot.index);
-        let (mut normal, correlated) = (Normal::new(seed.stream(Purpose::ScanRow, 0)), scanner::correlated(seed));
+        let (mut normal, correlated) =
+            (Normal::new(seed.stream(Purpose::ScanRow, 0)), scanner::correlated(seed, None));
         let middle = self.print.middle().mm;
         let points = self.print.points(&camera, &shot.camera_from_board, |[x, y], depth_mm| {
             scanner::range_error_mm(normal.next(), depth_mm, correlated.at([x - middle.x, y - middle.y]))

@@ -72,7 +72,7 @@ pub(super) fn capture(
     let (width, height) = (view.width(), view.height());
     let mut points = vec![[f32::NAN; 3]; width * height];
     let mut colors = vec![[0_u8; 3]; width * height];
-    let correlated = correlated(shot);
+    let correlated = correlated(shot, None);
     let rows = points.par_chunks_mut(width).zip(colors.par_chunks_mut(width)).enumerate();
     rows.for_each(|(row, (points, colors))| {
         let mut normal = Normal::new(shot.stream(Purpose::ScanRow, row as u64));
@@ -91,9 +91,10 @@ pub(super) fn capture(
     }
 }
 
-/// The correlated noise of a shot, in units of its rms.
-pub(super) fn correlated(shot: Seed) -> ValueNoise {
-    let lattice_mm = shot.stream(Purpose::Scan, 0).random_range(LATTICE_MM);
+/// The correlated noise of a shot, in units of its rms: on a lattice of this spacing, mm, or of the camera's usual one.
+pub(super) fn correlated(shot: Seed, spacing_mm: Option<f64>) -> ValueNoise {
+    let usual_mm = || shot.stream(Purpose::Scan, 0).random_range(LATTICE_MM);
+    let lattice_mm = spacing_mm.unwrap_or_else(usual_mm);
     ValueNoise::new(shot.stream(Purpose::Scan, 1), lattice_mm, LATTICE_HALF_WIDTH_MM)
 }
 

@@ -1,6 +1,6 @@
 //! Localization against the renderer's truth: panels of many shapes anywhere in a search box, scenes that must not be
 //! accepted, wet verifications, and some of the scans through the libraries that others use. All at full size and with the
-//! true calibration. `cargo bench --bench locate -- [good|bad|held|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate`
+//! true calibration. `cargo bench --bench locate -- [good|bad|held|correlated|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate`
 //! sets up the peers and names their Python in `PANELPREP_PEERS`.
 
 use panelprep::locate::{self, Fit, RangeErrors, View, gate};
@@ -12,6 +12,8 @@ use std::ops::RangeInclusive;
 use std::process::ExitCode;
 use std::time::Instant;
 
+#[path = "locate/correlated.rs"]
+mod correlated;
 #[path = "locate/held.rs"]
 mod held;
 #[path = "locate/memory.rs"]
@@ -25,8 +27,9 @@ mod wet;
 
 /// Seeds of a part unless the command line says otherwise.
 const GOOD_SEEDS: u64 = 200;
-const BAD_SCENES: u64 = 500;
+const BAD_SCENES: u64 = 714;
 const HELD_SEEDS: u64 = 25;
+const CORRELATED_SEEDS: u64 = 25;
 const WET_SEEDS: u64 = 100;
 const PEER_SCANS: u64 = 20;
 /// What must be reached.
@@ -61,6 +64,9 @@ fn main() -> ExitCode {
     }
     if asked("held") {
         missed += held::scenes(seeds(HELD_SEEDS));
+    }
+    if asked("correlated") {
+        missed += correlated::errors(seeds(CORRELATED_SEEDS));
     }
     if asked("wet") {
         missed += wet::verifications(seeds(WET_SEEDS));
@@ -260,7 +266,12 @@ fn bad(scenes: RangeInclusive<u64>) -> usize {
         // What is the taught panel after all, and found where it stands, is not wrong: another kind of panel is.
         let other = !matches!(
             Wrong::ALL[kind],
-            Wrong::Hidden | Wrong::OutOfView | Wrong::CameraMoved | Wrong::Wet | Wrong::Smeared
+            Wrong::Hidden
+                | Wrong::OutOfView
+                | Wrong::CameraMoved
+                | Wrong::Wet
+                | Wrong::Smeared
+                | Wrong::HolderMoved
         );
         let off = tried.error.is_some_and(|error| error.max_mm > RIGHT_MM);
         if at == 0 && (other || off) {

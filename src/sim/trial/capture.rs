@@ -2,6 +2,7 @@
 
 use super::Trial;
 use super::contents::SceneContents;
+use super::marks::Marks;
 use crate::geometry::{Base, Camera, OrganizedCloud, Panel, Rigid};
 use crate::sim::appearance::dry_and_wet;
 use crate::sim::cast::{PixelHit, View};
@@ -19,7 +20,7 @@ impl Trial {
         &self,
         panel: Option<(&Shape, &Rigid<Base, Panel>)>,
         base_from_camera: &Rigid<Base, Camera>,
-        SceneContents { slabs, glints, wet, smear_px, patches }: SceneContents<'_>,
+        SceneContents { slabs, glints, wet, smear_px, patches, marks }: SceneContents<'_>,
         shot: u64,
     ) -> OrganizedCloud<Camera> {
         let view = View::new(&self.camera, &self.rays, base_from_camera, panel);
@@ -28,7 +29,7 @@ impl Trial {
         let (width, height) = (view.width(), view.height());
         let mut points = vec![[f32::NAN; 3]; width * height];
         let mut colors = vec![[0_u8; 3]; width * height];
-        let correlated = correlated(seed);
+        let correlated = correlated(seed, self.alike_mm);
         let puddles = ValueNoise::new(seed.stream(Purpose::Scan, 2), 14.0, LATTICE_HALF_WIDTH_MM);
         let (eye, turn) = (base_from_camera.origin().mm, base_from_camera.rotation());
         let pixel_rad = 1.0 / self.camera.fx_px;
@@ -44,6 +45,11 @@ impl Trial {
                 let (sight, veil) = among(sight, &met);
                 let (dry, film) = dry_and_wet(&sight);
                 line[column] = if wet { film } else { dry };
+                let marked =
+                    sight.panel.zip(marks).map_or(0.0, |(panel, marks)| marks.share(panel.place, panel.pixel_mm));
+                if marked > 0.0 {
+                    line[column] = Marks::painted(line[column], marked);
+                }
                 let glint = sight.panel.is_some_and(|panel| {
                     glints.iter().any(|(at, r)| (panel.place[0] - at[0]).hypot(panel.place[1] - at[1]) < *r)
                 });
@@ -65,7 +71,9 @@ impl Trial {
                         point = point.map(|p| p.map(|x| x * (1.0 + 0.002 * film as f32)));
                     }
                 }
-                if sight.panel.is_some_and(|panel| patches.is_some_and(|patches| patches.has(panel.place))) {
+                if marked < 0.5
+                    && sight.panel.is_some_and(|panel| patches.is_some_and(|patches| patches.has(panel.place)))
+                {
                     point = None;
                 }
                 points[column] = point.unwrap_or([f32::NAN; 3]);

@@ -1,5 +1,6 @@
 //! The contents of a trial's scene besides the panel.
 
+use super::marks::Marks;
 use crate::sim::clutter::Slab;
 use crate::sim::noise::ValueNoise;
 
@@ -25,4 +26,5 @@ pub(super) struct SceneContents<'a> {
     pub wet: bool,
     pub smear_px: usize,
     pub patches: Option<&'a MissingPatches>,
+    pub marks: Option<&'a Marks>,
 }

@@ -60,12 +60,18 @@ impl Trial {
         Some(MissingPatches { noise, below })
     }
 
-    /// The holder of a panel that stands here.
-    pub(super) fn holder(&self, base_from_panel: &Rigid<Base, Panel>) -> Option<Slab> {
+    /// The same panel scanned by a camera whose smooth error is alike over squares of this side, mm.
+    pub fn alike_over(self, alike_mm: f64) -> Trial {
+        Trial { alike_mm: Some(alike_mm), ..self }
+    }
+
+    /// The holder of a panel that stands here, at its longest side or at the one after that.
+    pub(super) fn holder(&self, base_from_panel: &Rigid<Base, Panel>, is_moved: bool) -> Option<Slab> {
         if !self.is_held {
             return None;
         }
-        let side = longest_side(&self.taught);
+        let mut sides = sides(&self.taught);
+        let side = if is_moved { sides.nth(1) } else { sides.next() }?;
         let place = |at: Vector2<f64>| self.taught.point([at.x, at.y]).mm;
         let (edge, inner) = (place(side.middle), place(side.middle - side.outward * 10.0));
         let outward = (edge - inner).normalize();
@@ -93,7 +99,7 @@ impl Trial {
         if !self.is_held {
             return Vec::new();
         }
-        let Side { middle, along, outward } = longest_side(&self.taught);
+        let Some(Side { middle, along, outward }) = sides(&self.taught).next() else { return Vec::new() };
         let reach = HOLDER_HALF_MM[0] + MARKED_BESIDE_MM;
         let corner =
             |s: f64, t: f64| self.taught_px(middle + along * (s * reach) + outward * (t * MARKED_ACROSS_MM));
@@ -115,13 +121,16 @@ impl Trial {
     }
 }
 
-fn longest_side(shape: &Shape) -> Side {
+/// The sides of a panel, the longest first.
+fn sides(shape: &Shape) -> impl Iterator<Item = Side> {
     let corners = shape.outline().corners();
-    let sides = corners.iter().zip(corners.iter().cycle().skip(1));
-    let longest = sides.max_by(|(a, b), (c, d)| (*b - *a).norm().total_cmp(&(*d - *c).norm()));
-    let (a, b) = longest.map_or((Vector2::zeros(), Vector2::x()), |(a, b)| (*a, *b));
-    let along = (b - a).normalize();
-    Side { middle: (a + b) / 2.0, along, outward: Vector2::new(along.y, -along.x) }
+    let mut sides: Vec<[Vector2<f64>; 2]> =
+        corners.iter().zip(corners.iter().cycle().skip(1)).map(|(a, b)| [*a, *b]).collect();
+    sides.sort_by(|[a, b], [c, d]| (d - c).norm().total_cmp(&(b - a).norm()));
+    sides.into_iter().map(|[a, b]| {
+        let along = (b - a).normalize();
+        Side { middle: (a + b) / 2.0, along, outward: Vector2::new(along.y, -along.x) }
+    })
 }
 
 #[cfg(test)]
@@ -146,7 +155,7 @@ mod tests {
         };
         let share = on_panel(&scan) / on_panel(&whole);
         assert!((share - 0.67).abs() < 0.05, "{share}");
-        let side = longest_side(&trial.taught);
+        let side = sides(&trial.taught).next().expect("a side");
         let depth = |way_mm: f64| {
             let pixel = trial.taught_px(side.middle + side.outward * way_mm);
             let (column, row) = pixel.whole(whole.width(), whole.height()).expect("inside");

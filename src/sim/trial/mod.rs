@@ -8,6 +8,7 @@
 mod capture;
 mod contents;
 mod held;
+mod marks;
 mod placement;
 mod space;
 mod spoil;
@@ -25,7 +26,11 @@ use super::truth::PlacementError;
 use super::variety::{self, generator};
 use crate::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamera, Pixel, Rigid};
 use contents::SceneContents;
+use marks::Marks;
 use space::lattice;
+
+/// Size of the panels of which two stand in the box, against others.
+const SMALL: f64 = 0.55;
 
 /// A scene with known truth.
 #[derive(Debug, Clone)]
@@ -48,6 +53,15 @@ pub struct Trial {
     is_held: bool,
     /// Share of the panel without points, in patches.
     missing: f64,
+    /// What is printed on the taught panel, and on the one that stands there.
+    taught_marks: Option<Marks>,
+    present_marks: Option<Marks>,
+    /// Where the scanner's smooth error is alike over another length than usual, mm.
+    alike_mm: Option<f64>,
+    /// A second panel of the same kind.
+    twin: Option<Rigid<Base, Panel>>,
+    /// The holder is at another side than it was at teaching.
+    is_holder_moved: bool,
 }
 
 impl Trial {
@@ -73,10 +87,13 @@ impl Trial {
     fn new(seed: Seed, wrong: Option<Wrong>, reduction: usize) -> Trial {
         let camera = scene::scanner(reduction);
         let mut random = generator(seed, 0);
-        let panel = if wrong == Some(Wrong::Symmetric) {
-            variety::Panel::symmetric(&mut random)
-        } else {
-            variety::Panel::any(&mut random)
+        let panel = match wrong {
+            Some(Wrong::Symmetric) => variety::Panel::symmetric(&mut random),
+            Some(Wrong::MirroredMarks) => variety::Panel::symmetric(&mut random).flattened(),
+            Some(Wrong::HolderMoved) => variety::Panel::any(&mut random).flattened(),
+            // Two large ones find no room.
+            Some(Wrong::TwoPanels) => variety::Panel::any(&mut random).scaled(SMALL),
+            _ => variety::Panel::any(&mut random),
         };
         let mut trial = Trial {
             seed,
@@ -95,12 +112,17 @@ impl Trial {
             hidden: 0.0,
             is_held: false,
             missing: 0.0,
+            taught_marks: None,
+            present_marks: None,
+            alike_mm: None,
+            twin: None,
+            is_holder_moved: false,
         };
         trial.put(&mut generator(seed, 1), wrong);
         if let Some(wrong) = wrong {
             trial.spoil(&panel, wrong, &mut generator(seed, 2));
         }
-        trial
+        if wrong == Some(Wrong::MirroredMarks) { trial.with_mirrored_marks() } else { trial }
     }
 
     /// The 3D camera.
@@ -148,16 +170,19 @@ impl Trial {
     /// The scan that teaches the panel, at its nominal place and without clutter.
     pub fn taught_scan(&self) -> OrganizedCloud<Camera> {
         let taught = Some((&self.taught, &scene::nominal()));
-        let holder: Vec<Slab> = self.holder(&scene::nominal()).into_iter().collect();
+        let holder: Vec<Slab> = self.holder(&scene::nominal(), false).into_iter().collect();
         let patches = self.patches(0);
-        let contents = SceneContents { slabs: &holder, patches: patches.as_ref(), ..SceneContents::default() };
+        let marks = self.taught_marks.as_ref();
+        let contents =
+            SceneContents { slabs: &holder, patches: patches.as_ref(), marks, ..SceneContents::default() };
         self.capture(taught, &scene::base_from_camera(), contents, 0)
     }
 
     /// The scan of the scene.
     pub fn scan(&self) -> OrganizedCloud<Camera> {
         let present = self.present.as_ref().map(|shape| (shape, &self.place));
-        let slabs: Vec<Slab> = self.slabs.iter().copied().chain(self.holder(&self.place)).collect();
+        let slabs: Vec<Slab> =
+            self.slabs.iter().copied().chain(self.holder(&self.place, self.is_holder_moved)).collect();
         let patches = self.patches(1);
         let contents = SceneContents {
             slabs: &slabs,
@@ -165,8 +190,32 @@ impl Trial {
             wet: self.wet,
             smear_px: self.smear_px,
             patches: patches.as_ref(),
+            marks: self.present_marks.as_ref(),
         };
-        self.capture(present, &self.camera_now, contents, 1)
+        let scan = self.capture(present, &self.camera_now, contents, 1);
+        match (&self.present, &self.twin) {
+            (Some(shape), Some(place)) => {
+                before(scan, self.capture(Some((shape, place)), &self.camera_now, contents, 2))
+            }
+            _ => scan,
+        }
+    }
+}
+
+/// Of two scans of one view what is nearer; where one has no point, what the other has.
+fn before(scan: OrganizedCloud<Camera>, other: OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
+    let count = scan.width() * scan.height();
+    let depth = |cloud: &OrganizedCloud<Camera>, index: usize| {
+        let [_, _, z] = cloud.raw_points_mm()[index];
+        if z.is_nan() { f32::INFINITY } else { z }
+    };
+    let is_other = |&index: &usize| depth(&other, index) < depth(&scan, index) - 1.0;
+    let of = |index: usize| if is_other(&index) { &other } else { &scan };
+    let points = (0..count).map(|index| of(index).raw_points_mm()[index]).collect();
+    let colors = (0..count).map(|index| of(index).color_at(index)).collect();
+    match OrganizedCloud::new(scan.width(), scan.height(), points, colors) {
+        Ok(cloud) => cloud,
+        Err(error) => unreachable!("one point and one colour a pixel were made: {error}"),
     }
 }
 
@@ -202,5 +251,7 @@ mod tests {
         assert!(wet < Trial::good(1, 8).scan().valid().count());
         let moved = Trial::bad(1, Wrong::CameraMoved, 8);
         assert!((moved.camera_now.origin() - moved.base_from_camera().origin()).mm.norm() > 0.9);
+        let twins = (1..=12).filter(|&seed| Trial::bad(seed, Wrong::TwoPanels, 8).twin.is_some());
+        assert_eq!(twins.count(), 12, "both panels have room");
     }
 }

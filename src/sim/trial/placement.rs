@@ -14,7 +14,7 @@ use rand_pcg::Pcg64;
 
 /// The panel's points stay this far before the fixture, mm.
 const FARTHEST_X_MM: f64 = 628.0;
-const MAX_HIDDEN: f64 = 0.195;
+pub(super) const MAX_HIDDEN: f64 = 0.195;
 
 impl Trial {
     /// Draws places until one is as it must be: before the fixture, in the box, and seen as far as it should be.
@@ -46,7 +46,7 @@ impl Trial {
                 p.x < FARTHEST_X_MM
                     && axes.clone().all(|axis| p[axis] > low[axis] + 4.0 && p[axis] < high[axis] - 4.0)
             });
-            if !stands || !self.faces(&lattice) {
+            if !stands || !self.faces(&self.place, &lattice) {
                 continue;
             }
             self.slabs = beside(random, &self.place);
@@ -58,7 +58,7 @@ impl Trial {
             for _ in 0..covers {
                 self.slabs.push(self.before(random, &lattice, wrong == Some(Wrong::Hidden)));
             }
-            self.hidden = self.hidden_share(&lattice);
+            self.hidden = self.hidden_at(&self.place, &lattice);
             if share.contains(&self.hidden) {
                 break;
             }
@@ -70,10 +70,10 @@ impl Trial {
     }
 
     /// Does every place of the panel look at the camera?
-    fn faces(&self, lattice: &[[f64; 2]]) -> bool {
+    fn faces(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]]) -> bool {
         let eye = scene::base_from_camera().origin();
         lattice.iter().all(|&at| {
-            let (point, normal) = (self.place * self.taught.point(at), self.place * self.taught.normal(at));
+            let (point, normal) = (*place * self.taught.point(at), *place * self.taught.normal(at));
             let towards = (eye - point).mm;
             normal.mm.dot(&towards) > 0.3 * towards.norm()
         })
@@ -92,14 +92,24 @@ impl Trial {
         Slab::facing(centre, towards, random.random_range(0.0..3.0), half, [gray, gray, gray * 0.95])
     }
 
-    /// The share of these places that camera or projector do not see.
-    fn hidden_share(&self, lattice: &[[f64; 2]]) -> f64 {
+    /// Whether a panel at this place is in the box and before the fixture, and looks at the camera.
+    pub(super) fn stands(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]]) -> bool {
+        let [low, high] = TRIAL_BOX_MM;
+        let is_inside = |at: &[f64; 2]| {
+            let p = (*place * self.taught.point(*at)).mm;
+            p.x < FARTHEST_X_MM && (0..3).all(|axis| p[axis] > low[axis] + 4.0 && p[axis] < high[axis] - 4.0)
+        };
+        lattice.iter().all(is_inside) && self.faces(place, lattice)
+    }
+
+    /// The share of these places of a panel that stands there which camera or projector do not see.
+    pub(super) fn hidden_at(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]]) -> f64 {
         let base_from_camera = scene::base_from_camera();
         let camera_from_base = base_from_camera.inverse();
         let eye = base_from_camera.origin().mm;
-        let projector = Projector::new(&base_from_camera, Some((&self.taught, &self.place)), &self.slabs);
+        let projector = Projector::new(&base_from_camera, Some((&self.taught, place)), &self.slabs);
         let hidden = |&&at: &&[f64; 2]| {
-            let point = self.place * self.taught.point(at);
+            let point = *place * self.taught.point(at);
             let seen = camera_from_base * point;
             self.camera.project_inside(seen).is_none()
                 || self.slabs.iter().any(|slab| is_before(slab, &eye, &(point.mm - eye)))

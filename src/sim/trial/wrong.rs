@@ -44,6 +44,18 @@ pub enum Wrong {
     /// The panel moved during the scan: the picture is smeared.
     #[strum(serialize = "moved while scanned")]
     Smeared,
+    /// Two of its kind stand there.
+    #[strum(serialize = "two panels")]
+    TwoPanels,
+    /// A flat panel, alike in a mirror, whose marks are those of its mirror image.
+    #[strum(serialize = "mirrored marks")]
+    MirroredMarks,
+    /// A flat panel that is held at another side than at teaching.
+    #[strum(serialize = "holder moved")]
+    HolderMoved,
+    /// Its warp has grown by 1 to 2 mm.
+    #[strum(serialize = "warp grown by 1 to 2 mm")]
+    Warped,
 }
 
 impl Wrong {

@@ -34,7 +34,7 @@ struct Kind {
     floor: f64,
 }
 
-const KINDS: [Kind; 7] = [
+const KINDS: [Kind; 10] = [
     Kind { words: "flat", trial: Trial::flat, said: Said::Nothing, floor: ACCEPTED },
     Kind { words: "flat, outline drawn", trial: Trial::flat, said: Said::Outline, floor: ACCEPTED },
     Kind {
@@ -56,6 +56,19 @@ const KINDS: [Kind; 7] = [
         trial: |s, r| Trial::flat(s, r).held().patchy(MISSING),
         said: Said::Both,
         floor: MISSING_ACCEPTED,
+    },
+    Kind { words: "flat, marks", trial: |s, r| Trial::flat(s, r).marked(), said: Said::Nothing, floor: ACCEPTED },
+    Kind {
+        words: "flat, marks, held, outline drawn",
+        trial: |s, r| Trial::flat(s, r).marked().held(),
+        said: Said::Both,
+        floor: ACCEPTED,
+    },
+    Kind {
+        words: "flat, marks, held, points missing, outline drawn",
+        trial: |s, r| Trial::flat(s, r).marked().held().patchy(MISSING),
+        said: Said::Both,
+        floor: ACCEPTED,
     },
 ];
 

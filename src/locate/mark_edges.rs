@@ -1,0 +1,62 @@
+//! Where a scan's picture shows the panel's marks, with the panel assumed at a pose.
+//!
+//! Beside each taught border of a mark the picture is searched across it for the nearest step of brightness with the same sign: near the
+//! place where the border should be first, then farther away, for a flat panel may begin several pixels aside. Where something nearer lies
+//! before the place, or the surface looks away, the mark is hidden.
+
+use super::edges::{Edge, Tangent};
+use super::grid::{Motion, Scan, camera_point};
+use super::outline_edges::{EdgeObservation, outward_px};
+use super::profile::{self, REACH};
+use super::taught_marks::MarkPoint;
+use crate::geometry::{PinholeCamera, Pixel};
+
+/// Where a step is looked for, px from its place, in this order; each finds those within 3 px.
+const EXPECTED_PX: [f64; 5] = [0.0, -3.0, 3.0, -6.0, 6.0];
+/// A surface that is seen under a flatter angle than this shows no marks: cosine of the incidence.
+const MIN_COS: f64 = 0.1;
+/// Another thing is at least this much nearer than the panel, mm.
+const NEARER_MM: f64 = 3.0;
+
+/// Looks for one mark.
+pub(super) fn observe(
+    motion: &Motion,
+    mark: &MarkPoint,
+    camera: &PinholeCamera,
+    scan: &Scan,
+) -> Option<EdgeObservation> {
+    let point = motion.point(&mark.point);
+    let (pixel, slope) = camera.project_with_slope(camera_point(&point))?;
+    let brighter = slope * (motion.turn * mark.brighter);
+    let across = outward_px(&(slope * (motion.turn * mark.along)), &brighter)?;
+    let gradient = slope.transpose() * across;
+    let normal = motion.turn * mark.normal;
+    let is_averted = normal.dot(&point) > -MIN_COS * point.norm();
+    let edge = if is_averted || is_covered(scan, pixel, &Tangent::of(camera, pixel, &point, &normal)) {
+        Edge::Hidden
+    } else {
+        step_beside(scan, pixel, [across.x, across.y])
+    };
+    Some(EdgeObservation { point, gradient, edge })
+}
+
+/// Whether the scan has something nearer there. What gave no point is no obstacle.
+fn is_covered(scan: &Scan, pixel: Pixel, tangent: &Tangent) -> bool {
+    let Some((column, row)) = pixel.whole(scan.width(), scan.height()) else { return false };
+    let [_, _, z] = scan.raw_points_mm()[row * scan.width() + column];
+    !z.is_nan() && tangent.behind_mm(column, row, f64::from(z)) < -NEARER_MM
+}
+
+fn step_beside(scan: &Scan, pixel: Pixel, across: [f64; 2]) -> Edge {
+    let margin = REACH as f64 + 1.0;
+    let (width, height) = (scan.width() as f64, scan.height() as f64);
+    if !(pixel.u >= margin && pixel.v >= margin && pixel.u < width - margin && pixel.v < height - margin) {
+        return Edge::OutOfView;
+    }
+    let Some(line) = profile::line(scan, pixel, across) else { return Edge::OutOfView };
+    let near = |&expected_px: &f64| profile::step(&line, expected_px).filter(|step| step.contrast > 0.0);
+    match EXPECTED_PX.iter().find_map(near) {
+        Some(step) => Edge::Colour { offset_px: step.offset_px, width_px: step.width_px },
+        None => Edge::Absent,
+    }
+}

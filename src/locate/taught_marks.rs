@@ -1,0 +1,159 @@
+//! The panel's marks: printed, painted or bright places inside of its outline, by the steps of brightness at their borders.
+//!
+//! A flat panel slides along its surface, and where its outline is held, hidden or without points nothing else holds it sideways.
+//! What is printed on it does. The taught picture is searched cell by cell for its steepest change of brightness; where that is a step
+//! between two even levels, its place is read to a fraction of a pixel (`profile`) and put on the surface. A composite's weave has too
+//! little contrast to be a mark.
+
+use super::grid::{Grid, Motion};
+use super::profile::{self, PLACES, REACH};
+use super::taught_surface::Surface;
+use crate::geometry::{Camera, Pixel, polygon};
+use crate::panel::{OutlineFrom, TaughtPanel};
+use nalgebra::{Vector2, Vector3};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+/// Side of a cell that has one mark at most, px.
+const CELL_PX: usize = 8;
+/// A mark's two sides differ by this much, grey levels: three times what an edge of the outline needs, and far beyond a weave.
+const MIN_CONTRAST: f64 = 40.0;
+/// Brightness is compared over this distance to find the steepest change, px, and only that pixels apart.
+const APART_PX: usize = 2;
+const EVERY_PX: usize = 2;
+/// Of a step's contrast this much lies between two pixels that far apart.
+const STEEP: f64 = 0.35;
+/// A held place this near says nothing of the panel, px.
+const HELD_NEAR_PX: f64 = PLACES as f64;
+
+/// A place at the border of a mark.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MarkPoint {
+    /// Where, in the panel's frame, mm.
+    pub point: Vector3<f64>,
+    /// The direction along the border.
+    pub along: Vector3<f64>,
+    /// The direction in the surface towards the brighter side.
+    pub brighter: Vector3<f64>,
+    /// The surface's normal.
+    pub normal: Vector3<f64>,
+    /// Length of border that it stands for, mm.
+    pub length_mm: f64,
+}
+
+/// All of a panel's marks.
+#[derive(Debug, Clone, Default)]
+pub(super) struct TaughtMarks {
+    pub points: Vec<MarkPoint>,
+}
+
+impl TaughtMarks {
+    /// Of a taught panel whose depths and surface are these.
+    pub fn of(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> TaughtMarks {
+        let (columns, rows) = (panel.scan.width() / CELL_PX, panel.scan.height() / CELL_PX);
+        let search = MarkSearch { panel, grid, surface, panel_from_camera: Motion::of(&panel.panel_from_camera) };
+        let points = (0..columns * rows)
+            .into_par_iter()
+            .with_min_len(512)
+            .filter_map(|cell| search.mark_in([cell % columns * CELL_PX, cell / columns * CELL_PX]))
+            .collect();
+        TaughtMarks { points }
+    }
+
+    /// How many marks share one error, on average, where errors are alike over this length, mm: what errs most is the depth at which
+    /// the taught scan puts them.
+    pub fn correlated_count(&self, alike_mm: f64) -> f64 {
+        let cube = |mark: &MarkPoint| [0, 1, 2].map(|axis| (mark.point[axis] / alike_mm).floor() as i64);
+        let cubes: BTreeSet<[i64; 3]> = self.points.iter().map(cube).collect();
+        (self.points.len() as f64 / cubes.len().max(1) as f64).max(1.0)
+    }
+}
+
+struct MarkSearch<'a> {
+    panel: &'a TaughtPanel,
+    grid: &'a Grid,
+    surface: &'a Surface,
+    panel_from_camera: Motion,
+}
+
+impl MarkSearch<'_> {
+    fn gray(&self, column: usize, row: usize) -> f64 {
+        let [r, g, b] = self.panel.scan.color_at(row * self.panel.scan.width() + column);
+        0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b)
+    }
+
+    /// The mark of a cell, which begins at this pixel.
+    fn mark_in(&self, [left, top]: [usize; 2]) -> Option<MarkPoint> {
+        let (width, height) = (self.panel.scan.width(), self.panel.scan.height());
+        let margin = REACH + 1;
+        if left < margin || top < margin || left + CELL_PX + margin > width || top + CELL_PX + margin > height {
+            return None;
+        }
+        if !self.is_inside(left + CELL_PX / 2, top + CELL_PX / 2) {
+            return None;
+        }
+        let (mut steepest, mut at) = (0.0, None);
+        for row in (top..top + CELL_PX).step_by(EVERY_PX) {
+            for column in (left..left + CELL_PX).step_by(EVERY_PX) {
+                let across = self.gray(column + APART_PX, row) - self.gray(column - APART_PX, row);
+                let down = self.gray(column, row + APART_PX) - self.gray(column, row - APART_PX);
+                let steep = across.hypot(down);
+                if steep > steepest {
+                    (steepest, at) = (steep, Some((column, row, Vector2::new(across, down) / steep)));
+                }
+            }
+        }
+        let (column, row, brighter) = at.filter(|_| steepest >= STEEP * MIN_CONTRAST)?;
+        self.mark_at(Pixel::at(column as f64, row as f64), brighter)
+    }
+
+    /// The step beside a pixel towards what is brighter.
+    fn mark_at(&self, pixel: Pixel, brighter: Vector2<f64>) -> Option<MarkPoint> {
+        if !self.is_on_panel(pixel, brighter) || self.panel.is_held_near(pixel, HELD_NEAR_PX) {
+            return None;
+        }
+        let line = profile::line(&self.panel.scan, pixel, [brighter.x, brighter.y])?;
+        let step = profile::step(&line, 0.0).filter(|step| step.contrast >= MIN_CONTRAST)?;
+        let pixel = Pixel::at(pixel.u + step.offset_px * brighter.x, pixel.v + step.offset_px * brighter.y);
+        let ray = |pixel: Pixel| Some(self.panel.camera.unproject::<Camera>(pixel)?.mm);
+        let (depth_mm, normal) = self.surface.beside(self.grid, pixel)?;
+        let here = ray(pixel)? * depth_mm;
+        // The neighbour in the picture on the surface's plane.
+        let beside = |du: f64, dv: f64| {
+            let ray = ray(Pixel::at(pixel.u + du, pixel.v + dv))?;
+            (ray * (normal.dot(&here) / normal.dot(&ray)) - here).try_normalize(1e-12)
+        };
+        let along = beside(-brighter.y, brighter.x)?;
+        let towards = beside(brighter.x, brighter.y)?;
+        let brighter = (towards - along * along.dot(&towards)).try_normalize(1e-9)?;
+        let (px_per_mm, _) = self.panel.camera.px_per_mm_at(here.z);
+        let turn = &self.panel_from_camera.turn;
+        Some(MarkPoint {
+            point: self.panel_from_camera.point(&here),
+            along: turn * along,
+            brighter: turn * brighter,
+            normal: turn * normal,
+            length_mm: CELL_PX as f64 / px_per_mm,
+        })
+    }
+
+    /// Whether both ends of the line lie on the panel, so that its own edge is no mark.
+    fn is_on_panel(&self, pixel: Pixel, across: Vector2<f64>) -> bool {
+        let (width, height) = (self.panel.scan.width(), self.panel.scan.height());
+        (-(REACH as i32)..=REACH as i32).step_by(4).all(|way| {
+            let way = f64::from(way);
+            let end = Pixel::at(pixel.u + way * across.x, pixel.v + way * across.y);
+            end.whole(width, height).is_some_and(|(column, row)| self.is_inside(column, row))
+        })
+    }
+
+    /// On the panel; where a person drew its outline its points may be missing, as they are between bright marks on a dark panel.
+    /// Elsewhere what gave no point may be a window, through which the background is seen.
+    fn is_inside(&self, column: usize, row: usize) -> bool {
+        let panel = self.panel;
+        panel.mask.contains(column, row)
+            || panel.outline_from == OutlineFrom::Recipe
+                && panel.scan.point(column, row).is_none()
+                && polygon::contains(&panel.outline_px, Pixel::at(column as f64, row as f64))
+    }
+}

@@ -1,0 +1,99 @@
+//! Bright discs printed on a trial's panel, as on the dark plate of public scans: their light is seen and measured where the dark
+//! surface around them gives hardly a point.
+
+use super::Trial;
+use super::space::lattice;
+use crate::sim::appearance::Color;
+use crate::sim::noise::{LEVEL, Purpose};
+use rand::RngExt;
+
+/// Grey level of a disc, and its radius, mm.
+const GRAY: f64 = 185.0;
+const RADIUS_MM: std::ops::Range<f64> = 3.5..8.0;
+/// Discs stay this far from each other and from the panel's edge, mm.
+const APART_MM: f64 = 10.0;
+const FROM_EDGE_MM: f64 = 16.0;
+/// At most so many.
+const MOST: usize = 24;
+
+/// Discs on the sheet: centre and radius, mm.
+#[derive(Debug, Clone)]
+pub(super) struct Marks {
+    discs: Vec<([f64; 2], f64)>,
+}
+
+impl Trial {
+    /// The same panel with marks on it.
+    pub fn marked(mut self) -> Trial {
+        let mut random = self.seed.stream(Purpose::Trial, 60);
+        let places = lattice(&self.taught);
+        let from_edge = |at: [f64; 2]| -self.taught.outline().distance(at.into()).0;
+        let mut discs: Vec<([f64; 2], f64)> = Vec::new();
+        for _ in 0..40 * MOST {
+            let [s, t] = places[random.random_range(0..places.len())];
+            let at = [s + random.random_range(-4.0..4.0), t + random.random_range(-4.0..4.0)];
+            let radius_mm = random.random_range(RADIUS_MM);
+            let is_apart = |(other, other_mm): &([f64; 2], f64)| {
+                (at[0] - other[0]).hypot(at[1] - other[1]) > radius_mm + other_mm + APART_MM
+            };
+            if discs.len() < MOST && from_edge(at) > FROM_EDGE_MM + radius_mm && discs.iter().all(is_apart) {
+                discs.push((at, radius_mm));
+            }
+        }
+        let marks = Marks { discs };
+        (self.taught_marks, self.present_marks) = (Some(marks.clone()), Some(marks));
+        self
+    }
+
+    /// The marks as a mirror would show them, on a panel that looks the same in it.
+    pub(super) fn with_mirrored_marks(mut self) -> Trial {
+        self = self.marked();
+        let mirrored = |marks: Marks| Marks {
+            discs: marks.discs.into_iter().map(|([s, t], radius_mm)| ([-s, t], radius_mm)).collect(),
+        };
+        self.present_marks = self.present_marks.map(mirrored);
+        self
+    }
+}
+
+impl Marks {
+    /// How much of a pixel of this size at a place is mark, 0…1.
+    pub fn share(&self, [s, t]: [f64; 2], pixel_mm: f64) -> f64 {
+        let inside_mm = |([x, y], radius_mm): &([f64; 2], f64)| radius_mm - (s - x).hypot(t - y);
+        let deepest = self.discs.iter().map(inside_mm).fold(f64::NEG_INFINITY, f64::max);
+        (deepest / pixel_mm + 0.5).clamp(0.0, 1.0)
+    }
+
+    /// A colour of the panel, of which this share is mark.
+    pub fn painted(color: Color, share: f64) -> Color {
+        color.map(|level| (f64::from(level) + share * (GRAY * f64::from(LEVEL) - f64::from(level))).round() as u16)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: a pixel of 0.4 mm whose middle lies 0.1 mm inside a disc's border is mark by three quarters.
+    #[test]
+    fn a_pixel_at_the_border_is_mark_by_its_share() {
+        let marks = Marks { discs: vec![([10.0, 0.0], 5.0)] };
+        let share = |s: f64| marks.share([s, 0.0], 0.4);
+        assert!((share(5.1) - 0.75).abs() < 1e-9 && (share(5.0) - 0.5).abs() < 1e-9);
+        assert_eq!((share(4.0), share(7.0)), (0.0, 1.0));
+        assert_eq!(Marks::painted([0, 0, 12_800], 0.5), [11_840, 11_840, 18_240]);
+    }
+
+    /// The marks of a marked panel lie on it; in a mirror they lie elsewhere.
+    #[test]
+    fn marks_lie_on_the_panel_and_a_mirror_moves_them() {
+        let trial = Trial::flat(2, 8).with_mirrored_marks();
+        let [taught, present] =
+            [&trial.taught_marks, &trial.present_marks].map(|marks| marks.as_ref().expect("marks"));
+        assert!(taught.discs.len() >= 6, "{}", taught.discs.len());
+        for (([s, t], radius_mm), mirrored) in taught.discs.iter().zip(&present.discs) {
+            assert!(-trial.taught.outline().distance([*s, *t].into()).0 > radius_mm + FROM_EDGE_MM);
+            assert_eq!(*mirrored, ([-s, *t], *radius_mm));
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! The stated error against the real one where the scanner's smooth errors are alike over short or long distances: on panels of many
+//! shapes and on flat plates, with what `calibrate scanner` would have measured and with the maker's figures alone.
+
+use super::{RIGHT_MM, quantile, reduction, row, share, taught};
+use panelprep::locate::{self, RangeErrors, View, gate};
+use panelprep::sim::Trial;
+use panelprep::verdict::Verdict;
+use std::ops::RangeInclusive;
+
+/// Lengths over which a smooth error is alike, mm.
+const ALIKE_MM: [f64; 4] = [30.0, 65.0, 120.0, 200.0];
+/// The simulator's smooth error, standard deviation: 0.06 mm at the nodes of its lattice, 26/35 of it overall.
+const SMOOTH_MM: f64 = 0.06 * 26.0 / 35.0;
+/// Of accepted poses this share is within what is stated: less is a promise that is not kept, more is one that says too little.
+const STATED: RangeInclusive<f64> = 0.9..=1.0;
+
+/// Each length on both kinds of panel, with these seeds; how many floors were missed.
+pub fn errors(seeds: RangeInclusive<u64>) -> usize {
+    let kinds: [(&str, fn(u64, usize) -> Trial); 2] = [("bent", Trial::good), ("flat", Trial::flat)];
+    let mut missed = 0;
+    for (kind, trial) in kinds {
+        for alike_mm in ALIKE_MM {
+            let range = RangeErrors {
+                correlation_mm: alike_mm,
+                between_scans_mm: std::f64::consts::SQRT_2 * SMOOTH_MM,
+                of_taught_mm: 1.5 * SMOOTH_MM,
+                is_measured: true,
+            };
+            for (words, range) in [("measured", range), ("not measured", RangeErrors::default())] {
+                let trials = seeds.clone().map(|seed| trial(seed, reduction()).alike_over(alike_mm));
+                missed += stated(&format!("{kind}, alike over {alike_mm} mm, {words}"), trials, range);
+            }
+        }
+    }
+    missed
+}
+
+fn stated(words: &str, trials: impl Iterator<Item = Trial>, range: RangeErrors) -> usize {
+    let (mut count, mut accepted, mut wrong, mut kept) = (0, 0, 0, 0);
+    let (mut ratios, mut largest) = (Vec::new(), Vec::new());
+    for trial in trials {
+        count += 1;
+        let (panel, recipe) = taught(&trial);
+        let scan = trial.scan();
+        let base_from_camera = trial.base_from_camera();
+        let view = View { scan: &scan, camera: trial.camera(), base_from_camera, range };
+        let Ok(fit) = locate::locate(&panel, &view, recipe.locate()) else { continue };
+        if gate::judge(&fit, recipe.locate()).verdict != Verdict::Accept {
+            continue;
+        }
+        let error_mm = trial.error_mm(&fit.base_from_panel).max_mm;
+        accepted += 1;
+        wrong += usize::from(error_mm > RIGHT_MM && error_mm > 2.0 * fit.uncertainty_mm);
+        kept += usize::from(error_mm <= fit.uncertainty_mm);
+        ratios.push(error_mm / fit.uncertainty_mm);
+        largest.push(error_mm);
+    }
+    let told = format!(
+        "{words}: {accepted} of {count} are accepted, {wrong} of them wrong, {kept} within what is stated ({:.1} %); error over stated {:.2} in \
+         the middle, largest error {:.3} mm",
+        100.0 * share(kept, accepted),
+        quantile(&mut ratios, 0.5),
+        quantile(&mut largest, 1.0)
+    );
+    row(wrong == 0 && STATED.contains(&share(kept, accepted)), &told)
+}
