@@ -37,7 +37,7 @@ const FOR_MACHINES: [(&str, &str); 28] = [
     ("daemon/sight.rs", "{located:?}"),
     ("daemon/abrasion.rs", "{plan:?}"),
     // What `Debug` itself prints.
-    ("devices/zivid/wire.rs", "{found:02x?}"),
+    ("devices/zivid/frame.rs", "{found:02x?}"),
     ("devices/zivid/scanner.rs", "?found"),
 ];
 
