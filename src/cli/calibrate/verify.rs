@@ -2,7 +2,7 @@
 
 use super::super::args::Common;
 use super::super::disk;
-use super::super::fault::Fault;
+use super::super::fault::{CalibrationFault, Fault};
 use super::super::load::{CellFiles, flange_file};
 use super::super::outcome::Outcome;
 use super::args::{BoardArgs, CameraName, Touch, Verify};
@@ -165,7 +165,7 @@ fn learn(target: &Path, board: &Board, named: &BoardArgs, seen: &Looked) -> Resu
 pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let Target { board, base_from_board: known } = Target::read(&args.target, args.board.named().as_ref())?;
-    let file = args.points.as_ref().ok_or(Fault::NoPoses)?;
+    let file = args.points.as_ref().ok_or(CalibrationFault::NoPoses)?;
     let mut points = files::points(&file.display().to_string(), &disk::read_text(file)?)?;
     let tool = files.tool_tip()?;
     tips::by_axes(&files, &tool.value, (file, &mut points))?;

@@ -18,7 +18,7 @@ pub use looking::look;
 pub use touching::{tool, touch};
 
 use super::super::args::Common;
-use super::super::fault::Fault;
+use super::super::fault::{CalibrationFault, Fault};
 use super::super::flange_pose::FlangePoses;
 use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
@@ -43,7 +43,9 @@ const MOST: usize = 60;
 /// # Errors
 /// Where the camera does not deliver or the disk refuses; else as the command on files.
 pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
-    let (Some(folder), Some(camera)) = (&args.live.live, args.camera) else { return Err(Fault::NoLiveCamera) };
+    let (Some(folder), Some(camera)) = (&args.live.live, args.camera) else {
+        return Err(CalibrationFault::NoLiveCamera.into());
+    };
     let cell = CellFiles::read(common)?;
     let board = boards::board(&args.board)?;
     let view = match camera {
@@ -74,7 +76,7 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
 /// # Errors
 /// As [`lens`], and where the robot does not do what it must.
 pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
-    let Some(folder) = &args.live.live else { return Err(Fault::NoLiveCamera) };
+    let Some(folder) = &args.live.live else { return Err(CalibrationFault::NoLiveCamera.into()) };
     let cell = CellFiles::read(common)?;
     let board = boards::board(&args.board)?;
     let camera = mounted::intrinsics(&args.intrinsics)?.camera;

@@ -5,7 +5,7 @@
 //! mount's stated error smallest, until another one is not worth it. Each move goes through the gate of `panelprep robot move-j`;
 //! a pose that it refuses is left out.
 
-use super::super::super::fault::Fault;
+use super::super::super::fault::{CalibrationFault, Fault};
 use super::super::super::flange_pose::reported;
 use super::super::super::live;
 use super::super::super::load::CellFiles;
@@ -120,7 +120,7 @@ struct Tour<'t, 's> {
 impl Tour<'_, '_> {
     /// Where the arm stands, as the controller computes it.
     fn stands(&self) -> Result<ReportedFlange, Fault> {
-        reported(&self.arm, &self.single.state().joints).ok_or(Fault::NoAxes)
+        reported(&self.arm, &self.single.state().joints).ok_or(CalibrationFault::NoAxes.into())
     }
 
     /// Moves there, by the way that needs the least of the axes; false where no way leads there or the gate refuses.
