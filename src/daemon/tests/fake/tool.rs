@@ -11,7 +11,7 @@ use crate::devices::acf::{ConnectedTool as _, SimulatedAcf, Surrounding, Surroun
 use crate::force::downwards;
 use crate::geometry::{Flange, KukaPose, Rigid, Tool};
 use crate::tape::Armed;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 /// What is before the tool.
 struct FakePanel {
@@ -129,7 +129,7 @@ impl AtContact {
     pub fn run(&self, from: u32, fault: Option<ToolFault>) -> Ended {
         let mut world = World { tool_fault: fault.map(|fault| (from, fault)), ..self.world.clone() };
         world.time_ms += 100;
-        let world = Shared(Arc::new(Mutex::new(world)));
+        let world = Shared::new(world);
         let mut record = Memory { fails_at: usize::MAX, ..Memory::default_of(&world) };
         let (mut robot, mut asks) = (FakeRobot { world: world.clone(), by_the_wall: false }, Asks::one_cycle());
         // It has been connected for long.
