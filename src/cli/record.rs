@@ -13,7 +13,7 @@ use crate::daemon::whoever_runs_this;
 use crate::files::content_hash;
 use crate::record::CycleId;
 use crate::report::page::Figure;
-use crate::signing::{self, CellKey, Export, Meaning, Place, PublicKey, Said, Signed, Statement};
+use crate::signing::{self, CellKey, Claim, Export, Meaning, PublicKey, Said, Signed, Statement};
 use crate::store::{self, KeyPlace, PersonSigns, SignatureRow, Store};
 use crate::verdict::{Judgement, Reason, Verdict};
 use crate::words::utc;
@@ -331,6 +331,6 @@ fn read_signed(file: &Path) -> Result<Signed, Fault> {
         name,
         bytes: disk::read(file)?,
         signature: disk::read(&file.with_extension("sig"))?,
-        place: Place::Any,
+        claim: Claim::Nothing,
     })
 }

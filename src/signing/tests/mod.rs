@@ -96,7 +96,7 @@ fn exported() -> (Export, Signed) {
     let bytes = canonical(&head).expect("JSON");
     let signature = key.sign(&bytes).to_vec();
     export.files = Some(files);
-    (export, Signed { name: "head.json".to_owned(), bytes, signature, place: Place::Any })
+    (export, Signed { name: "head.json".to_owned(), bytes, signature, claim: Claim::Nothing })
 }
 
 fn found(export: &Export, head: Option<&Signed>) -> Vec<String> {
