@@ -4,7 +4,7 @@ use super::super::super::*;
 use crate::cycle::{self, Event, Motion, Outcome, Path, Refusal};
 use crate::geometry::{Base, ColorPicture, Flange, Rigid};
 use crate::phase::Phase;
-use crate::record::{Asked, Budget, Clock, ContactPath, Kind};
+use crate::record::{Budget, Clock, ContactPath, Kind, RequestRecord};
 use crate::sim::Truth;
 use std::sync::Arc;
 
@@ -31,7 +31,7 @@ pub struct Story {
     pub contacts: Vec<(ContactPath, Vec<u32>)>,
     /// Waypoints that were executed before the record permitted them.
     pub beyond: u32,
-    pub asked: Vec<Asked>,
+    pub asked: Vec<RequestRecord>,
     pub clocks: Vec<Clock>,
     pub moved_without_intent: usize,
 }
