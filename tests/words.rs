@@ -34,7 +34,7 @@ const FOR_MACHINES: [(&str, &str); 28] = [
     ("cell/robot_correction.rs", "left_out_after_mm = {"),
     // By which results of simulations are found again.
     ("daemon/computing/memory.rs", "{act:?}"),
-    ("daemon/sight.rs", "{located:?}"),
+    ("daemon/perception.rs", "{located:?}"),
     ("daemon/abrasion.rs", "{plan:?}"),
     // What `Debug` itself prints.
     ("devices/zivid/frame.rs", "{found:02x?}"),

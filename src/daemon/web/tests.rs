@@ -116,7 +116,7 @@ impl RecordSource for Source {
 }
 
 /// A page on a new store, with an account for each role.
-pub(super) struct Site {
+pub(super) struct PageFixture {
     router: Router,
     gateway: Gateway,
     pub asked: Arc<Mutex<Vec<String>>>,
@@ -147,7 +147,7 @@ pub(super) struct Browser {
     pub csrf: String,
 }
 
-impl Site {
+impl PageFixture {
     pub fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let store = Store::create(&folder.path().join("store")).expect("a store");
@@ -206,7 +206,7 @@ impl Site {
         });
         let router = routes::router(&Arc::new(web));
         let from = ConnectInfo(SocketAddr::from(([127, 0, 0, 1], 5_000)));
-        Site { router: router.layer(axum::Extension(from)), gateway, asked, folder }
+        PageFixture { router: router.layer(axum::Extension(from)), gateway, asked, folder }
     }
 
     /// The same page for its own server.
