@@ -30,7 +30,7 @@ use super::{hand_eye, intrinsics};
 use crate::calib::CalibError;
 use crate::calib::hand_eye::MIN_STATIONS;
 use crate::devices::cameras::BoardView;
-use session::{Asked, Session};
+use session::{Choice, Session};
 use so_far::{say_lens, say_mount};
 use std::path::PathBuf;
 use view::View;
@@ -60,7 +60,7 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
     let mut view = View::open(&cell, (view, &board), (&args.live, known), progress)?;
     let mut session = Session::new((folder, &args.live), &board, boards::window(&args.board))?;
     let on_files = |images: Vec<PathBuf>, out: PathBuf| Intrinsics { images, out, pictures: None, ..args.clone() };
-    while session.taken() < MOST && session.ask()? == Asked::Take {
+    while session.taken() < MOST && session.ask()? == Choice::Take {
         let (picture, _) = view.take()?;
         if session.keep(&picture, None)? && session.found() >= crate::calib::intrinsics::MIN_VIEWS {
             let so_far = on_files(session.pictures(), folder.join("so_far.toml"));
@@ -99,7 +99,7 @@ pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
     } else {
         let mut view = View::open(&cell, (kind, &board), (&args.live, Some(camera)), progress)?;
         let poses = FlangePoses::of(&cell);
-        while session.taken() < MOST && session.ask()? == Asked::Take {
+        while session.taken() < MOST && session.ask()? == Choice::Take {
             let before = poses.now();
             let (picture, from_camera) = view.take()?;
             let Some(flange) = poses.known_or_asked(before, from_camera)? else { continue };
