@@ -138,17 +138,8 @@ impl LineParts {
             tracing::warn!("the line asks for a {word}, which is refused: {why}");
         }
         let is_taken = refused.is_none();
-        let entry = AuditEntry {
-            unix_ms: 0,
-            who: None,
-            role: is_taken.then_some(Role::Operator),
-            from: "the line's digital signals".to_owned(),
-            what: word.to_owned(),
-            subject: None,
-            before: None,
-            after: None,
-            refused,
-        };
+        let (role, from) = (is_taken.then_some(Role::Operator), "the line's digital signals".to_owned());
+        let entry = AuditEntry { refused, ..AuditEntry::done(None, role, from, word) };
         let people = self.people.clone();
         #[expect(
             clippy::let_underscore_must_use,

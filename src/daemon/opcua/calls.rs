@@ -1,6 +1,6 @@
 //! Calls of methods: each is checked against the one table, and becomes one of the service's own requests.
 
-use super::access::{Access, Caller, line};
+use super::access::{Access, Caller};
 use super::flood::{Flood, Turn};
 use crate::accounts::AuditEntry;
 use crate::cycle::Request;
@@ -200,7 +200,7 @@ impl Calls {
         let (Some(alarm), Caller::Person { name, printed_name, role }) = (alarm_id(alarm), caller) else {
             return no_such();
         };
-        let line = line(Some(name.clone()), Some(*role), from.to_owned(), "acknowledge alarm");
+        let line = AuditEntry::done(Some(name.clone()), Some(*role), from.to_owned(), "acknowledge alarm");
         let (alarms, who) = (self.front.alarms.clone(), format!("{printed_name} ({name})"));
         match tokio::task::spawn_blocking(move || alarms.acknowledge(&alarm, who, line)).await {
             Ok(Ok(true)) => Outcome::Done(String::new()),
@@ -211,7 +211,7 @@ impl Calls {
     }
 
     fn line(&self, method: &Method, caller: &Caller, from: &str) -> AuditEntry {
-        let line = line(caller.name().map(str::to_owned), caller.role(), from.to_owned(), "request");
+        let line = AuditEntry::done(caller.name().map(str::to_owned), caller.role(), from.to_owned(), "request");
         AuditEntry { subject: Some(method.name.to_owned()), ..line }
     }
 

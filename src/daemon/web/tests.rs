@@ -154,17 +154,7 @@ impl PageFixture {
         drop(store);
         let folder_of_store = folder.path().join("store");
         let mut store = Store::for_people(&folder_of_store).expect("open");
-        let entry = AuditEntry {
-            unix_ms: 0,
-            who: None,
-            role: None,
-            from: "terminal".to_owned(),
-            what: "change account".to_owned(),
-            subject: None,
-            before: None,
-            after: None,
-            refused: None,
-        };
+        let entry = AuditEntry::done(None, None, "terminal".to_owned(), "change account");
         for role in Role::VARIANTS {
             let name = role.word().to_owned();
             let printed_name = format!("<script>alert('{name}')</script>");
