@@ -4,20 +4,20 @@
 //! the limit that it was held against, so that nobody has to look the limit up in a recipe that has changed since.
 //! Decides nothing.
 
-mod asked;
 mod contact;
 mod finding;
 mod part;
 mod removed;
+mod requests;
 
 pub use crate::verdict::{Check, Limit, SetBy, Severity};
-pub use asked::{Answer, Asked, Front, Wanted, Who};
 pub use contact::{
     Abraded, Bounds, Contact, ContactPath, EarlierPass, How, MotionRecord, Reached, Touched, abraded, passes,
 };
 pub use finding::{CycleId, Finding, KeptFile, Kind, Picture, name};
 pub use part::PartNames;
 pub use removed::{RemovedByPath, removed, removed_bound_um};
+pub use requests::{Answer, Front, RequestRecord, Wanted, Who};
 
 use crate::cycle::{Path, Request};
 use crate::verdict::Judgement;
@@ -123,9 +123,9 @@ pub struct CycleRecord {
     /// Every motion, in order.
     pub motions: Vec<MotionRecord>,
     /// What was asked after the cycle before had ended and before this one began, in order.
-    pub asked_before: Vec<Asked>,
+    pub asked_before: Vec<RequestRecord>,
     /// What was asked of the cell in this cycle, in order.
-    pub asked: Vec<Asked>,
+    pub asked: Vec<RequestRecord>,
     /// The clock where the cycle began and where it was concluded, as far as they were kept.
     pub clocks: [Option<Clock>; 2],
     /// The file that it was recorded in.
@@ -137,7 +137,7 @@ pub struct CycleRecord {
 impl CycleRecord {
     /// Whether it was asked for as a run in the air, or moved as one: its verdict is of the motions, not of the panel.
     pub fn is_air_run(&self) -> bool {
-        let asked = |asked: &Asked| {
+        let asked = |asked: &RequestRecord| {
             matches!(asked.wanted, Wanted::For(Request::AirRun { .. })) && asked.answer == Some(Answer::Done)
         };
         self.asked.iter().any(asked) || self.motions.iter().any(|kept| kept.motion.path == Path::Air)

@@ -15,8 +15,8 @@ const FOR_MACHINES: [(&str, &str); 28] = [
     ("cell/scanner_errors.rs", ""),
     ("cli/render.rs", "verify_limit_mm = {:?}"),
     ("cli/render.rs", "observation_s"),
-    ("cli/calibrate/files.rs", "base_from_flange"),
-    ("cli/calibrate/files.rs", "axes_deg = {"),
+    ("cli/calibrate/files/pose.rs", "base_from_flange"),
+    ("cli/calibrate/files/pose.rs", "axes_deg = {"),
     ("cli/calibrate/live/touching.rs", "axes_deg = {"),
     ("cli/tune.rs", "channel_weights = {"),
     ("cli/tune.rs", "persist_s = {"),
@@ -34,10 +34,10 @@ const FOR_MACHINES: [(&str, &str); 28] = [
     ("cell/robot_correction.rs", "left_out_after_mm = {"),
     // By which results of simulations are found again.
     ("daemon/computing/memory.rs", "{act:?}"),
-    ("daemon/sight.rs", "{located:?}"),
+    ("daemon/perception.rs", "{located:?}"),
     ("daemon/abrasion.rs", "{plan:?}"),
     // What `Debug` itself prints.
-    ("devices/zivid/wire.rs", "{found:02x?}"),
+    ("devices/zivid/frame.rs", "{found:02x?}"),
     ("devices/zivid/scanner.rs", "?found"),
 ];
 

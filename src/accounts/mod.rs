@@ -88,3 +88,20 @@ pub struct AuditEntry {
     /// Why it was refused; `None` where it was done.
     pub refused: Option<String>,
 }
+
+impl AuditEntry {
+    /// A line of something that was done, without a subject; the store sets its time.
+    pub fn done(who: Option<String>, role: Option<Role>, from: String, what: &str) -> Self {
+        AuditEntry {
+            unix_ms: 0,
+            who,
+            role,
+            from,
+            what: what.to_owned(),
+            subject: None,
+            before: None,
+            after: None,
+            refused: None,
+        }
+    }
+}

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 
 /// A flange pose at which a rig's camera would see its board.
 #[derive(Debug, Clone)]
-pub struct Sight {
+pub struct Viewpoint {
     /// The rig.
     pub rig: usize,
     /// Where the flange would be.
@@ -32,7 +32,7 @@ pub struct Sight {
 #[derive(Debug, Clone)]
 pub struct Candidate {
     /// What would be seen.
-    pub sight: Sight,
+    pub viewpoint: Viewpoint,
     /// The pose.
     pub pose: ArmPose,
 }
@@ -69,12 +69,12 @@ const TURNS: usize = 4;
 const DIRECTIONS: usize = 6;
 
 /// The flange poses at which a rig's camera would see its board whole.
-pub fn sights(
+pub fn viewpoints(
     found: &RobotFound,
     views: &[ArmView],
     rig: usize,
     (camera, board): (&PinholeCamera, &Board),
-) -> Vec<Sight> {
+) -> Vec<Viewpoint> {
     let own = || views.iter().filter(|view| view.rig == rig);
     let mut far: Vec<f64> = own().map(|view| view.camera_from_board.translation.vector.norm()).collect();
     far.sort_by(f64::total_cmp);
@@ -91,7 +91,7 @@ pub fn sights(
             for turn in turns() {
                 let seen =
                     Translation3::from(ray.mm * depth_mm) * turn * Translation3::from(-board.middle().mm.coords);
-                all.extend(sight(found, rig, (camera, board), &Rigid::claim(seen), rms_px));
+                all.extend(viewpoint(found, rig, (camera, board), &Rigid::claim(seen), rms_px));
             }
         }
     }
@@ -119,13 +119,13 @@ fn turns() -> Vec<UnitQuaternion<f64>> {
 }
 
 /// The flange pose of one view; `None` where the board leaves the picture.
-fn sight(
+fn viewpoint(
     found: &RobotFound,
     rig: usize,
     (camera, board): (&PinholeCamera, &Board),
     camera_from_board: &Rigid<Camera, crate::geometry::Board>,
     rms_px: f64,
-) -> Option<Sight> {
+) -> Option<Viewpoint> {
     let corners: Corners = board
         .corners()
         .into_iter()
@@ -137,7 +137,7 @@ fn sight(
         RigKind::EyeToHand => rig_is.mount * seen * rig_is.board.inverse(),
         RigKind::EyeInHand => rig_is.board * seen.inverse() * rig_is.mount.inverse(),
     };
-    Some(Sight { rig, base_from_flange: Rigid::claim(base_from_flange), information })
+    Some(Viewpoint { rig, base_from_flange: Rigid::claim(base_from_flange), information })
 }
 
 /// What a picture would leave of the weakest determined number, and of the tip's error.
@@ -165,12 +165,12 @@ pub fn next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[ArmPose
     let ((index, weakest_share), (_, tip_share)) = (by(|gain| gain.weakest_share)?, by(|gain| gain.tip_share)?);
     let best = &candidates[index];
     let weakest = found.numbers[weakest].name.clone();
-    Some(NextPose { rig: best.sight.rig, pose: best.pose, weakest, weakest_share, tip_share })
+    Some(NextPose { rig: best.viewpoint.rig, pose: best.pose, weakest, weakest_share, tip_share })
 }
 
 /// By (1).
 fn gain(found: &RobotFound, candidate: &Candidate, weakest: usize, tips: &[DMatrix<f64>]) -> Option<Gain> {
-    let (rig, pose) = (candidate.sight.rig, &candidate.pose);
+    let (rig, pose) = (candidate.viewpoint.rig, &candidate.pose);
     let covariance = &found.covariance;
     let middle = found.state.foretold(rig, pose)?;
     let mut slope = DMatrix::zeros(6, covariance.nrows());
@@ -181,7 +181,7 @@ fn gain(found: &RobotFound, candidate: &Candidate, weakest: usize, tips: &[DMatr
         let moved = found.state.moved(&change).foretold(rig, pose)?;
         slope.set_column(column, &(log(&(middle.inverse() * moved)) / step));
     }
-    let noise = scaled_inverse(&candidate.sight.information)? * found.variance;
+    let noise = scaled_inverse(&candidate.viewpoint.information)? * found.variance;
     let known = covariance * slope.transpose();
     let through: Matrix6<f64> = (&slope * &known).fixed_view::<6, 6>(0, 0) + noise;
     let inverse = scaled_inverse(&through)?;

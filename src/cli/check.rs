@@ -1,9 +1,9 @@
 //! `panelprep check`: are these configuration files right, and what do they say?
 
 use super::args::{Check, PurposeName};
-use super::fault::Fault;
+use super::disk;
+use super::fault::{CALIBRATION_ADVICE, Fault};
 use super::outcome::Outcome;
-use super::{disk, load};
 use crate::cell::Cell;
 use crate::check::{FileReport, check_files_for, decode};
 use crate::config::{Problem, line_of_key};
@@ -84,7 +84,7 @@ fn calibrations_that_are_not_there(name: &str, kind: Option<&str>) -> Vec<Proble
     let cell = (kind == Some("cell")).then(|| Cell::check(name, &text).ok()).flatten();
     let away = |(key, file): (&str, &Path)| {
         let key = format!("calibration.{key}");
-        let message = format!("{} is not there; {}", file.display(), load::CALIBRATION_ADVICE);
+        let message = format!("{} is not there; {}", file.display(), CALIBRATION_ADVICE);
         (!file.exists()).then(|| Problem { line: line_of_key(&text, &key), key, message })
     };
     cell.iter().flat_map(|cell| cell.calibration().named()).filter_map(away).collect()

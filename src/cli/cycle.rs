@@ -18,7 +18,7 @@ use crate::daemon::{
     RecordingSwitch, Request, Requester, StoreRecord, What, whoever_runs_this,
 };
 use crate::geometry::KukaPose;
-use crate::record::{Answer, Asked, RecordingFile, Wanted};
+use crate::record::{Answer, RecordingFile, RequestRecord, Wanted};
 use crate::requirements::Purpose;
 use crate::store::CycleStart;
 use crate::supervision::{Supervisor, ThreadFault};
@@ -97,7 +97,7 @@ fn once(
         let mut store = files.settled_store()?;
         store.mount_disc().map_err(Fault::stage)?;
         let (wanted, who) = (Wanted::NewDisc, Some(whoever_runs_this()));
-        let asked = Asked { unix_ms: 0, wanted, who, answer: Some(Answer::Done), reasons: vec![] };
+        let asked = RequestRecord { unix_ms: 0, wanted, who, answer: Some(Answer::Done), reasons: vec![] };
         store.keep_request(&asked, None, None).map_err(Fault::stage)?;
     }
     // Before the pages, which show the signatures.

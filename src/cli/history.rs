@@ -4,7 +4,7 @@
 mod told;
 
 use super::args::{Common, EndName, History, HistoryTask, SearchArguments};
-use super::fault::Fault;
+use super::fault::{Fault, RecordFault};
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::config::nearest;
@@ -26,7 +26,7 @@ pub fn run(args: &History, common: &Common) -> Result<Outcome, Fault> {
         None => CellFiles::read(common)?.store()?,
     };
     if args.what.is_some() && args.search != SearchArguments::default() {
-        return Err(Fault::SearchBesideTask);
+        return Err(RecordFault::SearchBesideTask.into());
     }
     let limit = usize::from(args.limit);
     match &args.what {
@@ -69,7 +69,7 @@ fn search(store: &Store, args: &History) -> Result<Outcome, Fault> {
 fn query(search: &SearchArguments, limit: usize) -> Result<Query, Fault> {
     let date = |option: &'static str, text: &Option<String>, edge: Edge| {
         let read = text.as_ref().map(|text| history::unix_s(text, edge));
-        read.transpose().map_err(|cause| Fault::Date { option, cause })
+        read.transpose().map_err(|cause| Fault::from(RecordFault::Date { option, cause }))
     };
     Ok(Query {
         serial: search.part.clone(),
@@ -106,7 +106,7 @@ fn past(store: &Store, cycle: i64) -> Result<PastCycle, Fault> {
 fn cycles(store: &Store, panel: &str, limit: usize) -> Result<Vec<PastCycle>, Fault> {
     let panels = store.cycle_panels().map_err(Fault::stage)?;
     if !panels.iter().any(|name| name == panel) {
-        return Err(Fault::NoCyclesOf { panel: panel.to_owned(), panels });
+        return Err(RecordFault::NoCyclesOf { panel: panel.to_owned(), panels }.into());
     }
     store.past_cycles(panel, limit).map_err(Fault::stage)
 }
@@ -126,12 +126,13 @@ fn trend(store: &Store, (panel, name): (&str, &str), limit: usize) -> Result<Tre
         let names = check_names(&cycles);
         let known: Vec<&str> = Known::words().into_iter().chain(names.iter().map(String::as_str)).collect();
         let nearest = nearest(name, &known).map(|(name, _)| name.to_owned());
-        return Err(Fault::NoSuchNumber {
+        return Err(RecordFault::NoSuchNumber {
             found: name.to_owned(),
             panel: panel.to_owned(),
             nearest,
             words: Known::words(),
-        });
+        }
+        .into());
     }
     Ok(trend)
 }

@@ -2,7 +2,7 @@
 
 use super::args::{Common, Inspect};
 use super::disk;
-use super::fault::Fault;
+use super::fault::{ClipFault, Fault};
 use super::inspected::{Placed, inspect};
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;
@@ -20,7 +20,7 @@ use crate::report::page::Figure;
 /// Where a file is not what it must be, or the panel was not taught.
 pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
     if let Some(folder) = args.pictures.as_ref().filter(|folder| folder.join(LABELS).exists()) {
-        return Err(Fault::HoldsLabels { folder: folder.clone() });
+        return Err(ClipFault::HoldsLabels { folder: folder.clone() }.into());
     }
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;

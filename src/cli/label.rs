@@ -4,7 +4,7 @@ mod keeping;
 
 use super::args::{Common, Label};
 use super::disk;
-use super::fault::Fault;
+use super::fault::{ClipFault, Fault};
 use super::inspected::Placed;
 use super::labels::{clip_hash, read_clip};
 use super::load::{self, CellFiles};
@@ -29,7 +29,7 @@ use std::sync::Arc;
 /// be served.
 pub fn run(args: &Label, common: &Common) -> Result<Outcome, Fault> {
     if !args.clip.join("clip.csv").exists() {
-        return Err(Fault::NoClip { folder: args.clip.clone() });
+        return Err(ClipFault::NoClip { folder: args.clip.clone() }.into());
     }
     let clip = read_clip(&args.clip)?;
     let (grids, camera) = match &args.recipe {

@@ -1,7 +1,7 @@
 //! The labels of a clip on the disk: its mask and, where they are known, its times, by the renderer or by a person.
 
 use super::disk;
-use super::fault::Fault;
+use super::fault::{ClipFault, Fault};
 use crate::files::{self, Clip, content_hash};
 use crate::geometry::{ColorPicture, Mask};
 use crate::labels::{self, LABELS, MASK, TIMES, decoded};
@@ -24,7 +24,7 @@ impl Labels {
         if file.exists() {
             let labelled = labels::read(&disk::read(&file)?).map_err(|error| Fault::file(&file, error))?;
             if labelled.clip_sha256 != clip_hash(clip, &read_clip(clip)?)? {
-                return Err(Fault::OtherClip { labels: file, clip: clip.to_owned() });
+                return Err(ClipFault::OtherClip { labels: file, clip: clip.to_owned() }.into());
             }
         }
         let file = folder.join(MASK);
@@ -51,7 +51,7 @@ impl Labels {
 pub fn folder_of(clip: &Path) -> Result<PathBuf, Fault> {
     let folders = [clip.join("truth"), clip.to_owned()];
     let labelled = folders.into_iter().find(|folder| folder.join(MASK).exists());
-    labelled.ok_or_else(|| Fault::NoLabels { clip: clip.to_owned() })
+    labelled.ok_or_else(|| ClipFault::NoLabels { clip: clip.to_owned() }.into())
 }
 
 /// Reads a clip's list.

@@ -5,7 +5,7 @@
 //! process of this machine, `panelprep mock-robot`, and the world around it is here and follows what the controller tells.
 
 use super::args::{Simulation, real_arm};
-use super::fault::Fault;
+use super::fault::{DeviceFault, Fault};
 #[cfg(feature = "gige")]
 use super::load::calibrated_serial;
 use super::zivid;
@@ -81,7 +81,7 @@ impl Live {
         let fails_here = cell.robot().kind() == RobotKind::Mock
             && cell.tool().compliant().is_some_and(|it| it.address.is_none());
         if simulation.tool_fault.is_some() && !fails_here {
-            return Err(Fault::NoToolThatFails);
+            return Err(DeviceFault::NoToolThatFails.into());
         }
         let world = || simulated_cell(&calibrations.scanner, simulation);
         if cell.robot().kind() == RobotKind::Mock {
@@ -121,7 +121,7 @@ impl Live {
             });
         }
         if simulation.arm_error_mm > 0.0 {
-            return Err(Fault::ArmErrorInRehearsal);
+            return Err(DeviceFault::ArmErrorInRehearsal.into());
         }
         let world = SimulatedWorld::new(world()?, cell).map_err(Fault::stage)?;
         let follower = Follower::new(world.clone(), cell);
@@ -212,7 +212,7 @@ pub fn gige_camera(cell: &Cell, gige: &cell::Gige, lens: &PinholeCamera) -> Resu
 
 #[cfg(not(feature = "gige"))]
 pub fn gige_camera(_: &Cell, _: &cell::Gige, _: &PinholeCamera) -> Result<Box<dyn FlangeCamera>, Fault> {
-    Err(Fault::BuiltWithoutGige)
+    Err(DeviceFault::BuiltWithoutGige.into())
 }
 
 /// The robot alone, as the cell's file names it; a mock one with the simulated world around it.
@@ -255,10 +255,11 @@ pub fn simulated_cell(found: &PinholeCamera, simulation: Simulation) -> Result<s
     if (delivers.width_px, delivers.height_px) == (found.width_px, found.height_px) {
         return Ok(simulated_cell);
     }
-    Err(Fault::NoSuchSimulatedSize {
+    Err(DeviceFault::NoSuchSimulatedSize {
         found_px: [found.width_px, found.height_px],
         nearest_px: [delivers.width_px, delivers.height_px],
-    })
+    }
+    .into())
 }
 
 /// The programs that the cell's mock controller executes; `None` for the model of them.
@@ -333,7 +334,7 @@ fn tool(
         let watched = link.watched();
         return Ok((LinkedTool::new(link), Some(watched)));
     }
-    let (world, arm) = looks_at.ok_or(Fault::NoWorldForTool)?;
+    let (world, arm) = looks_at.ok_or(DeviceFault::NoWorldForTool)?;
     let panel = SimulatedPanel::new((world.clone(), arm.clone()), calibrations.flange_from_tool, tool.stroke_mm);
     Ok((LinkedTool::new(SimulatedAcf::new(tool, panel.failing(planned))), None))
 }
@@ -343,7 +344,7 @@ fn cameras(
     calibrations: &Calibrations,
     looks_at: Option<(&SimulatedWorld, &Arm)>,
 ) -> Result<AllCameras, Fault> {
-    let simulated = || looks_at.map(|(world, arm)| simulated(world, arm)).ok_or(Fault::NoWorld);
+    let simulated = || looks_at.map(|(world, arm)| simulated(world, arm)).ok_or(Fault::from(DeviceFault::NoWorld));
     let scanner: Box<dyn Scanner> = match cell.scanner() {
         cell::Camera::Simulated => Box::new(simulated()?.0),
         cell::Camera::Recorded { folder } => {

@@ -2,7 +2,7 @@
 
 use super::args::{Common, MockRobot};
 use super::disk;
-use super::fault::Fault;
+use super::fault::{DeviceFault, Fault};
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::cell::{Cell, RobotKind};
@@ -62,11 +62,12 @@ fn ports(args: &MockRobot, cell: &Cell, files: [u16; 2]) -> Result<Ports, Fault>
     match &args.config {
         Some(folder) if robot.kind() == RobotKind::Eki && files != cells => {
             let (files, cells) = (files.map(|port| port.to_string()), cells.map(|port| port.to_string()));
-            Err(Fault::OtherPorts {
+            Err(DeviceFault::OtherPorts {
                 folder: folder.clone(),
                 files: files.join(" and "),
                 cells: cells.join(" and "),
-            })
+            }
+            .into())
         }
         Some(_) => Ok(Ports { host: args.host, command: files[0], state: files[1] }),
         None => Ok(Ports { host: args.host, command: cells[0], state: cells[1] }),

@@ -1,6 +1,6 @@
 //! The part that a cycle is about: checked as it is named, kept as a text with the cycle, shown first on its page.
 
-use super::fault::Fault;
+use super::fault::{Fault, RecordFault};
 use crate::record::{CycleRecord, PartNames};
 use crate::report::page::{Row, Section};
 use crate::store::{PassesOfCycle, Store};
@@ -19,7 +19,7 @@ pub fn checked(part: PartNames) -> Result<Option<PartNames>, Fault> {
         let Some(name) = name else { continue };
         printable(name, MOST_CHARACTERS).map_err(|problem| {
             let found = name.escape_debug().to_string();
-            Fault::PartName { option, found, problem }
+            RecordFault::PartName { option, found, problem }
         })?;
     }
     Ok((part != PartNames::default()).then_some(part))
@@ -42,7 +42,7 @@ pub fn may_be_abraded(part: Option<&PartNames>, earlier: &[PassesOfCycle], most:
     let used: usize = earlier.iter().map(|cycle| cycle.passes).sum();
     match used < most {
         true => Ok(()),
-        false => Err(Fault::PartUsedUp { serial, most, history: history(earlier) }),
+        false => Err(RecordFault::PartUsedUp { serial, most, history: history(earlier) }.into()),
     }
 }
 

@@ -8,7 +8,7 @@ mod proof;
 mod tries;
 
 use super::args::Prove;
-use super::fault::Fault;
+use super::fault::{DeviceFault, Fault};
 use super::live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
@@ -31,7 +31,7 @@ const IN_CONTACT: [u32; 4] = [20, 21, 22, 40];
 pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     files.require(Purpose::Robot)?;
     if files.cell.robot().kind() != RobotKind::Eki {
-        return Err(Fault::NothingToProve);
+        return Err(DeviceFault::NothingToProve.into());
     }
     let _store = files.settled_store()?;
     let (robot, _) = live::robot_alone(&files.cell)?;

@@ -4,7 +4,7 @@ use super::args::{
     Common, ExportRecord, HeadOfRecords, MeaningName, RecordCommand, RecordTask, SignRecord, VerifyRecord,
 };
 use super::disk;
-use super::fault::Fault;
+use super::fault::{Fault, RecordFault};
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::report::{self, Kept};
@@ -13,7 +13,7 @@ use crate::daemon::whoever_runs_this;
 use crate::files::content_hash;
 use crate::record::CycleId;
 use crate::report::page::Figure;
-use crate::signing::{self, CellKey, Export, Meaning, Place, PublicKey, Said, Signed, Statement};
+use crate::signing::{self, CellKey, Claim, Export, Meaning, PublicKey, Said, Signed, Statement};
 use crate::store::{self, KeyPlace, PersonSigns, SignatureRow, Store};
 use crate::verdict::{Judgement, Reason, Verdict};
 use crate::words::utc;
@@ -129,7 +129,7 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
         }
         let rows = store.signatures_of(cycle).map_err(Fault::stage)?;
         if rows.is_empty() {
-            return Err(Fault::NotSigned { cycle: cycle.0 });
+            return Err(RecordFault::NotSigned { cycle: cycle.0 }.into());
         }
         if let Some(row) = rows.iter().find(|row| !row.is_of_person) {
             let file = args.out.join(format!("{}.pdf", signing::cycle_stem(cycle)));
@@ -213,9 +213,8 @@ fn head(args: &HeadOfRecords, common: &Common) -> Result<Outcome, Fault> {
 fn verify(args: &VerifyRecord, common: &Common) -> Result<Outcome, Fault> {
     let keys = match &args.public_key {
         Some(file) => PublicKey::read_all(&disk::read_text(file)?).map_err(|error| Fault::file(file, error))?,
-        None => {
-            known_keys(&store_folder(common)?).map_err(|error| Fault::NoPublicKey { problem: error.to_string() })?
-        }
+        None => known_keys(&store_folder(common)?)
+            .map_err(|error| RecordFault::NoPublicKey { problem: error.to_string() })?,
     };
     let mut export = Export::default();
     for path in &args.files {
@@ -289,7 +288,7 @@ fn store_folder(common: &Common) -> Result<PathBuf, Fault> {
         Some(folder) => Ok(folder.clone()),
         None => CellFiles::read(common)
             .map(|files| files.store_folder().to_owned())
-            .map_err(|error| Fault::NoPublicKey { problem: error.to_string() }),
+            .map_err(|error| RecordFault::NoPublicKey { problem: error.to_string() }.into()),
     }
 }
 
@@ -332,6 +331,6 @@ fn read_signed(file: &Path) -> Result<Signed, Fault> {
         name,
         bytes: disk::read(file)?,
         signature: disk::read(&file.with_extension("sig"))?,
-        place: Place::Any,
+        claim: Claim::Nothing,
     })
 }

@@ -1,7 +1,7 @@
 //! `panelprep refine`: what the corner pictures say about the place found.
 
 use super::args::{Common, Refine};
-use super::fault::Fault;
+use super::fault::{Fault, TeachingFault};
 use super::load::{self, CellFiles, CornerShot};
 use super::outcome::Outcome;
 use super::pictures;
@@ -57,7 +57,7 @@ fn sightings(
     flange_from_camera: Rigid<Flange, FlangeCamera>,
 ) -> Result<Vec<Sighting>, Fault> {
     if shots.len() > held.corners.len() {
-        return Err(Fault::CornersNotTaught { found: shots.len(), taught: held.corners.len() });
+        return Err(TeachingFault::CornersNotTaught { found: shots.len(), taught: held.corners.len() }.into());
     }
     let find = |(corner, shot): ((usize, &_), &CornerShot)| {
         let base_from_flange: Rigid<Base, Flange> = shot.base_from_flange.to_rigid();

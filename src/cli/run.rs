@@ -2,7 +2,7 @@
 
 use super::args::{Common, Run};
 use super::cycle_files::{Calibrated, TaughtRecipe};
-use super::fault::Fault;
+use super::fault::{DeviceFault, Fault, RecordFault};
 use super::fronts::{Fronts, edge_node, line_front, office_sender, opcua_server, operator_page, push_sender};
 use super::health;
 use super::live::Live;
@@ -265,7 +265,7 @@ fn loader(
         }
         let load = || -> Result<_, Fault> {
             if cameras_by(&files)? != taken_by {
-                return Err(Fault::CamerasChanged);
+                return Err(DeviceFault::CamerasChanged.into());
             }
             let calibrated = Calibrated::read(&files, &common)?;
             let taught_recipe = TaughtRecipe::of(&files, Path::new(&name), text.clone())?;
@@ -294,7 +294,11 @@ fn loader(
             Ok(prepared)
         };
         load().map_err(|fault| {
-            let code = if matches!(fault, Fault::PartUsedUp { .. }) { "part_used_up" } else { "bad_input" };
+            let code = if matches!(fault, Fault::Record(RecordFault::PartUsedUp { .. })) {
+                "part_used_up"
+            } else {
+                "bad_input"
+            };
             vec![Reason::new(code, fault.to_string())]
         })
     })

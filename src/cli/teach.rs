@@ -3,7 +3,7 @@
 mod taking;
 
 use super::args::{Common, Teach};
-use super::fault::Fault;
+use super::fault::{Fault, TeachingFault};
 use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::output::tell_line;
@@ -30,7 +30,7 @@ use std::path::Path;
 pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let cell_files = CellFiles::read(common)?;
     let args = &taking::ready(args, &cell_files)?;
-    let Some(scan_file) = &args.scan else { return Err(Fault::NoScan) };
+    let Some(scan_file) = &args.scan else { return Err(TeachingFault::NoScan.into()) };
     let recipe = load::recipe(&args.recipe)?;
     let (scanner, base_from_camera) = (cell_files.scanner()?, cell_files.base_from_camera()?);
     // Refused with the file's name before anything is kept.
@@ -89,7 +89,7 @@ fn given((args, scan): (&Teach, &Path), cell_files: &CellFiles, recipe: &Recipe)
     if args.corner.is_empty() && args.flange.is_empty() {
         let calibration = cell_files.cell.calibration();
         let runs_cycles = calibration.flange_camera.is_some() && calibration.flange_from_camera.is_some();
-        return if runs_cycles { Err(Fault::NoCorner) } else { Ok(teaching) };
+        return if runs_cycles { Err(TeachingFault::NoCorner.into()) } else { Ok(teaching) };
     }
     let flange_camera = cell_files.flange_camera()?;
     let shots = load::corner_shots(cell_files, &args.corner, &args.flange, &flange_camera.value)?;
@@ -116,7 +116,7 @@ fn save_given(
     let corners_px = recipe.region().corners_px().map(|[u, v]| Pixel::at(u, v));
     let drawn = report::region_in_scan(scan, &corners_px, &wrong).map_err(Fault::stage)?;
     let mut files = vec![pictures::save(folder, "taught_region", &drawn)?];
-    if let Fault::Corners(_) = fault {
+    if let Fault::Teaching(TeachingFault::Corners(_)) = fault {
         for (index, corner) in teaching.corners.iter().enumerate() {
             let picture = files::read_color(&corner.picture).map_err(Fault::stage)?;
             files.push(pictures::save(folder, &format!("taught_corner_{}", index + 1), &picture)?);

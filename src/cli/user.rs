@@ -87,15 +87,10 @@ impl People {
     fn keep(&mut self, account: Account, former: Option<&Account>, done: &str) -> Result<Outcome, Fault> {
         let who = whoever_runs_this();
         let entry = AuditEntry {
-            unix_ms: 0,
-            who: Some(who.to_string()),
-            role: None,
-            from: "terminal".to_owned(),
-            what: "change account".to_owned(),
             subject: Some(format!("{}: {done}", account.name)),
             before: former.map(Account::summary),
             after: Some(account.summary()),
-            refused: None,
+            ..AuditEntry::done(Some(who.to_string()), None, "terminal".to_owned(), "change account")
         };
         self.store.keep_account(&account, &entry).map_err(Fault::stage)?;
         let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });

@@ -26,7 +26,7 @@ const TIMED_MM2: f64 = 10.0;
 const LATE_S: [f64; 7] = [f64::NEG_INFINITY, -1.0, -0.5, 0.0, 0.5, 1.0, f64::INFINITY];
 
 /// One place that truly broke.
-struct Place {
+struct TrueBreak {
     area_mm2: f64,
     found: bool,
     late_s: Option<f64>,
@@ -39,7 +39,7 @@ struct Row {
     whole: Score,
     within: Score,
     grids: Confusion,
-    places: Vec<Place>,
+    breaks: Vec<TrueBreak>,
 }
 
 /// Scores the set in `folder`.
@@ -90,7 +90,7 @@ fn row(clip: &Path, inspected: &Inspected, labels: &Labels) -> Result<Row, Fault
     let region = footprint.region();
     let within = score_within(&inspection.mask(), &labels.mask, &region).map_err(Fault::stage)?;
     let width = labels.mask.width;
-    let place = |piece: &Vec<usize>| {
+    let true_break = |piece: &Vec<usize>| {
         let mut mask = Mask::empty(width, labels.mask.height);
         piece.iter().for_each(|&index| mask.inside[index] = true);
         let area_mm2: f64 = footprint.broken_mm2(&mask).iter().sum();
@@ -102,7 +102,7 @@ fn row(clip: &Path, inspected: &Inspected, labels: &Labels) -> Result<Row, Fault
         true_s.sort_by(f64::total_cmp);
         let nth = (TIMED_MM2 / area_mm2 * piece.len() as f64).ceil() as usize;
         let late_s = found_s.get(nth).zip(true_s.get(nth)).map(|(found_s, true_s)| found_s - true_s);
-        Place { area_mm2, found, late_s }
+        TrueBreak { area_mm2, found, late_s }
     };
     let inside = Mask {
         inside: labels.mask.inside.iter().zip(&region.inside).map(|(broke, inside)| *broke && *inside).collect(),
@@ -114,7 +114,7 @@ fn row(clip: &Path, inspected: &Inspected, labels: &Labels) -> Result<Row, Fault
         whole,
         within,
         grids,
-        places: inside.pieces().iter().map(place).collect(),
+        breaks: inside.pieces().iter().map(true_break).collect(),
     })
 }
 
@@ -125,16 +125,16 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
 
 /// Places of each class of size: how many, and how many were missed.
 fn by_size(rows: &[Row]) -> Vec<(String, usize, usize)> {
-    let places = || rows.iter().flat_map(|row| &row.places);
+    let breaks = || rows.iter().flat_map(|row| &row.breaks);
     let class = |ends: &[f64]| {
-        let of = || places().filter(|place| (ends[0]..ends[1]).contains(&place.area_mm2));
-        (between(ends, "mm²"), of().count(), of().filter(|place| !place.found).count())
+        let of = || breaks().filter(|one| (ends[0]..ends[1]).contains(&one.area_mm2));
+        (between(ends, "mm²"), of().count(), of().filter(|one| !one.found).count())
     };
     SIZES_MM2.windows(2).map(class).collect()
 }
 
 fn by_lateness(rows: &[Row]) -> Vec<(String, usize)> {
-    let late = || rows.iter().flat_map(|row| &row.places).filter_map(|place| place.late_s);
+    let late = || rows.iter().flat_map(|row| &row.breaks).filter_map(|one| one.late_s);
     LATE_S
         .windows(2)
         .map(|ends| (between(ends, "s"), late().filter(|s| (ends[0]..ends[1]).contains(s)).count()))
@@ -158,7 +158,7 @@ fn told(rows: &[Row]) -> Outcome {
         false_pass: sum(|grids| grids.false_pass),
         true_pass: sum(|grids| grids.true_pass),
     };
-    let late: Vec<f64> = rows.iter().flat_map(|row| &row.places).filter_map(|place| place.late_s).collect();
+    let late: Vec<f64> = rows.iter().flat_map(|row| &row.breaks).filter_map(|one| one.late_s).collect();
     let near = late.iter().filter(|late_s| late_s.abs() <= 0.5).count();
     let iou = mean(broken().map(|row| row.whole.iou));
     let within = mean(broken().map(|row| row.within.iou));
@@ -169,13 +169,13 @@ fn told(rows: &[Row]) -> Outcome {
     outcome.words = vec![format!("{:16} verdict   iou   within  prec.  recall  places missed", "clip")];
     for row in rows {
         let Score { iou, precision, recall } = row.whole;
-        let missed = row.places.iter().filter(|place| !place.found).count();
+        let missed = row.breaks.iter().filter(|one| !one.found).count();
         outcome.say(format!(
             "{:16} {:8}  {iou:.3}  {:.3}   {precision:.3}  {recall:.3}  {:6} {missed:6}",
             row.name,
             row.verdict.word(),
             row.within.iou,
-            row.places.len()
+            row.breaks.len()
         ));
     }
     let shown = |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.3}"));

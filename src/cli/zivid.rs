@@ -2,7 +2,7 @@
 
 use super::args::ZividWorker;
 use super::disk;
-use super::fault::Fault;
+use super::fault::{DeviceFault, Fault};
 use super::load::calibrated_serial;
 use crate::cell::{Camera, Cell, ZividCamera, ZividSettings, ZividUse};
 use crate::devices::zivid::library::Sdk;
@@ -74,7 +74,7 @@ pub fn checked_settings(zivid: &ZividCamera) -> Result<[ZividSettings; 2], Fault
 
 fn read(zivid: &ZividCamera) -> Result<[(String, ZividSettings); 2], Fault> {
     let read = |key, file: &Option<PathBuf>, usage| {
-        let file = file.as_deref().ok_or(Fault::NoCameraSettings { key })?;
+        let file = file.as_deref().ok_or(DeviceFault::NoCameraSettings { key })?;
         let text = disk::read_text(file)?;
         let settings = ZividSettings::check(&file.display().to_string(), &text, usage)?;
         Ok::<_, Fault>((text, settings))

@@ -2,9 +2,9 @@
 
 use super::answers::{figure, figure_alone, grade, reason};
 use super::error::DaemonError;
+use super::perception::{Perception, view};
 use super::ports::{Note, Record};
 use super::setup::CycleSetup;
-use super::sight::{Sight, view};
 use crate::cycle::{Answer, Grade, Trouble};
 use crate::files::content_hash;
 use crate::panel::GridId;
@@ -133,10 +133,10 @@ impl Abrasion {
     pub fn make(
         &mut self,
         cycle: &CycleSetup,
-        (pass, sight): (u8, &Sight),
+        (pass, perception): (u8, &Perception),
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        let failed: Vec<GridId> = match (pass, sight.inspections.last()) {
+        let failed: Vec<GridId> = match (pass, perception.inspections.last()) {
             // An air-run has no film and shows the whole region.
             (0, _) => cycle.panel.region.ids().collect(),
             (_, Some(film)) => film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect(),
@@ -150,7 +150,7 @@ impl Abrasion {
         if grids.is_empty() && worn.is_empty() {
             return Ok(Answer::Planned { plan: 0, waypoints: 0 });
         }
-        let Some(panel) = sight.approach() else { return Ok(Answer::Failed(Trouble::Unexpected)) };
+        let Some(panel) = perception.approach() else { return Ok(Answer::Failed(Trouble::Unexpected)) };
         let place = panel.base_from_panel;
         let planned = if grids.is_empty() {
             Err(self.passes_used(&worn, most))
@@ -165,7 +165,7 @@ impl Abrasion {
             }
         };
         let grade = grade(&planned.judgement);
-        if let Some(film) = &sight.film_picture {
+        if let Some(film) = &perception.film_picture {
             record.figure(&figure(planned.drawn(&cycle.panel, &view(cycle, film, place)), film))?;
         }
         if let Some(drawing) = planned.drawn_removal(&cycle.panel) {

@@ -59,10 +59,10 @@ impl Running<'_> {
         if matches!(act, Act::Plan { .. }) {
             self.abrasion.earlier = self.ports.record.abraded_before()?;
         }
-        let (sight, abrasion) = (self.sight.clone(), self.abrasion.clone());
+        let (perception, abrasion) = (self.perception.clone(), self.abrasion.clone());
         let tip = self.robot_state.map(|state| state.base_from_tcp);
         let (pass, setup) = (self.state.job.pass, self.cycle.clone());
-        self.computing.submit(Work { id, act, is_next_picture: false, sight, abrasion, tip, pass, setup });
+        self.computing.submit(Work { id, act, is_next_picture: false, perception, abrasion, tip, pass, setup });
         self.wait(id, act, Waits::Computing);
         Ok(())
     }
@@ -91,8 +91,8 @@ impl Running<'_> {
             (Found::Answer(answer), artifacts) => {
                 match (act, artifacts) {
                     (_, None) => {}
-                    (Act::Film, Some((film, _))) => self.sight.take_film(film),
-                    (_, Some((sight, abrasion))) => (self.sight, self.abrasion) = (sight, abrasion),
+                    (Act::Film, Some((film, _))) => self.perception.take_film(film),
+                    (_, Some((perception, abrasion))) => (self.perception, self.abrasion) = (perception, abrasion),
                 }
                 self.answer(id, answer);
             }
@@ -180,7 +180,8 @@ impl Running<'_> {
                 (KukaPose::default(), KukaPose::from_rigid(&calibrations.flange_from_camera), TcpKind::Other)
             }
             Frames::Pad => {
-                let place = self.sight.place().ok_or(QueueError::FramesNotSet { missing: "the panel's place" })?;
+                let place =
+                    self.perception.place().ok_or(QueueError::FramesNotSet { missing: "the panel's place" })?;
                 let pad = KukaPose::from_rigid(&calibrations.flange_from_tool);
                 (KukaPose::from_rigid(&place), pad, TcpKind::Sanding)
             }

@@ -22,7 +22,7 @@ const EVERY: Duration = Duration::from_secs(60);
 
 /// An alarm as a person names it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Seen {
+pub struct AlarmId {
     /// Its cycle; `None` for what arose between cycles.
     pub cycle: Option<CycleId>,
     /// Its code.
@@ -121,8 +121,8 @@ impl Alarms {
     ///
     /// # Errors
     /// Where the store cannot be read or written.
-    pub fn acknowledge(&self, seen: &Seen, who: String, line: AuditEntry) -> Result<bool, StoreError> {
-        let Seen { cycle, code, raised_unix_ms } = seen;
+    pub fn acknowledge(&self, alarm: &AlarmId, who: String, line: AuditEntry) -> Result<bool, StoreError> {
+        let AlarmId { cycle, code, raised_unix_ms } = alarm;
         let (cycle, raised_unix_ms) = (*cycle, *raised_unix_ms);
         let alarms = match cycle {
             None => self.people.read(|store| Ok(self.standing.alarms(&store.acknowledgements(None)?)))?,

@@ -13,7 +13,7 @@ mod memory;
 mod work;
 mod worker;
 
-pub use memory::{Memory, Seen};
+pub use memory::{Memory, SceneKey};
 pub use work::Readable;
 pub(super) use work::{Found, Work, Worked};
 
@@ -54,7 +54,7 @@ const NONE_DUE: u64 = u64::MAX;
 
 enum Executor<'p> {
     /// The loop itself, when it takes a result.
-    Inline { worker: Box<Worker<'p>>, queue: VecDeque<Work>, remembers: Option<(Memory, Seen)> },
+    Inline { worker: Box<Worker<'p>>, queue: VecDeque<Work>, remembers: Option<(Memory, SceneKey)> },
     /// A thread of its own.
     Thread {
         queue: Sender<Work>,
@@ -75,9 +75,9 @@ impl<'p> Computing<'p> {
     }
 
     /// The same, where results that were computed before are not computed again. For simulations of many cycles of one setup.
-    pub fn remembering(mut self, memory: Memory, sees: Seen) -> Self {
+    pub fn remembering(mut self, memory: Memory, scene_key: SceneKey) -> Self {
         if let Executor::Inline { remembers, .. } = &mut self.executor {
-            *remembers = Some((memory, sees));
+            *remembers = Some((memory, scene_key));
         }
         self
     }
@@ -166,7 +166,7 @@ impl<'p> Computing<'p> {
         match &mut self.executor {
             Executor::Inline { worker, queue, remembers } => {
                 let work = queue.pop_front()?;
-                let inputs = remembers.as_mut().and_then(|(_, sees)| memory::inputs(&work, sees));
+                let inputs = remembers.as_mut().and_then(|(_, scene_key)| memory::inputs(&work, scene_key));
                 if let (Some((memory, _)), Some(inputs)) = (&remembers, &inputs)
                     && let Some(worked) = memory.recall(inputs, &work)
                 {

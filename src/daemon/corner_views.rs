@@ -2,9 +2,9 @@
 
 use super::answers::{MISSING, blind, figure, grade, reason, unseen};
 use super::error::DaemonError;
+use super::perception::Perception;
 use super::ports::{CameraPort, Record};
 use super::setup::CycleSetup;
-use super::sight::Sight;
 use crate::cycle::{Answer, Grade};
 use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid};
 use crate::record::Kind;
@@ -25,7 +25,7 @@ fn not_in_view(error: impl std::error::Error) -> Reason {
     reason("not_in_view", &error)
 }
 
-impl Sight {
+impl Perception {
     /// A corner picture from `base_from_camera`, and what all of them say about the place. `moves` were made before.
     pub fn refine(
         &mut self,

@@ -4,8 +4,8 @@
 //! waits for anybody: where nobody has looked lately, nothing is copied, and a picture that nobody took is replaced.
 
 use super::live_scene::LiveScene;
+use super::perception::view;
 use super::setup::CycleSetup;
-use super::sight::view;
 use crate::geometry::{Base, ColorPicture, Mask, Panel, Rigid};
 use crate::imaging::ImagingError;
 use crate::panel::{Grid, GridId};

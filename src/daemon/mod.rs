@@ -3,7 +3,7 @@
 //! ```text
 //! requests ─┐                    ┌─ record: journal first, then everything else
 //! deadlines ┼─ event ─ step ─────┼─ robot: switches, frames, paths      (`acts`, `moves`, `wiring`)
-//! robot ────┘                    └─ cameras and computing               (`computing`, `sight`, `abrasion`)
+//! robot ────┘                    └─ cameras and computing               (`computing`, `perception`, `abrasion`)
 //! ```
 //!
 //! The table decides (see `cycle`); the loop performs. What an act works with (the scan's fit, the refined place, the film,
@@ -54,6 +54,7 @@ mod office;
 mod opcua;
 mod pending;
 mod people;
+mod perception;
 mod ports;
 mod pressing;
 mod progress_file;
@@ -73,7 +74,6 @@ mod running;
 mod sent;
 mod setup;
 mod setup_source;
-mod sight;
 mod single;
 mod single_interlocks;
 mod socket;
@@ -91,10 +91,10 @@ mod words;
 #[cfg(test)]
 mod tests;
 
-pub use alarms::{Alarms, Seen as SeenAlarm};
+pub use alarms::{AlarmId, Alarms};
 pub use caller::whoever_runs_this;
 pub use cameras::Cameras;
-pub use computing::{Computing, Memory, Readable, Seen};
+pub use computing::{Computing, Memory, Readable, SceneKey};
 pub use error::DaemonError;
 pub use fleet::{FleetAddress, FleetError, serve as serve_fleet};
 pub use front_parts::FrontParts;

@@ -40,7 +40,7 @@ impl Running<'_> {
         if let (Path::Corner { .. }, Some(ready), Some(tip)) = (motion.path, self.cell.ready, tip)
             && self.cell.limits.workspace().is_some_and(|workspace| !workspace.holds(tip.origin()))
         {
-            if !self.joints_are_good(&[ready], self.sight.obstacles().cloned())? {
+            if !self.joints_are_good(&[ready], self.perception.obstacles().cloned())? {
                 self.answer(id, Answer::Failed(Trouble::Gate));
                 return Ok(());
             }
@@ -93,10 +93,10 @@ impl Running<'_> {
     /// that hold the place.
     fn chosen_route(&mut self, motion: Motion) -> Option<Gated> {
         let Path::Corner { view } = motion.path else { return self.route(motion) };
-        self.sight.corners.begin_choice(view);
-        let candidates = self.sight.corners.candidates(view, self.setup()?);
+        self.perception.corners.begin_choice(view);
+        let candidates = self.perception.corners.candidates(view, self.setup()?);
         for &corner in &candidates {
-            self.sight.corners.choose(view, corner);
+            self.perception.corners.choose(view, corner);
             let gated = self.route(motion)?;
             if gated.is_good() {
                 return Some(gated);
@@ -109,15 +109,15 @@ impl Running<'_> {
                 .collect::<Vec<_>>()
                 .join("; ");
             tracing::warn!("the arm does not come to corner {}: {why}", corner + 1);
-            self.sight.corners.leave_out(corner, &why);
+            self.perception.corners.leave_out(corner, &why);
         }
         match candidates.first() {
             // The refusal of the first is the one that is told.
-            Some(&first) if view == 0 => self.sight.corners.choose(view, first),
-            Some(_) => self.sight.corners.end_choice(view),
+            Some(&first) if view == 0 => self.perception.corners.choose(view, first),
+            Some(_) => self.perception.corners.end_choice(view),
             None => {}
         }
-        self.sight.corners.go_round(view);
+        self.perception.corners.go_round(view);
         self.route(motion)
     }
 
@@ -143,14 +143,14 @@ impl Running<'_> {
     /// The path as it is sent; `None` where it is not known where from or where to.
     fn route(&self, motion: Motion) -> Option<Gated> {
         let (cycle, state) = (self.setup()?, self.robot_state?);
-        let place = self.sight.place();
+        let place = self.perception.place();
         let pad: Rigid<Panel, Tool> = state.base_from_tcp.to_rigid();
         let standing = &Standing {
             limits: &cycle.cell.limits,
             arm: &cycle.cell.arm,
             flange_from_tool: state.flange_from_tool.to_rigid(),
             joints: state.joints,
-            obstacles: self.sight.obstacles().filter(|_| matches!(motion.path, Path::Corner { .. })),
+            obstacles: self.perception.obstacles().filter(|_| matches!(motion.path, Path::Corner { .. })),
         };
         let settings = cycle.recipe.path();
         match motion.path {
@@ -158,7 +158,7 @@ impl Running<'_> {
             Path::Corner { .. } => {
                 let from: Rigid<Base, Tool> = state.base_from_tcp.to_rigid();
                 // The camera is the tool here.
-                let to = Rigid::claim(*self.sight.corner_pose(cycle)?.isometry());
+                let to = Rigid::claim(*self.perception.corner_pose(cycle)?.isometry());
                 Some(routes::view(standing, from, to))
             }
             Path::Approach => {
@@ -243,7 +243,7 @@ impl Running<'_> {
             }
             End::Tip(end) => {
                 let camera = matches!(sent.motion.path, Path::Corner { .. });
-                let base = if camera { Some(Rigid::identity()) } else { self.sight.place().map(as_base) };
+                let base = if camera { Some(Rigid::identity()) } else { self.perception.place().map(as_base) };
                 let Some(base_from_active) = base else { return vec![] };
                 let tip = base_from_active * state.base_from_tcp.to_rigid::<Base, Tool>();
                 (tip.origin().distance_mm(end.origin()), (tip.inverse() * end).turn().0)

@@ -6,7 +6,7 @@ use crate::cycle::{Answer, Deadline, Event, Report, Request, Robot, Trouble};
 use crate::files::{Clip, ClipEntry, write_color_jpeg};
 use crate::geometry::ColorPicture;
 use crate::phase::Phase;
-use crate::record::{Asked, Budget, CycleId, KeptFile, Kind, Picture, Wanted};
+use crate::record::{Budget, CycleId, KeptFile, Kind, Picture, RequestRecord, Wanted};
 use crate::store::{Store, StoreError};
 use crate::verdict::{Reason, Verdict};
 use rayon::prelude::*;
@@ -255,7 +255,7 @@ impl StoreRecord<'_> {
         Ok(())
     }
 
-    fn asked(&mut self, asked: &Asked) -> Result<(), RecordError> {
+    fn asked(&mut self, asked: &RequestRecord) -> Result<(), RecordError> {
         let line = self.line.take().filter(|_| matches!(asked.wanted, Wanted::For(_)));
         let (line, cycle) = line.map_or((None, self.cycle), |(line, cycle)| (Some(line), cycle));
         self.store.keep_request(asked, cycle, line).map_err(failed)

@@ -4,7 +4,7 @@ use super::ports::{News, RecordCommand, RobotPort};
 use super::running::Running;
 use super::{DaemonError, words};
 use crate::cycle::{Event, Refusal, Request};
-use crate::record::{Answer, Asked, Clock, Front, Wanted, Who};
+use crate::record::{Answer, Clock, Front, RequestRecord, Wanted, Who};
 use crate::verdict::Reason;
 
 impl Running<'_> {
@@ -43,7 +43,7 @@ impl Running<'_> {
         who: Who,
         (answer, reasons): (Answer, Vec<Reason>),
     ) -> Result<(), DaemonError> {
-        let asked = Asked { unix_ms: 0, wanted, who: Some(who), answer: Some(answer), reasons };
+        let asked = RequestRecord { unix_ms: 0, wanted, who: Some(who), answer: Some(answer), reasons };
         Ok(self.ports.record.keep(RecordCommand::Asked(asked))?)
     }
 

@@ -7,12 +7,12 @@ use super::corrected::Corrected;
 use super::deadlines::seconds;
 use super::error::DaemonError;
 use super::pending::Waits;
+use super::perception::Perception;
 use super::ports::{News, RecordCommand, RecordPort, RequestPort, RobotPort, ToolPort};
 use super::pressing::Pressing;
 use super::request::{PreparedCycle, Request, What};
 use super::running::{Outside, Running};
 use super::setup::{CellSetup, CycleSetup};
-use super::sight::Sight;
 use super::words;
 use crate::cycle::{self, Act, Deadline, Effect, Event, Report, State, Trouble, step};
 use crate::geometry::{Base, Panel, Rigid};
@@ -84,9 +84,15 @@ pub fn run(start: LoopStart, ports: Ports<'_>) -> Result<LoopOutcome, DaemonErro
     let mut running = Running::new((cell, cycle), computing, ports, (state, lock_step));
     running.remember(before);
     running.live()?;
-    let Running { state, verdict, sight, abrasion, .. } = running;
+    let Running { state, verdict, perception, abrasion, .. } = running;
     let passes = abrasion.passes().collect();
-    Ok(LoopOutcome { state, verdict, base_from_panel: sight.place(), inspections: sight.inspections, passes })
+    Ok(LoopOutcome {
+        state,
+        verdict,
+        base_from_panel: perception.place(),
+        inspections: perception.inspections,
+        passes,
+    })
 }
 
 impl Running<'_> {
@@ -259,7 +265,7 @@ impl Running<'_> {
             }
         }
         self.cycle = Some(Arc::new(prepared.setup));
-        (self.sight, self.abrasion, self.verdict) = (Sight::default(), Abrasion::default(), None);
+        (self.perception, self.abrasion, self.verdict) = (Perception::default(), Abrasion::default(), None);
         // What was heard of the tool before is no part of this cycle's recording: it is heard and told anew.
         (self.trace, self.sent, self.pressing) = (Trace::default(), None, Pressing::default());
         Some(event)

@@ -5,11 +5,11 @@ use super::computing::Computing;
 use super::corrected::Corrected;
 use super::deadlines::Deadlines;
 use super::pending::Pending;
+use super::perception::Perception;
 use super::ports::{RecordPort, RequestPort, RobotPort, ToolPort};
 use super::pressing::Pressing;
 use super::sent::Sent;
 use super::setup::{CellSetup, CycleSetup};
-use super::sight::Sight;
 use super::underway::Underway;
 use crate::cycle::{self, Event, Report, State};
 use crate::eki::{self, Time};
@@ -48,7 +48,7 @@ pub(super) struct Running<'p> {
     pub state: State,
     pub events: VecDeque<Event>,
     pub deadlines: Deadlines,
-    pub sight: Sight,
+    pub perception: Perception,
     pub abrasion: Abrasion,
     pub trace: Trace,
     pub underway: Underway,
@@ -81,7 +81,7 @@ impl<'p> Running<'p> {
             state,
             events: VecDeque::from([Event::Told(Report::Boot)]),
             deadlines: Deadlines::default(),
-            sight: Sight::default(),
+            perception: Perception::default(),
             abrasion: Abrasion::default(),
             trace: Trace::default(),
             underway: Underway::default(),

@@ -4,12 +4,12 @@
 //! nobody answers on it; any other file is not touched.
 //!
 //! A client may be slow, silent or endless, by a fault or on purpose, and a stop must come through all of it. One thread reads
-//! all connections at once and never waits for one of them. Each connection has one deadline for its whole line. Where places
-//! run out, the connection that has been silent for longest gives up its own (`places`). Only a start may be a long line. What
+//! all connections at once and never waits for one of them. Each connection has one deadline for its whole line. Where slots
+//! run out, the connection that has been silent for longest gives up its own (`slots`). Only a start may be a long line. What
 //! was read goes to the `gateway`, which queues it by its urgency and reads recipes on a thread of their own.
 
-mod places;
 mod role;
+mod slots;
 
 use super::caller;
 use super::gateway::Gateway;
@@ -21,8 +21,8 @@ use crate::accounts::Role;
 use crate::record::Who;
 use crate::supervision::{Supervised, Supervisor, supervised};
 use crate::verdict::Reason;
-use places::{Place, Places};
 use role::Rule;
+use slots::{Slot, Slots};
 use std::fs::{self, Permissions};
 use std::io::ErrorKind;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
@@ -148,7 +148,7 @@ fn clear_the_way(path: &Path) -> Result<(), SocketError> {
 }
 
 fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway, Option<Role>), sign: &Supervised) {
-    let places = Places::default();
+    let slots = Slots::default();
     let service_uid = rustix::process::geteuid().as_raw();
     #[expect(
         clippy::let_underscore_must_use,
@@ -168,9 +168,9 @@ fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway,
             match accepted {
                 Ok((stream, _)) => {
                     let who = caller::at_socket(&stream);
-                    let place = places.take(who.uid);
+                    let slot = slots.take(who.uid);
                     let rule = Rule { role, service_uid };
-                    tokio::spawn(attend((stream, who), place, gateway.clone(), rule));
+                    tokio::spawn(attend((stream, who), slot, gateway.clone(), rule));
                 }
                 // Such as no file descriptor left: whoever asks tries again.
                 Err(_) => sleep(Duration::from_millis(50)).await,
@@ -180,17 +180,17 @@ fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway,
 }
 
 /// Reads one line, has it answered, and tells the answer.
-async fn attend((stream, who): (UnixStream, Who), mut place: Place, gateway: Gateway, rule: Rule) {
+async fn attend((stream, who): (UnixStream, Who), mut slot: Slot, gateway: Gateway, rule: Rule) {
     let heard = {
         let mut reading = pin!(read(&stream));
         tokio::select! {
             biased;
             heard = timeout(CLIENT_PATIENCE, &mut reading) => heard.unwrap_or(Err(ProtocolError::Slow)),
             // A line that was written meanwhile is read: who gives way is silent, and a stop is not.
-            () = place.is_wanted() => timeout(LAST_WORD, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
+            () = slot.is_wanted() => timeout(LAST_WORD, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
         }
     };
-    drop(place);
+    drop(slot);
     if let Some(reason) = heard.as_ref().ok().and_then(|what| rule.refusal(&who, what)) {
         tracing::warn!("refused to {}: {}", caller::in_log(&caller::named(who)), reason.message);
         return tell(&stream, &Reply::refused(Exit::Refused, vec![reason])).await;

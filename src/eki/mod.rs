@@ -14,6 +14,7 @@
 mod ack;
 pub(crate) mod channel;
 mod command;
+mod decode;
 mod framer;
 mod ids;
 mod report;
@@ -32,10 +33,11 @@ pub use channel::{ChannelError, ChannelFile, Element, Environment, Kind, Memory,
 pub use command::{
     Command, CommandError, MappedInputs, MoveJ, MoveLin, Request, SetAccSpeed, SetTcp, Signal, TcpKind,
 };
+pub use decode::DecodeError;
 pub use framer::{FrameError, Framer, MAX_DOCUMENT_BYTES};
 pub use ids::{CommandId, EPOCH_STEP, Epoch};
 pub use report::{Channel, EchoMismatch, LinkLoss, Report, SequenceError, StopCause};
-pub use schema::{DecodeError, SchemaError};
+pub use schema::SchemaError;
 pub use session::{LinkLimits, Pace, QueueError, Session};
 pub use state::{Mode, State};
 pub use time::Time;

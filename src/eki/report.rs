@@ -1,9 +1,9 @@
 //! Reports of a session: everything that the rest of the program learns about the robot.
 
 use super::ack::Refusal;
+use super::decode::DecodeError;
 use super::framer::FrameError;
 use super::ids::{CommandId, Epoch};
-use super::schema::DecodeError;
 use super::state::State;
 use super::word::{Word, word};
 use crate::geometry::KukaPose;

@@ -1,14 +1,9 @@
 //! One kind of document: the tags of an EthernetKRL file, tied to the fields that this program knows.
 //!
 //! Names and order come from the file; which fields there must be, their ranges and their meaning from the caller.
-//! A document is read strictly: every field once, nothing else, finite, in range. What is missing is an error and
-//! never zero.
+//! `decode` reads a document by it.
 
 use super::channel::{Element, Kind};
-use super::word::{Word, word};
-use quick_xml::Reader;
-use quick_xml::events::{BytesStart, Event};
-use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
 /// A field that the program knows: its tag, whether it is whole, and its range.
@@ -69,112 +64,13 @@ pub enum SchemaError {
     },
 }
 
-/// Why a document is not what its schema says. `field` is a tag of the EthernetKRL file.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
-#[serde(rename_all = "snake_case")]
-pub enum DecodeError {
-    /// Not well-formed.
-    #[error("not XML: {problem}")]
-    NotXml {
-        /// What the parser says.
-        problem: String,
-    },
-    /// What no controller sends: text, comments, instructions, entities.
-    #[error("{what} inside <{element}>, where only elements may stand")]
-    Foreign {
-        /// What it is.
-        #[serde(deserialize_with = "word")]
-        what: Word,
-        /// The element around it; empty outside of all.
-        element: String,
-    },
-    /// Another kind of document.
-    #[error("the document is <{found}>, expected <{expected}>")]
-    Root {
-        /// What it is.
-        found: String,
-        /// What it must be.
-        expected: String,
-    },
-    /// Two documents where one is due.
-    #[error("a second root <{found}> behind the first")]
-    SecondRoot {
-        /// What it is.
-        found: String,
-    },
-    /// An element that the file does not have.
-    #[error("the element {element} is not in the channel's file")]
-    UnknownElement {
-        /// Its path.
-        element: String,
-    },
-    /// An element twice.
-    #[error("the element {element} stands twice")]
-    RepeatedElement {
-        /// Its path.
-        element: String,
-    },
-    /// An attribute that the file does not have.
-    #[error("{field} is not in the channel's file")]
-    Unknown {
-        /// Its path.
-        field: String,
-    },
-    /// An attribute twice.
-    #[error("{field} stands twice")]
-    Repeated {
-        /// Its path.
-        #[serde(deserialize_with = "word")]
-        field: Word,
-    },
-    /// An attribute that is not there.
-    #[error("{field} is missing")]
-    Missing {
-        /// Its path.
-        #[serde(deserialize_with = "word")]
-        field: Word,
-    },
-    /// An attribute that was never set on the controller.
-    #[error("{field} is empty: it was not set on the controller")]
-    Empty {
-        /// Its path.
-        #[serde(deserialize_with = "word")]
-        field: Word,
-    },
-    /// Not a number as EthernetKRL writes them.
-    #[error("{field} is \"{found}\", which is no {needed}")]
-    NotANumber {
-        /// Its path.
-        #[serde(deserialize_with = "word")]
-        field: Word,
-        /// What stands there.
-        found: String,
-        /// What it must be.
-        #[serde(deserialize_with = "word")]
-        needed: Word,
-    },
-    /// A number that no controller can mean.
-    #[error("{field} is {found}, allowed is {low} to {high}")]
-    OutOfRange {
-        /// Its path.
-        #[serde(deserialize_with = "word")]
-        field: Word,
-        /// What stands there.
-        found: f64,
-        /// Smallest allowed.
-        low: f64,
-        /// Largest allowed.
-        high: f64,
-    },
-}
-
 /// An element with its attributes (name and field) and children, in the file's order.
 #[derive(Debug, Clone, PartialEq, Default)]
-struct Node {
-    name: String,
-    path: String,
-    attributes: Vec<(String, usize)>,
-    children: Vec<Node>,
+pub(super) struct Node {
+    pub(super) name: String,
+    pub(super) path: String,
+    pub(super) attributes: Vec<(String, usize)>,
+    pub(super) children: Vec<Node>,
 }
 
 impl Node {
@@ -211,9 +107,9 @@ impl Node {
 /// One kind of document.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Schema {
-    fields: &'static [Field],
+    pub(super) fields: &'static [Field],
     /// Holds the root as its only child.
-    above: Node,
+    pub(super) above: Node,
 }
 
 const FRAME: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
@@ -263,141 +159,5 @@ impl Schema {
         let mut text = String::with_capacity(256);
         self.above.children.iter().for_each(|root| root.write(self.fields, values, &mut text));
         text.into_bytes()
-    }
-
-    /// The values of a document, one for each field, in the order of the fields.
-    ///
-    /// # Errors
-    /// The first thing in it that is not as the schema says.
-    pub(super) fn decode(&self, document: &str) -> Result<Vec<f64>, DecodeError> {
-        let mut reading = Reading { fields: self.fields, values: vec![None; self.fields.len()], open: Vec::new() };
-        reading.open.push((&self.above, Vec::new()));
-        let mut reader = Reader::from_str(document);
-        loop {
-            let event = reader.read_event().map_err(|error| not_xml(&error))?;
-            let what = match event {
-                Event::Start(tag) => {
-                    reading.enter(&tag)?;
-                    continue;
-                }
-                Event::Empty(tag) => {
-                    reading.enter(&tag)?;
-                    reading.open.pop();
-                    continue;
-                }
-                Event::End(_) => {
-                    reading.open.pop();
-                    continue;
-                }
-                Event::Text(text) if text.trim().is_empty() => continue,
-                Event::Eof => break,
-                Event::Text(_) => "text",
-                Event::CData(_) => "CDATA",
-                Event::Comment(_) => "a comment",
-                Event::Decl(_) | Event::PI(_) => "an instruction",
-                Event::DocType(_) => "a document type",
-                Event::GeneralRef(_) => "an entity",
-            };
-            let element = reading.open.last().map_or_else(String::new, |(node, _)| node.path.clone());
-            return Err(DecodeError::Foreign { what, element });
-        }
-        if let [_, .., (node, _)] = reading.open.as_slice() {
-            return Err(DecodeError::NotXml { problem: format!("<{}> is never closed", node.path) });
-        }
-        let value = |(value, field): (&Option<f64>, &Field)| value.ok_or(DecodeError::Missing { field: field.tag });
-        reading.values.iter().zip(self.fields).map(value).collect()
-    }
-}
-
-fn not_xml(error: &dyn std::fmt::Display) -> DecodeError {
-    DecodeError::NotXml { problem: error.to_string() }
-}
-
-/// A document half read: the elements that are open, each with its children seen so far.
-struct Reading<'a> {
-    fields: &'static [Field],
-    values: Vec<Option<f64>>,
-    open: Vec<(&'a Node, Vec<&'a str>)>,
-}
-
-impl Reading<'_> {
-    fn enter(&mut self, tag: &BytesStart<'_>) -> Result<(), DecodeError> {
-        let found = tag.name().0;
-        let at_root = self.open.len() == 1;
-        let Some((parent, seen)) = self.open.last_mut() else {
-            return Err(DecodeError::SecondRoot { found: found.to_owned() });
-        };
-        if at_root && !seen.is_empty() {
-            return Err(DecodeError::SecondRoot { found: found.to_owned() });
-        }
-        let parent: &Node = parent;
-        let Some(node) = parent.children.iter().find(|child| child.name == found) else {
-            let expected = parent.children.first().map_or_else(String::new, |root| root.name.clone());
-            return Err(match at_root {
-                true => DecodeError::Root { found: found.to_owned(), expected },
-                false => DecodeError::UnknownElement { element: format!("{}/{found}", parent.path) },
-            });
-        };
-        if seen.contains(&node.name.as_str()) {
-            return Err(DecodeError::RepeatedElement { element: node.path.clone() });
-        }
-        seen.push(&node.name);
-        if !is_spaced(tag) {
-            return Err(not_xml(&"no space between two attributes"));
-        }
-        for attribute in tag.attributes().with_checks(false) {
-            let attribute = attribute.map_err(|error| not_xml(&error))?;
-            self.note(node, attribute.key.0, &attribute.value)?;
-        }
-        self.open.push((node, Vec::new()));
-        Ok(())
-    }
-
-    fn note(&mut self, node: &Node, name: &str, text: &str) -> Result<(), DecodeError> {
-        let Some(&(_, index)) = node.attributes.iter().find(|(known, _)| known == name) else {
-            return Err(DecodeError::Unknown { field: format!("{}/@{name}", node.path) });
-        };
-        let value = number(&self.fields[index], text)?;
-        match self.values[index].replace(value) {
-            Some(_) => Err(DecodeError::Repeated { field: self.fields[index].tag }),
-            None => Ok(()),
-        }
-    }
-}
-
-/// Whether white space stands behind every attribute's value, which the parser does not ask for.
-fn is_spaced(tag: &str) -> bool {
-    let (mut quote, mut is_valued) = (None, false);
-    tag.bytes().all(|byte| {
-        let is_right = !is_valued || byte.is_ascii_whitespace();
-        is_valued = quote == Some(byte);
-        quote = match quote {
-            None if matches!(byte, b'"' | b'\'') => Some(byte),
-            Some(open) if open != byte => Some(open),
-            _ => None,
-        };
-        is_right
-    })
-}
-
-/// A number as EthernetKRL writes it: `%d`, or `%f`: a sign, digits, a point and digits, and nothing else.
-fn number(field: &Field, text: &str) -> Result<f64, DecodeError> {
-    let &Field { tag, whole, low, high } = field;
-    if text.is_empty() {
-        return Err(DecodeError::Empty { field: tag });
-    }
-    let is_digits = |digits: &str| !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit());
-    let digits = text.strip_prefix('-').unwrap_or(text);
-    let right = match digits.split_once('.') {
-        Some((before, after)) => !whole && is_digits(before) && is_digits(after),
-        None => is_digits(digits),
-    };
-    let needed = if whole { "whole number" } else { "number such as -12.345678" };
-    let wrong = || DecodeError::NotANumber { field: tag, found: text.to_owned(), needed };
-    let value: f64 = if right { text.parse().map_err(|_| wrong())? } else { return Err(wrong()) };
-    if value >= low && value <= high {
-        Ok(value)
-    } else {
-        Err(DecodeError::OutOfRange { field: tag, found: value, low, high })
     }
 }

@@ -6,8 +6,9 @@
 use super::ack::{ACK, Ack};
 use super::channel::ChannelFile;
 use super::command::{Command, CommandError, Fields, Request};
+use super::decode::DecodeError;
 use super::ids::{CommandId, Epoch};
-use super::schema::{DecodeError, Field, Schema, SchemaError, int, real};
+use super::schema::{Field, Schema, SchemaError, int, real};
 use super::state::{STATE, State};
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 //! the host may let the other interpreter run, or an interrupt break in; a statement that waits for the arm can be
 //! interrupted where it waits. An invalid value, an index outside of its array, a division by zero stop the interpreter.
 
+mod access;
 mod calculate;
 mod expression;
 mod host;
@@ -12,7 +13,9 @@ mod interrupt;
 mod memory;
 mod outcome;
 mod robot;
+mod stack;
 mod step;
+mod values;
 
 pub use host::{Caller, EkiAnswer, Host, MotionRequest};
 pub use interpreter::Interpreter;

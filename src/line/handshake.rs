@@ -8,7 +8,7 @@ const STEADY: u8 = 2;
 
 /// What is asked of the cell for the line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ask {
+pub enum LineRequest {
     /// A cycle, by the recipe and part of the cell's file.
     Start,
     /// A reset: the part was taken after a cycle.
@@ -36,14 +36,14 @@ pub struct Handshake {
     /// The part of the cycle that is over was still there.
     saw_part: bool,
     /// What was asked for last was refused, and nobody has done anything about it yet.
-    refused: Option<Ask>,
+    refused: Option<LineRequest>,
     /// The last looks that were the same, and how many.
     steady: Option<(Look, u8)>,
 }
 
 impl Handshake {
     /// One look; what is to be asked for.
-    pub fn look(&mut self, look: Look) -> Option<Ask> {
+    pub fn look(&mut self, look: Look) -> Option<LineRequest> {
         let count = match &self.steady {
             Some((before, count)) if *before == look => count.saturating_add(1),
             _ => 1,
@@ -67,15 +67,15 @@ impl Handshake {
 
     /// This was refused. The line is told of a fault: after a start until its request is low, after a reset until a person has reset
     /// the cell, since the part is gone and nothing asks again.
-    pub fn refused(&mut self, ask: Ask) {
-        self.refused = Some(ask);
+    pub fn refused(&mut self, request: LineRequest) {
+        self.refused = Some(request);
     }
 
     /// What the line is told now.
     pub fn told(&mut self, look: &Look) -> Told {
         let is_over = match self.refused {
-            Some(Ask::Start) => look.inputs.is_some_and(|inputs| !inputs.start_request),
-            Some(Ask::Reset) => look.cell.as_ref().is_some_and(|cell| cell.state != "complete"),
+            Some(LineRequest::Start) => look.inputs.is_some_and(|inputs| !inputs.start_request),
+            Some(LineRequest::Reset) => look.cell.as_ref().is_some_and(|cell| cell.state != "complete"),
             None => true,
         };
         if !is_over {
@@ -85,17 +85,17 @@ impl Handshake {
         told(look.cell.as_ref())
     }
 
-    fn idle(&mut self, inputs: LineInputs) -> Option<Ask> {
+    fn idle(&mut self, inputs: LineInputs) -> Option<LineRequest> {
         if !inputs.start_request {
             self.is_armed = true;
             return None;
         }
         // One edge asks once, whether it is taken or not: without a part nothing begins, not even when one comes later.
         let was_armed = std::mem::take(&mut self.is_armed);
-        (was_armed && inputs.part_present).then_some(Ask::Start)
+        (was_armed && inputs.part_present).then_some(LineRequest::Start)
     }
 
-    fn complete(&mut self, inputs: LineInputs) -> Option<Ask> {
+    fn complete(&mut self, inputs: LineInputs) -> Option<LineRequest> {
         if inputs.part_present {
             self.saw_part = true;
             return None;
@@ -104,6 +104,6 @@ impl Handshake {
             return None;
         }
         self.saw_part = false;
-        Some(Ask::Reset)
+        Some(LineRequest::Reset)
     }
 }

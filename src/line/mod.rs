@@ -11,5 +11,5 @@ mod signals;
 #[cfg(test)]
 mod tests;
 
-pub use handshake::{Ask, Handshake, Look};
+pub use handshake::{Handshake, LineRequest, Look};
 pub use signals::{CellStands, LineInputs, Told, told};

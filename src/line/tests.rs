@@ -29,7 +29,7 @@ fn look(state: &str, part_present: bool, start_request: bool) -> Look {
 }
 
 /// What is asked for while each of these is seen three times in a row.
-fn asked(handshake: &mut Handshake, looks: &[Look]) -> Vec<Ask> {
+fn asked(handshake: &mut Handshake, looks: &[Look]) -> Vec<LineRequest> {
     looks
         .iter()
         .flat_map(|look| std::iter::repeat_n(look, 3))
@@ -53,7 +53,7 @@ fn an_edge_asks_once_and_the_part_that_is_taken_resets() {
         look("idle", false, false),
     ];
     for _ in 0..2 {
-        assert_eq!(asked(&mut handshake, &cycle), [Ask::Start, Ask::Reset]);
+        assert_eq!(asked(&mut handshake, &cycle), [LineRequest::Start, LineRequest::Reset]);
     }
 }
 
@@ -70,7 +70,7 @@ fn a_level_asks_for_nothing() {
         assert_eq!(asked(&mut handshake, &[look("idle", true, false), before, high.clone()]), []);
         assert_eq!(
             asked(&mut handshake, &[look("idle", true, false), high.clone()]),
-            [Ask::Start],
+            [LineRequest::Start],
             "after it was low"
         );
     }
@@ -91,7 +91,7 @@ fn a_contact_that_bounces_asks_for_nothing() {
         assert_eq!(handshake.look(look("idle", true, true)), None);
         assert_eq!(handshake.look(look("idle", true, false)), None);
     }
-    assert_eq!(asked(&mut handshake, &[look("idle", true, true)]), [Ask::Start]);
+    assert_eq!(asked(&mut handshake, &[look("idle", true, true)]), [LineRequest::Start]);
 }
 
 /// The part must have been seen after the cycle, and the request be low, before the cell is reset for the next one.
@@ -101,7 +101,7 @@ fn a_reset_needs_a_part_that_went() {
     assert_eq!(asked(&mut handshake, &[look("complete", false, false)]), [], "it never saw the part");
     let kept = [look("complete", true, true), look("complete", false, true)];
     assert_eq!(asked(&mut handshake, &kept), [], "the line still asks");
-    assert_eq!(asked(&mut handshake, &[look("complete", false, false)]), [Ask::Reset]);
+    assert_eq!(asked(&mut handshake, &[look("complete", false, false)]), [LineRequest::Reset]);
     for state in STATES.iter().filter(|state| **state != "complete") {
         let mut handshake = Handshake::default();
         let looks = [look(state, true, false), look(state, false, false)];
@@ -115,13 +115,13 @@ fn a_refusal_is_told() {
     let mut handshake = Handshake::default();
     let (low, high) = (look("idle", true, false), look("idle", true, true));
     assert_eq!(handshake.told(&high), Told::of(&[LineSignal::Ready]));
-    handshake.refused(Ask::Start);
+    handshake.refused(LineRequest::Start);
     for _ in 0..3 {
         assert_eq!(handshake.told(&high), Told::of(&[LineSignal::Fault]));
     }
     assert_eq!(handshake.told(&low), Told::of(&[LineSignal::Ready]));
     assert_eq!(handshake.told(&high), Told::of(&[LineSignal::Ready]), "it was taken back");
-    handshake.refused(Ask::Reset);
+    handshake.refused(LineRequest::Reset);
     let silent = Look { cell: None, ..low.clone() };
     for look in
         [look("complete", false, false), look("complete", true, true), silent, look("complete", false, false)]
@@ -174,11 +174,11 @@ proptest! {
                 if trouble == 1 { now.cell = None; }
                 let is_whole = trouble > 1;
                 match handshake.look(now) {
-                    Some(Ask::Start) => {
+                    Some(LineRequest::Start) => {
                         prop_assert!(is_whole && state == 0 && part_present && start_request && low);
                         low = false;
                     }
-                    Some(Ask::Reset) => {
+                    Some(LineRequest::Reset) => {
                         prop_assert!(is_whole && state == 1 && !part_present && !start_request && part);
                         part = false;
                     }

@@ -10,5 +10,6 @@
 pub mod drawing;
 pub mod label;
 mod local;
+mod session;
 
 pub use local::{Local, LocalError};

@@ -50,12 +50,12 @@ impl Samples {
     /// Tells each place with panel that a stretch presses on, with the mean pressure meanwhile, N/mm².
     pub fn under(&self, stretch: &Stretch, mut tell: impl FnMut(usize, f64)) {
         let reach_mm = FARTHER * stretch.stroke.reach_mm() + 0.5 * stretch.length_mm;
-        let [reach_u, reach_v] = stretch.place.reach(reach_mm);
-        let at = stretch.place.at;
+        let [reach_u, reach_v] = stretch.frame.reach(reach_mm);
+        let at = stretch.frame.at;
         let least = Parameter { u: at.u - reach_u, v: at.v - reach_v };
         let most = Parameter { u: at.u + reach_u, v: at.v + reach_v };
         for sample in self.net.around(least, most).filter(|sample| self.area_mm2[*sample] > 0.0) {
-            let offset_mm = stretch.place.offset_mm(self.points[sample]);
+            let offset_mm = stretch.frame.offset_mm(self.points[sample]);
             let pressure = stretch.stroke.mean_pressure_n_mm2(offset_mm);
             if pressure > 0.0 {
                 tell(sample, pressure);

@@ -41,7 +41,7 @@ pub struct Move {
 
 /// What is asked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Asked {
+pub struct RemovalTarget {
     /// Depth, µm.
     pub target_um: f64,
     /// Acceleration of the tool's point, mm/s².
@@ -54,20 +54,20 @@ pub fn schedule(
     treated: &[GridId],
     (stretches, moves): (&[Stretch], &[Move]),
     model: &Model,
-    asked: &Asked,
+    target: &RemovalTarget,
 ) -> Vec<f64> {
     let radius_mm = stretches.first().map_or(1.0, |stretch| stretch.stroke.contact.pad.radius_mm);
     let spacing_mm = (SPACING_RADII * radius_mm).clamp(SPACING_MM[0], SPACING_MM[1]);
     let samples: Vec<Samples> =
         treated.par_iter().filter_map(|id| Samples::of(surface, region, (*id, spacing_mm), ground)).collect();
-    let (columns, places) = columns(&samples, (stretches, moves), model, asked.target_um);
+    let (columns, places) = columns(&samples, (stretches, moves), model, target.target_um);
     let rubbed = |feed_mm_s: f64| model.orbit.rubbed_per_mm(feed_mm_s);
     let bounds: Vec<[f64; 2]> = moves.iter().map(|own| [1, 0].map(|end| rubbed(own.feeds_mm_s[end]))).collect();
     let wanted: Vec<f64> = places.iter().map(|area| if *area > 0.0 { 1.0 } else { 0.0 }).collect();
     let mut sought = Sought { wanted: &wanted, bounds: &bounds, alike: ALIKE, rounds: ROUNDS[0] };
     let lowest: Vec<f64> = bounds.iter().map(|[low, _]| *low).collect();
     let free = descend(&columns, lowest.clone(), &sought);
-    let slowed = slowed(&feeds(&model.orbit, moves, &free), moves, asked.acceleration_mm_s2);
+    let slowed = slowed(&feeds(&model.orbit, moves, &free), moves, target.acceleration_mm_s2);
     // What was lowered for the acceleration stays so; the others make up for it.
     let held: Vec<[f64; 2]> = slowed
         .iter()
@@ -81,7 +81,7 @@ pub fn schedule(
     sought = Sought { bounds: &held, rounds: ROUNDS[1], ..sought };
     let start = free.iter().zip(&held).map(|(x, [low, high])| x.clamp(*low, *high)).collect();
     let settled = descend(&columns, start, &sought);
-    self::slowed(&feeds(&model.orbit, moves, &settled), moves, asked.acceleration_mm_s2)
+    self::slowed(&feeds(&model.orbit, moves, &settled), moves, target.acceleration_mm_s2)
 }
 
 fn feeds(orbit: &Orbit, moves: &[Move], x: &[f64]) -> Vec<f64> {
@@ -198,8 +198,8 @@ mod tests {
         };
         let moves: Vec<Move> = (0..path.len() - 1).map(own).collect();
         let on = (&surface, &region, &(|_| true) as Ground<'_>);
-        let asked = Asked { target_um, acceleration_mm_s2: 1_000.0 };
-        let found = schedule(on, &treated, (&all, &moves), &MODEL, &asked);
+        let target = RemovalTarget { target_um, acceleration_mm_s2: 1_000.0 };
+        let found = schedule(on, &treated, (&all, &moves), &MODEL, &target);
         let map = |feeds_mm_s: &[f64]| {
             let all = stretches(&surface, &timed(&path, feeds_mm_s), (&disc, 20.0), &|_| true);
             removed(on, &treated, &all, (&MODEL, 0.1), 1.0)
@@ -261,7 +261,7 @@ mod tests {
     #[test]
     fn nothing_in_contact_has_no_feed() {
         let (surface, region) = (level(100.0), region(1, 1));
-        let asked = Asked { target_um: 40.0, acceleration_mm_s2: 1_000.0 };
-        assert!(schedule((&surface, &region, &|_| true), &[], (&[], &[]), &MODEL, &asked).is_empty());
+        let target = RemovalTarget { target_um: 40.0, acceleration_mm_s2: 1_000.0 };
+        assert!(schedule((&surface, &region, &|_| true), &[], (&[], &[]), &MODEL, &target).is_empty());
     }
 }

@@ -6,9 +6,9 @@
 //! grows by its diameter on the way, as the store counts it.
 
 use super::pad::{Below, Pad, Seat};
-use super::place::Place;
 use super::speed::Orbit;
 use super::stroke::Stroke;
+use super::tangent_frame::TangentFrame;
 use crate::geometry::{Panel, Point};
 use crate::surface::dwell::{CONTACT_MM, Executed, foot};
 use crate::surface::{BSplineSurface, Parameter};
@@ -47,7 +47,7 @@ impl Disc {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stretch {
     /// The surface at its middle.
-    pub place: Place,
+    pub frame: TangentFrame,
     /// The contact there, and the way.
     pub stroke: Stroke,
     /// Length of the way, mm.
@@ -79,15 +79,15 @@ pub fn stretches(
         for step in 0..count as usize {
             swept_mm2 += length_mm * disc.pad.radius_mm;
             let ends = [at(step as f64), at(step as f64 + 1.0)];
-            let Some(place) = touched(surface, &mut guess, at(step as f64 + 0.5)) else { continue };
+            let Some(frame) = touched(surface, &mut guess, at(step as f64 + 0.5)) else { continue };
             let tool = pair[if 2 * step < count as usize { 0 } else { 1 }].panel_from_tool;
-            let seat = place.tilt(&tool).map(|tilt| Seat { tilt, curvature_per_mm: place.curvature_per_mm });
-            let pressed = seat.and_then(|seat| contact(&place, seat, (disc, force_n), ground));
+            let seat = frame.tilt(&tool).map(|tilt| Seat { tilt, curvature_per_mm: frame.curvature_per_mm });
+            let pressed = seat.and_then(|seat| contact(&frame, seat, (disc, force_n), ground));
             if let Some(contact) = pressed {
-                let ends_mm = ends.map(|end| place.offset_mm(end));
+                let ends_mm = ends.map(|end| frame.offset_mm(end));
                 let stroke = Stroke::new(contact, ends_mm, (disc.rim_orbit_mm(), all.len()));
                 let rubbed_mm = rubbed_mm(&disc.orbit, length_mm, seconds);
-                all.push(Stretch { place, stroke, length_mm, rubbed_mm, pose: index + 1, swept_mm2 });
+                all.push(Stretch { frame, stroke, length_mm, rubbed_mm, pose: index + 1, swept_mm2 });
             }
             swept_mm2 += length_mm * disc.pad.radius_mm;
         }
@@ -101,23 +101,23 @@ fn rubbed_mm(orbit: &Orbit, length_mm: f64, seconds: f64) -> f64 {
     if seconds > 0.0 { orbit.grain_mm_s(length_mm / seconds) * seconds } else { length_mm }
 }
 
-/// The place of the surface below a point in contact.
-fn touched(surface: &BSplineSurface, guess: &mut Parameter, point: Point<Panel>) -> Option<Place> {
+/// The frame of the surface below a point in contact.
+fn touched(surface: &BSplineSurface, guess: &mut Parameter, point: Point<Panel>) -> Option<TangentFrame> {
     let at = foot(surface, *guess, point)?;
     *guess = at;
     let normal = surface.normal(at)?;
     let height_mm = normal.mm.dot(&(point - surface.point(at)).mm);
-    if height_mm > CONTACT_MM { None } else { Place::of(surface, at) }
+    if height_mm > CONTACT_MM { None } else { TangentFrame::of(surface, at) }
 }
 
 /// The contact there; what hangs over bears nothing.
 fn contact(
-    place: &Place,
+    frame: &TangentFrame,
     seat: Seat,
     (disc, force_n): (&Disc, f64),
     ground: Ground<'_>,
 ) -> Option<super::pad::Contact> {
-    let has_panel = |offset: Vector2<f64>| ground(place.parameter(offset));
+    let has_panel = |offset: Vector2<f64>| ground(frame.parameter(offset));
     let look = |index: usize, share: f64| {
         let angle = TAU * index as f64 / LOOKS as f64;
         has_panel(Vector2::new(angle.cos(), angle.sin()) * (share * disc.pad.radius_mm))

@@ -15,15 +15,15 @@ pub struct Signed {
     pub bytes: Vec<u8>,
     /// The 64 bytes of its signature.
     pub signature: Vec<u8>,
-    /// What its name promises.
-    pub place: Place,
+    /// What its name claims.
+    pub claim: Claim,
 }
 
-/// What the name of a statement promises of it.
+/// What the name of a statement claims of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
+pub enum Claim {
     /// Nothing.
-    Any,
+    Nothing,
     /// The cell's statement of this cycle.
     Cycle(CycleId),
     /// This number.
@@ -101,13 +101,13 @@ fn read<'s>(signed: &'s Signed, keys: &[PublicKey]) -> Result<Whole<'s>, String>
     }
 }
 
-/// Where the name promises something else.
+/// Where the name claims something else.
 fn misplaced(signed: &Signed, statement: &Statement) -> Option<String> {
-    let is_there = match (signed.place, &statement.says) {
-        (Place::Any, _) => true,
-        (Place::Number(number), _) => statement.number == number,
-        (Place::Cycle(id), Said::Cycle(cycle)) => cycle.id == id,
-        (Place::Cycle(_), Said::Person(_)) => false,
+    let is_there = match (signed.claim, &statement.says) {
+        (Claim::Nothing, _) => true,
+        (Claim::Number(number), _) => statement.number == number,
+        (Claim::Cycle(id), Said::Cycle(cycle)) => cycle.id == id,
+        (Claim::Cycle(_), Said::Person(_)) => false,
     };
     let words =
         |number, cycle| format!("{} holds record number {number}, of cycle {cycle}: it was exchanged", signed.name);

@@ -4,7 +4,7 @@
 //! is its number), and `files/` with each file under its SHA-256. What cameras gave is not exported: it is large, and the
 //! store keeps it.
 
-use super::chain::{Place, Signed, Verified, verify};
+use super::chain::{Claim, Signed, Verified, verify};
 use super::key::PublicKey;
 use super::statement::{Said, SignedCycle, files_of};
 use crate::record::CycleId;
@@ -52,7 +52,7 @@ pub fn verify_export(export: &Export, keys: &[PublicKey], head: Option<&Signed>)
                 name: name.clone(),
                 bytes: bytes.clone(),
                 signature: signature.clone(),
-                place: place(stem),
+                claim: claim(stem),
             }),
             None => found.push(format!("{stem}.sig, the signature of {name}, is missing")),
         }
@@ -80,11 +80,11 @@ fn wrong_files(cycle: &SignedCycle, files: &BTreeMap<String, String>) -> Vec<Str
     exported_files(cycle).into_iter().filter_map(wrong).collect()
 }
 
-/// What a file's name promises.
-fn place(stem: &str) -> Place {
-    let Some(rest) = stem.strip_prefix("cycle-") else { return Place::Any };
+/// What a file's name claims.
+fn claim(stem: &str) -> Claim {
+    let Some(rest) = stem.strip_prefix("cycle-") else { return Claim::Nothing };
     match rest.split_once("-signature-") {
-        Some((_, number)) => number.parse().map_or(Place::Any, Place::Number),
-        None => rest.parse().map_or(Place::Any, |id| Place::Cycle(CycleId(id))),
+        Some((_, number)) => number.parse().map_or(Claim::Nothing, Claim::Number),
+        None => rest.parse().map_or(Claim::Nothing, |id| Claim::Cycle(CycleId(id))),
     }
 }

@@ -20,7 +20,7 @@ use crate::removal::ground::PanelGround;
 use crate::removal::map::{RemovalMap, removed};
 use crate::removal::model::Model;
 use crate::removal::pad::Pad;
-use crate::removal::schedule::{Asked, schedule};
+use crate::removal::schedule::{RemovalTarget, schedule};
 use crate::removal::track::{Disc, Ground, stretches};
 use crate::report::removal_map;
 use crate::surface::{Fit, Parameter};
@@ -90,7 +90,8 @@ impl<'a> Abrasive<'a> {
         let ground = self.ground();
         let surface = (&self.fit.surface, &self.panel.region, &ground as Ground<'_>);
         let all_stretches = stretches(surface.0, &dwell::planned(&plan), (&self.disc(&model), force_n), &ground);
-        let wanted = Asked { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
+        let wanted =
+            RemovalTarget { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
         let found = schedule(surface, &treated(&plan), (&all_stretches, &moves), &model, &wanted);
         let mut feeds_mm_s: Vec<f64> = all.iter().map(|waypoint| waypoint.feed_mm_s).collect();
         for (own, feed_mm_s) in moves.iter().zip(&found) {

@@ -132,15 +132,9 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let mut store = Store::create(&folder.path().join("store")).expect("a store");
         let line = |what: &str, subject: &str, refused: Option<&str>| AuditEntry {
-            unix_ms: 0,
-            who: None,
-            role: None,
-            from: "terminal".to_owned(),
-            what: what.to_owned(),
             subject: Some(subject.to_owned()),
-            before: None,
-            after: None,
             refused: refused.map(str::to_owned),
+            ..AuditEntry::done(None, None, "terminal".to_owned(), what)
         };
         let account = Account {
             name: "eva".to_owned(),

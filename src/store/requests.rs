@@ -6,7 +6,7 @@
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
 use crate::cycle::Event;
-use crate::record::{Asked, CycleId, Wanted};
+use crate::record::{CycleId, RequestRecord, Wanted};
 use rusqlite::params;
 
 pub(super) const TABLES: &str = "
@@ -28,13 +28,13 @@ impl Store {
     /// Where it cannot be written.
     pub fn keep_request(
         &mut self,
-        asked: &Asked,
+        asked: &RequestRecord,
         cycle: Option<CycleId>,
         journal: Option<u64>,
     ) -> Result<(), StoreError> {
         self.writable()?;
         let unix_ms = unix_ms(self.clock());
-        let text = self.text(&Asked { unix_ms, ..asked.clone() })?;
+        let text = self.text(&RequestRecord { unix_ms, ..asked.clone() })?;
         self.commit("write a request to", |writing| {
             writing.execute(
                 "INSERT INTO requests (cycle_id, journal_sequence, unix_ms, request) VALUES (?1, ?2, ?3, ?4)",
@@ -45,7 +45,7 @@ impl Store {
     }
 
     /// What was asked in a cycle, in order; of lines of the journal that have no row, what they say.
-    pub(super) fn asked_in(&self, id: CycleId) -> Result<Vec<Asked>, StoreError> {
+    pub(super) fn asked_in(&self, id: CycleId) -> Result<Vec<RequestRecord>, StoreError> {
         let mut asked = match self.has_table("requests")? {
             true => self.asked_by("cycle_id = ?1", "cycle_id = ?1", id)?,
             false => Vec::new(),
@@ -61,7 +61,7 @@ impl Store {
         for (unix_ms, text) in self.rows_of(&sql, id)? {
             if let Event::Asked(request) = self.parsed(&text)? {
                 let wanted = Wanted::For(request);
-                asked.push(Asked { unix_ms, wanted, who: None, answer: None, reasons: Vec::new() });
+                asked.push(RequestRecord { unix_ms, wanted, who: None, answer: None, reasons: Vec::new() });
             }
         }
         asked.sort_by_key(|asked| asked.unix_ms);
@@ -69,7 +69,7 @@ impl Store {
     }
 
     /// What was asked between the cycle before and this one, in order.
-    pub(super) fn asked_before(&self, id: CycleId, started_unix_s: i64) -> Result<Vec<Asked>, StoreError> {
+    pub(super) fn asked_before(&self, id: CycleId, started_unix_s: i64) -> Result<Vec<RequestRecord>, StoreError> {
         if !self.has_table("requests")? {
             return Ok(Vec::new());
         }
@@ -80,7 +80,7 @@ impl Store {
         Ok(asked)
     }
 
-    fn asked_by(&self, one: &str, other: &str, id: CycleId) -> Result<Vec<Asked>, StoreError> {
+    fn asked_by(&self, one: &str, other: &str, id: CycleId) -> Result<Vec<RequestRecord>, StoreError> {
         let sql = format!("SELECT unix_ms, request FROM requests WHERE {one} AND {other} ORDER BY id");
         self.rows_of(&sql, id)?.iter().map(|(_, text)| self.parsed(text)).collect()
     }

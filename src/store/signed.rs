@@ -6,7 +6,7 @@ use super::signatures::SignatureRow;
 use super::verify::Verified;
 use crate::files::hex;
 use crate::record::CycleId;
-use crate::signing::{self, Place, PublicKey, Said, Signed, SignedCycle, Statement, differences};
+use crate::signing::{self, Claim, PublicKey, Said, Signed, SignedCycle, Statement, differences};
 use std::collections::BTreeSet;
 
 impl Store {
@@ -77,7 +77,7 @@ impl Store {
 
 fn signed(row: &SignatureRow, bytes: Vec<u8>) -> Signed {
     let name = format!("signature {}", row.number);
-    Signed { name, bytes, signature: row.signature.clone(), place: Place::Number(row.number) }
+    Signed { name, bytes, signature: row.signature.clone(), claim: Claim::Number(row.number) }
 }
 
 /// Numbers have no gaps; the first ones may not be gone either.

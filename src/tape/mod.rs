@@ -14,13 +14,15 @@
 //! much there must be.
 //!
 //! Bytes in and out: opens no file and reads no clock. Read in this order: `topic` · `entry` · `well_known` (messages
-//! of others) · `write` · `framing` (a chunk that cannot be read is refused) · `read`.
+//! of others) · `write` · `framing` (a chunk that cannot be read is refused) · `records` · `check` · `read`.
 
+mod check;
 mod entry;
 mod error;
 mod format;
 mod framing;
 mod read;
+mod records;
 mod shown;
 mod topic;
 mod well_known;
@@ -29,10 +31,11 @@ mod write;
 #[cfg(test)]
 mod tests;
 
+pub use check::{Checked, check};
 pub use entry::{Armed, Begin, Ending, Entry, Lost, Shot, Start};
 pub use error::TapeError;
 pub use format::{FORMAT, OLDEST_FORMAT};
-pub use read::{Checked, Entries, check};
+pub use read::Entries;
 pub use shown::{Lens, Mounted};
 pub use topic::Topic;
 pub use write::Writer;

@@ -85,11 +85,11 @@ fn write(store: &mut Store, cycles: usize) -> Result<(), panelprep::store::Store
 }
 
 /// A kind of query: its name, the query with this number, and how many cycles it must find.
-type Asked = (&'static str, fn(usize, usize) -> Query, fn(usize) -> usize);
+type QueryCase = (&'static str, fn(usize, usize) -> Query, fn(usize) -> usize);
 
 const PAGE: usize = 50;
 
-fn asked() -> [Asked; 9] {
+fn asked() -> [QueryCase; 9] {
     [
         ("the newest", |_, _| Query::default(), |cycles| cycles.min(PAGE)),
         (

@@ -3,12 +3,16 @@
 //! A walk has at least 100 commands, 3 faults and 20 s. Healthy steps are far more likely than faults, so that the walk
 //! reaches motion; at its end everything is mended, and the link must come back and execute a path.
 
-use super::cell::{self, Cell, Side, pass, sanding_tool, setup, speed};
-use super::damage::{self, MAPPED_INPUT};
+// By its path: a bench takes this file in by its own.
+#[path = "walks/faults.rs"]
+mod faults;
+
+use super::cell::{self, Cell, pass, sanding_tool, setup, speed};
+use super::damage::MAPPED_INPUT;
 use super::oracles::Oracles;
-use panelprep::devices::mock::{self, Clock, Fault, Mode, Programs, Rule, Setup, Side as End};
+use panelprep::devices::mock::{Clock, Programs, Rule, Setup};
 use panelprep::eki::{
-    Channel, Command, CommandId, Epoch, LinkLimits, MappedInputs, MoveJ, MoveLin, QueueError, Report, Signal,
+    Command, CommandId, Epoch, LinkLimits, MappedInputs, MoveJ, MoveLin, QueueError, Report, Signal,
 };
 use panelprep::geometry::Joints;
 use rand::{RngExt, SeedableRng};
@@ -20,13 +24,17 @@ use std::time::Duration;
 
 /// More of them: `LINK_WALKS=20000`, as `make bench-link` has it.
 const WALKS: u64 = 2_500;
+
 const WEAK_WALKS: u64 = 400;
 const COMMANDS: usize = 100;
 const FAULTS: usize = 3;
 const LENGTH_MS: u64 = 20_000;
+
 /// Of a walk over the programs, where faults come twice as often.
 const PROGRAM_COMMANDS: usize = 60;
+
 const PROGRAM_LENGTH_MS: u64 = 8_000;
+
 /// From mended to connected, opened and executed.
 const RECOVERY_MS: u64 = 12_000;
 
@@ -113,18 +121,6 @@ impl Walk {
             }
         }
         self.recover()
-    }
-
-    /// The drives go off and on while the foreign program runs; then the cell's is selected again.
-    fn work_with_another_program(&mut self) {
-        let Some(home_at_ms) = self.home_at_ms else { return };
-        if self.cell.now_ms >= home_at_ms {
-            self.home_at_ms = None;
-            self.cell.controller.deselect();
-            self.cell.controller.select();
-        } else if self.cell.now_ms >= home_at_ms - 1_000 && self.cell.controller.can_start() {
-            self.cell.controller.inject(Fault::Drives { for_ms: Some(2_000) });
-        }
     }
 
     fn pass_time(&mut self, ms: u64) -> Result<(), String> {
@@ -256,102 +252,6 @@ impl Walk {
         self.oracles.queued(epoch, last, points, speed_m_s);
         self.commands += points.len();
         Some(last)
-    }
-
-    fn strike(&mut self) {
-        let draw = &mut self.draw;
-        self.faults += 1;
-        self.next_fault_ms = self.cell.now_ms
-            + if self.is_program { draw.random_range(300..3_500) } else { draw.random_range(500..8_000) };
-        let lasts_ms = draw.random_range(20..2_000);
-        let for_ms = Some(lasts_ms);
-        let side = [Side::Client, Side::Robot][draw.random_range(0..2)];
-        let channel = [Channel::Command, Channel::State][draw.random_range(0..2)];
-        let end = [End::Command, End::State, End::Both][draw.random_range(0..3)];
-        let until_ms = self.cell.now_ms + lasts_ms;
-        let is_program = self.is_program;
-        let kinds = if is_program { 34 } else { 24 };
-        let fault = match draw.random_range(0..kinds) {
-            0..3 => return self.cell.cut(channel, side, draw.random_bool(0.5)),
-            3 => return self.cell.client_stalls_until_ms = until_ms,
-            4 => return self.cell.deaf_until_ms = until_ms,
-            5 => {
-                let _ = self.cell.session.abort();
-                return;
-            }
-            6 => Fault::Garbage(end),
-            7..9 => Fault::Unplug { for_ms },
-            9 => Fault::Mute { for_ms },
-            10 => Fault::NoAcks { for_ms },
-            11 => Fault::Stall { for_ms },
-            12 => Fault::SkipState,
-            13 => Fault::LoseBase,
-            14 => Fault::LoseTool,
-            15 => Fault::WrongBase,
-            16 => Fault::Refuse(8),
-            17 => {
-                self.oracles.slowed_until_ms = until_ms;
-                Fault::Slow { percent: draw.random_range(20..100), for_ms }
-            }
-            18 => Fault::EStop { for_ms },
-            19 => Fault::Guard { for_ms },
-            23 if !is_program => {
-                // Somebody else's, or what damage has made of one: any operation, any number.
-                let operation = draw.random_range(9..13);
-                let number = [i32::MIN, -1, 0, 1_000_000, i32::MAX - 1, i32::MAX][draw.random_range(0..6)];
-                return self.cell.foreign_request(operation, number);
-            }
-            20 if is_program => {
-                Fault::Mode { to: [Mode::T1, Mode::T2, Mode::Aut][draw.random_range(0..3)], for_ms }
-            }
-            20 => Fault::Mode { to: Mode::T1, for_ms },
-            21 => Fault::Deselect { for_ms },
-            22 => Fault::Reboot { for_ms },
-            // Someone works with another program, with the drives going off and on.
-            23 => {
-                self.home_at_ms = Some(until_ms + 3_000);
-                return self.cell.controller.select_foreign_program();
-            }
-            // A client that is gone before the programs have looked.
-            24 => {
-                let channel = [mock::Channel::Command, mock::Channel::State][draw.random_range(0..2)];
-                if self.cell.controller.connect(channel) {
-                    self.cell.controller.disconnect(channel);
-                }
-                return;
-            }
-            // A thumb on the start key, whatever the program does.
-            25 => return self.cell.controller.hold_start_key(draw.random_bool(0.5)),
-            26..30 => return self.damage(),
-            30 => return self.turn_over(),
-            31 => return self.cell.controller.set_input(draw.random_range(1..9), draw.random_bool(0.7)),
-            32 => return self.cell.controller.fail_channels(until_ms),
-            _ => Fault::Stall { for_ms: Some(draw.random_range(100..380)) },
-        };
-        self.cell.controller.inject(fault);
-    }
-
-    /// What no good client sends.
-    fn damage(&mut self) {
-        let (epoch, (received, _)) = (self.cell.controller.epoch(), self.cell.controller.counts());
-        self.oracles.strange_epoch = epoch.saturating_add(2);
-        let documents = damage::documents(&mut self.draw, epoch, received);
-        if documents.len() > 100 {
-            // Else the client ends the epoch before the ring is full.
-            self.cell.deaf_until_ms = self.cell.now_ms + 350;
-        }
-        for document in documents {
-            match document {
-                Ok(command) => self.cell.controller.command_bytes(command.as_bytes()),
-                Err(request) => self.cell.controller.state_bytes(request.as_bytes()),
-            }
-        }
-    }
-
-    /// The count of states has come to its end.
-    fn turn_over(&mut self) {
-        // One less than the last: the program may stand between its look at the count and its step.
-        self.cell.controller.set_shared("CELL_SEQ", i32::MAX - 1 - self.draw.random_range(0..4));
     }
 
     /// Nothing goes wrong any more: the link comes back and a path is executed.

@@ -2,7 +2,7 @@
 
 use super::super::args::Common;
 use super::super::disk;
-use super::super::fault::Fault;
+use super::super::fault::{CalibrationFault, Fault};
 use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
 use super::args::Force as Args;
@@ -74,10 +74,10 @@ fn known(found: &ForceCalibration, tool: Option<&CompliantTool>) -> Check {
 }
 
 fn verify(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fault> {
-    let tool = files.cell.tool().compliant().ok_or(Fault::NoCompliantTool)?;
+    let tool = files.cell.tool().compliant().ok_or(CalibrationFault::NoCompliantTool)?;
     let weight = Weight::from(tool);
     let off_n = |read: &AttitudeReading| weight.contact_n(read.force_n, read.downwards).abs();
-    let error_n = readings.iter().map(off_n).reduce(f64::max).ok_or(Fault::NoReadings)?;
+    let error_n = readings.iter().map(off_n).reduce(f64::max).ok_or(CalibrationFault::NoReadings)?;
     let demands = demands(files, tool);
     let verification = Verification {
         subject: TOOL_FORCE.to_owned(),

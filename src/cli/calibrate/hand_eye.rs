@@ -5,11 +5,11 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::args::{HandEye as Args, MountName};
+use super::board_image::BoardImage;
 use super::boards;
 use super::in_use::InUse;
 use super::keeping::{keep, provenance};
 use super::mounted::{Mounted, cell, intrinsics};
-use super::sight::Sight;
 use super::{date, files};
 use crate::calib::detect::Detected;
 use crate::calib::hand_eye::{MIN_STATIONS, hand_eye};
@@ -37,7 +37,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
 
 /// A picture that shows the board, with the robot's word.
 struct Look {
-    sight: Sight,
+    board_image: BoardImage,
     detected: Detected,
     base_from_flange: Rigid<Base, crate::geometry::Flange>,
 }
@@ -111,7 +111,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     mounted.rms_mm = Some(found.rms_mm);
     mounted.uncertainty_mm = Some(found.uncertainty_mm);
     let used = looks.iter().zip(&found.residuals).filter(|(_, residual)| residual.used);
-    let (hashes, residuals) = used.map(|(look, residual)| (look.sight.hash.clone(), residual.mm)).unzip();
+    let (hashes, residuals) = used.map(|(look, residual)| (look.board_image.hash.clone(), residual.mm)).unzip();
     mounted.provenance = provenance(hashes, residuals);
     let text = mounted.to_toml();
     MountedPose::<A>::check(&args.out.display().to_string(), &text)?;
@@ -129,7 +129,7 @@ fn refused(error: &CalibError, out: &Path) -> Outcome {
 
 /// The corners as the 3D camera measured them, where it measured most of them.
 fn points_of<A: Mounted>(look: &Look, camera: (&PinholeCamera, &ScanErrors)) -> Option<BoardObservation<A::From>> {
-    let seen = look.sight.measured(camera, &look.detected)?;
+    let seen = look.board_image.measured(camera, &look.detected)?;
     let BoardObservation::Points(points) = &seen else { return None };
     if 2 * points.len() < look.detected.corners.len() {
         return None;
@@ -142,7 +142,7 @@ fn pose_of<A: Arrangement>(found: &HandEye<A>) -> KukaPose {
 }
 
 fn station<C: Frame>(look: &Look, seen: BoardObservation<C>) -> Station<C> {
-    Station { name: look.sight.name.clone(), base_from_flange: look.base_from_flange, seen }
+    Station { name: look.board_image.name.clone(), base_from_flange: look.base_from_flange, seen }
 }
 
 /// The pictures that show the board, and why the others do not count.
@@ -159,8 +159,8 @@ fn looks(
     let poses = files::picture_poses(&file.display().to_string(), &disk::read_text(file)?, &is_there)?;
     let (window, done) = (boards::window(&args.board), AtomicUsize::new(0));
     let look = |pose: &files::PicturePose| {
-        let sight = Sight::read(&folder.join(&pose.image), camera)?;
-        let found = sight.detect(board, window);
+        let board_image = BoardImage::read(&folder.join(&pose.image), camera)?;
+        let found = board_image.detect(board, window);
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         progress(&format!("corners: {done} of {}", poses.len()));
         let base_from_flange = match arm {
@@ -168,7 +168,7 @@ fn looks(
             Some(arm) => arm.flange((file, &pose.image), pose.base_from_flange, pose.joints.as_ref())?,
         };
         Ok(found.map_err(|error| (pose.image.clone(), error.to_string())).map(|detected| Look {
-            sight,
+            board_image,
             detected,
             base_from_flange,
         }))

@@ -3,6 +3,7 @@
 //! A rejected calibration writes nothing; one under review is written, with its doubts told.
 
 pub mod args;
+mod board_image;
 mod boards;
 pub mod date;
 mod files;
@@ -19,7 +20,6 @@ pub mod removal;
 mod robot;
 mod robot_advice;
 mod scanner;
-mod sight;
 mod target;
 mod taught_corner;
 mod tcp;

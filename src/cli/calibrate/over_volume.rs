@@ -8,9 +8,9 @@ use super::super::fault::Fault;
 use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
 use super::args::{CameraName, Verify};
+use super::board_image::BoardImage;
 use super::files;
 use super::in_use::InUse;
-use super::sight::Sight;
 use super::target::Target;
 use super::verification;
 use crate::calib::health::{self, BoardMeasurement};
@@ -53,8 +53,8 @@ pub fn run(
             None => pose.base_from_flange,
             Some(arm) => arm.flange((poses_file, &pose.image), pose.base_from_flange, pose.joints.as_ref())?,
         };
-        let sight = Sight::read(&folder.join(&pose.image), &lens.value)?;
-        let detected = match sight.detect(&target.board, window) {
+        let board_image = BoardImage::read(&folder.join(&pose.image), &lens.value)?;
+        let detected = match board_image.detect(&target.board, window) {
             Ok(detected) => detected,
             Err(error) => return aside(error.to_string()),
         };

@@ -5,10 +5,10 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::args::Robot as Args;
+use super::board_image::BoardImage;
 use super::boards;
 use super::keeping::{keep, provenance};
 use super::mounted;
-use super::sight::Sight;
 use super::{date, files, robot_advice};
 use crate::calib::hand_eye::{MIN_STATIONS, hand_eye as mount_of};
 use crate::calib::robot::{
@@ -24,7 +24,7 @@ use std::path::Path;
 
 /// A picture that shows the board.
 struct Look {
-    sight: Sight,
+    board_image: BoardImage,
     corners: crate::calib::detect::Corners,
     pose: ArmPose,
 }
@@ -65,8 +65,8 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
             Err(fault) => return Err(fault),
         }
         for look in looks {
-            hashes.push(look.sight.hash);
-            let view = ArmView::seen(look.sight.name, rig, look.pose, &camera, &look.corners);
+            hashes.push(look.board_image.hash);
+            let view = ArmView::seen(look.board_image.name, rig, look.pose, &camera, &look.corners);
             data.views.push(view.map_err(Fault::stage)?);
         }
     }
@@ -139,8 +139,9 @@ fn touches(args: &Args, file: &Path, data: &RobotData, cameras: &[PinholeCamera]
                 let seen = match looked.get(&image) {
                     Some(seen) => *seen,
                     None => {
-                        let sight = Sight::read(&folder.join(&image), &cameras[rig])?;
-                        let found = sight.detect(&board, boards::window(&args.board)).map_err(Fault::stage)?;
+                        let board_image = BoardImage::read(&folder.join(&image), &cameras[rig])?;
+                        let found =
+                            board_image.detect(&board, boards::window(&args.board)).map_err(Fault::stage)?;
                         let seen = board_pose::<Camera>(&cameras[rig], &BoardObservation::Pixels(found.corners));
                         let seen = seen.map_err(Fault::stage)?.camera_from_board;
                         looked.insert(image, seen);
@@ -177,10 +178,10 @@ fn looks(
     let poses = files::arm_poses(&file.display().to_string(), &disk::read_text(file)?, &is_there)?;
     progress(&format!("{}: corners of {} pictures", file.display(), poses.len()));
     let look = |pose: &files::NamedPose| {
-        let sight = Sight::read(&folder.join(&pose.image), camera)?;
-        let found = sight.detect(&board, boards::window(&args.board));
+        let board_image = BoardImage::read(&folder.join(&pose.image), camera)?;
+        let found = board_image.detect(&board, boards::window(&args.board));
         Ok(found.map_err(|error| (pose.image.clone(), error.to_string())).map(|detected| Look {
-            sight,
+            board_image,
             corners: detected.corners,
             pose: arm_pose(&pose.pose, geometry),
         }))
@@ -203,7 +204,7 @@ fn start<A: Arrangement>(
     let stations: Vec<Station<A::From>> = looks
         .iter()
         .map(|look| Station {
-            name: look.sight.name.clone(),
+            name: look.board_image.name.clone(),
             base_from_flange: look.pose.base_from_flange,
             seen: BoardObservation::Pixels(look.corners.clone()),
         })

@@ -112,9 +112,9 @@ fn candidates(
     let arm = Kinematics::new(cell.arm());
     let mut all = Vec::new();
     for (rig, camera) in cameras.iter().enumerate() {
-        for sight in robot_next::sights(found, &data.views, rig, (camera, board)) {
-            let stands = stands(cell, &arm, &sight.base_from_flange, tip(found));
-            all.extend(stands.into_iter().map(|pose| Candidate { sight: sight.clone(), pose }));
+        for viewpoint in robot_next::viewpoints(found, &data.views, rig, (camera, board)) {
+            let stands = stands(cell, &arm, &viewpoint.base_from_flange, tip(found));
+            all.extend(stands.into_iter().map(|pose| Candidate { viewpoint: viewpoint.clone(), pose }));
         }
     }
     all

@@ -4,10 +4,10 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::args::Scanner as Args;
+use super::board_image::BoardImage;
 use super::boards;
 use super::date;
 use super::keeping::{keep, provenance};
-use super::sight::Sight;
 use crate::calib::scanner_errors::{BoardScan, PlaneView, ScannerErrors, checks, measure, rectangle};
 use crate::calib::{Board, CalibError};
 use crate::cell::{Intrinsics, MeasuredScanner};
@@ -70,16 +70,16 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
 }
 
 fn read(file: &Path, (board, window): (&Board, Option<usize>), camera: &PinholeCamera) -> Result<Read, Fault> {
-    let sight = Sight::read(file, camera)?;
-    let Some(cloud) = sight.cloud() else {
+    let board_image = BoardImage::read(file, camera)?;
+    let Some(cloud) = board_image.cloud() else {
         let message = format!("{}: a scan is needed, .pcd or .ply; a picture has no depth", file.display());
         return Err(Fault::stage(CalibError::Points(message)));
     };
-    let view = sight.detect(board, window).and_then(|detected| {
+    let view = board_image.detect(board, window).and_then(|detected| {
         let scan = BoardScan { cloud, camera, board, corners: &detected.corners };
         PlaneView::of(&scan)
     });
-    Ok((sight.name.clone(), sight.hash.clone(), view))
+    Ok((board_image.name.clone(), board_image.hash.clone(), view))
 }
 
 /// Scans that say nothing: a verdict.

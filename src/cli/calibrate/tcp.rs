@@ -2,7 +2,7 @@
 
 use super::super::args::Common;
 use super::super::disk;
-use super::super::fault::Fault;
+use super::super::fault::{CalibrationFault, Fault};
 use super::super::load::NO_AXES;
 use super::super::outcome::Outcome;
 use super::args::Tcp as Args;
@@ -21,7 +21,7 @@ use serde_json::json;
 /// # Errors
 /// Where the poses file has problems, or its poses determine no tool.
 pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
-    let file = args.poses.as_ref().ok_or(Fault::NoPoses)?;
+    let file = args.poses.as_ref().ok_or(CalibrationFault::NoPoses)?;
     let text = disk::read_text(file)?;
     let arm = InUse::of(args.robot.as_deref(), common)?;
     let true_flange = |reported, joints: Option<&Joints>| match &arm {

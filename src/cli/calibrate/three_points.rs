@@ -6,11 +6,11 @@ use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::super::pictures;
 use super::args::{HandEye as Args, MountName};
+use super::board_image::BoardImage;
 use super::boards;
 use super::in_use::InUse;
 use super::keeping::{keep, provenance};
 use super::mounted::{Mounted, cell, intrinsics};
-use super::sight::Sight;
 use super::{date, files};
 use crate::calib::three_points::{ThreePoints, three_points};
 use crate::calib::{BoardObservation, CalibError, gate};
@@ -38,8 +38,9 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let Some(image) = &args.image else {
         return Err(Fault::stage(CalibError::Points("--image is missing: the picture of the board".to_owned())));
     };
-    let sight = Sight::read(image, &camera)?;
-    let detected = sight.detect_telling(&board, boards::window(&args.board), progress).map_err(Fault::stage)?;
+    let board_image = BoardImage::read(image, &camera)?;
+    let detected =
+        board_image.detect_telling(&board, boards::window(&args.board), progress).map_err(Fault::stage)?;
     let read = |file: &PathBuf| -> Result<files::Points, Fault> {
         Ok(files::points(&file.display().to_string(), &disk::read_text(file)?)?)
     };
@@ -52,8 +53,8 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         Some(points) => points.touched.iter().map(|touched| touched.corner).collect(),
         None => board.corners_to_touch().to_vec(),
     };
-    let drawn =
-        report::corners_to_touch(&sight.color(), &board, &detected.corners, &to_touch).map_err(Fault::stage)?;
+    let drawn = report::corners_to_touch(&board_image.color(), &board, &detected.corners, &to_touch)
+        .map_err(Fault::stage)?;
     let beside = args.out.parent().unwrap_or(Path::new("")).to_owned();
     let picture = pictures::save(args.pictures.as_ref().unwrap_or(&beside), "corners_to_touch", &drawn)?;
     let Some(points) = points else {
@@ -78,7 +79,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     mounted.serial = args.serial.clone();
     mounted.robot_correction = arm.map(|arm| arm.hash);
     // Three points have no residual: the file states none, and no uncertainty.
-    mounted.provenance = provenance(vec![sight.hash.clone()], vec![]);
+    mounted.provenance = provenance(vec![board_image.hash.clone()], vec![]);
     let text = mounted.to_toml();
     MountedPose::<A>::check(&args.out.display().to_string(), &text)?;
     keep(&mut outcome, &judgement, &args.out, &text)?;

@@ -2,14 +2,14 @@
 
 use super::super::args::Common;
 use super::super::disk;
-use super::super::fault::Fault;
+use super::super::fault::{CalibrationFault, Fault};
 use super::super::load::{CellFiles, flange_file};
 use super::super::outcome::Outcome;
 use super::args::{BoardArgs, CameraName, Touch, Verify};
+use super::board_image::BoardImage;
 use super::boards;
 use super::keeping::provenance;
 use super::over_volume;
-use super::sight::Sight;
 use super::target::Target;
 use super::verification::{kept, verification};
 use super::{date, files, taught_corner, tips};
@@ -53,10 +53,11 @@ fn look(
     let Some(image) = &args.image else {
         return Err(Fault::stage(CalibError::Points("--image is missing: the picture of the board".to_owned())));
     };
-    let sight = Sight::read(image, &camera.value)?;
-    let detected = sight.detect_telling(board, window, progress).map_err(Fault::stage)?;
-    let measured_square_mm =
-        sight.measured((&camera.value, &camera.scan_errors), &detected).and_then(|seen| seen.square_mm(board));
+    let board_image = BoardImage::read(image, &camera.value)?;
+    let detected = board_image.detect_telling(board, window, progress).map_err(Fault::stage)?;
+    let measured_square_mm = board_image
+        .measured((&camera.value, &camera.scan_errors), &detected)
+        .and_then(|seen| seen.square_mm(board));
     let seen = detected.corners;
     let outside = health::outside_of_lens(&camera.extent, seen.iter().map(|(_, pixel)| *pixel));
     let (base_from_board, pnp_rms_px) = match base_from_flange {
@@ -78,7 +79,7 @@ fn look(
         CameraName::FlangeCamera => files.hash_with_arm(&texts),
     };
     let look = BoardMeasurement { base_from_board, pnp_rms_px, measured_square_mm };
-    Ok(Looked { look, outside, picture_hash: sight.hash, calibration_hash })
+    Ok(Looked { look, outside, picture_hash: board_image.hash, calibration_hash })
 }
 
 /// Looks at the target, a board or a taught corner, and compares; with `--learn`, writes where the board is.
@@ -165,7 +166,7 @@ fn learn(target: &Path, board: &Board, named: &BoardArgs, seen: &Looked) -> Resu
 pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let Target { board, base_from_board: known } = Target::read(&args.target, args.board.named().as_ref())?;
-    let file = args.points.as_ref().ok_or(Fault::NoPoses)?;
+    let file = args.points.as_ref().ok_or(CalibrationFault::NoPoses)?;
     let mut points = files::points(&file.display().to_string(), &disk::read_text(file)?)?;
     let tool = files.tool_tip()?;
     tips::by_axes(&files, &tool.value, (file, &mut points))?;

@@ -6,7 +6,7 @@
 
 use super::super::calibrate::date::now_unix_s;
 use super::super::disk;
-use super::super::fault::Fault;
+use super::super::fault::{ClipFault, Fault};
 use crate::files;
 use crate::labels::{self, ClipFrame, DRAFT, LABELS, LabelFile, MASK, Statement, TIMES, VERSION, broken, problems};
 use crate::page::label::{Keep, Now, Saved};
@@ -32,7 +32,7 @@ impl Keeping {
             return Ok(None);
         }
         let found = labels::read(&disk::read(&file)?)
-            .map_err(|error| Fault::BadLabels { file: file.clone(), cause: error })?;
+            .map_err(|error| ClipFault::BadLabels { file: file.clone(), cause: error })?;
         Ok(Some(found))
     }
 

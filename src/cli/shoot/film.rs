@@ -3,7 +3,7 @@
 
 use super::super::args::Shoot;
 use super::super::disk;
-use super::super::fault::Fault;
+use super::super::fault::{ClipFault, Fault};
 use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
 use super::opening::{self, Opened};
@@ -35,10 +35,10 @@ struct Taken {
 pub fn take(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
     let list = args.out.join("clip.csv");
     if list.exists() || args.out.join(file_name(1)).exists() {
-        return Err(Fault::ClipIsThere { folder: args.out.clone() });
+        return Err(ClipFault::ClipIsThere { folder: args.out.clone() }.into());
     }
     if !(0.0..=args.seconds).contains(&args.wet_from_s) {
-        return Err(Fault::NeverWet { wet_from_s: args.wet_from_s, seconds: args.seconds });
+        return Err(ClipFault::NeverWet { wet_from_s: args.wet_from_s, seconds: args.seconds }.into());
     }
     let mut opened = opening::scanner(files, &args.wanted(), progress)?;
     progress(&format!("taking pictures for {} s", args.seconds));

@@ -6,7 +6,7 @@
 
 use super::super::args::{Shot, Simulation};
 use super::super::asking;
-use super::super::fault::Fault;
+use super::super::fault::{CalibrationFault, DeviceFault, Fault};
 use super::super::live::{self, Simulated};
 use super::super::load::{Calibrated, CellFiles};
 use super::super::zivid;
@@ -48,7 +48,9 @@ pub struct Wanted {
 pub fn lens(found: Result<Calibrated<PinholeCamera>, Fault>) -> Result<Option<PinholeCamera>, Fault> {
     match found {
         Ok(found) => Ok(Some(found.value)),
-        Err(Fault::NotCalibrated { .. } | Fault::CalibrationAway { .. }) => Ok(None),
+        Err(Fault::Calibration(
+            CalibrationFault::NotCalibrated { .. } | CalibrationFault::CalibrationAway { .. },
+        )) => Ok(None),
         Err(fault) => Err(fault),
     }
 }
@@ -100,7 +102,7 @@ pub fn sized<C>(
 /// The simulated world around a mock controller of its own.
 fn simulated(files: &CellFiles, wanted: &Wanted, scanner: Option<PinholeCamera>) -> Result<Simulated, Fault> {
     if files.cell.robot().kind() != RobotKind::Mock {
-        return Err(Fault::NoWorld);
+        return Err(DeviceFault::NoWorld.into());
     }
     let full = *sim::Cell::new(wanted.simulation.seed, sim::Scene::Good, 1).scanner();
     let cell = live::simulated_cell(&scanner.unwrap_or(full), wanted.simulation)?;

@@ -2,7 +2,7 @@
 
 use super::super::args::{Shot, Teach};
 use super::super::disk;
-use super::super::fault::Fault;
+use super::super::fault::{DeviceFault, Fault, TeachingFault};
 use super::super::flange_pose::FlangePoses;
 use super::super::load::{self, CellFiles};
 use super::super::output::{answer, tell_line};
@@ -105,7 +105,7 @@ fn corners(
                 "Bring the camera on the flange to where it sees the {name} corner of the panel, as far away as in a cycle, and press Enter."
             ));
             if answer()?.is_none() {
-                return Err(Fault::NobodyAnswers);
+                return Err(TeachingFault::NobodyAnswers.into());
             }
             let before = poses.now();
             let (picture, from_camera) = match (world, &mut camera) {
@@ -114,7 +114,7 @@ fn corners(
                     let taken = camera.capture().map_err(Fault::stage)?;
                     (taken.picture, taken.base_from_flange)
                 }
-                (None, None) => return Err(Fault::NoWorld),
+                (None, None) => return Err(DeviceFault::NoWorld.into()),
             };
             if let Some(flange) = poses.known_or_asked(before, from_camera)? {
                 break (picture, flange);
@@ -134,6 +134,6 @@ fn corners(
 /// What the simulated camera sees of a corner, where the simulated person has brought it.
 fn seen(world: &sim::Cell, index: usize) -> Result<(ColorPicture, Option<Rigid<Base, Flange>>), Fault> {
     let views = world.corner_views();
-    let view = views.get(index).ok_or(Fault::NoWorld)?;
+    let view = views.get(index).ok_or(DeviceFault::NoWorld)?;
     Ok((world.flange_picture(&view.base_from_flange, PanelPosition::Nominal), Some(view.base_from_flange)))
 }

@@ -11,8 +11,8 @@ use strum::IntoEnumIterator;
 const WALKS: u64 = 6_000;
 const STEPS: usize = 300;
 
-/// What the walks have to have seen, and how often.
-type Seen = BTreeMap<&'static str, u64>;
+/// What the walks came to, and how often.
+type Coverage = BTreeMap<&'static str, u64>;
 
 fn phase(at: At) -> &'static str {
     match at {
@@ -30,13 +30,13 @@ fn phase(at: At) -> &'static str {
     }
 }
 
-fn note(seen: &mut Seen, cell: &Cell, before: State) {
+fn note(coverage: &mut Coverage, cell: &Cell, before: State) {
     let now = cell.state;
     if now.at != before.at {
-        *seen.entry(phase(now.at)).or_default() += 1;
+        *coverage.entry(phase(now.at)).or_default() += 1;
     }
     let contact = |state: State| state.intent.filter(|intent| intent.motion.path == Path::Contact);
-    let mut happened = |what, is: bool| *seen.entry(what).or_default() += u64::from(is);
+    let mut happened = |what, is: bool| *coverage.entry(what).or_default() += u64::from(is);
     let holds = matches!(now.at, At::Holding(_)) && before.at != now.at;
     happened("held in contact", holds && contact(before).is_some_and(|intent| intent.done > 0));
     happened("aborted in contact", contact(now).is_some() && matches!(now.at, At::Aborting { .. }));
@@ -77,7 +77,7 @@ fn recovers(cell: &mut Cell, random: &mut Pcg64) -> Result<(), String> {
 }
 
 /// One walk; what it found wrong, with its last events.
-fn walk(rules: Rules, seed: u64, seen: &mut Seen) -> Result<(), String> {
+fn walk(rules: Rules, seed: u64, coverage: &mut Coverage) -> Result<(), String> {
     let mut random = Pcg64::seed_from_u64(seed);
     let mut cell = Cell::new(rules);
     // One in ten on average; calm walks get far, wild ones get everywhere.
@@ -101,7 +101,7 @@ fn walk(rules: Rules, seed: u64, seen: &mut Seen) -> Result<(), String> {
                 last.join("\n")
             )
         })?;
-        note(seen, &cell, before);
+        note(coverage, &cell, before);
     }
     let at = cell.state.at;
     recovers(&mut cell, &mut random).map_err(|wrong| format!("{wrong}\nseed {seed}, after the walk, was {at:?}"))
@@ -109,11 +109,11 @@ fn walk(rules: Rules, seed: u64, seen: &mut Seen) -> Result<(), String> {
 
 #[test]
 fn no_walk_finds_what_must_never_be_and_the_walks_see_everything() {
-    let mut seen = Seen::new();
+    let mut coverage = Coverage::new();
     for seed in 0..WALKS {
-        walk(Rules::ALL, seed, &mut seen).unwrap_or_else(|wrong| panic!("{wrong}"));
+        walk(Rules::ALL, seed, &mut coverage).unwrap_or_else(|wrong| panic!("{wrong}"));
     }
-    println!("{seen:#?}");
+    println!("{coverage:#?}");
     let often = [
         "stopped",
         "resetting",
@@ -151,7 +151,7 @@ fn no_walk_finds_what_must_never_be_and_the_walks_see_everything() {
         "invalid",
         "reject",
     ];
-    let rare: Vec<_> = often.iter().map(|what| (what, seen.get(what).copied().unwrap_or(0))).collect();
+    let rare: Vec<_> = often.iter().map(|what| (what, coverage.get(what).copied().unwrap_or(0))).collect();
     assert!(rare.iter().all(|(_, count)| *count >= 100), "the walks do not reach: {rare:?}");
 }
 
@@ -160,7 +160,7 @@ fn no_walk_finds_what_must_never_be_and_the_walks_see_everything() {
 fn without_any_one_rule_the_walks_find_what_it_kept_away() {
     let mut missed = Vec::new();
     for rule in Rule::iter() {
-        let found = (0..WALKS).find_map(|seed| walk(Rules::without(rule), seed, &mut Seen::new()).err());
+        let found = (0..WALKS).find_map(|seed| walk(Rules::without(rule), seed, &mut Coverage::new()).err());
         match found {
             Some(wrong) => println!("{rule:?}: {}", wrong.lines().next().unwrap_or_default()),
             None => missed.push(rule),

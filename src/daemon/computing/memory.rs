@@ -14,20 +14,20 @@ use std::sync::{Arc, Mutex, PoisonError};
 const MOST: usize = 500;
 
 /// Names what the cameras would show for this act now; none where the result is not to be remembered.
-pub type Seen = Box<dyn FnMut(Act) -> Option<u64> + Send>;
+pub type SceneKey = Box<dyn FnMut(Act) -> Option<u64> + Send>;
 
 /// Results of work that was done before. Clones are the same memory; it serves cycles of one setup.
 #[derive(Debug, Clone, Default)]
 pub struct Memory(Arc<Mutex<BTreeMap<String, (Worked, Vec<Note>)>>>);
 
 /// What a piece of work depends on, as text; none for what is not remembered.
-pub(super) fn inputs(work: &Work, seen: &mut Seen) -> Option<String> {
+pub(super) fn inputs(work: &Work, scene_key: &mut SceneKey) -> Option<String> {
     if !matches!(work.act, Act::Locate | Act::Refine { .. } | Act::Verify { .. } | Act::Plan { .. }) {
         return None;
     }
-    let sees = seen(work.act)?;
+    let scene = scene_key(work.act)?;
     let (act, pass, tip) = (work.act, work.pass, work.tip);
-    Some(format!("{act:?} {pass} {sees} {tip:?} {} {}", work.sight.inputs(), work.abrasion.inputs()))
+    Some(format!("{act:?} {pass} {scene} {tip:?} {} {}", work.perception.inputs(), work.abrasion.inputs()))
 }
 
 impl Memory {
@@ -35,10 +35,10 @@ impl Memory {
     pub(super) fn recall(&self, inputs: &str, work: &Work) -> Option<Worked> {
         let memory = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let (worked, notes) = memory.get(inputs)?;
-        let artifacts = worked.artifacts.clone().map(|(mut sight, abrasion)| {
+        let artifacts = worked.artifacts.clone().map(|(mut perception, abrasion)| {
             // What films left is none of this work's results.
-            sight.keep_films_of(&work.sight, work.act == Act::Locate);
-            (sight, abrasion)
+            perception.keep_films_of(&work.perception, work.act == Act::Locate);
+            (perception, abrasion)
         });
         let found = worked.found.as_ref().ok()?.clone();
         Some(Worked { id: work.id, found: Ok(found), artifacts, notes: notes.clone(), is_of_film: false })

@@ -3,9 +3,9 @@
 use crate::cycle::{Act, Answer, Id, Trouble};
 use crate::daemon::abrasion::Abrasion;
 use crate::daemon::error::DaemonError;
+use crate::daemon::perception::Perception;
 use crate::daemon::ports::Note;
 use crate::daemon::setup::CycleSetup;
-use crate::daemon::sight::Sight;
 use crate::geometry::KukaPose;
 use crate::verdict::Reason;
 use std::sync::Arc;
@@ -18,7 +18,7 @@ pub(in crate::daemon) struct Work {
     pub act: Act,
     /// Whether it is the next step of the film under way; then it needs no more than this.
     pub is_next_picture: bool,
-    pub sight: Sight,
+    pub perception: Perception,
     pub abrasion: Abrasion,
     /// Where the active tool stands in the active base, as far as known.
     pub tip: Option<KukaPose>,
@@ -30,8 +30,8 @@ pub(in crate::daemon) struct Work {
 impl Work {
     /// The next step of the film that this act watches.
     pub fn next_picture(id: Id, act: Act, pass: u8, setup: Option<Arc<CycleSetup>>) -> Self {
-        let (sight, abrasion) = Default::default();
-        Work { id, act, is_next_picture: true, sight, abrasion, tip: None, pass, setup }
+        let (perception, abrasion) = Default::default();
+        Work { id, act, is_next_picture: true, perception, abrasion, tip: None, pass, setup }
     }
 }
 
@@ -41,7 +41,7 @@ pub(in crate::daemon) struct Worked {
     pub id: Id,
     pub found: Result<Found, DaemonError>,
     /// Both as they are now; none where the work was lost.
-    pub artifacts: Option<(Sight, Abrasion)>,
+    pub artifacts: Option<(Perception, Abrasion)>,
     pub notes: Vec<Note>,
     /// Whether it is a step of a film.
     pub(super) is_of_film: bool,

@@ -5,9 +5,9 @@ use crate::cycle::{Act, Answer, Grade, Trouble};
 use crate::daemon::answers::MISSING;
 use crate::daemon::error::DaemonError;
 use crate::daemon::live_view::{LiveFilm, LiveFrame, LiveView};
+use crate::daemon::perception::Filming;
 use crate::daemon::ports::{CameraPort, Keeper, Kept, Note, Record, RecordError};
 use crate::daemon::setup::CycleSetup;
-use crate::daemon::sight::Filming;
 use crate::files::ClipEntry;
 use crate::geometry::{Camera, Frame, OrganizedCloud, Panel, Rigid};
 use crate::record::{KeptFile, Picture};
@@ -109,25 +109,25 @@ impl<'p> Worker<'p> {
             show_plan(&view, setup, &work, *answer);
         }
         let is_of_film = work.act == Act::Film;
-        Worked { id: work.id, found, artifacts: Some((work.sight, work.abrasion)), notes, is_of_film }
+        Worked { id: work.id, found, artifacts: Some((work.perception, work.abrasion)), notes, is_of_film }
     }
 
     fn phase(&mut self, work: &mut Work, cycle: &CycleSetup, notes: &mut Notes<'_>) -> Result<Found, DaemonError> {
         let (pass, cameras) = (work.pass, &mut *self.cameras);
         let answer = match work.act {
             Act::Film => return self.film(work, cycle, notes),
-            Act::Locate => work.sight.locate(cycle, cameras, notes)?,
-            Act::DryPicture => work.sight.dry_picture(cameras, notes)?,
-            Act::Plan { pass } => work.abrasion.make(cycle, (pass, &work.sight), notes)?,
+            Act::Locate => work.perception.locate(cycle, cameras, notes)?,
+            Act::DryPicture => work.perception.dry_picture(cameras, notes)?,
+            Act::Plan { pass } => work.abrasion.make(cycle, (pass, &work.perception), notes)?,
             Act::Refine { view } => match work.tip() {
                 Some(tip) => {
-                    let answer = work.sight.refine(cycle, (view, tip), cameras, notes)?;
+                    let answer = work.perception.refine(cycle, (view, tip), cameras, notes)?;
                     work.surveyed(cycle, answer, notes)?
                 }
                 None => MISSING,
             },
             Act::Verify { view } => match work.tip() {
-                Some(tip) => work.sight.verify(cycle, (pass, view, tip), cameras, notes)?,
+                Some(tip) => work.perception.verify(cycle, (pass, view, tip), cameras, notes)?,
                 None => MISSING,
             },
             _ => MISSING,
@@ -139,10 +139,10 @@ impl<'p> Worker<'p> {
     fn film(&mut self, work: &mut Work, cycle: &CycleSetup, notes: &mut Notes<'_>) -> Result<Found, DaemonError> {
         let cameras = &mut *self.cameras;
         let watched = match (work.is_next_picture, self.filming.take()) {
-            (true, Some(filming)) => work.sight.watch(cycle, filming, work.pass, cameras, notes)?,
+            (true, Some(filming)) => work.perception.watch(cycle, filming, work.pass, cameras, notes)?,
             (true, None) => Err(MISSING),
             // It only looks: nothing of it is new.
-            (false, _) => std::mem::take(&mut work.sight).film(cycle, work.pass, cameras, notes)?,
+            (false, _) => std::mem::take(&mut work.perception).film(cycle, work.pass, cameras, notes)?,
         };
         Ok(match watched {
             Ok(filming) => Found::Watching { seen_s: self.filming.insert(filming).seen_s },
@@ -181,7 +181,7 @@ impl Work {
         answer: Answer,
         notes: &mut Notes<'_>,
     ) -> Result<Answer, DaemonError> {
-        match (answer, self.sight.approach()) {
+        match (answer, self.perception.approach()) {
             (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(panel)) => {
                 self.abrasion.survey(cycle, (self.pass, grade, &panel), notes)
             }

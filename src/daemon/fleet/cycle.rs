@@ -16,12 +16,12 @@ use serde_json::{Value, json};
 
 /// Which cycle.
 #[derive(Debug, Clone, Deserialize)]
-pub(super) struct Asked {
+pub(super) struct CycleKey {
     cell: String,
     number: i64,
 }
 
-async fn record(shared: &Shared, Asked { cell, number }: &Asked) -> Result<Record, Response> {
+async fn record(shared: &Shared, CycleKey { cell, number }: &CycleKey) -> Result<Record, Response> {
     match shared.reader().record(cell, *number).await {
         Ok(Some(record)) => Ok(record),
         Ok(None) => {
@@ -32,15 +32,15 @@ async fn record(shared: &Shared, Asked { cell, number }: &Asked) -> Result<Recor
     }
 }
 
-pub(super) async fn page(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
-    match record(&shared, &asked).await {
+pub(super) async fn page(State(shared): State<Shared>, Query(key): Query<CycleKey>) -> Response {
+    match record(&shared, &key).await {
         Ok(record) => frame::page("Cycle", "/cycles", None, &body(&record)),
         Err(response) => response,
     }
 }
 
-pub(super) async fn json(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
-    let Record { row, signed, statement } = match record(&shared, &asked).await {
+pub(super) async fn json(State(shared): State<Shared>, Query(key): Query<CycleKey>) -> Response {
+    let Record { row, signed, statement } = match record(&shared, &key).await {
         Ok(record) => record,
         Err(response) => return response,
     };

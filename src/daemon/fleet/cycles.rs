@@ -20,7 +20,7 @@ const FILE: i64 = 10_000;
 /// The form's fields; an empty one does not matter.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
-pub(super) struct Asked {
+pub(super) struct SearchForm {
     cell: String,
     panel: String,
     serial: String,
@@ -30,7 +30,7 @@ pub(super) struct Asked {
     before: String,
 }
 
-impl Asked {
+impl SearchForm {
     fn query(&self, limit: i64) -> Result<CycleQuery, String> {
         let date = |text: &str, edge| match text.trim() {
             "" => Ok(None),
@@ -70,50 +70,50 @@ impl Asked {
     }
 }
 
-async fn found(shared: &Shared, asked: &Asked, limit: i64) -> Result<Vec<CycleRow>, Response> {
-    let query = asked.query(limit).map_err(|problem| (StatusCode::BAD_REQUEST, problem).into_response())?;
+async fn found(shared: &Shared, form: &SearchForm, limit: i64) -> Result<Vec<CycleRow>, Response> {
+    let query = form.query(limit).map_err(|problem| (StatusCode::BAD_REQUEST, problem).into_response())?;
     shared.reader().cycles(&query).await.map_err(|error: ArchiveError| failed(&error))
 }
 
-pub(super) async fn page(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
-    let rows = match found(&shared, &asked, PAGE).await {
+pub(super) async fn page(State(shared): State<Shared>, Query(form): Query<SearchForm>) -> Response {
+    let rows = match found(&shared, &form, PAGE).await {
         Ok(rows) => rows,
         Err(response) => return response,
     };
     match shared.reader().names().await {
-        Ok((panels, cells)) => frame::page("Cycles", "/cycles", None, &body(&asked, &rows, &panels, &cells)),
+        Ok((panels, cells)) => frame::page("Cycles", "/cycles", None, &body(&form, &rows, &panels, &cells)),
         Err(error) => failed(&error),
     }
 }
 
-pub(super) async fn csv(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
-    match found(&shared, &asked, FILE).await {
+pub(super) async fn csv(State(shared): State<Shared>, Query(form): Query<SearchForm>) -> Response {
+    match found(&shared, &form, FILE).await {
         Ok(rows) => frame::csv("cycles", &frame::table(&rows)),
         Err(response) => response,
     }
 }
 
-pub(super) async fn json(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
-    match found(&shared, &asked, FILE).await {
+pub(super) async fn json(State(shared): State<Shared>, Query(form): Query<SearchForm>) -> Response {
+    match found(&shared, &form, FILE).await {
         Ok(rows) => Json(rows).into_response(),
         Err(response) => response,
     }
 }
 
-fn body(asked: &Asked, rows: &[CycleRow], panels: &[String], cells: &[String]) -> Markup {
+fn body(form: &SearchForm, rows: &[CycleRow], panels: &[String], cells: &[String]) -> Markup {
     let verdicts: Vec<&str> = Verdict::VARIANTS.iter().map(|verdict| verdict.word()).collect();
-    let all = asked.address("");
+    let all = form.address("");
     let next = rows.last().filter(|_| rows.len() as i64 == PAGE);
     html! {
         section.card {
             h2 { "Cycles" }
             form.search method="get" action="/cycles" {
-                (choice("Cell", "cell", &asked.cell, cells.iter().map(String::as_str)))
-                (choice("Panel", "panel", &asked.panel, panels.iter().map(String::as_str)))
-                label { "Serial number" input name="serial" value=(asked.serial); }
-                (choice("Verdict", "verdict", &asked.verdict, verdicts.into_iter()))
-                label { "From (UTC)" input name="from" value=(asked.from) placeholder="2026-11-25"; }
-                label { "To" input name="to" value=(asked.to) placeholder="2026-11-25"; }
+                (choice("Cell", "cell", &form.cell, cells.iter().map(String::as_str)))
+                (choice("Panel", "panel", &form.panel, panels.iter().map(String::as_str)))
+                label { "Serial number" input name="serial" value=(form.serial); }
+                (choice("Verdict", "verdict", &form.verdict, verdicts.into_iter()))
+                label { "From (UTC)" input name="from" value=(form.from) placeholder="2026-11-25"; }
+                label { "To" input name="to" value=(form.to) placeholder="2026-11-25"; }
                 button.primary type="submit" { "Search" }
             }
             p.links { a href={ "/cycles.csv?" (all) } { "CSV" } " · " a href={ "/cycles.json?" (all) } { "JSON" } }
@@ -133,7 +133,7 @@ fn body(asked: &Asked, rows: &[CycleRow], panels: &[String], cells: &[String]) -
             }
             @if let Some(last) = next {
                 @let before = format!("{},{},{}", last.started_unix_s, last.cycle, last.cell);
-                p.links { a href={ "/cycles?" (asked.address(&before)) } { "Older" } }
+                p.links { a href={ "/cycles?" (form.address(&before)) } { "Older" } }
             }
         }
     }

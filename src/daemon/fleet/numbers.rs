@@ -26,7 +26,7 @@ const SUBJECTS: [&str; 4] = ["scanner", "flange_camera", "tool", "tool_force"];
 /// Which number of which panel.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
-pub(super) struct Asked {
+pub(super) struct NumbersQuery {
     panel: String,
     quantity: String,
     subject: String,
@@ -34,61 +34,67 @@ pub(super) struct Asked {
 
 struct Found {
     panels: Vec<String>,
-    asked: Asked,
+    query: NumbersQuery,
     cells: Vec<CellNumbers>,
 }
 
-async fn numbers(shared: &Shared, mut asked: Asked) -> Result<Found, ArchiveError> {
+async fn numbers(shared: &Shared, mut query: NumbersQuery) -> Result<Found, ArchiveError> {
     let (panels, _) = shared.reader().names().await?;
-    if asked.panel.is_empty() {
-        asked.panel = panels.first().cloned().unwrap_or_default();
+    if query.panel.is_empty() {
+        query.panel = panels.first().cloned().unwrap_or_default();
     }
-    if asked.quantity.is_empty() {
-        Known::LocalizationError.word().clone_into(&mut asked.quantity);
+    if query.quantity.is_empty() {
+        Known::LocalizationError.word().clone_into(&mut query.quantity);
     }
-    let cells = shared.reader().numbers(&asked.panel, &asked.quantity, MOST).await?;
-    Ok(Found { panels, asked, cells })
+    let cells = shared.reader().numbers(&query.panel, &query.quantity, MOST).await?;
+    Ok(Found { panels, query, cells })
 }
 
-async fn verifications(shared: &Shared, mut asked: Asked) -> Result<Found, ArchiveError> {
-    if !SUBJECTS.contains(&asked.subject.as_str()) {
-        SUBJECTS[0].clone_into(&mut asked.subject);
+async fn verifications(shared: &Shared, mut query: NumbersQuery) -> Result<Found, ArchiveError> {
+    if !SUBJECTS.contains(&query.subject.as_str()) {
+        SUBJECTS[0].clone_into(&mut query.subject);
     }
-    let cells = shared.reader().verifications(&asked.subject, MOST_VERIFICATIONS).await?;
-    Ok(Found { panels: Vec::new(), asked, cells })
+    let cells = shared.reader().verifications(&query.subject, MOST_VERIFICATIONS).await?;
+    Ok(Found { panels: Vec::new(), query, cells })
 }
 
-pub(super) async fn page(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
-    match numbers(&shared, asked).await {
+pub(super) async fn page(State(shared): State<Shared>, Query(query): Query<NumbersQuery>) -> Response {
+    match numbers(&shared, query).await {
         Ok(found) => frame::page("Numbers", "/numbers", None, &numbers_body(&found)),
         Err(error) => failed(&error),
     }
 }
 
-pub(super) async fn csv(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
-    numbers(&shared, asked)
+pub(super) async fn csv(State(shared): State<Shared>, Query(query): Query<NumbersQuery>) -> Response {
+    numbers(&shared, query)
         .await
         .map_or_else(|error| failed(&error), |found| frame::csv("numbers", &table(&found.cells)))
 }
 
-pub(super) async fn json(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
-    numbers(&shared, asked).await.map_or_else(|error| failed(&error), |found| Json(found.cells).into_response())
+pub(super) async fn json(State(shared): State<Shared>, Query(query): Query<NumbersQuery>) -> Response {
+    numbers(&shared, query).await.map_or_else(|error| failed(&error), |found| Json(found.cells).into_response())
 }
 
-pub(super) async fn verifications_page(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
-    match verifications(&shared, asked).await {
+pub(super) async fn verifications_page(
+    State(shared): State<Shared>,
+    Query(query): Query<NumbersQuery>,
+) -> Response {
+    match verifications(&shared, query).await {
         Ok(found) => frame::page("Verifications", "/verifications", None, &verifications_body(&found)),
         Err(error) => failed(&error),
     }
 }
 
-pub(super) async fn verifications_csv(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
-    let found = verifications(&shared, asked).await;
+pub(super) async fn verifications_csv(State(shared): State<Shared>, Query(query): Query<NumbersQuery>) -> Response {
+    let found = verifications(&shared, query).await;
     found.map_or_else(|error| failed(&error), |found| frame::csv("verifications", &table(&found.cells)))
 }
 
-pub(super) async fn verifications_json(State(shared): State<Shared>, Query(asked): Query<Asked>) -> Response {
-    verifications(&shared, asked)
+pub(super) async fn verifications_json(
+    State(shared): State<Shared>,
+    Query(query): Query<NumbersQuery>,
+) -> Response {
+    verifications(&shared, query)
         .await
         .map_or_else(|error| failed(&error), |found| Json(found.cells).into_response())
 }
@@ -103,22 +109,22 @@ fn table(cells: &[CellNumbers]) -> Table {
     Table::new(&["cell", "at_unix_s", "value", "limit"]).with(rows)
 }
 
-fn numbers_body(Found { panels, asked, cells }: &Found) -> Markup {
-    let known = asked.quantity.parse::<Known>().ok();
+fn numbers_body(Found { panels, query, cells }: &Found) -> Markup {
+    let known = query.quantity.parse::<Known>().ok();
     let (title, unit) = match known {
         Some(known) => known.title_and_unit(),
-        None => (asked.quantity.as_str(), ""),
+        None => (query.quantity.as_str(), ""),
     };
     let words: Vec<&str> = Known::words();
     html! {
         section.card {
             h2 { "Numbers of a panel over all cells" }
             form.search method="get" action="/numbers" {
-                (choice("Panel", "panel", &asked.panel, panels.iter().map(String::as_str)))
-                (choice("Number", "quantity", &asked.quantity, words.into_iter()))
+                (choice("Panel", "panel", &query.panel, panels.iter().map(String::as_str)))
+                (choice("Number", "quantity", &query.quantity, words.into_iter()))
                 button.primary type="submit" { "Show" }
             }
-            @let address = frame::address(&[("panel", &asked.panel), ("quantity", &asked.quantity)]);
+            @let address = frame::address(&[("panel", &query.panel), ("quantity", &query.quantity)]);
             p.links { a href={ "/numbers.csv?" (address) } { "CSV" } " · " a href={ "/numbers.json?" (address) } { "JSON" } }
             p.note { "The newest " (MOST) " values over all cells." }
         }
@@ -126,23 +132,23 @@ fn numbers_body(Found { panels, asked, cells }: &Found) -> Markup {
     }
 }
 
-fn verifications_body(Found { asked, cells, .. }: &Found) -> Markup {
+fn verifications_body(Found { query, cells, .. }: &Found) -> Markup {
     let known = [
         Known::ScannerVerification,
         Known::FlangeCameraVerification,
         Known::ToolVerification,
         Known::ForceVerification,
     ];
-    let known = known.into_iter().find(|known| known.verified_subject() == Some(&asked.subject));
+    let known = known.into_iter().find(|known| known.verified_subject() == Some(&query.subject));
     let (title, unit) = known.map_or(("verification", ""), Known::title_and_unit);
     html! {
         section.card {
             h2 { "Verifications of all cells" }
             form.search method="get" action="/verifications" {
-                (choice("What was verified", "subject", &asked.subject, SUBJECTS.into_iter()))
+                (choice("What was verified", "subject", &query.subject, SUBJECTS.into_iter()))
                 button.primary type="submit" { "Show" }
             }
-            @let address = frame::address(&[("subject", &asked.subject)]);
+            @let address = frame::address(&[("subject", &query.subject)]);
             p.links { a href={ "/verifications.csv?" (address) } { "CSV" } " · " a href={ "/verifications.json?" (address) } { "JSON" } }
             p.note { "The newest " (MOST_VERIFICATIONS) " of each cell." }
         }

@@ -19,11 +19,14 @@ const SHORT: usize = 12;
 /// Which panel.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
-pub(super) struct Asked {
+pub(super) struct RecipesQuery {
     panel: String,
 }
 
-pub(super) async fn page(State(shared): State<Shared>, Query(Asked { panel }): Query<Asked>) -> Response {
+pub(super) async fn page(
+    State(shared): State<Shared>,
+    Query(RecipesQuery { panel }): Query<RecipesQuery>,
+) -> Response {
     let read = async {
         let (panels, _) = shared.reader().names().await?;
         let panel = if panel.is_empty() { panels.first().cloned().unwrap_or_default() } else { panel };

@@ -11,7 +11,7 @@ use crate::daemon::reply::{Exit, Reply};
 use crate::daemon::request::{PartNames, StartRequest, What};
 use crate::devices::robot::LineOutputs;
 use crate::disk;
-use crate::line::{Ask, CellStands, Handshake, LineInputs, Look};
+use crate::line::{CellStands, Handshake, LineInputs, LineRequest, Look};
 use crate::record::{Front, Who};
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
@@ -96,15 +96,15 @@ async fn follow(parts: LineParts) {
     loop {
         tick.tick().await;
         let look = parts.look().await;
-        let ask = handshake.look(look.clone());
+        let request = handshake.look(look.clone());
         let now = handshake.told(&look);
         if told.replace(now) != Some(now) {
             parts.outputs.set(now.0);
         }
-        if let Some(ask) = ask
-            && !parts.ask(ask).await
+        if let Some(request) = request
+            && !parts.ask(request).await
         {
-            handshake.refused(ask);
+            handshake.refused(request);
         }
     }
 }
@@ -125,10 +125,10 @@ impl LineParts {
     }
 
     /// Asks the cell, and keeps what came of it in the audit trail; whether it was taken.
-    async fn ask(&self, ask: Ask) -> bool {
-        let (word, asked) = match ask {
-            Ask::Start => ("start", self.start().await),
-            Ask::Reset => ("reset", Ok(What::Table(cycle::Request::Reset))),
+    async fn ask(&self, request: LineRequest) -> bool {
+        let (word, asked) = match request {
+            LineRequest::Start => ("start", self.start().await),
+            LineRequest::Reset => ("reset", Ok(What::Table(cycle::Request::Reset))),
         };
         let refused = match asked {
             Ok(what) => refused(&self.gateway.request(what, Who::by(Front::Line)).await),
@@ -138,17 +138,8 @@ impl LineParts {
             tracing::warn!("the line asks for a {word}, which is refused: {why}");
         }
         let is_taken = refused.is_none();
-        let entry = AuditEntry {
-            unix_ms: 0,
-            who: None,
-            role: is_taken.then_some(Role::Operator),
-            from: "the line's digital signals".to_owned(),
-            what: word.to_owned(),
-            subject: None,
-            before: None,
-            after: None,
-            refused,
-        };
+        let (role, from) = (is_taken.then_some(Role::Operator), "the line's digital signals".to_owned());
+        let entry = AuditEntry { refused, ..AuditEntry::done(None, role, from, word) };
         let people = self.people.clone();
         #[expect(
             clippy::let_underscore_must_use,

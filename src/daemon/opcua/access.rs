@@ -153,21 +153,6 @@ fn caller(account: &Account) -> Caller {
     Caller::Person { name: name.clone(), printed_name: printed_name.clone(), role: *role }
 }
 
-/// A line of the audit trail, done, about somebody who came by OPC UA.
-pub(super) fn line(who: Option<String>, role: Option<Role>, from: String, what: &str) -> AuditEntry {
-    AuditEntry {
-        unix_ms: 0,
-        who,
-        role,
-        from,
-        what: what.to_owned(),
-        subject: None,
-        before: None,
-        after: None,
-        refused: None,
-    }
-}
-
 #[async_trait]
 impl AuthManager for Access {
     async fn authenticate_anonymous_token(&self, _: &ServerEndpoint) -> Result<(), Error> {
@@ -186,7 +171,7 @@ impl AuthManager for Access {
         name: &str,
         password: &Password,
     ) -> Result<UserToken, Error> {
-        let line = |role| line(Some(name.to_owned()), role, self.addresses(), "log in");
+        let line = |role| AuditEntry::done(Some(name.to_owned()), role, self.addresses(), "log in");
         let (status, problem) = match self.people.log_in(name, password.get().to_owned()).await {
             LogIn::Right(account) => {
                 self.valid

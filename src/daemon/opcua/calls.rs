@@ -1,10 +1,10 @@
 //! Calls of methods: each is checked against the one table, and becomes one of the service's own requests.
 
-use super::access::{Access, Caller, line};
+use super::access::{Access, Caller};
 use super::flood::{Flood, Turn};
 use crate::accounts::AuditEntry;
 use crate::cycle::Request;
-use crate::daemon::alarms::Seen;
+use crate::daemon::alarms::AlarmId;
 use crate::daemon::clock::now_unix_ms;
 use crate::daemon::front_parts::FrontParts;
 use crate::daemon::reply::{Exit, Reply};
@@ -197,12 +197,12 @@ impl Calls {
                 "there is no such alarm, or somebody has acknowledged it already; Alarms/Ids has those that last";
             refused("not_now", StatusCode::BadInvalidArgument, message)
         };
-        let (Some(seen), Caller::Person { name, printed_name, role }) = (seen(alarm), caller) else {
+        let (Some(alarm), Caller::Person { name, printed_name, role }) = (alarm_id(alarm), caller) else {
             return no_such();
         };
-        let line = line(Some(name.clone()), Some(*role), from.to_owned(), "acknowledge alarm");
+        let line = AuditEntry::done(Some(name.clone()), Some(*role), from.to_owned(), "acknowledge alarm");
         let (alarms, who) = (self.front.alarms.clone(), format!("{printed_name} ({name})"));
-        match tokio::task::spawn_blocking(move || alarms.acknowledge(&seen, who, line)).await {
+        match tokio::task::spawn_blocking(move || alarms.acknowledge(&alarm, who, line)).await {
             Ok(Ok(true)) => Outcome::Done(String::new()),
             Ok(Ok(false)) => no_such(),
             Ok(Err(error)) => refused("store", StatusCode::BadDeviceFailure, error.to_string()),
@@ -211,7 +211,7 @@ impl Calls {
     }
 
     fn line(&self, method: &Method, caller: &Caller, from: &str) -> AuditEntry {
-        let line = line(caller.name().map(str::to_owned), caller.role(), from.to_owned(), "request");
+        let line = AuditEntry::done(caller.name().map(str::to_owned), caller.role(), from.to_owned(), "request");
         AuditEntry { subject: Some(method.name.to_owned()), ..line }
     }
 
@@ -242,12 +242,12 @@ fn text(value: &Variant) -> Option<String> {
 }
 
 /// An alarm by its name, as `packml::alarm_id` gives it.
-fn seen(alarm: &str) -> Option<Seen> {
-    let mut parts = alarm.split('/');
+fn alarm_id(name: &str) -> Option<AlarmId> {
+    let mut parts = name.split('/');
     let (cycle, code, raised) = (parts.next()?, parts.next()?, parts.next()?);
     let cycle: i64 = cycle.parse().ok()?;
     let raised_unix_ms = raised.parse().ok().filter(|_| parts.next().is_none())?;
-    Some(Seen { cycle: (cycle != 0).then_some(CycleId(cycle)), code: code.to_owned(), raised_unix_ms })
+    Some(AlarmId { cycle: (cycle != 0).then_some(CycleId(cycle)), code: code.to_owned(), raised_unix_ms })
 }
 
 fn who(caller: &Caller) -> Who {

@@ -1,7 +1,7 @@
 //! What is read of the store and of files, beside the state that the loop tells: seldom, on a thread of its own, so that a slow disk
 //! makes old values and no other harm.
 
-use super::access::{Access, line};
+use super::access::Access;
 use super::certificates::{self, Rejected, Trusted};
 use super::door::Door;
 use crate::accounts::AuditEntry;
@@ -131,7 +131,7 @@ impl Reader {
 
     /// A connection that was refused, for the audit trail.
     fn tell(&self, subject: Option<String>, refused: String) {
-        let line = line(None, None, self.access.addresses(), "connect");
+        let line = AuditEntry::done(None, None, self.access.addresses(), "connect");
         self.access.people().audit(&AuditEntry { subject, refused: Some(refused), ..line });
     }
 }

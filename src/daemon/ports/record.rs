@@ -5,7 +5,7 @@ use crate::cycle::{Event, Motion, Outcome};
 use crate::files::ClipEntry;
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud, Panel, Rigid};
 use crate::phase::Phase;
-use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass, Finding, KeptFile, Picture};
+use crate::record::{Budget, Clock, ContactPath, CycleId, EarlierPass, Finding, KeptFile, Picture, RequestRecord};
 use crate::store::CycleStart;
 use crate::verdict::{Reason, Verdict};
 use std::sync::Arc;
@@ -85,7 +85,7 @@ pub enum RecordCommand {
     /// Where the tool was on this panel in earlier cycles, or may have been, as far as the part is still the same.
     AbradedBefore,
     /// What somebody requested, with its answer. What the table was asked follows its event.
-    Asked(Asked),
+    Asked(RequestRecord),
     /// What the clock says: where a cycle begins, and where it is concluded.
     Clock(Clock),
     /// The cycle's result.

@@ -36,8 +36,7 @@ impl Asking {
         let AuditNote { what, subject, refused } = note;
         // The role by which the cell's file lets hosts ask; who of them asked nobody knows.
         let role = refused.is_none().then_some(Role::Operator);
-        let (who, from) = (None, self.from.clone());
-        let entry = AuditEntry { unix_ms: 0, who, role, from, what, subject, before: None, after: None, refused };
+        let entry = AuditEntry { subject, refused, ..AuditEntry::done(None, role, self.from.clone(), &what) };
         #[expect(
             clippy::let_underscore_must_use,
             reason = "a line that cannot be kept stands in the service's log"

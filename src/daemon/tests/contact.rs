@@ -4,7 +4,7 @@ use super::fake::{Asks, Cell as Fake};
 use super::serving::Script;
 use super::*;
 use crate::cycle::{Refusal, Robot as Condition, State};
-use crate::record::{Answer, Asked, CycleId, EarlierPass, Wanted};
+use crate::record::{Answer, CycleId, EarlierPass, RequestRecord, Wanted};
 
 fn contact(state: &State) -> bool {
     matches!(state.intent, Some(intent) if intent.motion.path == Path::Contact && intent.done > 2)
@@ -95,7 +95,7 @@ fn each_request_is_kept_with_its_answer() {
     let kept: Vec<(Wanted, Option<Answer>, usize)> = story
         .asked
         .iter()
-        .map(|Asked { wanted, answer, reasons, .. }| (wanted.clone(), *answer, reasons.len()))
+        .map(|RequestRecord { wanted, answer, reasons, .. }| (wanted.clone(), *answer, reasons.len()))
         .collect();
     let wanted = |request, answer, reasons| (Wanted::For(request), Some(answer), reasons);
     let start = cycle::Request::Start { max_passes: 2, max_moves: 3 };

@@ -5,7 +5,7 @@ use super::*;
 use crate::cycle::{self, Act, Answer, Event, Hold, Id, Refusal, Report, State, Trouble, Why};
 use crate::daemon::abrasion::Abrasion;
 use crate::daemon::computing::{Found, Work, Worked};
-use crate::daemon::sight::Sight;
+use crate::daemon::perception::Perception;
 use crate::record::{CycleId, Front, Kind, Who};
 use crate::supervision::ThreadFault;
 use crate::verdict::Reason;
@@ -165,17 +165,18 @@ impl Port<CameraCommand> for Odd {
 fn a_film_goes_on_without_the_robot() {
     let fake = Fake::new(Scene::Clean);
     let (mut computing, setup) = (fake.computing(), Arc::new(fake.setup()));
-    let mut sight = Sight::default();
+    let mut perception = Perception::default();
     let mut seen_s = Vec::new();
     for (id, act) in [(1, Act::Locate), (2, Act::DryPicture), (3, Act::Film)] {
         fake.light(act != Act::Locate);
         fake.time_passes(500);
         let (abrasion, setup) = (Abrasion::default(), Some(setup.clone()));
-        let work = Work { id: Id(id), act, is_next_picture: false, sight, abrasion, tip: None, pass: 1, setup };
+        let work =
+            Work { id: Id(id), act, is_next_picture: false, perception, abrasion, tip: None, pass: 1, setup };
         computing.submit(work);
         let worked = worked(&mut computing).expect("in time");
         seen_s.extend(watched_s(&worked));
-        sight = worked.artifacts.expect("not lost").0;
+        perception = worked.artifacts.expect("not lost").0;
     }
     // The first picture is due at once, then one each two seconds.
     for passes_ms in [0, 2_000, 2_000, 2_000] {

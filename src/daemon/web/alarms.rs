@@ -106,10 +106,10 @@ fn one(words: Language<'_>, alarm: &Alarm, may_acknowledge: bool) -> Markup {
     }
 }
 
-/// Which alarm was seen; a form sends texts.
+/// Which alarm is acknowledged; a form sends texts.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Seen {
+pub(super) struct AcknowledgeForm {
     cycle: String,
     code: String,
     raised_unix_ms: String,
@@ -119,12 +119,12 @@ pub(super) struct Seen {
 pub(super) async fn acknowledge(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
-    Json(seen): Json<Seen>,
+    Json(form): Json<AcknowledgeForm>,
 ) -> Response {
     let line = entry(&visitor, "acknowledge alarm");
     let person = visitor.person.as_ref();
     let who = person.map_or(String::new(), |person| format!("{} ({})", person.printed_name, person.name));
-    match blocking(move || kept(&web, line, &seen, who)).await {
+    match blocking(move || kept(&web, line, &form, who)).await {
         Some(Ok(true)) => Json(json!({ "message": visitor.language().word("saved") })).into_response(),
         Some(Ok(false)) => refusal(StatusCode::CONFLICT, "alarm", visitor.language().word("alarms.no_such")),
         Some(Err(error)) => refusal(StatusCode::SERVICE_UNAVAILABLE, "store", &error.to_string()),
@@ -133,18 +133,18 @@ pub(super) async fn acknowledge(
 }
 
 /// False where there is no such alarm, or somebody has acknowledged it already.
-fn kept(web: &Web, line: AuditEntry, seen: &Seen, who: String) -> Result<bool, StoreError> {
-    let Ok(raised_unix_ms) = seen.raised_unix_ms.parse() else { return Ok(false) };
+fn kept(web: &Web, line: AuditEntry, form: &AcknowledgeForm, who: String) -> Result<bool, StoreError> {
+    let Ok(raised_unix_ms) = form.raised_unix_ms.parse() else { return Ok(false) };
     // What arose between cycles names none.
-    let cycle = match seen.cycle.as_str() {
+    let cycle = match form.cycle.as_str() {
         "" => None,
         number => match number.parse() {
             Ok(number) => Some(CycleId(number)),
             Err(_) => return Ok(false),
         },
     };
-    let seen = alarms::Seen { cycle, code: seen.code.clone(), raised_unix_ms };
-    web.front.alarms.acknowledge(&seen, who, line)
+    let alarm = alarms::AlarmId { cycle, code: form.code.clone(), raised_unix_ms };
+    web.front.alarms.acknowledge(&alarm, who, line)
 }
 
 #[cfg(test)]

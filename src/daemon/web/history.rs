@@ -11,7 +11,7 @@ use crate::history::{DateError, Edge, End, Hit, Hits, Query, hits_table, unix_s}
 use crate::record::CycleId;
 use crate::verdict::{Reason, Verdict};
 use axum::Extension;
-use axum::extract::{Query as Asked, State};
+use axum::extract::{Query as QueryString, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use maud::{Markup, html};
@@ -85,22 +85,22 @@ impl SearchForm {
     }
 }
 
-pub(super) async fn page(state: State<Arc<Web>>, by: By, form: Asked<SearchForm>) -> Answer {
+pub(super) async fn page(state: State<Arc<Web>>, by: By, form: QueryString<SearchForm>) -> Answer {
     searched(state, by, form, Form::Page).await
 }
 
-pub(super) async fn csv(state: State<Arc<Web>>, by: By, form: Asked<SearchForm>) -> Answer {
+pub(super) async fn csv(state: State<Arc<Web>>, by: By, form: QueryString<SearchForm>) -> Answer {
     searched(state, by, form, Form::Csv).await
 }
 
-pub(super) async fn json(state: State<Arc<Web>>, by: By, form: Asked<SearchForm>) -> Answer {
+pub(super) async fn json(state: State<Arc<Web>>, by: By, form: QueryString<SearchForm>) -> Answer {
     searched(state, by, form, Form::Json).await
 }
 
 async fn searched(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
-    Asked(form): Asked<SearchForm>,
+    QueryString(form): QueryString<SearchForm>,
     as_what: Form,
 ) -> Answer {
     let query = form.query(if as_what == Form::Page { PAGE } else { FILE }).map_err(|error| {

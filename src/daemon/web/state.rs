@@ -108,18 +108,8 @@ impl Web {
 
 /// A line of the audit trail about this visitor, done.
 pub(super) fn entry(visitor: &Visitor, what: &str) -> AuditEntry {
-    let person = visitor.person.as_ref();
-    AuditEntry {
-        unix_ms: 0,
-        who: person.map(|person| person.name.clone()),
-        role: person.map(|person| person.role),
-        from: visitor.from.clone(),
-        what: what.to_owned(),
-        subject: None,
-        before: None,
-        after: None,
-        refused: None,
-    }
+    let (who, role) = visitor.person.as_ref().map(|person| (person.name.clone(), person.role)).unzip();
+    AuditEntry::done(who, role, visitor.from.clone(), what)
 }
 
 /// Runs work that may wait for a disk or take long beside the page's runtime.

@@ -116,7 +116,7 @@ impl RecordSource for Source {
 }
 
 /// A page on a new store, with an account for each role.
-pub(super) struct Site {
+pub(super) struct PageFixture {
     router: Router,
     gateway: Gateway,
     pub asked: Arc<Mutex<Vec<String>>>,
@@ -147,24 +147,14 @@ pub(super) struct Browser {
     pub csrf: String,
 }
 
-impl Site {
+impl PageFixture {
     pub fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let store = Store::create(&folder.path().join("store")).expect("a store");
         drop(store);
         let folder_of_store = folder.path().join("store");
         let mut store = Store::for_people(&folder_of_store).expect("open");
-        let entry = AuditEntry {
-            unix_ms: 0,
-            who: None,
-            role: None,
-            from: "terminal".to_owned(),
-            what: "change account".to_owned(),
-            subject: None,
-            before: None,
-            after: None,
-            refused: None,
-        };
+        let entry = AuditEntry::done(None, None, "terminal".to_owned(), "change account");
         for role in Role::VARIANTS {
             let name = role.word().to_owned();
             let printed_name = format!("<script>alert('{name}')</script>");
@@ -206,7 +196,7 @@ impl Site {
         });
         let router = routes::router(&Arc::new(web));
         let from = ConnectInfo(SocketAddr::from(([127, 0, 0, 1], 5_000)));
-        Site { router: router.layer(axum::Extension(from)), gateway, asked, folder }
+        PageFixture { router: router.layer(axum::Extension(from)), gateway, asked, folder }
     }
 
     /// The same page for its own server.

@@ -24,7 +24,7 @@ const CYCLES: usize = 200;
 /// What is to be shown; what is empty is chosen.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
-pub(super) struct Asked {
+pub(super) struct TrendQuery {
     panel: String,
     name: String,
     check: String,
@@ -39,7 +39,7 @@ struct Shown {
     heat: HeatMap,
 }
 
-impl Asked {
+impl TrendQuery {
     /// The panel that is meant: the one that was named, else the one of the newest cycle.
     fn panel(&self, store: &Store, panels: &[String]) -> Result<String, StoreError> {
         if !self.panel.is_empty() {
@@ -77,56 +77,60 @@ impl Asked {
     }
 }
 
-async fn read(web: &Arc<Web>, visitor: &Visitor, asked: Asked) -> Result<Shown, Response> {
-    reading(web, visitor, move |store| asked.read(store)).await
+async fn read(web: &Arc<Web>, visitor: &Visitor, query: TrendQuery) -> Result<Shown, Response> {
+    reading(web, visitor, move |store| query.read(store)).await
 }
 
 pub(super) async fn page(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
-    Query(asked): Query<Asked>,
+    Query(query): Query<TrendQuery>,
 ) -> Answer {
-    let shown = read(&web, &visitor, asked).await?;
+    let shown = read(&web, &visitor, query).await?;
     let words = visitor.language();
     let frame = Frame { visitor: &visitor, title: words.word("trends.title"), here: "/trends", scripts: &[] };
     Ok(frame.page(&body(words, &shown)))
 }
 
-pub(super) async fn csv(State(web): State<Arc<Web>>, Extension(visitor): By, Query(asked): Query<Asked>) -> Answer {
-    let shown = read(&web, &visitor, asked).await?;
+pub(super) async fn csv(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Query(query): Query<TrendQuery>,
+) -> Answer {
+    let shown = read(&web, &visitor, query).await?;
     Ok(downloads::csv(&visitor, "trend", &trend_table(&shown.trend)))
 }
 
 pub(super) async fn json(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
-    Query(asked): Query<Asked>,
+    Query(query): Query<TrendQuery>,
 ) -> Answer {
-    Ok(downloads::json(&read(&web, &visitor, asked).await?.trend))
+    Ok(downloads::json(&read(&web, &visitor, query).await?.trend))
 }
 
 pub(super) async fn heat_csv(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
-    Query(asked): Query<Asked>,
+    Query(query): Query<TrendQuery>,
 ) -> Answer {
-    let shown = read(&web, &visitor, asked).await?;
+    let shown = read(&web, &visitor, query).await?;
     Ok(downloads::csv(&visitor, "grids", &heat_table(&shown.heat)))
 }
 
 pub(super) async fn heat_json(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
-    Query(asked): Query<Asked>,
+    Query(query): Query<TrendQuery>,
 ) -> Answer {
-    Ok(downloads::json(&read(&web, &visitor, asked).await?.heat))
+    Ok(downloads::json(&read(&web, &visitor, query).await?.heat))
 }
 
 fn body(words: Language<'_>, shown: &Shown) -> Markup {
     let word = |key| words.word(key);
     let Shown { panel, trend, heat, .. } = shown;
-    let asked = [("panel", panel), ("name", &shown.name)];
-    let address = form_urlencoded::Serializer::new(String::new()).extend_pairs(asked).finish();
+    let query = [("panel", panel), ("name", &shown.name)];
+    let address = form_urlencoded::Serializer::new(String::new()).extend_pairs(query).finish();
     html! {
         section.card {
             h2 { (word("trends.title")) }
@@ -249,10 +253,13 @@ mod tests {
 
     #[test]
     fn a_check_by_its_name_goes_before_the_list() {
-        let asked =
-            |name: &str, check: &str| Asked { name: name.to_owned(), check: check.to_owned(), ..Asked::default() };
-        assert_eq!(asked("passes", "").name(), "passes");
-        assert_eq!(asked("passes", " overlap ").name(), "overlap");
-        assert_eq!(asked("", "").name(), "localization-residual");
+        let query = |name: &str, check: &str| TrendQuery {
+            name: name.to_owned(),
+            check: check.to_owned(),
+            ..TrendQuery::default()
+        };
+        assert_eq!(query("passes", "").name(), "passes");
+        assert_eq!(query("passes", " overlap ").name(), "overlap");
+        assert_eq!(query("", "").name(), "localization-residual");
     }
 }

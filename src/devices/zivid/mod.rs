@@ -7,11 +7,11 @@
 //! The SDK is C++ on a graphics processor; what it does to its process it shall not do to the one that holds the
 //! robot's link. The daemon loads nothing of it: one program serves cells with and without.
 //!
-//! - [`wire`]: frames that are whole and unchanged, or refused · [`message`]: what is said in them
+//! - [`wire`], `frame`: frames that are whole and unchanged, or refused · [`message`]: what is said in them
 //! - [`budget`]: how often a worker is started again · [`accept`]: is what came what was asked for? · [`fault`]: in words
 //! - [`warmth`]: is the camera as warm as it stays?
 //! - [`host`], [`link`], [`process`]: the daemon's side · [`ZividScanner`]: the camera as the cell has it
-//! - [`worker`], [`sensor`], [`library`]: the worker's side · `cpp/`: the C interface over the SDK, declarations to build
+//! - [`worker`], `camera`, `clip`, [`sensor`], [`library`]: the worker's side · `cpp/`: the C interface over the SDK, declarations to build
 //!   it without one, and a camera that they play
 //!
 //! A shot of 1944×1200 points is 44 MB. It goes through the socket by plain large writes: two copies that overlap. Sealed
@@ -20,8 +20,11 @@
 
 pub mod accept;
 pub mod budget;
+mod camera;
+mod clip;
 pub mod clock;
 pub mod fault;
+mod frame;
 pub mod host;
 pub mod library;
 pub mod link;

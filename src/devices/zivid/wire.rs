@@ -13,154 +13,22 @@
 //! is for is a peer that is broken, not one that lies. What is cut, changed or foreign is an error, after which
 //! nothing more of that stream is read: there is no place to begin again.
 
+pub use super::frame::{Kind, Part, VERSION, WireError};
+
+use super::frame::MAGIC;
 use crc32fast::Hasher;
 use std::io::{ErrorKind, Read, Write};
-use strum::VariantArray;
 
-const MAGIC: [u8; 4] = *b"PPZV";
-/// The version of this page: of the frames and of the messages in them.
-pub const VERSION: u16 = 2;
 const OPENING_BYTES: usize = 24;
+
 /// The largest head. Settings in YAML are the longest.
 pub const MOST_HEAD_BYTES: usize = 1 << 20;
+
 /// The largest payload: a 3D shot of 8 million points.
 pub const MOST_PAYLOAD_BYTES: usize = 160 << 20;
+
 /// A payload is summed and sent by pieces of this size, so that both ends work at the same time.
 const PIECE_BYTES: usize = 1 << 18;
-
-/// Who speaks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, VariantArray)]
-pub enum Kind {
-    /// The worker, when it begins.
-    Hello,
-    /// The daemon.
-    Request,
-    /// The worker, once for each request.
-    Reply,
-}
-
-impl Kind {
-    const ALL: &'static [Kind] = <Self as VariantArray>::VARIANTS;
-
-    fn number(self) -> u16 {
-        match self {
-            Kind::Hello => 1,
-            Kind::Request => 2,
-            Kind::Reply => 3,
-        }
-    }
-
-    fn word(self) -> &'static str {
-        match self {
-            Kind::Hello => "a greeting",
-            Kind::Request => "a request",
-            Kind::Reply => "a reply",
-        }
-    }
-}
-
-/// What is wrong with a frame.
-#[derive(Debug, thiserror::Error)]
-pub enum WireError {
-    /// The stream ended between two frames.
-    #[error("the connection has ended")]
-    Ended,
-    /// The stream ended within a frame.
-    #[error("the connection ended within the {part} of a frame")]
-    Cut {
-        /// Within what.
-        part: Part,
-    },
-    /// The frame came too slowly, or not at all.
-    #[error("no more came within the {part} of a frame")]
-    Stalled {
-        /// Within what.
-        part: Part,
-    },
-    /// It does not begin as a frame does.
-    #[error("found {found:02x?} where a frame begins, allowed is {MAGIC:02x?}")]
-    NotAFrame {
-        /// The first bytes.
-        found: [u8; 4],
-    },
-    /// The other program is of another version.
-    #[error("the frames are of version {found}, this program's of version {VERSION}")]
-    Version {
-        /// Found.
-        found: u16,
-    },
-    /// A checksum does not fit.
-    #[error("the checksum of a frame's {part} is {found:08x}, its bytes sum up to {computed:08x}")]
-    Checksum {
-        /// Of what.
-        part: Part,
-        /// Sent.
-        found: u32,
-        /// Computed.
-        computed: u32,
-    },
-    /// Something else was due.
-    #[error("found a frame of kind {found}, allowed is kind {}, {}", allowed.number(), allowed.word())]
-    Kind {
-        /// Found.
-        found: u16,
-        /// What was due.
-        allowed: Kind,
-    },
-    /// A reply to something else.
-    #[error("found an answer to request {found}, the last request was {allowed}")]
-    Sequence {
-        /// Found.
-        found: u32,
-        /// What was due.
-        allowed: u32,
-    },
-    /// Longer than any frame is.
-    #[error("the {part} of a frame has {found} bytes, allowed are {allowed}")]
-    TooLong {
-        /// Of what.
-        part: Part,
-        /// Found.
-        found: u64,
-        /// Allowed.
-        allowed: u64,
-    },
-    /// A payload of another size than its head says.
-    #[error("a payload has {found} bytes, by its head it has {expected}")]
-    PayloadSize {
-        /// By the opening.
-        found: u64,
-        /// By the head.
-        expected: u64,
-    },
-    /// A head that says nothing known.
-    #[error("the head of a frame cannot be read: {0}")]
-    Head(#[from] serde_json::Error),
-    /// The system.
-    #[error("the connection fails: {0}")]
-    Io(std::io::Error),
-}
-
-/// A part of a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Part {
-    /// Its first bytes.
-    Opening,
-    /// The JSON.
-    Head,
-    /// The numbers.
-    Payload,
-}
-
-impl std::fmt::Display for Part {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Part::Opening => "opening",
-            Part::Head => "head",
-            Part::Payload => "payload",
-        })
-    }
-}
 
 /// Writes a frame; the planes of the payload follow one another.
 ///

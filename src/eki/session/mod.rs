@@ -16,7 +16,9 @@
 //! On the wall clock a heartbeat leaves by itself at [`Session::deadline`]. In lock step there are no deadlines:
 //! each heartbeat is asked for, and grants the controller its next 100 ms.
 
+mod commands;
 mod echo;
+mod epochs;
 mod flow;
 mod limits;
 mod receive;
@@ -25,18 +27,15 @@ mod timing;
 #[cfg(test)]
 mod tests;
 
-use super::command::{Command, CommandError, MoveLin, Request, Signal};
+use super::command::Request;
 use super::framer::Framer;
-use super::ids::{CommandId, EPOCH_STEP, Epoch, LAST_NUMBER};
-use super::report::{Channel, LinkLoss, Report, StopCause};
+use super::ids::{CommandId, Epoch, LAST_NUMBER};
+use super::report::{Channel, LinkLoss, Report};
 use super::time::Time;
 use super::wire::Wire;
 use flow::Flow;
 pub use limits::{LinkLimits, QueueError};
 use std::collections::VecDeque;
-
-/// So many steps a new epoch may lie above the controller's: requests that its channel buffers at once.
-const MOST_STEPS: u32 = 16;
 
 /// Whose clock runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -195,156 +194,6 @@ impl Session {
         self.stale
     }
 
-    /// Queues one command; its id comes back. [`Command::GetCurrentState`] asks at once and has the id 0.
-    ///
-    /// # Errors
-    /// Where no epoch is open, or the command cannot be executed; the epoch stays open.
-    pub fn queue(&mut self, command: Command) -> Result<CommandId, QueueError> {
-        match command {
-            Command::GetCurrentState => {
-                self.greeted()?;
-                self.ask(Request::State);
-                Ok(CommandId(0))
-            }
-            Command::MoveLin(point) => self.queue_path(&[point]),
-            Command::SetDigin(Signal { number, .. }) if !self.limits.mapped_inputs.contains(number) => {
-                self.greeted()?;
-                Err(CommandError::InputReadOnly { number }.into())
-            }
-            other => {
-                let (flow, wire, limits) = self.flow()?;
-                flow.queue(other, wire, limits)
-            }
-        }
-    }
-
-    /// Queues a path whole; the id of its last point comes back. One bad point refuses all.
-    ///
-    /// # Errors
-    /// As [`Session::queue`], and where base or tool were not set in this epoch.
-    pub fn queue_path(&mut self, points: &[MoveLin]) -> Result<CommandId, QueueError> {
-        let (flow, wire, limits) = self.flow()?;
-        flow.queue_path(points, wire, limits)
-    }
-
-    /// The same, of which only so many points are sent until [`Session::permit`] lets more go: who keeps a record of
-    /// what the robot may have executed does so before.
-    ///
-    /// # Errors
-    /// As [`Session::queue_path`].
-    pub fn queue_path_within(&mut self, points: &[MoveLin], permitted: u32) -> Result<CommandId, QueueError> {
-        let (flow, wire, limits) = self.flow()?;
-        let last = flow.queue_path(points, wire, limits)?;
-        let count = u32::try_from(points.len()).unwrap_or(u32::MAX);
-        flow.permit(Some(CommandId((last.0 + 1).saturating_sub(count).saturating_add(permitted) - 1)));
-        Ok(last)
-    }
-
-    /// Lets commands up to this one be sent; all of them where it is `None`.
-    ///
-    /// # Errors
-    /// Where no epoch is open.
-    pub fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
-        self.flow()?.0.permit(last);
-        Ok(())
-    }
-
-    /// Asks the controller to begin a new epoch, with neither base nor tool. [`Report::EpochOpened`] follows.
-    ///
-    /// # Errors
-    /// Where no controller has answered yet, or the robot moves or has commands left.
-    pub fn open_epoch(&mut self) -> Result<Epoch, QueueError> {
-        self.open_epoch_above(Epoch(0))
-    }
-
-    /// As [`Session::open_epoch`], with a number above this one too: what an earlier program opened never comes again.
-    ///
-    /// # Errors
-    /// As there.
-    pub fn open_epoch_above(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
-        self.greeted()?;
-        let is_busy = match &self.phase {
-            Phase::Open(flow) => flow.is_busy(),
-            phase => matches!(phase, Phase::Stopping(_)),
-        };
-        if is_busy || self.moving {
-            return Err(QueueError::NotStanding);
-        }
-        let highest = self.known_epoch().max(self.opened_epoch).max(above);
-        let (epoch, steps) = self.steps_to(u64::from(highest.0) + 1)?;
-        let mut request = self.asked;
-        for step in steps {
-            request = self.ask(Request::Reset { next: step });
-        }
-        if !self.is_connected() {
-            return Err(QueueError::NotConnected);
-        }
-        self.asked_epoch = epoch;
-        // An answer that is lost does not say that the controller has not opened it.
-        self.opened_epoch = epoch;
-        self.phase = Phase::Opening { epoch, request };
-        Ok(epoch)
-    }
-
-    /// This epoch, and those on the way to it, each no farther than a step above the one before. What lies between was
-    /// never open for a command.
-    fn steps_to(&self, next: u64) -> Result<(Epoch, Vec<Epoch>), QueueError> {
-        let found = self.known_epoch();
-        let far = u64::from(MOST_STEPS) * u64::from(EPOCH_STEP);
-        let epoch = u32::try_from(next).ok().filter(|epoch| *epoch <= LAST_NUMBER);
-        let epoch = epoch.filter(|epoch| u64::from(epoch.saturating_sub(found.0)) <= far);
-        let Some(epoch) = epoch else {
-            let most = MOST_STEPS * EPOCH_STEP;
-            return Err(QueueError::EpochTooFar { next, found, most, above: next.saturating_sub(1) });
-        };
-        let mut steps = Vec::new();
-        let mut reached = found.0;
-        while reached < epoch {
-            reached = reached.saturating_add(EPOCH_STEP).min(epoch);
-            steps.push(Epoch(reached));
-        }
-        Ok((Epoch(epoch), steps))
-    }
-
-    /// The highest epoch that the controller can be in, by what it said and what was asked for.
-    fn known_epoch(&self) -> Epoch {
-        self.controller_epoch.max(self.asked_epoch)
-    }
-
-    /// Ends the epoch: tool off, brake, everything discarded, retract if in contact. [`Report::Standstill`]
-    /// follows, or [`Report::LinkLost`] where the controller does not obey. A second call changes nothing.
-    ///
-    /// # Errors
-    /// Where there is no connection; then the controller has stopped by itself.
-    pub fn abort(&mut self) -> Result<(), QueueError> {
-        if !self.is_connected() {
-            return Err(QueueError::NotConnected);
-        }
-        self.stop();
-        Ok(())
-    }
-
-    /// Puts an abort on the wire, whatever is going on; where one is under way already it stays at that.
-    fn stop(&mut self) {
-        if matches!(self.phase, Phase::Stopping(_) | Phase::Greeting { abort: Some(_) }) {
-            return;
-        }
-        let (ended, sent, done) = match &self.phase {
-            Phase::Open(flow) => (Some(flow.epoch()), flow.sent(), flow.done()),
-            _ => (None, CommandId(0), CommandId(0)),
-        };
-        // Where no higher number is left the last one stops all the same.
-        let next = Epoch(self.known_epoch().0.saturating_add(1).min(LAST_NUMBER));
-        let request = self.ask(Request::Abort { next });
-        self.asked_epoch = next;
-        let stopping = Stopping { ended, sent, done, refusal_told: false, request, asked_at: None, obeyed: false };
-        self.phase = match self.phase {
-            Phase::Offline => return,
-            Phase::Greeting { .. } => Phase::Greeting { abort: Some(stopping) },
-            _ => Phase::Stopping(stopping),
-        };
-    }
-
     /// The next bytes to send. Requests first: an abort waits for nothing.
     pub fn poll_transmit(&mut self, now: Time) -> Option<(Channel, Vec<u8>)> {
         if let Some(stopping) = self.stopping_mut() {
@@ -362,18 +211,6 @@ impl Session {
         self.reports.pop_front()
     }
 
-    /// Ends the epoch for this cause, where anything of it is left or does harm.
-    pub fn interrupt(&mut self, cause: StopCause) {
-        if self.is_at_stake() {
-            self.fault(Report::Interrupted { cause });
-        }
-    }
-
-    /// An epoch is open in which commands are left, or tool or water is on.
-    fn is_at_stake(&self) -> bool {
-        matches!(&self.phase, Phase::Open(flow) if flow.is_busy() || self.harmful_on)
-    }
-
     fn stopping_mut(&mut self) -> Option<&mut Stopping> {
         match &mut self.phase {
             Phase::Stopping(stopping) | Phase::Greeting { abort: Some(stopping) } => Some(stopping),
@@ -385,14 +222,6 @@ impl Session {
         match self.phase {
             Phase::Offline | Phase::Greeting { .. } => Err(QueueError::NotConnected),
             _ => Ok(()),
-        }
-    }
-
-    fn flow(&mut self) -> Result<(&mut Flow, &Wire, &LinkLimits), QueueError> {
-        self.greeted()?;
-        match &mut self.phase {
-            Phase::Open(flow) => Ok((flow, &self.wire, &self.limits)),
-            _ => Err(QueueError::NoEpoch),
         }
     }
 
@@ -431,11 +260,5 @@ impl Session {
         let bytes = self.wire.encode_request(self.asked, self.current_epoch(), &request);
         self.requests.push_back(bytes);
         self.asked
-    }
-
-    /// Reports what is wrong and ends the epoch.
-    fn fault(&mut self, report: Report) {
-        self.reports.push_back(report);
-        self.stop();
     }
 }

@@ -1,7 +1,7 @@
 //! Alarms come and go when they should.
 
 use super::*;
-use crate::record::{Answer, Asked, Wanted};
+use crate::record::{Answer, RequestRecord, Wanted};
 
 fn reason(code: &'static str) -> Reason {
     Reason::new(code, format!("the words of {code}"))
@@ -90,7 +90,7 @@ fn findings_without_a_time_count_from_the_begin() {
 #[test]
 fn a_refused_request_is_an_alarm_of_its_moment() {
     let (mut record, times) = past(vec![], &[]);
-    let asked = |answer, code| Asked {
+    let asked = |answer, code| RequestRecord {
         unix_ms: 1_020_500,
         wanted: Wanted::NewDisc,
         who: None,

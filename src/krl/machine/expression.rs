@@ -9,7 +9,7 @@ use super::host::Host;
 use super::interpreter::Interpreter;
 use super::memory::Memory;
 use super::outcome::Wrong;
-use super::step::INVALID;
+use super::stack::INVALID;
 
 impl Interpreter {
     /// Executes what begins here; false where that is to be done step by step.

@@ -43,3 +43,6 @@ impl From<Wrong> for String {
         *wrong.0
     }
 }
+
+/// How a step ended, or what was wrong with it.
+pub(super) type Stepped = Result<Flow, Wrong>;

@@ -6,6 +6,7 @@
 
 pub mod sheet;
 
+use super::session::Session;
 use super::{Local, LocalError};
 use crate::disk;
 use crate::recipe::{Drawn, Recipe};
@@ -16,8 +17,7 @@ use axum::routing::{get, post};
 use axum::{Json, Router};
 use serde_json::{Value, json};
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
-use tokio::sync::oneshot;
+use std::sync::Arc;
 
 const PAGE: &str = include_str!("drawing.html");
 const SCRIPT: &str = include_str!("drawing.js");
@@ -41,8 +41,7 @@ pub struct Sheet {
 
 struct Inside {
     sheet: Sheet,
-    /// How often it was saved; and whom to tell that the person is done.
-    saved: Mutex<(u32, Option<oneshot::Sender<()>>)>,
+    session: Session,
 }
 
 /// Serves the page until the person is done; how often the recipe was saved.
@@ -50,8 +49,8 @@ struct Inside {
 /// # Errors
 /// Where the system refuses.
 pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
-    let (tell, done) = oneshot::channel();
-    let inside = Arc::new(Inside { sheet, saved: Mutex::new((0, Some(tell))) });
+    let (session, done) = Session::new();
+    let inside = Arc::new(Inside { sheet, session });
     let text =
         |kind: &'static str, text: &'static str| get(move || async move { ([(header::CONTENT_TYPE, kind)], text) });
     let pages = Router::new()
@@ -66,8 +65,7 @@ pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
         .route(&local.path("done"), post(end))
         .with_state(inside.clone());
     local.serve(pages, done)?;
-    let saved = inside.saved.lock().unwrap_or_else(PoisonError::into_inner).0;
-    Ok(saved)
+    Ok(inside.session.saves())
 }
 
 async fn page() -> Html<String> {
@@ -112,7 +110,7 @@ async fn drawing(State(inside): State<Arc<Inside>>) -> Response {
 async fn save(State(inside): State<Arc<Inside>>, Json(drawn): Json<Drawn>) -> Response {
     match put(&inside.sheet, &drawn) {
         Ok(()) => {
-            inside.saved.lock().unwrap_or_else(PoisonError::into_inner).0 += 1;
+            inside.session.count_save();
             Json(json!({ "saved": inside.sheet.recipe.display().to_string() })).into_response()
         }
         Err(problems) => refused(&problems),
@@ -128,11 +126,7 @@ fn put(sheet: &Sheet, drawn: &Drawn) -> Result<(), Vec<String>> {
 }
 
 async fn end(State(inside): State<Arc<Inside>>) -> Response {
-    if let Some(tell) = inside.saved.lock().unwrap_or_else(PoisonError::into_inner).1.take() {
-        #[expect(clippy::let_underscore_must_use, reason = "refused where it has ended already")]
-        let _ = tell.send(());
-    }
-    Json(json!({ "done": true })).into_response()
+    inside.session.end()
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 //! `POST draft` what is drawn now, kept as it is so that a reload loses nothing · `POST save` the same as labels: they are kept where
 //! they can be so, else the problems come back · `POST done` ends the page.
 
+use super::session::Session;
 use super::{Local, LocalError};
 use crate::disk;
 use crate::files::{self, ClipEntry};
@@ -16,8 +17,7 @@ use axum::{Json, Router};
 use serde::Serialize;
 use serde_json::json;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
-use tokio::sync::oneshot;
+use std::sync::Arc;
 
 const HTML: &str = "text/html; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
@@ -105,8 +105,7 @@ pub struct Sheet {
 
 struct Inside {
     sheet: Sheet,
-    /// How often it was saved; and whom to tell that the person is done.
-    saved: Mutex<(u32, Option<oneshot::Sender<()>>)>,
+    session: Session,
 }
 
 /// Serves the page until the person is done; how often labels were saved.
@@ -114,8 +113,8 @@ struct Inside {
 /// # Errors
 /// Where the system refuses.
 pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
-    let (tell, done) = oneshot::channel();
-    let inside = Arc::new(Inside { sheet, saved: Mutex::new((0, Some(tell))) });
+    let (session, done) = Session::new();
+    let inside = Arc::new(Inside { sheet, session });
     let mut pages = Router::new();
     for (name, kind, text) in FILES {
         pages = pages.route(&local.path(name), get(move || async move { ([(header::CONTENT_TYPE, kind)], text) }));
@@ -128,8 +127,7 @@ pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
         .route(&local.path("done"), post(end))
         .with_state(inside.clone());
     local.serve(pages, done)?;
-    let saved = inside.saved.lock().unwrap_or_else(PoisonError::into_inner).0;
-    Ok(saved)
+    Ok(inside.session.saves())
 }
 
 fn refused(status: StatusCode, problems: &[String]) -> Response {
@@ -188,7 +186,7 @@ async fn draft(State(inside): State<Arc<Inside>>, Json(said): Json<Statement>) -
 async fn save(State(inside): State<Arc<Inside>>, Json(said): Json<Statement>) -> Response {
     match inside.sheet.keep.save(&said) {
         Ok(saved) => {
-            inside.saved.lock().unwrap_or_else(PoisonError::into_inner).0 += 1;
+            inside.session.count_save();
             Json(saved).into_response()
         }
         Err(problems) => refused(StatusCode::UNPROCESSABLE_ENTITY, &problems),
@@ -196,11 +194,7 @@ async fn save(State(inside): State<Arc<Inside>>, Json(said): Json<Statement>) ->
 }
 
 async fn end(State(inside): State<Arc<Inside>>) -> Response {
-    if let Some(tell) = inside.saved.lock().unwrap_or_else(PoisonError::into_inner).1.take() {
-        #[expect(clippy::let_underscore_must_use, reason = "refused where it has ended already")]
-        let _ = tell.send(());
-    }
-    Json(json!({ "done": true })).into_response()
+    inside.session.end()
 }
 
 #[cfg(test)]

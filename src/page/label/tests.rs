@@ -4,6 +4,7 @@ use super::*;
 use crate::phase::Phase;
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
+use std::sync::Mutex;
 use std::thread::JoinHandle;
 
 /// Keeps in memory, and takes what a person has signed.

@@ -1,7 +1,7 @@
 //! What happened to the panel and what was asked of the cell: as far as it is known, and where it is not, that.
 
 use crate::cycle::{Path, Request};
-use crate::record::{Abraded, Answer, Asked, Bounds, CycleRecord, How, MotionRecord, Wanted};
+use crate::record::{Abraded, Answer, Bounds, CycleRecord, How, MotionRecord, RequestRecord, Wanted};
 use crate::report::page::{Row, Section};
 use crate::words::utc;
 use std::collections::BTreeMap;
@@ -44,7 +44,7 @@ pub(super) fn abraded(record: &CycleRecord) -> Section {
 
 /// What people and programs asked of the cell: when, what, who, and what came of it; before the cycle, and in it.
 pub(super) fn asked(record: &CycleRecord) -> Vec<Section> {
-    let section = |heading: &str, text: &str, asked: &[Asked]| Section {
+    let section = |heading: &str, text: &str, asked: &[RequestRecord]| Section {
         heading: heading.to_owned(),
         text: if asked.is_empty() { "Nothing.".to_owned() } else { text.to_owned() },
         rows: asked.iter().map(request).collect(),
@@ -63,7 +63,7 @@ pub(super) fn asked(record: &CycleRecord) -> Vec<Section> {
     [before, during].into_iter().filter(|section| !section.rows.is_empty()).collect()
 }
 
-fn request(asked: &Asked) -> Row {
+fn request(asked: &RequestRecord) -> Row {
     let reasons: Vec<&str> = asked.reasons.iter().map(|reason| reason.message.as_str()).collect();
     let because = if reasons.is_empty() { String::new() } else { format!(": {}", reasons.join("; ")) };
     let (what, meant) = wanted(&asked.wanted);

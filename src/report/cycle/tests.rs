@@ -1,8 +1,8 @@
 use super::*;
 use crate::cycle::{Id, Motion, Outcome, Path, Request};
 use crate::record::{
-    Answer, Asked, Budget, Contact, ContactPath, CycleId, Front, KeptFile, Limit, MotionRecord, Picture, Reached,
-    SetBy, Wanted, Who,
+    Answer, Budget, Contact, ContactPath, CycleId, Front, KeptFile, Limit, MotionRecord, Picture, Reached,
+    RequestRecord, SetBy, Wanted, Who,
 };
 
 fn finding(kind: Kind, pass: u8, numbers: Vec<Check>) -> Finding {
@@ -10,13 +10,13 @@ fn finding(kind: Kind, pass: u8, numbers: Vec<Check>) -> Finding {
     Finding::new(kind, pass, judgement).with(numbers)
 }
 
-fn asked(wanted: Wanted, answer: Option<Answer>) -> Asked {
+fn asked(wanted: Wanted, answer: Option<Answer>) -> RequestRecord {
     let who = Who { front: Front::Socket, uid: Some(1_000), user: Some("ada".to_owned()) };
     let reasons = match answer {
         Some(Answer::Refused) => vec![Reason::new("not_now", "it is not held")],
         _ => vec![],
     };
-    Asked { unix_ms: 1_700_000_030_999, wanted, who: Some(who), answer, reasons }
+    RequestRecord { unix_ms: 1_700_000_030_999, wanted, who: Some(who), answer, reasons }
 }
 
 fn record() -> CycleRecord {
@@ -57,7 +57,7 @@ fn record() -> CycleRecord {
         asked: vec![
             asked(Wanted::For(Request::Accept), Some(Answer::Refused)),
             asked(Wanted::For(Request::Accept), Some(Answer::Done)),
-            Asked { who: None, ..asked(Wanted::For(Request::Hold), None) },
+            RequestRecord { who: None, ..asked(Wanted::For(Request::Hold), None) },
         ],
         clocks: [Some(Clock::Wall), Some(Clock::Wall)],
         recording: None,

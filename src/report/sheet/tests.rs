@@ -5,7 +5,8 @@ use super::*;
 use crate::cycle::Request;
 use crate::recipe::Recipe;
 use crate::record::{
-    Answer, Asked, Budget, Check, CycleId, CycleRecord, Finding, Front, Kind, PartNames, SetBy, Wanted, Who, name,
+    Answer, Budget, Check, CycleId, CycleRecord, Finding, Front, Kind, PartNames, RequestRecord, SetBy, Wanted,
+    Who, name,
 };
 use crate::report::page::Figure;
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -60,7 +61,7 @@ fn record(findings: Vec<Finding>) -> CycleRecord {
         findings,
         motions: vec![],
         asked_before: vec![],
-        asked: vec![Asked {
+        asked: vec![RequestRecord {
             unix_ms: 1_700_000_030_999,
             wanted: Wanted::For(Request::Accept),
             who: Some(who),

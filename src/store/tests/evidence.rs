@@ -1,18 +1,15 @@
-//! What is changed behind the program's back is found; what a crash leaves is no alarm.
+//! What is changed behind the program's back is found, and named.
 
 use super::super::chain::{self, PARTS};
 use super::super::head;
-use super::super::steps::Step;
 use super::journal::progress;
 use super::*;
-use crate::cycle::{At, Cause, Event, Motion, Outcome, Path as MotionPath, Report, Request};
+use crate::cycle::{At, Motion, Outcome, Path as MotionPath};
 use crate::record::{Budget, Finding, Kind};
 use crate::verdict::{Judgement, Verdict};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A store in which every table has rows, closed.
-fn whole() -> TempDir {
+pub fn whole() -> TempDir {
     let (folder, mut store) = new_store();
     store.recover().expect("recovers");
     store.teach(&teaching("wing")).expect("taught");
@@ -41,16 +38,16 @@ fn whole() -> TempDir {
     folder
 }
 
-fn store_in(folder: &TempDir) -> std::path::PathBuf {
+pub fn store_in(folder: &TempDir) -> std::path::PathBuf {
     folder.path().join("store")
 }
 
-fn verify(folder: &TempDir) -> Verified {
+pub fn verify(folder: &TempDir) -> Verified {
     Store::verify(&store_in(folder), true).expect("verified")
 }
 
 /// Another program writes to the database; its file's own hash is not what gives it away.
-fn behind_its_back(folder: &TempDir, sql: &str) {
+pub fn behind_its_back(folder: &TempDir, sql: &str) {
     let connection = Connection::open(store_in(folder).join(DATABASE)).expect("opens");
     connection.pragma_update(None, "foreign_keys", "OFF").expect("set");
     connection.execute_batch(sql).unwrap_or_else(|error| panic!("{sql}: {error}"));
@@ -215,117 +212,6 @@ fn a_flipped_bit_in_the_head_is_found() {
     }
 }
 
-/// A copy without its log: what it says is old, and the start rests until a person clears it.
-#[test]
-fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
-    let folder = whole();
-    let path = store_in(&folder);
-    let mut store = Store::create(&path).expect("opens");
-    store.recover().expect("recovers");
-    let before = fs::read(path.join(DATABASE)).expect("the database");
-    let motion = Motion { epoch: 9, path: MotionPath::Contact, plan: 1, waypoints: 100 };
-    store.append(&progress(1), None).expect("written");
-    store.open_intent(&motion, None).expect("opened");
-    // As a killed process leaves it; the log is lost on the way.
-    std::mem::forget(store);
-    let copy = tempfile::tempdir().expect("a folder");
-    let lost = copy.path().join("store");
-    fs::create_dir_all(lost.join("blobs")).expect("made");
-    fs::write(lost.join(DATABASE), before).expect("copied");
-    fs::copy(path.join(head::FILE), lost.join(head::FILE)).expect("copied");
-    let found = Store::verify(&lost, false).expect("verified").found;
-    assert!(found.iter().any(|words| words.starts_with("rolled back: 2 writings")), "{found:?}");
-
-    let mut store = Store::create(&lost).expect("opens");
-    assert!(store.changed()[0].contains("rolled back: 2 writings"), "{:?}", store.changed());
-    assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreChanged });
-    drop(store);
-    // The next start finds nothing new, and rests where it was.
-    let mut store = Store::create(&lost).expect("opens");
-    assert_eq!(store.changed(), [] as [String; 0]);
-    assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreChanged });
-    assert_eq!(store.incidents().expect("kept").len(), 1);
-    let waits = Store::verify(&lost, false).expect("verified");
-    assert!(waits.found.iter().any(|words| words.contains("rolled back")), "{waits:?}");
-    for event in [
-        Event::Told(Report::Boot),
-        Event::Told(Report::Robot(crate::cycle::Robot::Ready)),
-        Event::Asked(Request::Clear),
-    ] {
-        store.append(&event, None).expect("written");
-    }
-    for _ in 0..12 {
-        let state = store.state().expect("known");
-        let Some(due) = state.due else { break };
-        let answer = super::journal::answer(due.act, 0);
-        store.append(&Event::Told(Report::Answered { id: due.id, answer }), None).expect("written");
-    }
-    assert_eq!(store.recover().expect("recovers").at, At::Stopped);
-    drop(store);
-    let cleared = Store::verify(&lost, false).expect("verified");
-    assert_eq!((cleared.found.len(), cleared.known.len()), (0, 1), "{cleared:?}");
-}
-
-#[test]
-fn a_head_that_is_gone_and_a_database_that_is_gone_are_told() {
-    let folder = whole();
-    fs::remove_file(store_in(&folder).join(head::FILE)).expect("removed");
-    assert!(verify(&folder).found[0].contains("is missing"));
-    let mut store = Store::create(&store_in(&folder)).expect("opens");
-    assert!(matches!(store.recover().expect("recovers").at, At::Aborted { .. }));
-    drop(store);
-    let folder = whole();
-    fs::remove_file(store_in(&folder).join(DATABASE)).expect("removed");
-    let mut store = Store::create(&store_in(&folder)).expect("a new one");
-    assert!(store.changed()[0].contains("rolled back"), "{:?}", store.changed());
-    assert!(matches!(store.recover().expect("recovers").at, At::Aborted { .. }));
-}
-
-/// The files as a kill leaves them at each of 200 moments around commits, every one in a folder of its own.
-#[test]
-fn no_kill_between_commit_and_head_is_a_false_alarm() {
-    let (folder, mut store) = new_store();
-    store.recover().expect("recovers");
-    let (from, left, count) =
-        (store_in(&folder), tempfile::tempdir().expect("a folder"), Arc::new(AtomicUsize::new(0)));
-    let (to, counted) = (left.path().to_owned(), count.clone());
-    store.steps.told = Some(Box::new(move |step| {
-        let number = counted.fetch_add(1, Ordering::Relaxed) + 1;
-        let to = to.join(format!("{number:03} {step:?}"));
-        fs::create_dir_all(to.join("blobs")).expect("made");
-        for name in [DATABASE, "panelprep.sqlite-wal", head::FILE] {
-            // Through another process: closing a file here would take SQLite's locks along.
-            let copied = std::process::Command::new("cp").arg(from.join(name)).arg(&to).status().expect("cp");
-            assert!(copied.success() || name.ends_with("-wal"));
-        }
-    }));
-    for done in 0..67 {
-        store.append(&progress(done), None).expect("written");
-    }
-    store.steps.told = None;
-    let mut seen = [0; 3];
-    for kill in fs::read_dir(left.path()).expect("listed") {
-        let path = kill.expect("a folder").path();
-        let found = Store::verify(&path, false).expect("verified").found;
-        assert_eq!(found, [] as [String; 0], "{}", path.display());
-        let mut store = Store::create(&path).expect("opens");
-        assert_eq!(store.changed(), [] as [String; 0], "{}", path.display());
-        assert_eq!(store.recover().expect("recovers").at, At::Stopped);
-        store.append(&progress(7), None).expect("goes on");
-        drop(store);
-        assert_eq!(Store::verify(&path, false).expect("verified").found, [] as [String; 0]);
-        fs::remove_dir_all(&path).expect("removed");
-        let step = [Step::Prepared, Step::Committed, Step::Settled];
-        let step = step.iter().position(|step| path.display().to_string().ends_with(&format!("{step:?}")));
-        seen[step.expect("a step")] += 1;
-    }
-    eprintln!(
-        "{} kill points (prepared, committed, settled: {seen:?}), no false alarm",
-        count.load(Ordering::Relaxed)
-    );
-    assert!(count.load(Ordering::Relaxed) >= 200 && seen == [67; 3]);
-}
-
 /// One transaction less than a settled head is not what a crash leaves.
 #[test]
 fn the_last_line_alone_cannot_be_cut_off() {
@@ -362,104 +248,4 @@ fn a_store_without_a_chain_is_taken_into_one() {
     assert!(found.found.is_empty() && found.links > 130, "{found:?}");
     behind_its_back(&folder, "UPDATE cycles SET verdict = 'pass' WHERE id = 1");
     assert!(verify(&folder).found.iter().any(|words| words.contains("end of cycle 1")));
-}
-
-/// A lock does not live by a file that somebody may remove.
-#[test]
-fn a_second_writer_is_refused_though_the_lock_file_is_gone() {
-    let (folder, mut store) = new_store();
-    let path = store_in(&folder);
-    store.append(&progress(1), None).expect("written");
-    for name in ["panelprep.lock", "panelprep.reserve"] {
-        fs::remove_file(path.join(name)).expect("removed");
-    }
-    let refused = Store::create(&path).expect_err("taken").to_string();
-    assert!(refused.contains("another process is writing to the store"), "{refused}");
-    drop(store);
-    Store::create(&path).expect("free again");
-}
-
-/// A label is kept as the clock says it, also before 1970.
-#[test]
-fn a_clock_of_1960_stops_nothing() {
-    let (folder, mut store) = new_store();
-    store.clock = || std::time::UNIX_EPOCH - std::time::Duration::from_secs(10 * 365 * 86_400);
-    store.teach(&teaching("wing")).expect("taught");
-    let id = store.begin_cycle(&super::cycles::start()).expect("begun");
-    store.append(&progress(1), Some(id)).expect("written");
-    store.mount_disc().expect("kept");
-    store.conclude(id, Verdict::Pass, &[]).expect("concluded");
-    let record = store.cycle(id).expect("there");
-    assert_eq!((record.started_unix_s, record.ended_unix_s), (-315_360_000, Some(-315_360_000)));
-    assert_eq!(store.taught("wing", None).expect("there").taught_at_unix_s, -315_360_000);
-    assert_eq!(unix_ms(std::time::UNIX_EPOCH - std::time::Duration::from_millis(1)), -1);
-    drop(store);
-    assert_eq!(verify(&folder).found, [] as [String; 0]);
-}
-
-/// A start reads the journal from the last checkpoint on, and comes to the same.
-#[test]
-fn a_checkpoint_folds_as_the_whole_journal() {
-    let (folder, mut store) = new_store();
-    store.recover().expect("recovers");
-    for done in 0..2_500 {
-        store.append(&progress(done), None).expect("written");
-    }
-    drop(store);
-    let path = store_in(&folder);
-    let mut store = Store::create(&path).expect("opens");
-    let whole = store.recover().expect("recovers");
-    let checkpoint = store.checkpoint().expect("read").expect("a long tail was read");
-    assert_eq!((checkpoint.sequence, checkpoint.settled.state()), (2_500, store.state().expect("known")));
-    drop(store);
-    let mut store = Store::create(&path).expect("opens");
-    assert_eq!(store.recover().expect("recovers"), whole);
-    store.append(&Event::Told(Report::Boot), None).expect("written");
-    let folded = store.state().expect("known");
-    assert_eq!(folded, crate::cycle::fold(store.journal().expect("whole")));
-}
-
-/// How long a start takes with so many lines in the journal: `cargo test -- --ignored --nocapture a_million`.
-fn started(lines: u32) -> [std::time::Duration; 3] {
-    let (folder, mut store) = new_store();
-    super::super::journal::fill(&mut store, lines).expect("filled");
-    drop(store);
-    // The first start finds no checkpoint, folds all and leaves one.
-    std::array::from_fn(|_| {
-        let since = std::time::Instant::now();
-        let mut store = Store::create(&store_in(&folder)).expect("opens");
-        assert_eq!(store.recover().expect("recovers").at, At::Stopped);
-        let took = since.elapsed();
-        assert_eq!(store.lines().expect("counted"), i64::from(lines));
-        took
-    })
-}
-
-#[test]
-#[ignore = "a minute: it writes a million lines"]
-fn a_start_at_a_million_lines_reads_the_last_of_them() {
-    let took = started(1_000_000);
-    eprintln!("start at a million lines: {took:?} (the first one folds all of them)");
-    assert!(took[2].as_secs_f64() < 2.0, "{took:?}");
-}
-
-/// A start reads as many lines as came since the last checkpoint, however many there are.
-#[test]
-fn a_start_does_not_read_the_whole_journal() {
-    let (folder, mut store) = new_store();
-    super::super::journal::fill(&mut store, 30_000).expect("filled");
-    store.recover().expect("recovers");
-    store.append(&progress(1), None).expect("written");
-    drop(store);
-    // What only a reader of everything would see.
-    behind_its_back(&folder, "UPDATE journal SET event = '{}' WHERE sequence = 7");
-    let mut store = Store::create(&store_in(&folder)).expect("opens");
-    assert_eq!(store.recover().expect("the tail alone").at, At::Stopped);
-    assert!(store.journal().is_err());
-    drop(store);
-    assert!(verify(&folder).found.iter().any(|words| words.contains("journal line 7 ")));
-    // What came lately is seen at once.
-    behind_its_back(&folder, "UPDATE checkpoints SET folded = replace(folded, 'stopped', 'idle')");
-    let store = Store::create(&store_in(&folder)).expect("opens");
-    assert!(store.changed().iter().any(|words| words.contains("checkpoint 30000")), "{:?}", store.changed());
 }

@@ -1,3 +1,4 @@
+mod checkpoints;
 mod contacts;
 mod copies;
 mod counts;
@@ -7,6 +8,7 @@ mod evidence;
 pub(crate) mod full;
 mod journal;
 mod killed;
+mod left_behind;
 mod opening;
 mod outbox;
 mod prune;

@@ -2,16 +2,16 @@
 
 use super::*;
 use crate::cycle::{Event, Request};
-use crate::record::{Answer, Asked, CycleId, Front, Wanted, Who};
+use crate::record::{Answer, CycleId, Front, RequestRecord, Wanted, Who};
 use crate::verdict::{Reason, Verdict};
 
-fn asked(wanted: Wanted, answer: Answer) -> Asked {
+fn asked(wanted: Wanted, answer: Answer) -> RequestRecord {
     let who = Who { front: Front::Socket, uid: Some(1_000), user: Some("ada".to_owned()) };
     let reasons = match answer {
         Answer::Done => vec![],
         _ => vec![Reason::new("not_now", "not in this state")],
     };
-    Asked { unix_ms: 0, wanted, who: Some(who), answer: Some(answer), reasons }
+    RequestRecord { unix_ms: 0, wanted, who: Some(who), answer: Some(answer), reasons }
 }
 
 fn ask(store: &mut Store, request: Request, cycle: Option<CycleId>, answer: Answer) {
@@ -19,7 +19,7 @@ fn ask(store: &mut Store, request: Request, cycle: Option<CycleId>, answer: Answ
     store.keep_request(&asked(Wanted::For(request), answer), cycle, Some(line)).expect("kept");
 }
 
-fn words(asked: &[Asked]) -> Vec<(Wanted, Option<Answer>)> {
+fn words(asked: &[RequestRecord]) -> Vec<(Wanted, Option<Answer>)> {
     asked.iter().map(|asked| (asked.wanted.clone(), asked.answer)).collect()
 }
 

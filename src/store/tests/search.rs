@@ -3,7 +3,7 @@
 use super::*;
 use crate::cycle::{Motion, Path as MotionPath, Request};
 use crate::history::{Acknowledgement, End, Hits, Query};
-use crate::record::{Answer, Asked, CycleId, Finding, Kind, PartNames, Wanted};
+use crate::record::{Answer, CycleId, Finding, Kind, PartNames, RequestRecord, Wanted};
 use crate::verdict::{Judgement, Reason, Verdict};
 
 fn part(serial: &str, order: &str, operator: &str) -> PartNames {
@@ -225,7 +225,7 @@ fn an_alarm_lasts_until_the_cell_is_reset_or_the_next_cycle_begins() {
     store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(1_030_000);
     begin(&mut store, "wing", &part("SN-1", "", ""));
     assert_eq!(gone(&store), Some(1_030_000));
-    let reset = Asked {
+    let reset = RequestRecord {
         unix_ms: 0,
         wanted: Wanted::For(Request::Reset),
         who: None,

@@ -12,7 +12,7 @@ use panelprep::removal::coupons::{Coupon, CouponTool, Lines};
 use panelprep::removal::fit::fit;
 use panelprep::removal::map::{RemovalMap, removed};
 use panelprep::removal::model::Model;
-use panelprep::removal::schedule::{Asked, schedule};
+use panelprep::removal::schedule::{RemovalTarget, schedule};
 use panelprep::removal::track::{Disc, stretches};
 use panelprep::stages::removal::moves;
 use panelprep::surface::{BSplineSurface, Holes, Parameter};
@@ -140,7 +140,7 @@ pub fn scheduled_plan(
     let ground = |_: Parameter| true;
     let disc = Disc { swept_mm2: worn_mm2, ..disc(true) };
     let on = stretches(surface, &dwell::planned(&laid), (&disc, FORCE_N), &ground);
-    let wanted = Asked { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
+    let wanted = RemovalTarget { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
     let found = schedule((surface, region, &ground), &grids, (&on, &moves), model, &wanted);
     let mut feeds_mm_s: Vec<f64> = all.iter().map(|waypoint| waypoint.feed_mm_s).collect();
     moves.iter().zip(&found).for_each(|(own, feed)| feeds_mm_s[own.pose] = *feed);

@@ -6,7 +6,7 @@ use super::scene::{FORCE_N, bent, disc, exact_model};
 use panelprep::geometry::median;
 use panelprep::panel::{GridId, Region};
 use panelprep::path::dwell;
-use panelprep::removal::schedule::{Asked, schedule};
+use panelprep::removal::schedule::{RemovalTarget, schedule};
 use panelprep::removal::track::stretches;
 use panelprep::stages::removal::moves;
 use panelprep::surface::Parameter;
@@ -24,7 +24,7 @@ pub fn measure() -> usize {
     let (settings, asked) = (recipe.path(), recipe.removal().expect("stated"));
     let all: Vec<_> = laid.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect();
     let (moves, ground, model) = (moves(&all, asked, settings), |_: Parameter| true, exact_model());
-    let wanted = Asked { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
+    let wanted = RemovalTarget { target_um: asked.target_um(), acceleration_mm_s2: settings.acceleration_mm_s2() };
     let mut times_ms: Vec<f64> = (0..RUNS)
         .map(|_| {
             let started = Instant::now();

@@ -30,7 +30,7 @@ const HARMFUL: [u16; 2] = [2, cell::TOOL_OUTPUT];
 
 /// What the client could observe of an epoch.
 #[derive(Debug, Clone, Default, PartialEq)]
-struct Seen {
+struct EpochTrace {
     opened: bool,
     /// Its last path was told done.
     finished: bool,
@@ -60,7 +60,7 @@ impl World for Terminals {
     }
 }
 
-/// A script on one controller: what was seen of each epoch.
+/// A script on one controller: the trace of each epoch.
 struct Run {
     cell: Cell,
     changes: Arc<Mutex<Vec<(u16, bool)>>>,
@@ -76,21 +76,21 @@ impl Run {
         Run { cell, changes }
     }
 
-    fn part(&mut self, part: &Part) -> Seen {
-        let mut seen = Seen::default();
+    fn part(&mut self, part: &Part) -> EpochTrace {
+        let mut trace = EpochTrace::default();
         let end_ms = self.cell.now_ms + BACK_MS;
-        while !seen.opened && self.cell.now_ms < end_ms {
+        while !trace.opened && self.cell.now_ms < end_ms {
             if self.cell.session.open_epoch().is_err() {
                 let _ = self.cell.session.abort();
                 self.cell.run(200, &mut Blind);
             }
-            seen.opened = self.cell.until(600, |report| matches!(report, Report::EpochOpened { .. }))
+            trace.opened = self.cell.until(600, |report| matches!(report, Report::EpochOpened { .. }))
                 && self.cell.session.epoch().is_some();
         }
-        let Some(epoch) = self.cell.session.epoch() else { return seen };
+        let Some(epoch) = self.cell.session.epoch() else { return trace };
         self.changes.lock().expect("whole").clear();
-        seen.before = self.cell.controller.outputs().clone();
-        seen.before.retain(|_, on| *on);
+        trace.before = self.cell.controller.outputs().clone();
+        trace.before.retain(|_, on| *on);
         let executed_before = self.cell.executed().len();
         let mut wrong = part.wrong;
         self.disturb(&mut wrong, |moment| moment == Moment::First);
@@ -112,28 +112,28 @@ impl Run {
             }
         }
         let end_ms = self.cell.now_ms + EPOCH_MS;
-        while self.cell.now_ms < end_ms && seen.why.is_none() && !seen.finished {
+        while self.cell.now_ms < end_ms && trace.why.is_none() && !trace.finished {
             let executed = self.cell.executed().len() - executed_before;
             self.disturb(&mut wrong, |moment| matches!(moment, Moment::Behind(motions) if motions <= executed));
             self.cell.run(4, &mut Blind);
-            self.take_reports(&mut seen, last);
+            self.take_reports(&mut trace, last);
         }
-        if seen.finished {
+        if trace.finished {
             // Outputs behind the last motion.
             self.cell.run(200, &mut Blind);
         }
-        seen.outputs = self.changes.lock().expect("whole").clone();
+        trace.outputs = self.changes.lock().expect("whole").clone();
         self.disturb(&mut wrong, |_| true);
         self.cell.run(SETTLE_MS, &mut Blind);
-        self.take_reports(&mut seen, last);
+        self.take_reports(&mut trace, last);
         let of_epoch = |step: &&Executed| step.epoch.cast_unsigned() == epoch.0;
-        seen.executed = self.cell.executed()[executed_before..].iter().filter(of_epoch).copied().collect();
+        trace.executed = self.cell.executed()[executed_before..].iter().filter(of_epoch).copied().collect();
         let outputs = self.cell.controller.outputs();
-        seen.harmful =
+        trace.harmful =
             self.cell.session.epoch().is_none() && HARMFUL.iter().any(|number| outputs.get(number) == Some(&true));
-        seen.on_panel = part.contact && !seen.executed.is_empty() && height_mm(&self.cell.controller) < OFF_MM;
-        seen.connected = self.cell.session.is_connected();
-        seen
+        trace.on_panel = part.contact && !trace.executed.is_empty() && height_mm(&self.cell.controller) < OFF_MM;
+        trace.connected = self.cell.session.is_connected();
+        trace
     }
 
     fn disturb(&mut self, wrong: &mut Option<(Moment, Disturbance)>, is_now: impl Fn(Moment) -> bool) {
@@ -152,13 +152,13 @@ impl Run {
         }
     }
 
-    fn take_reports(&mut self, seen: &mut Seen, last: Option<panelprep::eki::CommandId>) {
+    fn take_reports(&mut self, trace: &mut EpochTrace, last: Option<panelprep::eki::CommandId>) {
         while let Some(report) = self.cell.next_report() {
             if let Report::Progress { done } = &report {
-                seen.finished |= Some(*done) == last && seen.why.is_none();
+                trace.finished |= Some(*done) == last && trace.why.is_none();
             }
-            if !seen.finished && seen.why.is_none() {
-                seen.why = why(&report);
+            if !trace.finished && trace.why.is_none() {
+                trace.why = why(&report);
             }
         }
     }

@@ -18,7 +18,7 @@ pub use looking::look;
 pub use touching::{tool, touch};
 
 use super::super::args::Common;
-use super::super::fault::Fault;
+use super::super::fault::{CalibrationFault, Fault};
 use super::super::flange_pose::FlangePoses;
 use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
@@ -30,7 +30,7 @@ use super::{hand_eye, intrinsics};
 use crate::calib::CalibError;
 use crate::calib::hand_eye::MIN_STATIONS;
 use crate::devices::cameras::BoardView;
-use session::{Asked, Session};
+use session::{Choice, Session};
 use so_far::{say_lens, say_mount};
 use std::path::PathBuf;
 use view::View;
@@ -43,7 +43,9 @@ const MOST: usize = 60;
 /// # Errors
 /// Where the camera does not deliver or the disk refuses; else as the command on files.
 pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
-    let (Some(folder), Some(camera)) = (&args.live.live, args.camera) else { return Err(Fault::NoLiveCamera) };
+    let (Some(folder), Some(camera)) = (&args.live.live, args.camera) else {
+        return Err(CalibrationFault::NoLiveCamera.into());
+    };
     let cell = CellFiles::read(common)?;
     let board = boards::board(&args.board)?;
     let view = match camera {
@@ -58,7 +60,7 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
     let mut view = View::open(&cell, (view, &board), (&args.live, known), progress)?;
     let mut session = Session::new((folder, &args.live), &board, boards::window(&args.board))?;
     let on_files = |images: Vec<PathBuf>, out: PathBuf| Intrinsics { images, out, pictures: None, ..args.clone() };
-    while session.taken() < MOST && session.ask()? == Asked::Take {
+    while session.taken() < MOST && session.ask()? == Choice::Take {
         let (picture, _) = view.take()?;
         if session.keep(&picture, None)? && session.found() >= crate::calib::intrinsics::MIN_VIEWS {
             let so_far = on_files(session.pictures(), folder.join("so_far.toml"));
@@ -74,7 +76,7 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
 /// # Errors
 /// As [`lens`], and where the robot does not do what it must.
 pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
-    let Some(folder) = &args.live.live else { return Err(Fault::NoLiveCamera) };
+    let Some(folder) = &args.live.live else { return Err(CalibrationFault::NoLiveCamera.into()) };
     let cell = CellFiles::read(common)?;
     let board = boards::board(&args.board)?;
     let camera = mounted::intrinsics(&args.intrinsics)?.camera;
@@ -97,7 +99,7 @@ pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
     } else {
         let mut view = View::open(&cell, (kind, &board), (&args.live, Some(camera)), progress)?;
         let poses = FlangePoses::of(&cell);
-        while session.taken() < MOST && session.ask()? == Asked::Take {
+        while session.taken() < MOST && session.ask()? == Choice::Take {
             let before = poses.now();
             let (picture, from_camera) = view.take()?;
             let Some(flange) = poses.known_or_asked(before, from_camera)? else { continue };

@@ -5,7 +5,7 @@
 //! mount's stated error smallest, until another one is not worth it. Each move goes through the gate of `panelprep robot move-j`;
 //! a pose that it refuses is left out.
 
-use super::super::super::fault::Fault;
+use super::super::super::fault::{CalibrationFault, Fault};
 use super::super::super::flange_pose::reported;
 use super::super::super::live;
 use super::super::super::load::CellFiles;
@@ -13,7 +13,7 @@ use super::super::super::outcome::Outcome;
 use super::super::super::output::tell_line as tell;
 use super::super::args::HandEye;
 use super::super::boards;
-use super::session::{Asked, Session};
+use super::session::{Choice, Session};
 use super::so_far::next_pose;
 use super::view::{self, View};
 use crate::calib::{Board, BoardObservation, board_pose, detect};
@@ -78,7 +78,7 @@ pub fn run(
          the way is free, and keep a hand on the enabling switch or the emergency stop.",
         session.most(MOST)
     ));
-    if session.ask()? == Asked::Done {
+    if session.ask()? == Choice::Done {
         return Ok(());
     }
     let mut tour = Tour { single: &mut single, cell, arm: Kinematics::new(cell.cell.arm()) };
@@ -120,7 +120,7 @@ struct Tour<'t, 's> {
 impl Tour<'_, '_> {
     /// Where the arm stands, as the controller computes it.
     fn stands(&self) -> Result<ReportedFlange, Fault> {
-        reported(&self.arm, &self.single.state().joints).ok_or(Fault::NoAxes)
+        reported(&self.arm, &self.single.state().joints).ok_or(CalibrationFault::NoAxes.into())
     }
 
     /// Moves there, by the way that needs the least of the axes; false where no way leads there or the gate refuses.
@@ -165,9 +165,9 @@ fn distance_mm(
         return Ok(0.0);
     }
     let Some(first) = pictures.first() else { return Ok(0.0) };
-    let sight = super::super::sight::Sight::read(first, camera)?;
-    let found =
-        detect::detect(&sight.name, &sight.gray, board, boards::window(&args.board)).map_err(Fault::stage)?;
+    let board_image = super::super::board_image::BoardImage::read(first, camera)?;
+    let found = detect::detect(&board_image.name, &board_image.gray, board, boards::window(&args.board))
+        .map_err(Fault::stage)?;
     let seen: BoardObservation<geometry::FlangeCamera> = BoardObservation::Pixels(found.corners);
     let posed = board_pose(camera, &seen).map_err(Fault::stage)?;
     Ok((posed.camera_from_board * board.middle()).mm.z)

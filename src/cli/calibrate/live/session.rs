@@ -20,9 +20,9 @@ pub const POSES: &str = "poses.toml";
 /// A picture whose mean grey level is below this is too dark to show anything.
 const DARK: f64 = 20.0;
 
-/// What a person answers.
+/// What a person chooses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Asked {
+pub enum Choice {
     /// A picture.
     Take,
     /// That is all.
@@ -100,21 +100,21 @@ impl<'a> Session<'a> {
     ///
     /// # Errors
     /// Where nobody can be asked.
-    pub fn ask(&self) -> Result<Asked, Fault> {
+    pub fn ask(&self) -> Result<Choice, Fault> {
         if let Some((count, every)) = self.unasked {
             if self.taken() >= count {
-                return Ok(Asked::Done);
+                return Ok(Choice::Done);
             }
             std::thread::sleep(every);
-            return Ok(Asked::Take);
+            return Ok(Choice::Take);
         }
         tell(&format!(
             "Press Enter to take picture {}; write done and press Enter when these are enough.",
             self.taken() + 1
         ));
         Ok(match answer()?.as_deref() {
-            None | Some("done") => Asked::Done,
-            Some(_) => Asked::Take,
+            None | Some("done") => Choice::Done,
+            Some(_) => Choice::Take,
         })
     }
 

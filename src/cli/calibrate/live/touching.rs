@@ -3,7 +3,7 @@
 
 use super::super::super::args::Common;
 use super::super::super::disk;
-use super::super::super::fault::Fault;
+use super::super::super::fault::{CalibrationFault, Fault};
 use super::super::super::flange_pose::FlangePoses;
 use super::super::super::load::CellFiles;
 use super::super::super::outcome::Outcome;
@@ -88,7 +88,7 @@ pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, F
         }
     }
     if text.is_empty() {
-        return Err(Fault::NoPoses);
+        return Err(CalibrationFault::NoPoses.into());
     }
     tcp::run(&on_file(args.out.clone()), common)
 }
@@ -136,7 +136,7 @@ pub fn touch((args, folder): (&Touch, &Path), common: &Common) -> Result<Outcome
         }
     }
     if text.is_empty() {
-        return Err(Fault::NoPoses);
+        return Err(CalibrationFault::NoPoses.into());
     }
     let file = folder.join("touched.toml");
     disk::write_through(&file, &text)?;

@@ -1,7 +1,7 @@
 //! The camera of a session: the cell's own, or in a simulated cell one that looks at a board.
 
 use super::super::super::args::Shot;
-use super::super::super::fault::Fault;
+use super::super::super::fault::{CalibrationFault, Fault};
 use super::super::super::load::CellFiles;
 use super::super::super::render_boards::ROBOT;
 use super::super::super::shoot::opening::{self, Wanted};
@@ -90,7 +90,7 @@ pub fn board_cell(
     (args, lens): (&LiveArgs, Option<PinholeCamera>),
 ) -> Result<BoardCell, Fault> {
     if !board.is_chessboard() {
-        return Err(Fault::NoSimulatedBoard);
+        return Err(CalibrationFault::NoSimulatedBoard.into());
     }
     let print = BoardPrint::chessboard(board.columns(), board.rows(), board.square_mm());
     let cell = BoardCell::new(args.simulation.seed, print, ROBOT);

@@ -23,7 +23,8 @@ fn ada(role: Role, password: &str) -> Account {
 
 fn keep(folder: &TempDir, account: &Account) {
     let mut store = Store::for_people(&folder.path().join("store")).expect("open");
-    store.keep_account(account, &line(None, None, "terminal".to_owned(), "change account")).expect("kept");
+    let entry = AuditEntry::done(None, None, "terminal".to_owned(), "change account");
+    store.keep_account(account, &entry).expect("kept");
 }
 
 fn access(anonymous: Anonymous) -> (TempDir, Access) {

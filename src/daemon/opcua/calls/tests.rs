@@ -248,11 +248,11 @@ async fn an_alarm_is_acknowledged_by_its_name_once() {
 
 #[test]
 fn an_alarms_name_reads_back() {
-    let of = |cycle, code: &str, raised_unix_ms| Some(Seen { cycle, code: code.to_owned(), raised_unix_ms });
-    assert_eq!(seen("3/low_overlap/1700"), of(Some(CycleId(3)), "low_overlap", 1_700));
-    assert_eq!(seen("0/disk_scarce/5"), of(None, "disk_scarce", 5));
+    let of = |cycle, code: &str, raised_unix_ms| Some(AlarmId { cycle, code: code.to_owned(), raised_unix_ms });
+    assert_eq!(alarm_id("3/low_overlap/1700"), of(Some(CycleId(3)), "low_overlap", 1_700));
+    assert_eq!(alarm_id("0/disk_scarce/5"), of(None, "disk_scarce", 5));
     for wrong in ["", "3", "3/low_overlap", "3/low_overlap/x", "x/low_overlap/1", "3/low_overlap/1/2"] {
-        assert_eq!(seen(wrong), None, "{wrong}");
+        assert_eq!(alarm_id(wrong), None, "{wrong}");
     }
 }
 

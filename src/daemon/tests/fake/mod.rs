@@ -1,107 +1,36 @@
-//! The scripted cell: what is true of it, and what came of its cycle.
+//! The scripted cell: how it is set up, and how a cycle of it is run, served and replayed.
 
 mod asks;
 mod cameras;
 mod record;
 mod robot;
+mod story;
+mod taught;
 mod tool;
-
-pub use robot::standing_state;
+mod world;
 
 pub use asks::Asks;
 pub use cameras::FakeCameras;
 pub use record::Memory;
-use robot::FakeRobot;
+pub use robot::standing_state;
+pub use story::Story;
+pub use taught::{TaughtHere, setup};
 pub use tool::AtContact;
 
 use super::super::*;
-use crate::cell::{self, LensExtent};
-use crate::cycle::{self, Event, Motion, Outcome, Path, Refusal, State};
-use crate::devices::acf::ToolFault;
-use crate::devices::mock::Arm;
-use crate::eki::{Command, Report, SetTcp};
-use crate::geometry::{Base, ColorPicture, Flange, Joints, KukaPose, Rigid};
-use crate::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
-use crate::phase::Phase;
+use crate::cell;
+use crate::cycle::{self, State};
 use crate::recipe::Recipe;
-use crate::record::{Asked, Budget, Clock, ContactPath, EarlierPass, Kind};
-use crate::sim::{self, PanelPosition, SEARCH_BOX_MM, Scene, Truth};
+use crate::record::EarlierPass;
+use crate::sim::{self, Scene};
 use crate::store::CycleStart;
 use crate::tape::{Begin, Entries, check};
 use crate::verdict::Reason;
-use std::collections::{BTreeMap, VecDeque};
+use robot::FakeRobot;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-
-/// What is true of the cell.
-#[derive(Clone)]
-struct World {
-    /// The fault that the tool has once so many lines of the contact path are executed.
-    tool_fault: Option<(u32, ToolFault)>,
-    /// Since when the disc rubs without a break under that fault, ms.
-    rubs_since_ms: Option<u64>,
-    /// When the tool was switched off by the end of an epoch, ms.
-    tool_off_ms: Option<u64>,
-    /// The line executed last ends on the panel.
-    rubs: bool,
-
-    sim: sim::Cell,
-    time_ms: u64,
-    epoch: u32,
-    open: bool,
-    next_id: u32,
-    done: u32,
-    queue: VecDeque<(u32, Command)>,
-    /// The last command that may be executed.
-    let_go: Option<u32>,
-    /// Waypoints of the contact path that the record permits, those executed, and those that it had not permitted.
-    permitted: u32,
-    in_contact: u32,
-    /// The link is lost once the arm is well in contact.
-    loses_link: bool,
-    /// Nobody answers until the next state is heard.
-    is_lost: bool,
-    beyond: u32,
-    /// Commands executed in 100 ms.
-    pace: usize,
-    base: Option<KukaPose>,
-    tool: Option<SetTcp>,
-    base_from_flange: Rigid<Base, Flange>,
-    arm: Arm,
-    joints: Joints,
-    outputs: BTreeMap<u16, bool>,
-    water_off_ms: u64,
-    rubbed: usize,
-    healed: bool,
-    /// The panel turns about its first corner once it is wet, by so much.
-    turns_when_wet_deg: f64,
-    waypoints: usize,
-    reports: VecDeque<Report>,
-    lines: usize,
-    feeds_m_s: Vec<f64>,
-    blends_mm: Vec<f64>,
-    intent: Option<Motion>,
-    moved_without_intent: usize,
-    films_began_s: Vec<f64>,
-}
-
-/// The world, for the loop's thread and the one that computes.
-#[derive(Clone)]
-struct Shared(Arc<Mutex<World>>);
-
-impl Shared {
-    fn borrow(&self) -> MutexGuard<'_, World> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn borrow_mut(&self) -> MutexGuard<'_, World> {
-        self.borrow()
-    }
-}
-
-/// Where the arm stands before a cycle.
-const START: Joints =
-    Joints { a1_deg: 0.0, a2_deg: -120.0, a3_deg: 145.0, a4_deg: 0.0, a5_deg: -25.0, a6_deg: 90.0 };
+use std::sync::Arc;
+use taught::{calibrations, taught};
+use world::{Shared, World};
 
 const CELL: &str = "[poses]\npark = { a1_deg = -120, a2_deg = -75, a3_deg = 110, a4_deg = 0, a5_deg = 55, a6_deg = 90 }\n\
      ready = { a1_deg = 0, a2_deg = -120, a3_deg = 145, a4_deg = 0, a5_deg = -25, a6_deg = 90 }\n\
@@ -130,103 +59,9 @@ pub struct Cell {
     pub by_the_wall: bool,
 }
 
-/// What came of it.
-pub struct Story {
-    pub outcome: LoopOutcome,
-    pub truth: Truth,
-    pub findings: Vec<Finding>,
-    pub figures: Vec<String>,
-    pub pictures: Vec<(String, ColorPicture, Rigid<Base, Flange>)>,
-    pub frames: Vec<(Arc<ColorPicture>, f64, Phase)>,
-    /// When each film began.
-    pub films_began_s: Vec<f64>,
-    pub budget: Budget,
-    pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
-    pub events: Vec<Event>,
-    pub refusals: Vec<(cycle::Request, Refusal)>,
-    pub contact_points: usize,
-    pub lines: usize,
-    /// Of the lines that bring a feed of their own: the feed, m/s, and the rounding, mm.
-    pub feeds: Vec<(f64, f64)>,
-    pub worn_mm2: f64,
-    pub wears: Vec<(f64, bool)>,
-    pub contacts: Vec<(ContactPath, Vec<u32>)>,
-    /// Waypoints that were executed before the record permitted them.
-    pub beyond: u32,
-    pub asked: Vec<Asked>,
-    pub clocks: Vec<Clock>,
-    pub moved_without_intent: usize,
-}
-
-impl Story {
-    /// The stages that found something.
-    pub fn stages(&self) -> Vec<Kind> {
-        self.findings.iter().map(|finding| finding.kind).collect()
-    }
-
-    /// The closed motions along this path.
-    pub fn motions(&self, path: Path) -> Vec<(Motion, Outcome, u32)> {
-        let closed = self.intents.iter().filter(|(motion, _)| motion.path == path);
-        closed.filter_map(|(motion, end)| end.map(|(outcome, done)| (*motion, outcome, done))).collect()
-    }
-}
-
-impl std::fmt::Display for Story {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        writeln!(f, "{:?} {:?}", self.outcome.state.at, self.refusals)?;
-        for event in self.events.iter().filter(|e| !matches!(e, Event::Told(crate::cycle::Report::Progress { .. })))
-        {
-            writeln!(f, "{event:?}")?;
-        }
-        for finding in &self.findings {
-            writeln!(f, "{:?} {:?} {:?}", finding.kind, finding.judgement, finding.checks)?;
-        }
-        Ok(())
-    }
-}
-
 impl Cell {
     pub fn new(scene: Scene) -> Self {
-        let sim = sim::Cell::new(3, scene, 4);
-        let world = World {
-            tool_fault: None,
-            rubs_since_ms: None,
-            tool_off_ms: None,
-            rubs: false,
-            base_from_flange: Arm::kr6_r700_2().base_from_flange(&START),
-            sim,
-            time_ms: 0,
-            epoch: 5,
-            open: false,
-            next_id: 1,
-            done: 0,
-            queue: VecDeque::new(),
-            let_go: None,
-            permitted: 0,
-            in_contact: 0,
-            loses_link: false,
-            is_lost: false,
-            beyond: 0,
-            pace: 1_000,
-            base: None,
-            tool: None,
-            joints: START,
-            arm: Arm::kr6_r700_2(),
-            outputs: BTreeMap::new(),
-            water_off_ms: 0,
-            rubbed: 0,
-            healed: false,
-            turns_when_wet_deg: 0.0,
-            waypoints: 0,
-            reports: VecDeque::new(),
-            lines: 0,
-            feeds_m_s: Vec::new(),
-            blends_mm: Vec::new(),
-            intent: None,
-            moved_without_intent: 0,
-            films_began_s: Vec::new(),
-        };
-        let world = Shared(Arc::new(Mutex::new(world)));
+        let world = Shared::new(World::new(sim::Cell::new(3, scene, 4)));
         Cell {
             world,
             box_to_mm: 700.0,
@@ -452,57 +287,4 @@ fn computing(cameras: Box<dyn CameraPort + Send>, readable: Vec<Reason>, lock_st
     let parts = (cameras, Box::new(move || readable.clone()) as _, keep as _);
     Computing::on_thread(parts, lock_step, &crate::supervision::Supervisor::default(), super::LiveView::default())
         .expect("a thread")
-}
-
-/// What a cycle of this cell works with.
-pub fn setup(cell: &cell::Cell, recipe: &Recipe, taught: &TaughtHere, calibrations: Calibrations) -> CycleSetup {
-    let cell = Arc::new(CellSetup::new(cell).expect("complete"));
-    CycleSetup::new(cell, recipe.clone(), taught.clone(), (calibrations, LensExtent::default())).expect("a corner")
-}
-
-pub type TaughtHere = (TaughtPanel, Vec<TaughtCorner>);
-
-fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
-    let region = sim.region();
-    let text = format!(
-        "panel = \"p\"\n[process]\nobservation_s = 40.0\nframes_per_second = 0.5\n\
-         [corner]\nwhich = [\"top-left\", \"bottom-right\"]\nsettled_mm = 0.1\n\
-         [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n\
-         [inspect]\nmin_break_mm2 = 75.0 # a quarter of the pixels each way shows no smaller break surely\n{more_recipe}",
-        region.corners_px.map(|px| [px.u, px.v]),
-        region.rows,
-        region.columns,
-        SEARCH_BOX_MM[0],
-        SEARCH_BOX_MM[1]
-    );
-    let recipe = Recipe::check("simulated.toml", &text).unwrap_or_else(|e| panic!("{e}"));
-    let base_from_camera = sim.calibrated_base_from_camera();
-    let panel = TaughtPanel::learn(&sim.taught_scan(), *sim.scanner(), base_from_camera, &recipe).expect("a panel");
-    let camera = sim.flange_camera();
-    let teach = |(index, view): (usize, sim::CornerView)| {
-        let picture = sim.flange_picture(&view.base_from_flange, PanelPosition::Nominal).to_gray();
-        let panel_from_camera =
-            panel_from_base_at_teaching() * view.base_from_flange * sim.calibrated_flange_from_camera();
-        let depth_mm = (panel_from_camera.inverse() * view.corner).mm.z;
-        let (settings, px_per_mm) = (recipe.corner(), camera.px_per_mm_at(depth_mm).0);
-        let found = crate::locate::corner::find(&picture, settings, settings.which().of(index), px_per_mm);
-        let teaching = CornerTeaching { reference_px: found.expect("a corner").corner_px, panel_from_camera };
-        panel.corner(teaching, camera).expect("on the panel")
-    };
-    let corners = sim.corner_views().into_iter().enumerate().map(teach).collect();
-    ((panel, corners), recipe)
-}
-
-fn calibrations(sim: &sim::Cell) -> Calibrations {
-    Calibrations {
-        scan_errors: crate::locate::ScanErrors::default(),
-        scanner: *sim.scanner(),
-        base_from_camera: sim.calibrated_base_from_camera(),
-        flange_camera: *sim.flange_camera(),
-        flange_from_camera: sim.calibrated_flange_from_camera(),
-        flange_from_tool: KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid(),
-        hand_eye_mm: None,
-        robot_mm: None,
-        removal: None,
-    }
 }

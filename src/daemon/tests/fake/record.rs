@@ -5,7 +5,7 @@ use super::Shared;
 use crate::cycle::{Event, Motion, Outcome};
 use crate::geometry::{Base, ColorPicture, Flange, Rigid};
 use crate::phase::Phase;
-use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass, Picture};
+use crate::record::{Budget, Clock, ContactPath, CycleId, EarlierPass, Picture, RequestRecord};
 use crate::verdict::Reason;
 use std::sync::Arc;
 
@@ -33,7 +33,7 @@ pub struct Memory {
     /// Each contact path and how many waypoints were permitted of it, one after the other.
     pub contacts: Vec<(ContactPath, Vec<u32>)>,
     pub earlier: Vec<EarlierPass>,
-    pub asked: Vec<Asked>,
+    pub asked: Vec<RequestRecord>,
     pub clocks: Vec<Clock>,
 }
 

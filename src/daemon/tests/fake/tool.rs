@@ -11,7 +11,7 @@ use crate::devices::acf::{ConnectedTool as _, SimulatedAcf, Surrounding, Surroun
 use crate::force::downwards;
 use crate::geometry::{Flange, KukaPose, Rigid, Tool};
 use crate::tape::Armed;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 /// What is before the tool.
 struct FakePanel {
@@ -78,7 +78,7 @@ pub struct AtContact {
     setup: Arc<CycleSetup>,
     world: World,
     state: State,
-    sight: daemon::sight::Sight,
+    perception: daemon::perception::Perception,
     abrasion: daemon::abrasion::Abrasion,
     pending: daemon::pending::Pending,
     armed: Vec<Armed>,
@@ -113,11 +113,11 @@ impl AtContact {
                 break;
             }
         }
-        let Running { state, sight, abrasion, pending, deadlines, robot_state, .. } = running;
+        let Running { state, perception, abrasion, pending, deadlines, robot_state, .. } = running;
         let pending = pending.unwrap_or_else(|| panic!("no contact: {:?}", state.at));
         let armed = deadlines.told();
         let world = cell.world.borrow().clone();
-        AtContact { cell: cell.files().0, setup, world, state, sight, abrasion, pending, armed, robot_state }
+        AtContact { cell: cell.files().0, setup, world, state, perception, abrasion, pending, armed, robot_state }
     }
 
     /// Waypoints of the path.
@@ -129,7 +129,7 @@ impl AtContact {
     pub fn run(&self, from: u32, fault: Option<ToolFault>) -> Ended {
         let mut world = World { tool_fault: fault.map(|fault| (from, fault)), ..self.world.clone() };
         world.time_ms += 100;
-        let world = Shared(Arc::new(Mutex::new(world)));
+        let world = Shared::new(world);
         let mut record = Memory { fails_at: usize::MAX, ..Memory::default_of(&world) };
         let (mut robot, mut asks) = (FakeRobot { world: world.clone(), by_the_wall: false }, Asks::one_cycle());
         // It has been connected for long.
@@ -146,7 +146,7 @@ impl AtContact {
         let mut running = Running::new(cycle, computing, ports, (self.state, true));
         let robot = self.robot_state.map(Box::new);
         running.remember(crate::tape::Begin::Cycle { robot, armed: self.armed.clone() });
-        (running.sight, running.abrasion) = (self.sight.clone(), self.abrasion.clone());
+        (running.perception, running.abrasion) = (self.perception.clone(), self.abrasion.clone());
         running.pending = Some(self.pending);
         let goes_on = |state: &State| {
             let last = state.due.is_some_and(

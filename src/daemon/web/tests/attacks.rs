@@ -1,6 +1,6 @@
 //! What OWASP lists for such a page, each as a test.
 
-use super::{Browser, PASSWORD, Site};
+use super::{Browser, PASSWORD, PageFixture};
 use crate::daemon::web::routes::{MOST_BODY_BYTES, ROUTES};
 use axum::http::StatusCode;
 
@@ -9,7 +9,7 @@ const JSON: (&str, &str) = ("content-type", "application/json");
 /// Another site, a form of one, and a browser that says nothing.
 #[tokio::test]
 async fn no_other_site_causes_a_change() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
     let cookie = ("cookie", operator.cookie.as_deref().expect("a session"));
     let csrf = ("x-csrf-token", operator.csrf.as_str());
@@ -43,7 +43,7 @@ async fn no_other_site_causes_a_change() {
 
 #[tokio::test]
 async fn names_are_text_and_never_a_script() {
-    let site = Site::new();
+    let site = PageFixture::new();
     for role in ["administrator", "operator", "inspector"] {
         let person = site.log_in(role, PASSWORD).await.expect("logged in");
         for route in ROUTES.iter().filter(|route| !route.path.contains('{')) {
@@ -62,7 +62,7 @@ async fn names_are_text_and_never_a_script() {
 
 #[tokio::test]
 async fn a_path_leads_nowhere_else() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     for path in [
         "/assets/../Cargo.toml",
@@ -88,7 +88,7 @@ async fn a_path_leads_nowhere_else() {
 
 #[tokio::test]
 async fn nothing_goes_into_a_header() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let told = site.get(&Browser::default(), "/language/de%0d%0aSet-Cookie:%20a=b").await;
     assert_eq!(told.status, StatusCode::NOT_FOUND);
     let told = site.get(&Browser::default(), "/language/de?next=/%0d%0aX:%20y").await;
@@ -104,7 +104,7 @@ async fn nothing_goes_into_a_header() {
 
 #[tokio::test]
 async fn bodies_have_an_end_and_a_form() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     let long = format!("{{\"text\":\"{}\"}}", "x".repeat(MOST_BODY_BYTES));
     assert_eq!(site.post(&engineer, "/setup/check", &long).await.status, StatusCode::PAYLOAD_TOO_LARGE);
@@ -119,7 +119,7 @@ async fn bodies_have_an_end_and_a_form() {
 
 #[tokio::test]
 async fn every_response_says_what_a_browser_may_do_with_it() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let viewer = site.log_in("viewer", PASSWORD).await.expect("logged in");
     for path in ["/", "/login", "/setup", "/nowhere", "/people", "/now.json", "/history", "/alarms"] {
         let told = site.get(&viewer, path).await;
@@ -136,7 +136,7 @@ async fn every_response_says_what_a_browser_may_do_with_it() {
 /// What a browser loads first: the page of the cell with all its files.
 #[tokio::test]
 async fn the_first_load_is_small() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
     let page = site.get(&operator, "/").await.body;
     let mut bytes = page.len();

@@ -1,6 +1,6 @@
 //! Drawing a recipe's region on the page, and what else is looked at in Set-up.
 
-use super::{DOOR, PASSWORD, Site};
+use super::{DOOR, PASSWORD, PageFixture};
 use crate::files::content_hash;
 use axum::http::StatusCode;
 use serde_json::{Value, json};
@@ -15,7 +15,7 @@ fn drawn() -> Value {
 /// What is drawn becomes lines of the recipe, which is written by the same form as every change, with its reason.
 #[tokio::test]
 async fn what_is_drawn_is_proposed_and_not_yet_written() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     let told = site.get(&engineer, "/setup/recipe/door.toml/drawing.json").await;
     let now: Value = serde_json::from_str(&told.body).expect("JSON");
@@ -52,7 +52,7 @@ async fn what_is_drawn_is_proposed_and_not_yet_written() {
 
 #[tokio::test]
 async fn what_is_no_region_is_not_proposed() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     let with = |key: &str, value: Value| {
         let mut body = drawn();
@@ -76,7 +76,7 @@ async fn what_is_no_region_is_not_proposed() {
 /// Without cameras the reason is told, and the attempt is in the audit trail.
 #[tokio::test]
 async fn a_picture_that_cannot_be_taken_says_why() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     let told = site.post(&engineer, "/setup/cameras/scanner", "{}").await;
     assert!(told.status == StatusCode::CONFLICT && told.body.contains("has not opened its cameras"), "{told:?}");
@@ -89,7 +89,7 @@ async fn a_picture_that_cannot_be_taken_says_why() {
 /// What the office offers is shown with its difference; it stands in the form where the person asks for it, and is not written by that.
 #[tokio::test]
 async fn a_recipe_of_the_office_is_shown_and_taken_by_a_person() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     let page = site.get(&engineer, "/setup/recipe/door.toml").await.body;
     assert!(page.contains("Anna &lt;b&gt;") && page.contains("finer film"), "{page}");

@@ -1,6 +1,6 @@
 //! Every route × every role, as the table says; and nothing beside the table.
 
-use super::{Browser, Site};
+use super::{Browser, PageFixture};
 use crate::accounts::{Permission, Role};
 use crate::daemon::web::access::{Access, Method};
 use crate::daemon::web::routes::ROUTES;
@@ -14,7 +14,7 @@ fn path(template: &str) -> String {
 
 #[tokio::test]
 async fn each_role_gets_what_the_table_gives_it_and_nothing_else() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let mut visitors: Vec<(Option<Role>, Browser)> = vec![(None, Browser::default())];
     for role in Role::VARIANTS {
         visitors.push((Some(*role), site.log_in(role.word(), super::PASSWORD).await.expect("logged in")));

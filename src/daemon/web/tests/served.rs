@@ -1,13 +1,13 @@
 //! The page's own server: its address, and connections that keep it waiting.
 
-use super::Site;
+use super::PageFixture;
 use crate::cell;
 use crate::daemon::web::server::{OperatorPage, PageParts};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
-fn parts(site: &Site, listen: SocketAddr) -> PageParts {
+fn parts(site: &PageFixture, listen: SocketAddr) -> PageParts {
     let page = cell::Page {
         listen: Some(listen),
         certificate: None,
@@ -32,7 +32,7 @@ fn asked(address: SocketAddr) -> Option<String> {
 
 #[test]
 fn an_address_that_is_taken_keeps_nobody_and_is_served_once_it_is_free() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let other = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = other.local_addr().expect("its address");
     let page = OperatorPage::serve(parts(&site, address)).expect("it goes on").expect("an address");
@@ -49,7 +49,7 @@ fn an_address_that_is_taken_keeps_nobody_and_is_served_once_it_is_free() {
 /// Two hundred requests without an end hold nobody up, and lose their places.
 #[test]
 fn slow_clients_hold_nobody_up() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let page = OperatorPage::serve(parts(&site, ([127, 0, 0, 1], 0).into())).expect("served").expect("an address");
     let address: SocketAddr = page.url.trim_start_matches("http://").trim_end_matches('/').parse().expect("one");
     let mut slow: Vec<TcpStream> = (0..200)

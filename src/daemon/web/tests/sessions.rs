@@ -1,12 +1,12 @@
 //! Logging in, wrong passwords, sessions, and requests in a person's name.
 
-use super::{Browser, PASSWORD, Site};
+use super::{Browser, PASSWORD, PageFixture};
 use crate::store::Store;
 use axum::http::StatusCode;
 
 #[tokio::test]
 async fn whoever_logs_in_gets_a_new_session_that_ends_with_logging_out() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let set = Browser { cookie: Some("panelprep=chosen-by-somebody-else".to_owned()), csrf: String::new() };
     let body = format!("{{\"name\":\"operator\",\"password\":\"{PASSWORD}\"}}");
     let told = site.post(&set, "/login", &body).await;
@@ -23,7 +23,7 @@ async fn whoever_logs_in_gets_a_new_session_that_ends_with_logging_out() {
 
 #[tokio::test]
 async fn five_wrong_passwords_pause_the_account_and_the_audit_trail_has_them() {
-    let site = Site::new();
+    let site = PageFixture::new();
     for name in ["operator", "nobody", "O'Brien"] {
         let told = site.log_in(name, "wrong horse").await.expect_err("refused");
         assert_eq!(told.status, StatusCode::UNAUTHORIZED);
@@ -48,7 +48,7 @@ async fn five_wrong_passwords_pause_the_account_and_the_audit_trail_has_them() {
 
 #[tokio::test]
 async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
-    let site = Site::new();
+    let site = PageFixture::new();
     assert_eq!(site.post(&Browser::default(), "/request/stop", "{}").await.status, StatusCode::OK);
     let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
     assert_eq!(site.post(&operator, "/request/unhold", "{\"dried\":true}").await.status, StatusCode::OK);
@@ -86,7 +86,7 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
 
 #[tokio::test]
 async fn a_changed_account_logs_in_anew_and_the_last_administrator_stays() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let administrator = site.log_in("administrator", PASSWORD).await.expect("logged in");
     let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
     let change = |name: &str, role: &str, is_enabled: bool| {
@@ -111,7 +111,7 @@ async fn a_changed_account_logs_in_anew_and_the_last_administrator_stays() {
 
 #[tokio::test]
 async fn one_changes_ones_own_password_by_the_old_one() {
-    let site = Site::new();
+    let site = PageFixture::new();
     let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
     let told = site.post(&operator, "/password", r#"{"password":"wrong horse","new":"another horse"}"#).await;
     assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY);

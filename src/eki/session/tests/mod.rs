@@ -9,7 +9,8 @@ mod window;
 use super::*;
 use crate::eki::fixture::wire;
 use crate::eki::{
-    EchoMismatch, FrameError, MappedInputs, Refusal, SequenceError, SetAccSpeed, SetTcp, Signal, StopCause, TcpKind,
+    Command, CommandError, EchoMismatch, FrameError, MappedInputs, MoveLin, Refusal, SequenceError, SetAccSpeed,
+    SetTcp, Signal, StopCause, TcpKind,
 };
 use crate::geometry::KukaPose;
 use std::time::Duration;

@@ -1,6 +1,6 @@
 //! What may differ between the model and the programs, and what of it is meant.
 
-use super::Seen;
+use super::EpochTrace;
 use super::script::{Disturbance, Part, STEP_MM};
 use panelprep::devices::mock::{Executed, Fault};
 
@@ -34,8 +34,8 @@ pub struct Both<'a> {
     pub part: &'a Part,
     /// The scheduler starves the interpreters.
     pub adverse: bool,
-    pub model: Seen,
-    pub programs: Seen,
+    pub model: EpochTrace,
+    pub programs: EpochTrace,
 }
 
 impl Both<'_> {

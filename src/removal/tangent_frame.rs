@@ -1,4 +1,4 @@
-//! A place of the surface with its tangent plane: axes, normal and curvature, as the disc stands on it.
+//! A point of the surface with its tangent plane: axes, normal and curvature, as the disc stands on it.
 //!
 //! With E, F, G and L, M, N of the first and second form, x along S_u and y = n × x, the curvature in these axes is
 //!     K₁₁ = L/E,  K₁₂ = (M − F/E · L)/A,  K₂₂ = (N − 2 F/E · M + (F/E)² L)/(A²/E),   A² = E G − F²,
@@ -11,12 +11,12 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 /// A tool that leans by more than this against the surface lies on it no more: the cosine of 60°.
 const LEAST_COSINE: f64 = 0.5;
 
-/// A place with its tangent plane; in the panel's frame, mm.
+/// A point of the surface with its tangent plane; in the panel's frame, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place {
+pub struct TangentFrame {
     /// Its parameters.
     pub at: Parameter,
-    /// The place.
+    /// The point.
     pub point: Point<Panel>,
     x: Vector3<f64>,
     y: Vector3<f64>,
@@ -27,8 +27,8 @@ pub struct Place {
     parameter_per_mm: Matrix2<f64>,
 }
 
-impl Place {
-    /// The place at these parameters; `None` where the surface has no normal.
+impl TangentFrame {
+    /// The frame at these parameters; `None` where the surface has no normal.
     pub fn of(surface: &BSplineSurface, at: Parameter) -> Option<Self> {
         let there = surface.derivatives(at);
         let normal = surface.normal_of(&there.tangents)?.mm;
@@ -44,10 +44,10 @@ impl Place {
             Matrix2::new(l / e, across, across, (n - 2.0 * slant * m + slant * slant * l) / (area2 / e));
         let (per_x, per_y) = (1.0 / e.sqrt(), (e / area2).sqrt());
         let parameter_per_mm = Matrix2::new(per_x, -slant * per_y, 0.0, per_y);
-        Some(Place { at, point: there.tangents.point, x, y, normal, curvature_per_mm, parameter_per_mm })
+        Some(TangentFrame { at, point: there.tangents.point, x, y, normal, curvature_per_mm, parameter_per_mm })
     }
 
-    /// Where a point lies in the tangent plane, mm from the place.
+    /// Where a point lies in the tangent plane, mm from its point.
     pub fn offset_mm(&self, point: Point<Panel>) -> Vector2<f64> {
         let away = (point - self.point).mm;
         Vector2::new(away.dot(&self.x), away.dot(&self.y))
@@ -59,7 +59,7 @@ impl Place {
         Parameter { u: self.at.u + step.x, v: self.at.v + step.y }
     }
 
-    /// How far a circle of this radius, mm, around the place reaches along u and v.
+    /// How far a circle of this radius, mm, around the point reaches along u and v.
     pub fn reach(&self, radius_mm: f64) -> [f64; 2] {
         [0, 1].map(|row| radius_mm * self.parameter_per_mm.row(row).norm())
     }
@@ -96,13 +96,13 @@ mod tests {
     /// tan 2° = 0.034 92 per mm.
     #[test]
     fn a_leant_tool_reaches_deeper_on_one_side() {
-        let place = Place::of(&net(0.0, &[0.0; 36]), Parameter { u: 0.5, v: 0.5 }).expect("a normal");
+        let frame = TangentFrame::of(&net(0.0, &[0.0; 36]), Parameter { u: 0.5, v: 0.5 }).expect("a normal");
         let tool = |b_deg: f64| KukaPose { b_deg, c_deg: 180.0, ..KukaPose::default() }.to_rigid();
-        assert!(place.tilt(&tool(0.0)).expect("on it").norm() < 1e-12);
-        let leant = place.tilt(&tool(2.0)).expect("on it");
+        assert!(frame.tilt(&tool(0.0)).expect("on it").norm() < 1e-12);
+        let leant = frame.tilt(&tool(2.0)).expect("on it");
         // The tool's back leans by +2° about Y towards +X, so that its disc goes down there.
         assert!((leant - Vector2::new(0.034_920_8, 0.0)).norm() < 1e-6, "{leant}");
-        assert_eq!(place.tilt(&tool(180.0)), None, "from behind");
+        assert_eq!(frame.tilt(&tool(180.0)), None, "from behind");
     }
 
     proptest! {
@@ -113,18 +113,18 @@ mod tests {
         ) {
             let surface = net(lean, &heights);
             let at = Parameter { u, v };
-            let place = Place::of(&surface, at).expect("a normal");
+            let frame = TangentFrame::of(&surface, at).expect("a normal");
             let [high, low] = surface.principal_curvatures(&surface.derivatives(at)).expect("a normal");
-            let own = place.curvature_per_mm.symmetric_eigenvalues();
+            let own = frame.curvature_per_mm.symmetric_eigenvalues();
             prop_assert!((own.max() - high).abs() < 1e-9 && (own.min() - low).abs() < 1e-9, "{} {} {}", own, high, low);
             let near = Parameter { u: u + 1e-4, v: v - 2e-4 };
-            let again = place.parameter(place.offset_mm(surface.point(near)));
+            let again = frame.parameter(frame.offset_mm(surface.point(near)));
             prop_assert!((again.u - near.u).abs() < 1e-6 && (again.v - near.v).abs() < 1e-6);
             // The surface falls away by ½ xᵀ K x.
             let step = Parameter { u: u + 3e-3, v: v + 3e-3 };
-            let offset = place.offset_mm(surface.point(step));
-            let fall = -(surface.point(step) - place.point).mm.dot(&place.normal);
-            let expected = 0.5 * offset.dot(&(place.curvature_per_mm * offset));
+            let offset = frame.offset_mm(surface.point(step));
+            let fall = -(surface.point(step) - frame.point).mm.dot(&frame.normal);
+            let expected = 0.5 * offset.dot(&(frame.curvature_per_mm * offset));
             prop_assert!((fall - expected).abs() < 2e-4, "{} {}", fall, expected);
         }
     }

@@ -1,7 +1,7 @@
-//! Places of connections whose line is not read yet.
+//! Slots of connections whose line is not read yet.
 //!
 //! There are enough for people and programs that mean well. Where they run out, a new connection is never sent away: of
-//! the user who holds most places, the connection that has been silent for longest gives up its own. A client that asks
+//! the user who holds most slots, the connection that has been silent for longest gives up its own. A client that asks
 //! for a stop writes its line at once, so it is read before its turn to give way can come.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -11,9 +11,9 @@ use tokio::sync::oneshot;
 const MOST_OF_USER: usize = 64;
 const MOST: usize = 256;
 
-/// All places. Clones are the same ones.
+/// All slots. Clones are the same ones.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Places(Arc<Mutex<Inside>>);
+pub(super) struct Slots(Arc<Mutex<Inside>>);
 
 #[derive(Debug, Default)]
 struct Inside {
@@ -29,17 +29,17 @@ struct Taken {
     wanted: oneshot::Sender<()>,
 }
 
-/// One of the places; free again when it is dropped.
+/// One of the slots; free again when it is dropped.
 #[derive(Debug)]
-pub(super) struct Place {
+pub(super) struct Slot {
     number: u64,
     wanted: oneshot::Receiver<()>,
-    places: Places,
+    slots: Slots,
 }
 
-impl Places {
-    /// A place for a connection of this user; another one gives way where there is none.
-    pub fn take(&self, uid: Option<u32>) -> Place {
+impl Slots {
+    /// A slot for a connection of this user; another one gives way where there is none.
+    pub fn take(&self, uid: Option<u32>) -> Slot {
         let mut inside = self.lock();
         let of_user = |inside: &Inside, uid| inside.taken.iter().filter(|taken| taken.uid == uid).count();
         if of_user(&inside, uid) >= MOST_OF_USER {
@@ -51,7 +51,7 @@ impl Places {
         inside.last += 1;
         let (number, (tell, wanted)) = (inside.last, oneshot::channel());
         inside.taken.push(Taken { number, uid, wanted: tell });
-        Place { number, wanted, places: self.clone() }
+        Slot { number, wanted, slots: self.clone() }
     }
 
     fn lock(&self) -> MutexGuard<'_, Inside> {
@@ -68,17 +68,17 @@ impl Inside {
     }
 }
 
-impl Place {
-    /// Waits until somebody else needs the place.
+impl Slot {
+    /// Waits until somebody else needs the slot.
     pub async fn is_wanted(&mut self) {
-        #[expect(clippy::let_underscore_must_use, reason = "a place whose giver has gone is wanted back as well")]
+        #[expect(clippy::let_underscore_must_use, reason = "a slot whose giver has gone is wanted back as well")]
         let _ = (&mut self.wanted).await;
     }
 }
 
-impl Drop for Place {
+impl Drop for Slot {
     fn drop(&mut self) {
-        self.places.lock().taken.retain(|taken| taken.number != self.number);
+        self.slots.lock().taken.retain(|taken| taken.number != self.number);
     }
 }
 
@@ -86,31 +86,31 @@ impl Drop for Place {
 mod tests {
     use super::*;
 
-    fn is_wanted(place: &mut Place) -> bool {
-        place.wanted.try_recv().is_ok()
+    fn is_wanted(slot: &mut Slot) -> bool {
+        slot.wanted.try_recv().is_ok()
     }
 
     #[test]
     fn of_one_user_the_connection_that_waits_longest_gives_way() {
-        let places = Places::default();
-        let mut silent: Vec<Place> = (0..MOST_OF_USER).map(|_| places.take(Some(7))).collect();
-        let mut other = places.take(Some(8));
+        let slots = Slots::default();
+        let mut silent: Vec<Slot> = (0..MOST_OF_USER).map(|_| slots.take(Some(7))).collect();
+        let mut other = slots.take(Some(8));
         assert!(!silent.iter_mut().any(is_wanted), "there is room");
-        let mut stop = places.take(Some(7));
+        let mut stop = slots.take(Some(7));
         assert!(is_wanted(&mut silent[0]) && !is_wanted(&mut silent[1]) && !is_wanted(&mut other));
         silent.remove(5);
-        let mut next = places.take(Some(7));
+        let mut next = slots.take(Some(7));
         assert!(!silent[1..].iter_mut().any(is_wanted), "one had left");
         assert!(!is_wanted(&mut stop) && !is_wanted(&mut next));
     }
 
     #[test]
     fn of_all_users_the_greediest_gives_way() {
-        let places = Places::default();
-        let mut greedy: Vec<Place> = (0..60).map(|_| places.take(Some(7))).collect();
-        let mut others: Vec<Place> =
-            (0..MOST - 60).map(|number| places.take(Some(100 + number as u32 / 20))).collect();
-        let _new = places.take(Some(5));
+        let slots = Slots::default();
+        let mut greedy: Vec<Slot> = (0..60).map(|_| slots.take(Some(7))).collect();
+        let mut others: Vec<Slot> =
+            (0..MOST - 60).map(|number| slots.take(Some(100 + number as u32 / 20))).collect();
+        let _new = slots.take(Some(5));
         assert!(is_wanted(&mut greedy[0]) && !others.iter_mut().any(is_wanted));
     }
 }

@@ -21,7 +21,7 @@ use std::time::Instant;
 
 /// Where the panel stands and what its film did.
 #[derive(Debug, Default, Clone)]
-pub(super) struct Sight {
+pub(super) struct Perception {
     /// By the 3D scan.
     pub(super) located: Option<Rigid<Base, Panel>>,
     /// How well that is known, 95 %, mm.
@@ -60,7 +60,7 @@ impl Filming {
     }
 }
 
-impl Sight {
+impl Perception {
     /// Where the panel stands, as well as is known.
     pub fn place(&self) -> Option<Rigid<Base, Panel>> {
         self.place
@@ -84,7 +84,7 @@ impl Sight {
 
     /// What a later phase's result depends on, as text. Obstacles follow from the scan by which the panel was located.
     pub(super) fn inputs(&self) -> String {
-        let Sight { located, located_mm, place, corners, inspections, .. } = self;
+        let Perception { located, located_mm, place, corners, inspections, .. } = self;
         let failed: Vec<_> = inspections
             .last()
             .map_or(vec![], |film| film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect());
@@ -92,13 +92,13 @@ impl Sight {
     }
 
     /// Films, and but for a new localization the dry picture, are those of another one.
-    pub(super) fn keep_films_of(&mut self, other: &Sight, without_dry: bool) {
+    pub(super) fn keep_films_of(&mut self, other: &Perception, without_dry: bool) {
         self.dry = if without_dry { None } else { other.dry.clone() };
         (self.inspections, self.film_picture) = (other.inspections.clone(), other.film_picture.clone());
     }
 
     /// Adds what a film that was watched on its own left.
-    pub fn take_film(&mut self, film: Sight) {
+    pub fn take_film(&mut self, film: Perception) {
         self.inspections.extend(film.inspections);
         if film.film_picture.is_some() {
             self.film_picture = film.film_picture;

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// One request, as the record keeps it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Asked {
+pub struct RequestRecord {
     /// When, ms since 1970.
     pub unix_ms: i64,
     /// What was wanted.

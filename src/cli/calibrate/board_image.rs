@@ -10,7 +10,7 @@ use crate::locate::ScanErrors;
 use std::path::Path;
 
 /// A file's picture, and its points where it has them.
-pub struct Sight {
+pub struct BoardImage {
     /// The name in messages.
     pub name: String,
     /// SHA-256 of the file.
@@ -20,7 +20,7 @@ pub struct Sight {
     cloud: Option<OrganizedCloud<Camera>>,
 }
 
-impl Sight {
+impl BoardImage {
     /// Reads a picture, or a shot (`.pcd`, `.ply`), and holds it against the camera's size.
     ///
     /// # Errors
@@ -37,7 +37,7 @@ impl Sight {
             (gray, None)
         };
         let name = file.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned());
-        Ok(Sight { name, hash: files::content_hash(&bytes), gray, cloud })
+        Ok(BoardImage { name, hash: files::content_hash(&bytes), gray, cloud })
     }
 
     /// The board's corners.
@@ -51,7 +51,7 @@ impl Sight {
     /// The same, and tells first that it looks: a large picture without the board takes a second.
     ///
     /// # Errors
-    /// As [`Sight::detect`].
+    /// As [`BoardImage::detect`].
     pub fn detect_telling(
         &self,
         board: &Board,

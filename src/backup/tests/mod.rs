@@ -1,0 +1,197 @@
+//! Backups of a small cell: whole, in use, outside of its folder; `damage` spoils them, `forgery` is by somebody who knows the format.
+
+mod damage;
+mod forgery;
+
+use super::*;
+use crate::geometry::KukaPose;
+use crate::store::{Store, Taught, TaughtCorner, Teaching};
+use std::collections::BTreeMap;
+use std::fs;
+use std::os::unix::net::UnixListener;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+const CELL: &str = "store = \"store\"\n[calibration]\nscanner = \"calibration/scanner.toml\"\n";
+const LENS: &str = "[camera]\n";
+const RECIPE: &str = "panel = \"wing\"\n";
+const BOTH: Wanted = Wanted { store: true, configuration: true };
+
+/// A cell in a folder of its own, with a taught panel.
+struct SmallCell(TempDir);
+
+impl SmallCell {
+    fn new() -> Self {
+        let cell = SmallCell(tempfile::tempdir().expect("a folder"));
+        for (name, text) in [("cell.toml", CELL), ("calibration/scanner.toml", LENS), ("panels/wing.toml", RECIPE)]
+        {
+            let file = cell.at(name);
+            fs::create_dir_all(file.parent().expect("a folder")).expect("made");
+            fs::write(file, text).expect("written");
+        }
+        let mut store = Store::create(&cell.at("store")).expect("a new store");
+        store.teach(&teaching()).expect("taught");
+        cell
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn configuration(&self) -> Configuration {
+        Configuration {
+            cell: CELL.to_owned(),
+            named: vec![("calibration.scanner".to_owned(), self.at("calibration/scanner.toml"))],
+            recipes: vec![("panels/wing.toml".to_owned(), self.at("panels/wing.toml"))],
+        }
+    }
+
+    fn backup(&self, archive: &Path) -> Result<Written, BackupError> {
+        write(archive, Some(&self.at("store")), Some(&self.configuration()), 1_800_000_000)
+    }
+
+    fn taught(&self, store: &str) -> Taught {
+        Store::open(&self.at(store)).and_then(|store| store.taught("wing", None)).expect("there")
+    }
+}
+
+fn teaching() -> Teaching {
+    Teaching {
+        name: "wing".to_owned(),
+        scan: b"scan".repeat(1_000),
+        recipe_text: RECIPE.to_owned(),
+        scanner_calibration_text: LENS.to_owned(),
+        base_from_camera_text: "x_mm = 1\n".to_owned(),
+        corners: vec![TaughtCorner { picture: b"corner".to_vec(), base_from_flange: KukaPose::default() }],
+        flange_camera_text: LENS.to_owned(),
+        flange_from_camera_text: "z_mm = 80\n".to_owned(),
+    }
+}
+
+fn plan<'p>(archive: &'p Path, cell: &'p Path) -> Plan<'p> {
+    Plan { archive, cell, store: None, wanted: BOTH, permission: Permission::default() }
+}
+
+/// Every file below a folder with its content; folders too.
+fn content(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut all = BTreeMap::new();
+    for entry in fs::read_dir(folder).expect("listed") {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() {
+            all.insert(path.clone(), vec![]);
+            all.extend(content(&path));
+        } else {
+            all.insert(path.clone(), fs::read(&path).unwrap_or_default());
+        }
+    }
+    all
+}
+
+#[test]
+fn a_cell_comes_back_in_another_place() {
+    let cell = SmallCell::new();
+    let archive = cell.at("backups/cell.tar.zst");
+    let written = cell.backup(&archive).expect("written");
+    assert_eq!((written.found.len(), written.manifest.entries.len()), (0, 7), "{:?}", written.manifest);
+    assert_eq!(fs::read_dir(cell.at("backups")).expect("listed").count(), 1, "nothing is left beside it");
+    assert!(matches!(cell.backup(&archive), Err(BackupError::IsThere { .. })));
+
+    let other = cell.at("other/cell.toml");
+    let restored = restore(&plan(&archive, &other)).expect("restored");
+    assert_eq!(
+        (restored.links, restored.files, restored.kept.len()),
+        (written.manifest.links.expect("a store"), 2, 0)
+    );
+    assert_eq!(cell.taught("other/store").teaching, teaching());
+    assert_eq!(cell.taught("other/store").version, cell.taught("store").version);
+    for (name, text) in [("cell.toml", CELL), ("calibration/scanner.toml", LENS), ("panels/wing.toml", RECIPE)] {
+        assert_eq!(fs::read_to_string(cell.at("other").join(name)).expect("there"), text);
+    }
+    let store = Store::create(&cell.at("other/store")).expect("opens for writing");
+    assert_eq!(store.changed(), [] as [String; 0]);
+    // Nothing is left beside it.
+    let mut names: Vec<_> =
+        fs::read_dir(cell.at("other")).expect("listed").map(|e| e.expect("one").file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["calibration", "cell.toml", "panels", "store"]);
+}
+
+#[test]
+fn nothing_that_is_there_is_replaced_unless_it_is_named_and_then_it_is_kept() {
+    let cell = SmallCell::new();
+    let (archive, file) = (cell.at("cell.tar.zst"), cell.at("cell.toml"));
+    cell.backup(&archive).expect("written");
+    let later = Teaching { scan: b"later".to_vec(), ..teaching() };
+    Store::create(&cell.at("store")).and_then(|mut store| store.teach(&later)).expect("taught");
+    fs::write(&file, format!("{CELL}# mine\n")).expect("written");
+    let before = content(cell.0.path());
+    let told =
+        |permission| restore(&Plan { permission, ..plan(&archive, &file) }).expect_err("refused").to_string();
+    let none = Permission::default();
+    let first = told(none);
+    assert!(first.contains("cell.toml is there already") && first.contains("--replace configuration"), "{first}");
+    let second = told(Permission { replace_configuration: true, ..none });
+    assert!(second.contains("store is there already") && second.contains("--replace store"), "{second}");
+    assert_eq!(content(cell.0.path()), before);
+
+    let permission = Permission { replace_configuration: true, replace_store: true, outside: false };
+    let restored = restore(&Plan { permission, ..plan(&archive, &file) }).expect("restored");
+    assert_eq!(restored.configuration, std::slice::from_ref(&file), "what is the same stays");
+    assert_eq!(fs::read_to_string(&file).expect("there"), CELL);
+    assert_eq!(cell.taught("store").teaching, teaching());
+    assert_eq!(restored.kept, [cell.at("store.before-restore-1"), cell.at("cell.toml.before-restore-1")]);
+    assert_eq!(cell.taught("store.before-restore-1").teaching, later);
+    let found = Store::verify(&cell.at("store.before-restore-1"), true).expect("verified").found;
+    assert_eq!(found, [] as [String; 0]);
+    assert!(fs::read_to_string(cell.at("cell.toml.before-restore-1")).expect("kept").contains("# mine"));
+}
+
+#[test]
+fn a_store_in_use_is_not_replaced() {
+    let cell = SmallCell::new();
+    let (archive, file) = (cell.at("cell.tar.zst"), cell.at("cell.toml"));
+    cell.backup(&archive).expect("written");
+    let permission = Permission { replace_store: true, ..Permission::default() };
+    let told = || restore(&Plan { permission, ..plan(&archive, &file) }).map_err(|error| error.to_string());
+    {
+        let _socket = UnixListener::bind(cell.at("store/panelprep.sock")).expect("bound");
+        let error = told().expect_err("a service");
+        assert!(error.contains("a service answers on") && error.contains("systemctl stop panelprep"), "{error}");
+    }
+    // A socket that nobody listens on any more keeps nobody.
+    let store = Store::create(&cell.at("store")).expect("opens");
+    let error = told().expect_err("a writer");
+    assert!(error.contains("is writing to the store"), "{error}");
+    drop(store);
+    told().expect("free again");
+}
+
+#[test]
+fn files_outside_of_the_cells_folder_need_a_word() {
+    let cell = SmallCell::new();
+    let elsewhere = cell.at("lenses/scanner.toml");
+    fs::create_dir(cell.at("lenses")).expect("made");
+    fs::write(&elsewhere, LENS).expect("written");
+    fs::create_dir(cell.at("cells")).expect("made");
+    let text = "store = \"../store\"\n[calibration]\nscanner = \"../lenses/scanner.toml\"\n";
+    let configuration = Configuration {
+        cell: text.to_owned(),
+        named: vec![("calibration.scanner".to_owned(), elsewhere)],
+        recipes: vec![],
+    };
+    let archive = cell.at("cell.tar.zst");
+    write(&archive, None, Some(&configuration), 0).expect("written");
+    let wanted = Wanted { store: false, configuration: true };
+    let file = cell.at("new/cells/cell.toml");
+    let refused = restore(&Plan { wanted, ..plan(&archive, &file) }).expect_err("outside").to_string();
+    assert!(refused.contains("../lenses/scanner.toml") && refused.contains("--outside"), "{refused}");
+    assert!(!cell.at("new").exists());
+    fs::create_dir_all(cell.at("new/cells")).expect("made");
+    let permission = Permission { outside: true, ..Permission::default() };
+    restore(&Plan { wanted, permission, ..plan(&archive, &file) }).expect("restored");
+    assert!(cell.at("new/lenses/scanner.toml").is_file());
+    // Without a store in it, none is restored.
+    let refused =
+        restore(&Plan { permission, ..plan(&archive, &cell.at("x/cell.toml")) }).expect_err("no store").to_string();
+    assert!(refused.contains("holds no store"), "{refused}");
+}

@@ -1,0 +1,169 @@
+//! Options of what calibrates a camera: its lens, its mount, the errors of a 3D camera.
+
+use super::board::BoardArgs;
+use crate::cli::args::Simulation;
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+
+/// Which camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum CameraName {
+    /// The fixed 3D camera.
+    Scanner,
+    /// The camera on the flange.
+    FlangeCamera,
+}
+
+/// Options of a calibration that takes its pictures itself.
+#[derive(Debug, Clone, Args)]
+pub struct LiveArgs {
+    /// Take the pictures now, by the cell's camera, and keep them and their poses in this folder; it says what each shows and
+    /// which one to take next.
+    #[arg(long, value_name = "DIR")]
+    pub live: Option<PathBuf>,
+    /// With --live: take so many pictures, and ask nobody; without it, one at each Enter.
+    #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u32).range(1..=60))]
+    pub count: Option<u32>,
+    /// With --count: the time between two pictures, s, in which a person brings the board to its next place.
+    #[arg(long, value_name = "S", requires = "count", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=60))]
+    pub every_s: u32,
+    /// What a simulated cell shows.
+    #[command(flatten)]
+    pub simulation: Simulation,
+}
+
+impl LiveArgs {
+    /// Nothing is taken now.
+    pub fn none() -> Self {
+        LiveArgs { live: None, count: None, every_s: 0, simulation: Simulation::default() }
+    }
+}
+
+/// The distortion coefficients of a lens.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ModelName {
+    /// The simplest one that foretells left-out pictures as well as any other.
+    Auto,
+    /// None.
+    Pinhole,
+    /// k1.
+    K1,
+    /// k1, k2.
+    K1k2,
+    /// k1, k2, p1, p2.
+    K1k2p1p2,
+    /// k1, k2, p1, p2, k3, as OpenCV has by default.
+    K1k2p1p2k3,
+}
+
+/// Options of `calibrate intrinsics`.
+#[derive(Debug, Clone, Args)]
+pub struct Intrinsics {
+    /// The board.
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// The lens model; by default auto, and k1k2p1p2k3 where --keep-all and --subpix ask for what OpenCV does. Whatever it
+    /// is, the lens has one ray for each pixel.
+    #[arg(long, value_enum)]
+    pub model: Option<ModelName>,
+    /// Set no picture aside for its residuals.
+    #[arg(long)]
+    pub keep_all: bool,
+    /// Serial number of the camera, for the file.
+    #[arg(long)]
+    pub serial: Option<String>,
+    /// The file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Folder for a picture of the residuals.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+    /// Pictures of the board.
+    #[arg(required_unless_present = "live", value_name = "IMAGE", conflicts_with = "live")]
+    pub images: Vec<PathBuf>,
+    /// With --live: the camera.
+    #[arg(long, value_enum, requires = "live")]
+    pub camera: Option<CameraName>,
+    /// Pictures that are taken now.
+    #[command(flatten)]
+    pub live: LiveArgs,
+}
+
+/// Where the camera sits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MountName {
+    /// Fixed in the cell.
+    EyeToHand,
+    /// On the flange.
+    EyeInHand,
+}
+
+/// Options of `calibrate hand-eye`.
+#[derive(Debug, Clone, Args)]
+pub struct HandEye {
+    /// Where the camera sits.
+    #[arg(long, value_enum)]
+    pub mount: MountName,
+    /// The board.
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// The camera's intrinsics.
+    #[arg(long, value_name = "FILE")]
+    pub intrinsics: PathBuf,
+    /// Three points: the picture of the board, or the 3D camera's shot of it.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["poses", "live"], required_unless_present_any = ["poses", "live"])]
+    pub image: Option<PathBuf>,
+    /// Three points: where the corners were touched.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["poses", "live"])]
+    pub points: Option<PathBuf>,
+    /// Many poses: the flange's pose at each picture.
+    #[arg(long, value_name = "FILE", requires = "images", conflicts_with = "live")]
+    pub poses: Option<PathBuf>,
+    /// Many poses: the arm's own errors, as `calibrate robot` found them; the poses are corrected by them.
+    #[arg(long, value_name = "FILE", conflicts_with = "image")]
+    pub robot: Option<PathBuf>,
+    /// Many poses: the folder of the pictures.
+    #[arg(long, value_name = "DIR", requires = "poses")]
+    pub images: Option<PathBuf>,
+    /// Many poses, fixed camera: a point of the panel in the base, at which the uncertainty is stated.
+    #[arg(long, value_name = "X,Y,Z", value_parser = place, allow_hyphen_values = true)]
+    pub at_mm: Option<[f64; 3]>,
+    /// Serial number of the camera, for the file.
+    #[arg(long)]
+    pub serial: Option<String>,
+    /// The file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Folder for pictures; without it, the folder of `--out`.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+    /// With --live: the arm moves by itself, each time through the gate of `panelprep robot move-j`.
+    #[arg(long, requires = "live")]
+    pub r#move: bool,
+    /// Many poses that are taken now.
+    #[command(flatten)]
+    pub live: LiveArgs,
+}
+
+fn place(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    let allowed = || "allowed are three numbers in mm, 560,0,360".to_owned();
+    <[f64; 3]>::try_from(numbers.map_err(|_| allowed())?).map_err(|_| allowed())
+}
+
+/// Options of `calibrate scanner`.
+#[derive(Debug, Clone, Args)]
+pub struct Scanner {
+    /// The board.
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// The lens of the 3D camera, as `calibrate intrinsics` wrote it or the camera states it.
+    #[arg(long, value_name = "FILE")]
+    pub intrinsics: PathBuf,
+    /// The file to write: the lens and the errors; it may be the same.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Scans of the board.
+    #[arg(required = true, value_name = "SCAN")]
+    pub scans: Vec<PathBuf>,
+}

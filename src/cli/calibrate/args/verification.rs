@@ -1,0 +1,89 @@
+//! Options of looks and touches at what is calibrated already, and of striking one out.
+
+use super::board::NamedBoard;
+use super::camera::CameraName;
+use crate::cli::args::Simulation;
+use clap::Args;
+use std::path::PathBuf;
+
+/// Options of `calibrate verify`.
+#[derive(Debug, Clone, Args)]
+pub struct Verify {
+    /// The camera to verify.
+    #[arg(long, value_enum)]
+    pub camera: CameraName,
+    /// The board that stands still; the file of `--target` says which one it is, and the command may say so too.
+    #[command(flatten)]
+    pub board: NamedBoard,
+    /// In place of a board: the recipe of a panel that stands at its nominal place, with its first taught corner.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["board", "square_mm", "target", "learn"])]
+    pub recipe: Option<PathBuf>,
+    /// A picture of the target, or the 3D camera's shot.
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["poses", "live"])]
+    pub image: Option<PathBuf>,
+    /// Take the picture now, by the cell's camera, and keep it in this folder; of the scanner a 3D shot.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["image", "poses", "flange"])]
+    pub live: Option<PathBuf>,
+    /// What a simulated cell shows.
+    #[command(flatten)]
+    pub simulation: Simulation,
+    /// Many pictures of the still board by the camera on the flange, in this file's folder: what is left of the error over the
+    /// working volume, with a map.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["image", "flange", "recipe", "learn"])]
+    pub poses: Option<PathBuf>,
+    /// The flange's pose at that picture, for the camera on the flange.
+    #[arg(long, value_name = "POSE.json")]
+    pub flange: Option<PathBuf>,
+    /// Where the board is known to be.
+    #[arg(long, value_name = "FILE")]
+    pub target: Option<PathBuf>,
+    /// Write the target from this picture, right after calibrating.
+    #[arg(long)]
+    pub learn: bool,
+    /// Folder for the trend of all verifications, and with --poses for the map.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+}
+
+/// Options of `calibrate touch`.
+#[derive(Debug, Clone, Args)]
+pub struct Touch {
+    /// The board; the file of `--target` says which one it is, and the command may say so too.
+    #[command(flatten)]
+    pub board: NamedBoard,
+    /// Where the board is known to be.
+    #[arg(long, value_name = "FILE")]
+    pub target: PathBuf,
+    /// Where the tool's tip was when it touched the corners, with the cell's own tool selected on the pendant. With
+    /// p1_axes_deg = [A1, …, A6] the tip is computed from the axes, the arm's correction and the cell's tool; a cell with
+    /// a correction needs them.
+    #[arg(long, value_name = "FILE", required_unless_present = "live", conflicts_with = "live")]
+    pub points: Option<PathBuf>,
+    /// Read where the tip is from the controller now, at one corner after the other, and keep it in this folder.
+    #[arg(long, value_name = "DIR")]
+    pub live: Option<PathBuf>,
+    /// Folder for a map of what is left, and the trend of all touches.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+}
+
+/// Options of `calibrate strike`.
+#[derive(Debug, Clone, Args)]
+pub struct StrikeOut {
+    /// Its number in `panelprep calibrate history`.
+    #[arg(value_name = "NUMBER")]
+    pub number: i64,
+    /// Who strikes it out.
+    #[arg(long, value_name = "NAME", value_parser = said)]
+    pub by: String,
+    /// Why.
+    #[arg(long, value_name = "TEXT", value_parser = said)]
+    pub why: String,
+}
+
+fn said(text: &str) -> Result<String, String> {
+    match text.trim() {
+        "" => Err("must not be empty".to_owned()),
+        text => Ok(text.to_owned()),
+    }
+}

@@ -1,0 +1,169 @@
+//! Where a camera is mounted: the points that were touched, or the poses at its pictures.
+
+use super::pose::{AXIS_DEG, CORNER, PLACE_MM, like_radians, pose};
+use crate::calib::three_points::Touched;
+use crate::config::{self, Problems};
+use crate::geometry::{Base, Flange, Joints, Point, Rigid};
+
+/// What `--points` holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Points {
+    /// Three corners, and a fourth where the file has one.
+    pub touched: Vec<Touched>,
+    /// The axes at each of them, where the file has them.
+    pub joints: Vec<Option<Joints>>,
+    /// The flange at the picture.
+    pub base_from_flange: Option<Rigid<Base, Flange>>,
+    /// The axes there, where the file has them.
+    pub flange_joints: Option<Joints>,
+}
+
+/// Checks the text of a points file.
+///
+/// # Errors
+/// Every problem with its line and key.
+pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
+    const KEYS: [(&str, &str); 4] =
+        [("p1_mm", "p1_corner"), ("p2_mm", "p2_corner"), ("p3_mm", "p3_corner"), ("p4_mm", "p4_corner")];
+    config::check(file, text, |top| {
+        let touched = |(place, corner): (&'static str, &'static str)| {
+            let place = top.take::<[f64; 3]>(place, PLACE_MM, None);
+            let corner = top.take::<[usize; 2]>(corner, CORNER, None);
+            let ([x, y, z], [column, row]) = (place?, corner?);
+            Some(Touched { corner: (column, row), place: Point::at(x, y, z) })
+        };
+        let three = [KEYS[0], KEYS[1], KEYS[2]].map(touched);
+        let check_place = top.take::<Option<[f64; 3]>>(KEYS[3].0, PLACE_MM, Some(None));
+        let check_corner = top.take::<Option<[usize; 2]>>(KEYS[3].1, CORNER, Some(None));
+        const AXES: [&str; 4] = ["p1_axes_deg", "p2_axes_deg", "p3_axes_deg", "p4_axes_deg"];
+        let axes = |key| top.take::<Option<[f64; 6]>>(key, AXIS_DEG, Some(None));
+        let joints: Option<Vec<Option<[f64; 6]>>> = AXES.into_iter().map(axes).collect();
+        let flange_joints = axes("axes_deg");
+        let flange = top.section("base_from_flange");
+        let flange = if flange.is_present() { Some(pose(&flange)) } else { None };
+        top.done();
+        if flange.flatten().is_some_and(|pose| like_radians(&pose)) {
+            let message = "these angles look like radians; A, B, C are written in degrees";
+            top.problem("base_from_flange", message);
+            return None;
+        }
+        let fourth = match (check_place?, check_corner?) {
+            (Some([x, y, z]), Some([column, row])) => {
+                Some(Touched { corner: (column, row), place: Point::at(x, y, z) })
+            }
+            (None, None) => None,
+            _ => {
+                top.problem("p4_mm", "p4_mm and p4_corner belong together");
+                return None;
+            }
+        };
+        let [first, second, third] = three;
+        let touched: Vec<Touched> = [first?, second?, third?].into_iter().chain(fourth).collect();
+        let joints = joints?.into_iter().take(touched.len()).map(|axes| axes.map(Joints::from)).collect();
+        let flange_joints = flange_joints?.map(Joints::from);
+        let base_from_flange = match flange {
+            Some(pose) => Some(pose?.to_rigid()),
+            None => None,
+        };
+        Some(Points { touched, joints, base_from_flange, flange_joints })
+    })
+}
+
+/// One pose of `--poses` with its picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PicturePose {
+    /// The picture's name in its folder.
+    pub image: String,
+    /// Where the robot says that the flange was.
+    pub base_from_flange: Rigid<Base, Flange>,
+    /// Where it says that the axes were, where the file does.
+    pub joints: Option<Joints>,
+}
+
+/// Checks the text of a poses file for hand-eye calibration; `is_there` says whether a picture is in the folder.
+///
+/// # Errors
+/// Every problem with its line and key; also a picture that is missing or named twice.
+pub fn picture_poses(
+    file: &str,
+    text: &str,
+    is_there: &dyn Fn(&str) -> bool,
+) -> Result<Vec<PicturePose>, Problems> {
+    config::check(file, text, |top| {
+        let mut poses: Vec<PicturePose> = Vec::new();
+        let mut whole = true;
+        for section in top.sections("poses") {
+            let image = section.take::<String>("image", (), None);
+            let base_from_flange = pose(&section.section("base_from_flange"));
+            let axes_deg = section.take::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None));
+            section.done();
+            let (Some(image), Some(base_from_flange), Some(axes_deg)) = (image, base_from_flange, axes_deg) else {
+                whole = false;
+                continue;
+            };
+            let known = poses.iter().any(|pose| pose.image == image);
+            if known || !is_there(&image) {
+                let problem = if known { "is named twice" } else { "is not in the folder of --images" };
+                section.problem("image", format!("{image} {problem}"));
+                whole = false;
+                continue;
+            }
+            let joints = axes_deg.map(Joints::from);
+            poses.push(PicturePose { image, base_from_flange: base_from_flange.to_rigid(), joints });
+        }
+        top.done();
+        if whole && poses.is_empty() {
+            top.problem("poses", "is missing; write [[poses]] with image and base_from_flange for each picture");
+            return None;
+        }
+        whole.then_some(poses)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::pose_keys;
+    use super::super::tests::{POSE, problems};
+    use super::*;
+    use crate::files::ReportedFlange;
+    use crate::geometry::KukaPose;
+
+    #[test]
+    fn a_missing_or_repeated_picture_is_named_with_its_line() {
+        let text = format!("[[poses]]\nimage = \"1.png\"\n{POSE}\n[[poses]]\nimage = \"2.png\"\n{POSE}");
+        let read = |is_there: &dyn Fn(&str) -> bool| picture_poses("poses.toml", &text, is_there);
+        assert_eq!(read(&|_| true).expect("right").len(), 2);
+        let problem = problems(read(&|image| image == "1.png"));
+        assert!(problem.contains("poses.toml:6") && problem.contains("2.png is not in the folder"), "{problem}");
+        let twice = text.replace("2.png", "1.png");
+        assert!(problems(picture_poses("f", &twice, &|_| true)).contains("1.png is named twice"));
+        assert!(problems(picture_poses("f", "", &|_| true)).contains("write [[poses]]"));
+    }
+
+    #[test]
+    fn a_pose_is_written_as_it_is_read() {
+        let base_from_flange = KukaPose { x_mm: 1.5, y_mm: -2.0, z_mm: 3.0, a_deg: 10.0, b_deg: 20.0, c_deg: 30.0 };
+        let joints = Some(Joints::from([1.0, -90.0, 90.0, 0.0, 5.0, 6.5]));
+        for joints in [joints, None] {
+            let keys = pose_keys(&ReportedFlange { base_from_flange, joints });
+            let text = format!("[[poses]]\nimage = \"a.png\"\n{keys}");
+            let read = picture_poses("poses.toml", &text, &|image| image == "a.png").expect("right");
+            assert_eq!((read.len(), read[0].joints), (1, joints));
+            let origin = Point::at(0.0, 0.0, 0.0);
+            assert!(read[0].base_from_flange.distance_at_mm(base_from_flange.to_rigid(), origin) < 1e-9);
+        }
+    }
+
+    #[test]
+    fn points_name_their_corners_and_radians_are_noticed() {
+        let text = "p1_mm = [0, 0, 0]\np1_corner = [0, 0]\np2_mm = [200, 0, 0]\np2_corner = [8, 0]\n\
+                    p3_mm = [200, 125, 0]\np3_corner = [8, 5]\n";
+        let read = points("f", text).expect("right");
+        assert_eq!((read.touched.len(), read.touched[1].corner, read.base_from_flange), (3, (8, 0), None));
+        assert!(problems(points("f", &text.replace("p2_corner", "p2_corners"))).contains("did you mean p2_corner"));
+        assert!(problems(points("f", &format!("{text}p4_mm = [0, 125, 0]\n"))).contains("belong together"));
+        assert!(points("f", &format!("{text}{POSE}")).expect("right").base_from_flange.is_some());
+        let radians = POSE.replace("90", "1.5708").replace("180", "3.1416");
+        assert!(problems(points("f", &format!("{text}{radians}"))).contains("look like radians"));
+    }
+}

@@ -1,0 +1,137 @@
+//! The arm's own errors: what was seen, and what was touched, in poses that are stated by the flange, the axes, or both.
+
+use super::pose::{AXIS_DEG, CORNER, pose};
+use crate::config::{self, Problems, Section};
+use crate::geometry::{Base, Flange, Joints, Rigid};
+
+/// Where the controller says that the robot was: by the flange, by the axes, or by both.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum StatedPose {
+    Flange(Rigid<Base, Flange>),
+    Axes(Joints),
+    Both(Rigid<Base, Flange>, Joints),
+}
+
+/// A picture's name in its folder, and where the robot was.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NamedPose {
+    /// The picture.
+    pub image: String,
+    /// The pose.
+    pub pose: StatedPose,
+}
+
+fn stated_pose(section: &Section<'_, '_>) -> Option<StatedPose> {
+    let flange = section.section("base_from_flange");
+    let base_from_flange = if flange.is_present() { Some(pose(&flange)?.to_rigid()) } else { None };
+    let axes_deg = section.take::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None))?;
+    section.done();
+    match (base_from_flange, axes_deg.map(Joints::from)) {
+        (Some(flange), None) => Some(StatedPose::Flange(flange)),
+        (None, Some(joints)) => Some(StatedPose::Axes(joints)),
+        (Some(flange), Some(joints)) => Some(StatedPose::Both(flange, joints)),
+        (None, None) => {
+            section.problem("axes_deg", "a pose states base_from_flange, axes_deg = [A1, …, A6], or both");
+            None
+        }
+    }
+}
+
+/// Checks the text of a poses file for an arm: `[[poses]]` with `image`, and `base_from_flange`, `axes_deg` or both.
+///
+/// # Errors
+/// Every problem with its line and key; also a picture that is missing or named twice.
+pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Result<Vec<NamedPose>, Problems> {
+    config::check(file, text, |top| {
+        let read = |section: Section<'_, '_>| {
+            let image = section.take::<String>("image", (), None)?;
+            if !is_there(&image) {
+                section.problem("image", format!("{image} is not in the folder of this file"));
+                return None;
+            }
+            Some(NamedPose { image, pose: stated_pose(&section)? })
+        };
+        // Every table is read, so that every problem is told.
+        let all: Vec<Option<NamedPose>> = top.sections("poses").into_iter().map(read).collect();
+        top.done();
+        let poses: Vec<NamedPose> = all.into_iter().collect::<Option<_>>()?;
+        let twice =
+            poses.iter().enumerate().find(|(index, pose)| poses[..*index].iter().any(|p| p.image == pose.image));
+        if let Some((_, pose)) = twice {
+            top.problem("poses", format!("{} is named twice", pose.image));
+            return None;
+        }
+        Some(poses)
+    })
+}
+
+/// What a touches file says was touched.
+#[derive(Debug, Clone, PartialEq)]
+pub enum StatedTouch {
+    /// A spot by its number; touches of one spot share it.
+    Spot(usize),
+    /// A corner (column, row) of the board before the camera on the flange.
+    Corner(usize, usize),
+    /// A corner of the board that lay still in a picture of the fixed camera.
+    CornerIn(usize, usize, String),
+}
+
+/// Checks the text of a touches file: `[[touches]]` with `spot`, or with `corner` of a board that stands still, and a pose.
+/// With `image` the board is the one in that picture of the fixed camera, without it that of the camera on the flange.
+///
+/// # Errors
+/// Every problem with its line and key.
+pub fn arm_touches(
+    file: &str,
+    text: &str,
+    is_there: &dyn Fn(&str) -> bool,
+) -> Result<Vec<(StatedTouch, StatedPose)>, Problems> {
+    config::check(file, text, |top| {
+        let read = |section: Section<'_, '_>| {
+            let spot = section.take::<Option<usize>>("spot", 0..=99, Some(None))?;
+            let corner = section.take::<Option<[usize; 2]>>("corner", CORNER, Some(None))?;
+            let image = section.take::<Option<String>>("image", (), Some(None))?;
+            if let Some(image) = image.as_ref().filter(|image| !is_there(image)) {
+                section.problem("image", format!("{image} is not in the folder of this file"));
+                return None;
+            }
+            let touched = match (spot, corner, image) {
+                (Some(spot), None, None) => StatedTouch::Spot(spot),
+                (None, Some([column, row]), None) => StatedTouch::Corner(column, row),
+                (None, Some([column, row]), Some(image)) => StatedTouch::CornerIn(column, row, image),
+                _ => {
+                    let allowed = "a touch states spot = N, or corner = [COLUMN, ROW] of a board that stands still, with image = \
+                                   \"FILE\" where it is the fixed camera that sees it";
+                    section.problem("spot", allowed);
+                    return None;
+                }
+            };
+            Some((touched, stated_pose(&section)?))
+        };
+        let all: Vec<_> = top.sections("touches").into_iter().map(read).collect();
+        top.done();
+        all.into_iter().collect()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{POSE, problems};
+    use super::*;
+
+    /// A spot, a corner, or a corner in a picture; two of them, or none, is a problem with its line.
+    #[test]
+    fn a_touch_is_of_one_thing() {
+        let read = |touch: &str| arm_touches("t.toml", &format!("[[touches]]\n{touch}\n{POSE}"), &|_| true);
+        let first = |touch: &str| read(touch).expect(touch)[0].0.clone();
+        assert_eq!(first("spot = 3"), StatedTouch::Spot(3));
+        assert_eq!(first("corner = [8, 5]"), StatedTouch::Corner(8, 5));
+        assert_eq!(first("corner = [0, 5]\nimage = \"a.png\""), StatedTouch::CornerIn(0, 5, "a.png".to_owned()));
+        for wrong in ["spot = 3\ncorner = [0, 0]", "", "image = \"a.png\""] {
+            let problem = problems(read(wrong));
+            assert!(problem.contains("t.toml:") && problem.contains("or corner = [COLUMN, ROW]"), "{problem}");
+        }
+        let text = format!("[[touches]]\ncorner = [0, 5]\nimage = \"a.png\"\n{POSE}");
+        assert!(problems(arm_touches("t", &text, &|_| false)).contains("a.png is not in the folder"));
+    }
+}

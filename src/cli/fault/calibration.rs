@@ -1,0 +1,88 @@
+//! What stops a command at a calibration: one that is missing, contradicts another, or lacks what it is measured by.
+
+use std::path::PathBuf;
+
+/// How a calibration file comes to be.
+pub const CALIBRATION_ADVICE: &str = "of config/cell.toml it is written by `panelprep demo`, of another simulated cell by \
+                                      `panelprep render`, of a real one by `panelprep calibrate`";
+
+/// Why a calibration cannot be used or made.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrationFault {
+    /// The cell's file names no such calibration.
+    #[error("{}: [calibration] {key} is missing; this command needs it: name the file that holds it", cell.display())]
+    NotCalibrated {
+        /// The cell's file.
+        cell: PathBuf,
+        /// The key.
+        key: &'static str,
+    },
+    /// A mount that was measured with another correction of the arm than the cell's, or with none.
+    #[error(
+        "{}: was measured with {} and the cell's file names {}: poses of the robot would be corrected twice or not at all; \
+         calibrate it again with the correction in use, or name in [calibration] robot_correction the one that it was measured with",
+        file.display(), correction_words(found.as_deref()), correction_words(ours.as_deref())
+    )]
+    OtherCorrection {
+        /// The mount's file.
+        file: PathBuf,
+        /// The hash in it.
+        found: Option<String>,
+        /// The hash of the cell's.
+        ours: Option<String>,
+    },
+    /// The correction's file is not the one that was read.
+    #[error(
+        "{}: the file of [calibration] robot_correction has changed since this program read it; start it again", cell.display()
+    )]
+    CorrectionChanged {
+        /// The cell's file.
+        cell: PathBuf,
+    },
+    /// The cell's file names a calibration that is not there.
+    #[error(
+        "{}: [calibration] {key} names {}, which is not there; {}", cell.display(), file.display(), CALIBRATION_ADVICE
+    )]
+    CalibrationAway {
+        /// The cell's file.
+        cell: PathBuf,
+        /// The key.
+        key: &'static str,
+        /// The calibration's file.
+        file: PathBuf,
+    },
+    /// The tool has a point and no axis.
+    #[error(
+        "{file}: the tool's axis was not measured (axis_measured is not true); a pad that is not flat grinds an edge: \
+         run `panelprep calibrate tcp` with [[axis]], or with [[plate]] and [[flat]]"
+    )]
+    NoAxis {
+        /// The tool's file.
+        file: String,
+    },
+    /// The controller's axis angles are no numbers.
+    #[error("the controller reports axis angles that are no numbers: nothing can be said of where the flange is")]
+    NoAxes,
+    /// A tool, or a touch, without poses.
+    #[error("there are no poses: name their file, or read them from the controller with --live DIR")]
+    NoPoses,
+    /// A live calibration without a camera.
+    #[error("--live takes pictures: name the camera, --camera scanner or --camera flange-camera")]
+    NoLiveCamera,
+    /// A board that is not simulated.
+    #[error("the simulated cell has chessboards alone: --board COLUMNSxROWS with --square-mm")]
+    NoSimulatedBoard,
+    /// A force without a tool that has one.
+    #[error("the cell's [tool] is a spring: it has no force to be verified")]
+    NoCompliantTool,
+    /// A readings file without a reading.
+    #[error("the file has no [[readings]]")]
+    NoReadings,
+}
+
+fn correction_words(hash: Option<&str>) -> String {
+    match hash {
+        None => "no correction of the arm".to_owned(),
+        Some(hash) => format!("the correction of the arm {}", hash.get(..12).unwrap_or(hash)),
+    }
+}

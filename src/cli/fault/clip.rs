@@ -1,0 +1,68 @@
+//! What stops a command at a clip and its labels.
+
+use std::path::PathBuf;
+
+/// Why a clip, or its labels, cannot be used or written.
+#[derive(Debug, thiserror::Error)]
+pub enum ClipFault {
+    /// A film would be written over another one.
+    #[error("{} holds a film already, clip.csv or 00001.png; name another folder", folder.display())]
+    ClipIsThere {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// A folder without a clip.
+    #[error(
+        "{}: there is no clip.csv; a clip is a folder of numbered pictures with a clip.csv that says when each was taken, as `panelprep \
+         shoot film` writes it", folder.display()
+    )]
+    NoClip {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// A clip of a set that nobody labelled.
+    #[error(
+        "{}: it has no labels, neither mask.png in its folder truth nor beside its pictures; mark what broke with `panelprep label --clip {}`",
+        clip.display(), clip.display()
+    )]
+    NoLabels {
+        /// The clip's folder.
+        clip: PathBuf,
+    },
+    /// Labels that cannot be read.
+    #[error("{}: {cause}; move it away to begin anew", file.display())]
+    BadLabels {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong with it.
+        cause: crate::labels::FormError,
+    },
+    /// A person labelled another clip, or this one before it was changed.
+    #[error(
+        "{}: these labels were made for other pictures than those of {}; look at each break again with `panelprep label --clip {}`",
+        labels.display(), clip.display(), clip.display()
+    )]
+    OtherClip {
+        /// The labels' file.
+        labels: PathBuf,
+        /// The clip's folder.
+        clip: PathBuf,
+    },
+    /// A mask would be written over a person's.
+    #[error(
+        "{}: holds the labels of a person, and the mask of this inspection would replace theirs; name another folder for --pictures",
+        folder.display()
+    )]
+    HoldsLabels {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// No picture of a film would be wet, and no test could look at it.
+    #[error("--wet-from-s is {wet_from_s} and the film lasts {seconds} s; allowed is 0 to {seconds}")]
+    NeverWet {
+        /// As asked for.
+        wet_from_s: f64,
+        /// The film's length.
+        seconds: f64,
+    },
+}

@@ -1,0 +1,74 @@
+//! What stops a command at a device: a controller, a camera or a tool, real or simulated.
+
+use std::path::PathBuf;
+
+/// Why a device cannot be worked with.
+#[derive(Debug, thiserror::Error)]
+pub enum DeviceFault {
+    /// Controller's files and cell's file that mean other ports.
+    #[error(
+        "{}: CELLCMD.xml and CELLSTAT.xml listen on ports {files}, the cell's file says {cells}; make both the same: PORT in the \
+         files, command_port and state_port in [robot]", folder.display()
+    )]
+    OtherPorts {
+        /// The folder of the controller's files.
+        folder: PathBuf,
+        /// Their ports.
+        files: String,
+        /// The cell's ports.
+        cells: String,
+    },
+    /// Nothing simulated has the fault.
+    #[error("--tool-fault needs [tool] kind \"simulated\" and the robot kind \"mock\" in the cell's file")]
+    NoToolThatFails,
+    /// The arm's errors are simulated by the mock in this program alone.
+    #[error("--arm-error-mm needs the robot kind \"mock\": a controller in another process has an arm of its own")]
+    ArmErrorInRehearsal,
+    /// A simulated camera without a simulated world.
+    #[error("a camera is simulated and there is no simulated world that it could look at")]
+    NoWorld,
+    /// A simulated tool without a simulated world.
+    #[error(
+        "[tool] kind = \"simulated\" and there is no simulated world that it could press on: nothing that is simulated may decide how a \
+         real arm moves"
+    )]
+    NoWorldForTool,
+    /// A flange camera that this program cannot open.
+    #[error(
+        "[flange_camera] kind = \"gige\": this program was built without the cargo feature gige; use one that was built with \
+         it; without, \"simulated\" and \"recorded\" are allowed"
+    )]
+    BuiltWithoutGige,
+    /// A camera that was not told how to take a shot.
+    #[error(
+        "[scanner] {key} is missing; kind = \"zivid\" needs it to take a shot: name the file that Zivid Studio saved \
+         (settings for 3D shots with colour, settings_2d for pictures)"
+    )]
+    NoCameraSettings {
+        /// The key.
+        key: &'static str,
+    },
+    /// Cameras that are not the ones in use.
+    #[error(
+        "a camera's settings, or the serial number or size in its calibration, have changed since the service started, and it \
+         takes shots by those of then; restart it"
+    )]
+    CamerasChanged,
+    /// A calibration that no simulated scanner fits.
+    #[error(
+        "the scanner's calibration is for {}×{} px, which the simulated scanner does not deliver; the nearest is {}×{} \
+         px: render the cell's files with `panelprep render`", found_px[0], found_px[1], nearest_px[0], nearest_px[1]
+    )]
+    NoSuchSimulatedSize {
+        /// In the calibration.
+        found_px: [usize; 2],
+        /// The nearest that is delivered.
+        nearest_px: [usize; 2],
+    },
+    /// A simulated controller proves nothing of a real one.
+    #[error(
+        "[robot] kind is \"mock\": there is no controller to prove anything on; set kind = \"eki\" and host in the cell's file (to try \
+         the command, run panelprep mock-robot and set host = \"127.0.0.1\")"
+    )]
+    NothingToProve,
+}

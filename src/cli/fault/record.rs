@@ -1,0 +1,89 @@
+//! What stops a command at the records of cycles and parts, and at their history.
+
+/// Why the records do not answer, or do not take a part.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordFault {
+    /// A date of a search is none.
+    #[error("{option}: {cause}")]
+    Date {
+        /// The option.
+        option: &'static str,
+        /// What is wrong with it.
+        cause: crate::history::DateError,
+    },
+    /// Conditions of a search beside something else that is asked of the history.
+    #[error(
+        "conditions such as --part belong to the search, `panelprep history` without another word; leave them out here"
+    )]
+    SearchBesideTask,
+    /// No cycle was about this panel.
+    #[error("no cycle in this store was about a panel {panel}; {}", panels_words(panels))]
+    NoCyclesOf {
+        /// The panel as it was named.
+        panel: String,
+        /// Those that cycles were about.
+        panels: Vec<String>,
+    },
+    /// No cycle has a number of this name.
+    #[error(
+        "no cycle of panel {panel} has a number {found}{}; write a word of this list: {}; or the name of a check as the page of a \
+         cycle has it, in quotes",
+        nearest.as_ref().map_or(String::new(), |nearest| format!(": did you mean {nearest}?")), words.join(", ")
+    )]
+    NoSuchNumber {
+        /// As it was typed.
+        found: String,
+        /// The panel.
+        panel: String,
+        /// The one that is most like it.
+        nearest: Option<String>,
+        /// The words of those that have one.
+        words: Vec<&'static str>,
+    },
+    /// A part that may not be abraded any more.
+    #[error(
+        "the part {serial} was abraded in as many passes as [process] max_passes_per_part allows, {most}: {history}; take it \
+         out, and let the inspector decide about it with the pages of these cycles"
+    )]
+    PartUsedUp {
+        /// Its serial number.
+        serial: String,
+        /// How many passes are allowed.
+        most: usize,
+        /// Which cycles, and how many passes in each.
+        history: String,
+    },
+    /// A cycle whose record nobody signed yet.
+    #[error(
+        "cycle {cycle} is not signed: it is not over, or its signing failed; `panelprep store verify` tells more"
+    )]
+    NotSigned {
+        /// The cycle.
+        cycle: i64,
+    },
+    /// Nothing to verify with.
+    #[error(
+        "no public key to verify with ({problem}): name the cell's with --public-key FILE; `panelprep record export` writes it"
+    )]
+    NoPublicKey {
+        /// Why the cell's own store has none.
+        problem: String,
+    },
+    /// A name of the part that cannot be kept as it stands.
+    #[error("{option} \"{found}\": {problem}; name it as it is to stand on the cycle's page")]
+    PartName {
+        /// The option.
+        option: &'static str,
+        /// What was given.
+        found: String,
+        /// What is wrong.
+        problem: String,
+    },
+}
+
+fn panels_words(panels: &[String]) -> String {
+    match panels {
+        [] => "it has no cycles at all".to_owned(),
+        _ => format!("its cycles are about {}", panels.join(", ")),
+    }
+}

@@ -1,0 +1,315 @@
+//! The cell's file with the calibrations that it names, each read and checked when a command asks for it; and the cell's store.
+
+use crate::calib::health::Verification;
+use crate::cell::{
+    Cell, CorrectionNumbers, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RemovalCalibration,
+    RobotCorrection, ScannerMount, ToolMount,
+};
+use crate::cli::args::Common;
+use crate::cli::disk;
+use crate::cli::fault::{CalibrationFault, Fault};
+use crate::cycle::{At, Cause};
+use crate::files::{ReportedFlange, content_hash};
+use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, PinholeCamera, Rigid, Tool};
+use crate::locate::ScanErrors;
+use crate::path::Kinematics;
+use crate::removal::model::Model;
+use crate::requirements::{Purpose, unmet};
+use crate::store::{Store, calibration_hash};
+use std::path::{Path, PathBuf};
+
+/// What a pose without axes lacks.
+pub const NO_AXES: &str = "the cell's file names a correction of the arm, which needs the axes: add axes_deg = [A1, …, A6] \
+                           beside base_from_flange, as the pendant shows them at this pose";
+
+/// A file's name in messages.
+pub(super) fn name(file: &Path) -> String {
+    file.display().to_string()
+}
+
+/// The cell's file, checked, with the texts of the calibrations that a command asks for.
+pub struct CellFiles {
+    file: PathBuf,
+    /// The checked cell; its arm is corrected as the file that it names says.
+    pub cell: Cell,
+    /// The text of that file.
+    correction_text: Option<String>,
+    store: PathBuf,
+}
+
+/// A calibration and the text it was read from.
+pub struct Calibrated<T> {
+    /// The value.
+    pub value: T,
+    /// Its error at the panel, mm, 95 %, where the file states it.
+    pub uncertainty_mm: Option<f64>,
+    /// Of a lens: where in its picture it is known; nothing for others.
+    pub extent: LensExtent,
+    /// Of the 3D camera: its own errors; what is assumed for others.
+    pub scan_errors: ScanErrors,
+    /// The text of its file.
+    pub text: String,
+}
+
+/// The serial number of the camera that such a file is the calibration of, where it is there and names one.
+///
+/// # Errors
+/// Where it cannot be read or has problems.
+pub fn calibrated_serial(intrinsics: Option<&Path>) -> Result<Option<String>, Fault> {
+    // A camera that is not calibrated yet is looked at, too: that a cycle's calibrations are there is asked elsewhere.
+    let Some(file) = intrinsics.filter(|file| file.exists()) else { return Ok(None) };
+    Ok(Intrinsics::check(&name(file), &disk::read_text(file)?)?.serial)
+}
+
+impl CellFiles {
+    /// Reads and checks the cell's file.
+    ///
+    /// # Errors
+    /// Where it cannot be read or has problems.
+    pub fn read(common: &Common) -> Result<Self, Fault> {
+        let cell = Cell::check(&name(&common.cell), &disk::read_text(&common.cell)?)?;
+        let store = common.store.clone().unwrap_or_else(|| cell.store().to_owned());
+        let files = CellFiles { file: common.cell.clone(), cell, correction_text: None, store };
+        let Some((text, numbers)) = files.correction_now()? else { return Ok(files) };
+        Ok(CellFiles { cell: files.cell.corrected(numbers), correction_text: Some(text), ..files })
+    }
+
+    /// The arm's correction as its file is now, with its text.
+    fn correction_now(&self) -> Result<Option<(String, CorrectionNumbers)>, Fault> {
+        let file = self.cell.calibration().robot_correction.as_ref();
+        let Some(file) = file else { return Ok(None) };
+        let (name, text) = self.text("robot_correction", Some(file))?;
+        let numbers = RobotCorrection::check(&name, &text)?.numbers;
+        Ok(Some((text, numbers)))
+    }
+
+    /// The text of the arm's correction that is applied.
+    ///
+    /// # Errors
+    /// Where its file is another now than when it was read: what has begun goes on by one correction.
+    pub fn correction_text(&self) -> Result<Option<&str>, Fault> {
+        let now = self.correction_now()?.map(|(text, _)| text);
+        if now != self.correction_text {
+            return Err(CalibrationFault::CorrectionChanged { cell: self.file.clone() }.into());
+        }
+        Ok(self.correction_text.as_deref())
+    }
+
+    /// The hash of the arm's correction, by which calibrations name it.
+    pub fn correction_hash(&self) -> Option<String> {
+        self.correction_text.as_ref().map(|text| content_hash(text.as_bytes()))
+    }
+
+    /// The hash of these calibrations, and of the arm's correction where there is one: what a verification that the robot
+    /// takes part in holds for.
+    pub fn hash_with_arm(&self, texts: &[&str]) -> String {
+        let all: Vec<&str> = texts.iter().copied().chain(self.correction_text.as_deref()).collect();
+        calibration_hash(&all)
+    }
+
+    /// Where the flange truly was, when the controller reported what this file says.
+    ///
+    /// # Errors
+    /// Where the arm has a correction, and the file no axes.
+    pub fn true_flange(&self, file: &Path, reported: &ReportedFlange) -> Result<KukaPose, Fault> {
+        if self.cell.arm().correction().is_none() {
+            return Ok(reported.base_from_flange);
+        }
+        let joints = reported.joints.as_ref().ok_or_else(|| Fault::file(file, NO_AXES))?;
+        let arm = Kinematics::new(self.cell.arm());
+        Ok(KukaPose::from_rigid(&arm.true_flange(reported.base_from_flange.to_rigid(), joints)))
+    }
+
+    /// The store's folder.
+    pub fn store_folder(&self) -> &Path {
+        &self.store
+    }
+
+    /// Opens the store for reading.
+    ///
+    /// # Errors
+    /// Where there is none, it is damaged or not ours.
+    pub fn store(&self) -> Result<Store, Fault> {
+        Store::open(&self.store).map_err(Fault::stage)
+    }
+
+    /// Opens the store for writing, and makes it where there is none.
+    ///
+    /// # Errors
+    /// Where its folder cannot be made, another process writes to it, or its database is damaged or not ours.
+    pub fn store_for_writing(&self) -> Result<Store, Fault> {
+        Store::create(&self.store).map_err(Fault::stage)
+    }
+
+    /// Opens the store for writing, settles what an earlier program left, and refuses while something is open that a
+    /// person must look at.
+    ///
+    /// # Errors
+    /// As [`CellFiles::store_for_writing`], and where a motion is open or the last cycle was aborted.
+    pub fn settled_store(&self) -> Result<Store, Fault> {
+        let mut store = self.store_for_writing()?;
+        let recovered = store.recover().map_err(Fault::stage)?;
+        if matches!(recovered.at, At::Aborted { cause: Cause::StoreChanged }) {
+            return Err(Fault::StoreChanged { cell: self.file.clone() });
+        }
+        if recovered.intent.is_some() || store.has_open_motion().map_err(Fault::stage)? {
+            return Err(Fault::MotionOpen { cell: self.file.clone() });
+        }
+        if matches!(recovered.at, At::Aborted { .. }) {
+            return Err(Fault::NotCleared { cell: self.file.clone() });
+        }
+        Ok(store)
+    }
+
+    /// The service's socket: where the cell's file says, else in the store.
+    pub fn socket(&self) -> PathBuf {
+        self.cell.socket().map_or_else(|| self.store.join("panelprep.sock"), Path::to_owned)
+    }
+
+    /// The last touch check of this tool's calibration; none where it was not touched, or there is no store yet.
+    pub fn last_touch(&self, tool_text: &str) -> Option<Verification> {
+        last_touch(&self.store().ok()?, &self.hash_with_arm(&[tool_text]))
+    }
+
+    /// Refuses where the cell's file does not say what this needs, or a calibration that it names is not there.
+    ///
+    /// # Errors
+    /// All that is missing, each with its key.
+    pub fn require(&self, purpose: Purpose) -> Result<(), Fault> {
+        let unmet = unmet(&self.cell, purpose);
+        if !unmet.is_empty() {
+            return Err(Fault::Unmet { cell: self.file.clone(), purpose, unmet });
+        }
+        let named = self.cell.calibration().named();
+        let away = named.into_iter().find(|(_, file)| purpose == Purpose::Cycle && !file.exists());
+        away.map_or(Ok(()), |(key, file)| Err(self.away(key, file)))
+    }
+
+    fn away(&self, key: &'static str, file: &Path) -> Fault {
+        CalibrationFault::CalibrationAway { cell: self.file.clone(), key, file: file.to_owned() }.into()
+    }
+
+    fn text(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(String, String), Fault> {
+        let file = file.ok_or_else(|| CalibrationFault::NotCalibrated { cell: self.file.clone(), key })?;
+        if !file.exists() {
+            return Err(self.away(key, file));
+        }
+        Ok((name(file), disk::read_text(file)?))
+    }
+
+    fn lens(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(Intrinsics, String), Fault> {
+        let (name, text) = self.text(key, file)?;
+        Ok((Intrinsics::check(&name, &text)?, text))
+    }
+
+    fn intrinsics(&self, key: &'static str, file: Option<&PathBuf>) -> Result<Calibrated<PinholeCamera>, Fault> {
+        let (Intrinsics { camera, extent, errors, .. }, text) = self.lens(key, file)?;
+        let scan_errors = ScanErrors::of(errors.as_ref());
+        Ok(Calibrated { value: camera, uncertainty_mm: None, extent, scan_errors, text })
+    }
+
+    /// A mount's robot poses were corrected as this cell corrects them.
+    fn measured_with_this_arm<M: Mount>(&self, name: &str, mount: &MountedPose<M>) -> Result<(), Fault> {
+        // What a person wrote by hand was not measured with the robot.
+        let is_measured = mount.provenance.program.is_some() || mount.robot_correction.is_some();
+        let (found, ours) = (mount.robot_correction.clone(), self.correction_hash());
+        match is_measured && found != ours {
+            true => Err(CalibrationFault::OtherCorrection { file: name.into(), found, ours }.into()),
+            false => Ok(()),
+        }
+    }
+
+    /// A mount that was measured with this arm, with its file's name and text.
+    fn mounted<M: Mount>(&self, file: Option<&PathBuf>) -> Result<(String, MountedPose<M>, String), Fault> {
+        let (name, text) = self.text(M::TABLE, file)?;
+        let mount = MountedPose::<M>::check(&name, &text)?;
+        self.measured_with_this_arm(&name, &mount)?;
+        Ok((name, mount, text))
+    }
+
+    fn mount<M: Mount>(&self, file: Option<&PathBuf>) -> Result<Calibrated<Rigid<M::To, M::From>>, Fault> {
+        let (_, mount, text) = self.mounted::<M>(file)?;
+        Ok(calibrated(&mount, text))
+    }
+
+    /// The intrinsics of the fixed 3D camera.
+    ///
+    /// # Errors
+    /// Where the cell names no such file, or it has problems; likewise for the other calibrations.
+    pub fn scanner(&self) -> Result<Calibrated<PinholeCamera>, Fault> {
+        self.intrinsics("scanner", self.cell.calibration().scanner.as_ref())
+    }
+
+    /// The whole file of the fixed 3D camera.
+    ///
+    /// # Errors
+    /// As [`CellFiles::scanner`].
+    pub fn scanner_lens(&self) -> Result<Intrinsics, Fault> {
+        self.lens("scanner", self.cell.calibration().scanner.as_ref()).map(|(lens, _)| lens)
+    }
+
+    /// The intrinsics of the flange camera.
+    ///
+    /// # Errors
+    /// As [`CellFiles::scanner`].
+    pub fn flange_camera(&self) -> Result<Calibrated<PinholeCamera>, Fault> {
+        self.intrinsics("flange_camera", self.cell.calibration().flange_camera.as_ref())
+    }
+
+    /// Where the fixed camera stands.
+    ///
+    /// # Errors
+    /// As [`CellFiles::scanner`].
+    pub fn base_from_camera(&self) -> Result<Calibrated<Rigid<Base, Camera>>, Fault> {
+        self.mount::<ScannerMount>(self.cell.calibration().base_from_camera.as_ref())
+    }
+
+    /// How the flange camera sits on the flange.
+    ///
+    /// # Errors
+    /// As [`CellFiles::scanner`].
+    pub fn flange_from_camera(&self) -> Result<Calibrated<Rigid<Flange, FlangeCamera>>, Fault> {
+        self.mount::<FlangeCameraMount>(self.cell.calibration().flange_from_camera.as_ref())
+    }
+
+    /// Where the tool's tip is; its axis may not have been measured.
+    ///
+    /// # Errors
+    /// As [`CellFiles::scanner`].
+    pub fn tool_tip(&self) -> Result<Calibrated<Rigid<Flange, Tool>>, Fault> {
+        self.mount::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())
+    }
+
+    /// What the disc takes off, with the text of its file; none where the cell names none.
+    ///
+    /// # Errors
+    /// Where the file is away or has problems.
+    pub fn removal(&self) -> Result<Option<(Model, String)>, Fault> {
+        let Some(file) = self.cell.calibration().removal.as_ref() else { return Ok(None) };
+        let (name, text) = self.text("removal", Some(file))?;
+        Ok(Some((Model::from(&RemovalCalibration::check(&name, &text)?.numbers), text)))
+    }
+
+    /// Where the sanding tool's contact is.
+    ///
+    /// # Errors
+    /// As [`CellFiles::scanner`]; also where the file does not say that the tool's axis was measured.
+    pub fn flange_from_tool(&self) -> Result<Calibrated<Rigid<Flange, Tool>>, Fault> {
+        let (file, mounted, text) = self.mounted::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())?;
+        match mounted.axis_measured {
+            Some(true) => Ok(calibrated(&mounted, text)),
+            _ => Err(CalibrationFault::NoAxis { file }.into()),
+        }
+    }
+}
+
+fn calibrated<M: Mount>(mount: &MountedPose<M>, text: String) -> Calibrated<Rigid<M::To, M::From>> {
+    let (value, uncertainty_mm) = (mount.rigid(), mount.uncertainty_mm);
+    Calibrated { value, uncertainty_mm, extent: LensExtent::default(), scan_errors: ScanErrors::default(), text }
+}
+
+/// The last touch check of this tool's calibration in a store; none where it was not touched, or that touch was struck out.
+pub fn last_touch(store: &Store, hash: &str) -> Option<Verification> {
+    let last = store.last_verification("tool").ok()??;
+    last.counts_for(hash).then_some(last)
+}

@@ -1,0 +1,96 @@
+//! The files that a command is given: a recipe, a scan, pictures, poses, each held against the calibration that it belongs to.
+
+use super::cell_files::{CellFiles, name};
+use crate::cli::disk;
+use crate::cli::fault::{Fault, TeachingFault};
+use crate::files;
+use crate::geometry::{Base, Camera, ColorPicture, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid};
+use crate::panel::panel_from_base_at_teaching;
+use crate::recipe::Recipe;
+use std::path::{Path, PathBuf};
+
+/// Reads and checks a recipe.
+///
+/// # Errors
+/// Where it cannot be read or has problems.
+pub fn recipe(file: &Path) -> Result<Recipe, Fault> {
+    Ok(Recipe::check(&name(file), &disk::read_text(file)?)?)
+}
+
+/// Reads an organised scan and holds it against the camera's calibration.
+///
+/// # Errors
+/// Where the file is no organised scan, or its size is not the calibrated one.
+pub fn scan(file: &Path, camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, Fault> {
+    let bytes = disk::read(file)?;
+    files::read_cloud(&bytes, camera).map_err(|error| Fault::file(file, error))
+}
+
+/// Reads a picture of a clip and holds it against the camera's calibration.
+///
+/// # Errors
+/// Where the file is no picture, or its size is not the calibrated one.
+pub fn picture(file: &Path, camera: &PinholeCamera) -> Result<ColorPicture, Fault> {
+    files::read_color_of(&disk::read(file)?, camera).map_err(|error| Fault::file(file, error))
+}
+
+/// Reads where the panel is; without a file it stands at its nominal place.
+///
+/// # Errors
+/// Where the file holds no pose, or one that was rejected.
+pub fn located(file: Option<&PathBuf>) -> Result<Rigid<Base, Panel>, Fault> {
+    let Some(file) = file else { return Ok(panel_from_base_at_teaching().inverse()) };
+    let pose = files::read_located(&disk::read(file)?).map_err(|error| Fault::file(file, error))?;
+    Ok(pose.to_rigid())
+}
+
+/// How well the place in this file is known, 95 %, mm; `None` where it does not say.
+///
+/// # Errors
+/// As [`located`].
+pub fn located_mm(file: &Path) -> Result<Option<f64>, Fault> {
+    files::read_located_mm(&disk::read(file)?).map_err(|error| Fault::file(file, error))
+}
+
+/// A corner picture with the flange's pose at that picture.
+pub struct CornerShot {
+    /// The picture's file.
+    pub file: PathBuf,
+    /// Its bytes, for the store.
+    pub bytes: Vec<u8>,
+    /// The picture.
+    pub picture: ColorPicture,
+    /// Where the flange truly was.
+    pub base_from_flange: KukaPose,
+}
+
+/// Where the flange truly was, as this file says.
+///
+/// # Errors
+/// Where it holds no pose, or no axes and the arm has a correction.
+pub fn flange_file(cell_files: &CellFiles, file: &Path) -> Result<KukaPose, Fault> {
+    let reported = files::read_reported_flange(&disk::read(file)?).map_err(|error| Fault::file(file, error))?;
+    cell_files.true_flange(file, &reported)
+}
+
+/// Reads corner pictures, each with its pose.
+///
+/// # Errors
+/// Where the counts differ, or a file is not what it must be.
+pub fn corner_shots(
+    cell_files: &CellFiles,
+    pictures: &[PathBuf],
+    flanges: &[PathBuf],
+    camera: &PinholeCamera,
+) -> Result<Vec<CornerShot>, Fault> {
+    if pictures.len() != flanges.len() {
+        return Err(TeachingFault::CornerWithoutFlange { found: pictures.len(), flanges: flanges.len() }.into());
+    }
+    let read = |(file, flange): (&PathBuf, &PathBuf)| {
+        let bytes = disk::read(file)?;
+        let picture = files::read_measured(&bytes, camera).map_err(|error| Fault::file(file, error))?;
+        let base_from_flange = flange_file(cell_files, flange)?;
+        Ok(CornerShot { file: file.clone(), bytes, picture, base_from_flange })
+    };
+    pictures.iter().zip(flanges).map(read).collect()
+}

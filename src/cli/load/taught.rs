@@ -1,0 +1,85 @@
+//! What was taught of a panel, derived again from what the store keeps.
+
+use super::cell_files::CellFiles;
+use crate::cell::{FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
+use crate::cli::fault::{Fault, TeachingFault};
+use crate::files;
+use crate::locate::ScanErrors;
+use crate::panel::{TaughtCorner, TaughtPanel};
+use crate::recipe::Recipe;
+use crate::stages::learn;
+use crate::store::Teaching;
+use std::path::Path;
+
+/// What was taught of a panel, derived again from what the store keeps.
+pub struct Taught {
+    /// The panel.
+    pub panel: TaughtPanel,
+    /// Its corners, in the order of teaching.
+    pub corners: Vec<TaughtCorner>,
+    /// The version in the store.
+    pub version: String,
+}
+
+/// Loads what was taught of the recipe's panel.
+///
+/// # Errors
+/// Where it was not taught, its files are damaged, or the recipe's `[region]` is another than the taught one.
+pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<Taught, Fault> {
+    let kept = files.store()?.taught(recipe.panel(), None).map_err(Fault::stage)?;
+    let taught_recipe = Recipe::check("the taught recipe", &kept.teaching.recipe_text)?;
+    if taught_recipe.region() != recipe.region() {
+        return Err(TeachingFault::TaughtOtherwise {
+            recipe: recipe_file.to_owned(),
+            table: "region",
+            panel: recipe.panel().to_owned(),
+            version: kept.version,
+        }
+        .into());
+    }
+    let now = files.scanner_lens()?;
+    derive(&kept.teaching, (&taught_recipe, &now), kept.version, &|index| format!("taught corner {}", index + 1))
+}
+
+/// The errors of the camera at teaching: those that were known then, or those of the same camera that are known now.
+fn scan_errors_of_teaching(then: &Intrinsics, now: &Intrinsics) -> ScanErrors {
+    let is_same = then.serial == now.serial && then.camera == now.camera;
+    ScanErrors::of(then.errors.as_ref().or_else(|| now.errors.as_ref().filter(|_| is_same)))
+}
+
+/// Reads what a teaching holds and learns panel and corners from it; `name` is a corner picture's in messages.
+///
+/// # Errors
+/// Where the scan shows no panel under the region, or pictures no corner: all of these are named.
+pub fn derive(
+    teaching: &Teaching,
+    (recipe, now): (&Recipe, &Intrinsics),
+    version: String,
+    name: &dyn Fn(usize) -> String,
+) -> Result<Taught, Fault> {
+    let kept = "the taught calibration";
+    let lens = Intrinsics::check(kept, &teaching.scanner_calibration_text)?;
+    let errors = scan_errors_of_teaching(&lens, now);
+    let camera = lens.camera;
+    let base_from_camera = MountedPose::<ScannerMount>::check(kept, &teaching.base_from_camera_text)?.rigid();
+    let cloud = errors.corrected(files::read_cloud(&teaching.scan, &camera).map_err(Fault::stage)?);
+    let panel = TaughtPanel::learn(&cloud, camera, base_from_camera, recipe).map_err(Fault::stage)?;
+    let mut corners = Vec::with_capacity(teaching.corners.len());
+    let mut problems = Vec::new();
+    for (index, shot) in teaching.corners.iter().enumerate() {
+        let camera = Intrinsics::check(kept, &teaching.flange_camera_text)?.camera;
+        let mount = MountedPose::<FlangeCameraMount>::check(kept, &teaching.flange_from_camera_text)?.rigid();
+        let picture = files::read_measured(&shot.picture, &camera);
+        let picture =
+            picture.map_err(|error| TeachingFault::TaughtCorner { number: index + 1, cause: error.to_string() })?;
+        let view = (&picture, shot.base_from_flange.to_rigid());
+        match learn::corner(&panel, (recipe.corner(), index), view, (&camera, mount)) {
+            Ok(corner) => corners.push(corner),
+            Err(error) => problems.push(format!("{}: {error}", name(index))),
+        }
+    }
+    if !problems.is_empty() {
+        return Err(TeachingFault::Corners(problems).into());
+    }
+    Ok(Taught { panel, corners, version })
+}

@@ -1,0 +1,131 @@
+//! Stories of a person who holds, stops, aborts and clears, and of how the cell goes on after that.
+
+use super::super::*;
+use super::healthy::REQUESTS;
+use super::story::Story;
+use crate::verdict::Verdict;
+
+#[test]
+fn a_held_air_run_is_planned_again() {
+    let mut story = Story::idle(&[]);
+    story.asked(Request::AirRun { max_moves: 3 });
+    story.until("to-air");
+    story.asked(Request::Hold);
+    assert_eq!(story.rests(), "end-epoch");
+    story.asked(Request::Unhold { dried: false });
+    let acts = story.rests();
+    assert!(acts.contains("verify") && acts.contains("plan-0") && acts.contains("to-air"), "{acts}");
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+}
+
+/// Who opened the guard of a held cell may stop it: nothing is asked of a robot that is not ready.
+#[test]
+fn a_stop_of_a_held_cell_with_an_open_guard_is_at_once() {
+    let mut story = Story::started(&[Film::Broken]);
+    story.until("film");
+    story.asked(Request::Hold);
+    story.rests();
+    story.told(Report::Robot(Robot::GuardOpen));
+    story.asked(Request::Stop);
+    assert_eq!((story.at(), story.acts.len()), (At::Stopped, 0));
+}
+
+#[test]
+fn a_hold_in_contact_retracts_and_unhold_verifies_and_plans_the_rest_again() {
+    let mut story = Story::in_contact();
+    story.asked(Request::Hold);
+    assert_eq!(story.acts.join(" "), "end-epoch", "at once, and nothing else");
+    let motion = story.cell.state.intent.expect("the robot has not said that it stands").motion;
+    assert!(!story.at().rests());
+    story.acts.clear();
+    story.answer(Answer::Stands { done: 2 });
+    let closed = Effect::CloseIntent { motion, outcome: Outcome::Held, done: 2 };
+    assert_eq!(story.cell.effects, [closed]);
+    assert!(matches!(story.at(), At::Held(Hold { why: Why::Asked, resume: Phase::Plan })));
+    // A late word of the ended path is dropped.
+    let (id, _) = story.cell.stale[story.cell.stale.len() - 2];
+    let before = story.cell.state;
+    story.told(Report::Answered { id, answer: Answer::Stands { done: 3 } });
+    assert_eq!(story.cell.state, State { dropped: before.dropped + 1, ..before });
+
+    story.asked(Request::Unhold { dried: false });
+    assert_eq!(story.until("verify"), "epoch frames-camera to-corner-0 verify");
+    assert_eq!(story.until("plan-1"), "plan-1");
+    // The controller may have switched the extraction off since.
+    assert_eq!(story.until("to-contact"), "verify extractionon frames-pad to-approach toolon to-contact");
+    story.rests();
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+}
+
+#[test]
+fn where_verify_fails_the_panel_is_dried_and_located_again() {
+    let mut story = Story::started(&[Film::Broken, Film::Whole]);
+    story.until("verify");
+    story.answer(Answer::Graded(Grade::Reject));
+    story.rests();
+    assert_eq!(story.at(), At::Held(Hold { why: Why::NotVerified, resume: Phase::Plan }));
+    // The guard is opened to dry it.
+    story.told(Report::Robot(Robot::GuardOpen));
+    story.asked(Request::Unhold { dried: true });
+    let refusal = Refusal::Robot(Robot::GuardOpen);
+    assert_eq!(story.cell.effects, [Effect::Refuse { request: Request::Unhold { dried: true }, refusal }]);
+    story.told(Report::Robot(Robot::Ready));
+    story.asked(Request::Unhold { dried: true });
+    let acts = story.until("to-contact");
+    let order = ["locate", "corner-0", "drypicture", "plan-1", "verify", "to-contact"];
+    let found = order.map(|act| acts.split(' ').position(|done| done == act));
+    assert!(found.is_sorted() && found[0].is_some(), "{acts}");
+    story.rests();
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+}
+
+/// Nothing waits to be accepted there, however ready the robot is.
+#[test]
+fn accept_is_not_possible_where_no_result_waits() {
+    let mut story = Story::started(&[Film::Broken, Film::Whole]);
+    story.until("verify");
+    story.answer(Answer::Graded(Grade::Reject));
+    story.rests();
+    for robot in [Robot::Ready, Robot::GuardOpen] {
+        story.told(Report::Robot(robot));
+        story.asked(Request::Accept);
+        let refused = [Effect::Refuse { request: Request::Accept, refusal: Refusal::NotNow }];
+        assert_eq!(story.cell.effects, refused, "{robot:?}");
+    }
+}
+
+#[test]
+fn a_stop_ends_in_stopped_or_by_its_deadline_in_aborted() {
+    let mut story = Story::in_contact();
+    story.asked(Request::Stop);
+    assert_eq!(story.rests(), "end-epoch");
+    assert_eq!(story.at(), At::Stopped);
+    let mut story = Story::in_contact();
+    story.asked(Request::Stop);
+    let At::Stopping { until } = story.at() else { panic!("{:?}", story.at()) };
+    story.told(Report::Deadline { id: until, which: Deadline::Stop });
+    assert_eq!(story.rests(), "end-epoch end-epoch");
+    assert_eq!(story.at(), At::Aborted { cause: Cause::StopTimedOut });
+}
+
+#[test]
+fn from_aborted_only_clear_leads_out() {
+    let mut story = Story::in_contact();
+    story.asked(Request::Abort);
+    assert_eq!(story.rests(), "end-epoch");
+    assert_eq!(story.at(), At::Aborted { cause: Cause::Asked });
+    for request in REQUESTS.into_iter().filter(|request| *request != Request::Clear) {
+        story.asked(request);
+        assert!(matches!(story.cell.effects[..], [Effect::Refuse { .. }]), "{request:?}");
+    }
+    story.asked(Request::Clear);
+    assert_eq!(story.rests(), "stand");
+    assert_eq!(story.at(), At::Stopped);
+    // Aborted in the spray: the abort frame shuts the water, and waits for nothing.
+    let mut story = Story::started(&[]);
+    story.until("spray");
+    story.asked(Request::Abort);
+    assert!(story.cell.state.facts.water_may_run);
+    assert_eq!(story.rests(), "end-epoch");
+    assert!(!story.cell.state.facts.water_may_run && story.cell.state.facts.water_off());
+}

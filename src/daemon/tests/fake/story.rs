@@ -1,0 +1,64 @@
+//! What came of a cycle of the scripted cell.
+
+use super::super::super::*;
+use crate::cycle::{self, Event, Motion, Outcome, Path, Refusal};
+use crate::geometry::{Base, ColorPicture, Flange, Rigid};
+use crate::phase::Phase;
+use crate::record::{Budget, Clock, ContactPath, Kind, RequestRecord};
+use crate::sim::Truth;
+use std::sync::Arc;
+
+/// What came of it.
+pub struct Story {
+    pub outcome: LoopOutcome,
+    pub truth: Truth,
+    pub findings: Vec<Finding>,
+    pub figures: Vec<String>,
+    pub pictures: Vec<(String, ColorPicture, Rigid<Base, Flange>)>,
+    pub frames: Vec<(Arc<ColorPicture>, f64, Phase)>,
+    /// When each film began.
+    pub films_began_s: Vec<f64>,
+    pub budget: Budget,
+    pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
+    pub events: Vec<Event>,
+    pub refusals: Vec<(cycle::Request, Refusal)>,
+    pub contact_points: usize,
+    pub lines: usize,
+    /// Of the lines that bring a feed of their own: the feed, m/s, and the rounding, mm.
+    pub feeds: Vec<(f64, f64)>,
+    pub worn_mm2: f64,
+    pub wears: Vec<(f64, bool)>,
+    pub contacts: Vec<(ContactPath, Vec<u32>)>,
+    /// Waypoints that were executed before the record permitted them.
+    pub beyond: u32,
+    pub asked: Vec<RequestRecord>,
+    pub clocks: Vec<Clock>,
+    pub moved_without_intent: usize,
+}
+
+impl Story {
+    /// The stages that found something.
+    pub fn stages(&self) -> Vec<Kind> {
+        self.findings.iter().map(|finding| finding.kind).collect()
+    }
+
+    /// The closed motions along this path.
+    pub fn motions(&self, path: Path) -> Vec<(Motion, Outcome, u32)> {
+        let closed = self.intents.iter().filter(|(motion, _)| motion.path == path);
+        closed.filter_map(|(motion, end)| end.map(|(outcome, done)| (*motion, outcome, done))).collect()
+    }
+}
+
+impl std::fmt::Display for Story {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(f, "{:?} {:?}", self.outcome.state.at, self.refusals)?;
+        for event in self.events.iter().filter(|e| !matches!(e, Event::Told(crate::cycle::Report::Progress { .. })))
+        {
+            writeln!(f, "{event:?}")?;
+        }
+        for finding in &self.findings {
+            writeln!(f, "{:?} {:?} {:?}", finding.kind, finding.judgement, finding.checks)?;
+        }
+        Ok(())
+    }
+}

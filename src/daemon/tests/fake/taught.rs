@@ -1,0 +1,62 @@
+//! What the scripted cell is calibrated as, and what was taught in it.
+
+use super::super::super::*;
+use crate::cell::{self, LensExtent};
+use crate::geometry::KukaPose;
+use crate::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
+use crate::recipe::Recipe;
+use crate::sim::{self, PanelPosition, SEARCH_BOX_MM};
+use std::sync::Arc;
+
+pub type TaughtHere = (TaughtPanel, Vec<TaughtCorner>);
+
+/// What a cycle of this cell works with.
+pub fn setup(cell: &cell::Cell, recipe: &Recipe, taught: &TaughtHere, calibrations: Calibrations) -> CycleSetup {
+    let cell = Arc::new(CellSetup::new(cell).expect("complete"));
+    CycleSetup::new(cell, recipe.clone(), taught.clone(), (calibrations, LensExtent::default())).expect("a corner")
+}
+
+pub(super) fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
+    let region = sim.region();
+    let text = format!(
+        "panel = \"p\"\n[process]\nobservation_s = 40.0\nframes_per_second = 0.5\n\
+         [corner]\nwhich = [\"top-left\", \"bottom-right\"]\nsettled_mm = 0.1\n\
+         [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n\
+         [inspect]\nmin_break_mm2 = 75.0 # a quarter of the pixels each way shows no smaller break surely\n{more_recipe}",
+        region.corners_px.map(|px| [px.u, px.v]),
+        region.rows,
+        region.columns,
+        SEARCH_BOX_MM[0],
+        SEARCH_BOX_MM[1]
+    );
+    let recipe = Recipe::check("simulated.toml", &text).unwrap_or_else(|e| panic!("{e}"));
+    let base_from_camera = sim.calibrated_base_from_camera();
+    let panel = TaughtPanel::learn(&sim.taught_scan(), *sim.scanner(), base_from_camera, &recipe).expect("a panel");
+    let camera = sim.flange_camera();
+    let teach = |(index, view): (usize, sim::CornerView)| {
+        let picture = sim.flange_picture(&view.base_from_flange, PanelPosition::Nominal).to_gray();
+        let panel_from_camera =
+            panel_from_base_at_teaching() * view.base_from_flange * sim.calibrated_flange_from_camera();
+        let depth_mm = (panel_from_camera.inverse() * view.corner).mm.z;
+        let (settings, px_per_mm) = (recipe.corner(), camera.px_per_mm_at(depth_mm).0);
+        let found = crate::locate::corner::find(&picture, settings, settings.which().of(index), px_per_mm);
+        let teaching = CornerTeaching { reference_px: found.expect("a corner").corner_px, panel_from_camera };
+        panel.corner(teaching, camera).expect("on the panel")
+    };
+    let corners = sim.corner_views().into_iter().enumerate().map(teach).collect();
+    ((panel, corners), recipe)
+}
+
+pub(super) fn calibrations(sim: &sim::Cell) -> Calibrations {
+    Calibrations {
+        scan_errors: crate::locate::ScanErrors::default(),
+        scanner: *sim.scanner(),
+        base_from_camera: sim.calibrated_base_from_camera(),
+        flange_camera: *sim.flange_camera(),
+        flange_from_camera: sim.calibrated_flange_from_camera(),
+        flange_from_tool: KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid(),
+        hand_eye_mm: None,
+        robot_mm: None,
+        removal: None,
+    }
+}

@@ -1,0 +1,128 @@
+//! What is true of the scripted cell, for all that plays a part in it.
+
+use crate::cycle::Motion;
+use crate::devices::acf::ToolFault;
+use crate::devices::mock::Arm;
+use crate::eki::{Command, Report, SetTcp};
+use crate::geometry::{Base, Flange, Joints, KukaPose, Rigid};
+use crate::sim;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Where the arm stands before a cycle.
+const START: Joints =
+    Joints { a1_deg: 0.0, a2_deg: -120.0, a3_deg: 145.0, a4_deg: 0.0, a5_deg: -25.0, a6_deg: 90.0 };
+
+/// What is true of the cell.
+#[derive(Clone)]
+pub(super) struct World {
+    /// The fault that the tool has once so many lines of the contact path are executed.
+    pub(super) tool_fault: Option<(u32, ToolFault)>,
+    /// Since when the disc rubs without a break under that fault, ms.
+    pub(super) rubs_since_ms: Option<u64>,
+    /// When the tool was switched off by the end of an epoch, ms.
+    pub(super) tool_off_ms: Option<u64>,
+    /// The line executed last ends on the panel.
+    pub(super) rubs: bool,
+
+    pub(super) sim: sim::Cell,
+    pub(super) time_ms: u64,
+    pub(super) epoch: u32,
+    pub(super) open: bool,
+    pub(super) next_id: u32,
+    pub(super) done: u32,
+    pub(super) queue: VecDeque<(u32, Command)>,
+    /// The last command that may be executed.
+    pub(super) let_go: Option<u32>,
+    /// Waypoints of the contact path that the record permits, those executed, and those that it had not permitted.
+    pub(super) permitted: u32,
+    pub(super) in_contact: u32,
+    /// The link is lost once the arm is well in contact.
+    pub(super) loses_link: bool,
+    /// Nobody answers until the next state is heard.
+    pub(super) is_lost: bool,
+    pub(super) beyond: u32,
+    /// Commands executed in 100 ms.
+    pub(super) pace: usize,
+    pub(super) base: Option<KukaPose>,
+    pub(super) tool: Option<SetTcp>,
+    pub(super) base_from_flange: Rigid<Base, Flange>,
+    pub(super) arm: Arm,
+    pub(super) joints: Joints,
+    pub(super) outputs: BTreeMap<u16, bool>,
+    pub(super) water_off_ms: u64,
+    pub(super) rubbed: usize,
+    pub(super) healed: bool,
+    /// The panel turns about its first corner once it is wet, by so much.
+    pub(super) turns_when_wet_deg: f64,
+    pub(super) waypoints: usize,
+    pub(super) reports: VecDeque<Report>,
+    pub(super) lines: usize,
+    pub(super) feeds_m_s: Vec<f64>,
+    pub(super) blends_mm: Vec<f64>,
+    pub(super) intent: Option<Motion>,
+    pub(super) moved_without_intent: usize,
+    pub(super) films_began_s: Vec<f64>,
+}
+
+impl World {
+    /// Before a cycle: the arm stands at [`START`], and nothing is on.
+    pub(super) fn new(sim: sim::Cell) -> Self {
+        World {
+            tool_fault: None,
+            rubs_since_ms: None,
+            tool_off_ms: None,
+            rubs: false,
+            base_from_flange: Arm::kr6_r700_2().base_from_flange(&START),
+            sim,
+            time_ms: 0,
+            epoch: 5,
+            open: false,
+            next_id: 1,
+            done: 0,
+            queue: VecDeque::new(),
+            let_go: None,
+            permitted: 0,
+            in_contact: 0,
+            loses_link: false,
+            is_lost: false,
+            beyond: 0,
+            pace: 1_000,
+            base: None,
+            tool: None,
+            joints: START,
+            arm: Arm::kr6_r700_2(),
+            outputs: BTreeMap::new(),
+            water_off_ms: 0,
+            rubbed: 0,
+            healed: false,
+            turns_when_wet_deg: 0.0,
+            waypoints: 0,
+            reports: VecDeque::new(),
+            lines: 0,
+            feeds_m_s: Vec::new(),
+            blends_mm: Vec::new(),
+            intent: None,
+            moved_without_intent: 0,
+            films_began_s: Vec::new(),
+        }
+    }
+}
+
+/// The world, for the loop's thread and the one that computes.
+#[derive(Clone)]
+pub(super) struct Shared(Arc<Mutex<World>>);
+
+impl Shared {
+    pub(super) fn new(world: World) -> Self {
+        Shared(Arc::new(Mutex::new(world)))
+    }
+
+    pub(super) fn borrow(&self) -> MutexGuard<'_, World> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn borrow_mut(&self) -> MutexGuard<'_, World> {
+        self.borrow()
+    }
+}

@@ -1,0 +1,52 @@
+//! The camera as the worker has it: a sensor that takes one thing after the other, and how each was taken.
+
+use super::clock::now_ns;
+use super::message::{Refusal, SettingsHash, ShotInfo, Trouble};
+use super::sensor::{Exposed, Sensor};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// A camera and how many shots it took.
+pub(super) struct Camera {
+    pub(super) sensor: Box<dyn Sensor>,
+    pub(super) serial: Option<String>,
+    taken: u64,
+}
+
+impl Camera {
+    /// One that was not opened yet.
+    pub(super) fn new(sensor: Box<dyn Sensor>) -> Self {
+        Camera { sensor, serial: None, taken: 0 }
+    }
+
+    /// Takes something and says how.
+    pub(super) fn take<T>(
+        &mut self,
+        settings: &SettingsHash,
+        shot: impl FnOnce(&mut dyn Sensor) -> Result<(Exposed, T), Refusal>,
+    ) -> Result<(ShotInfo, T), Refusal> {
+        let closed = || Refusal { trouble: Trouble::OutOfOrder, message: "no camera is open".to_owned() };
+        let serial = self.serial.clone().ok_or_else(closed)?;
+        let begun_ns = now_ns();
+        let (exposed, data) = shot(&mut *self.sensor)?;
+        self.taken += 1;
+        let Exposed { size, exposed_ns, throttled_ms, lens_c } = exposed;
+        let settings = settings.clone();
+        let taken = ShotInfo {
+            size,
+            settings,
+            serial,
+            number: self.taken,
+            begun_ns,
+            exposed_ns,
+            ready_ns: now_ns(),
+            throttled_ms,
+            lens_c,
+            dropped: 0,
+        };
+        Ok((taken, data))
+    }
+}
+
+pub(super) fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}

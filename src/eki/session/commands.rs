@@ -1,0 +1,72 @@
+//! Commands into the open epoch: one, a path whole, or a path of which only a part is sent yet.
+
+use super::flow::Flow;
+use super::limits::{LinkLimits, QueueError};
+use super::{Phase, Session};
+use crate::eki::command::{Command, CommandError, MoveLin, Request, Signal};
+use crate::eki::ids::CommandId;
+use crate::eki::wire::Wire;
+
+impl Session {
+    /// Queues one command; its id comes back. [`Command::GetCurrentState`] asks at once and has the id 0.
+    ///
+    /// # Errors
+    /// Where no epoch is open, or the command cannot be executed; the epoch stays open.
+    pub fn queue(&mut self, command: Command) -> Result<CommandId, QueueError> {
+        match command {
+            Command::GetCurrentState => {
+                self.greeted()?;
+                self.ask(Request::State);
+                Ok(CommandId(0))
+            }
+            Command::MoveLin(point) => self.queue_path(&[point]),
+            Command::SetDigin(Signal { number, .. }) if !self.limits.mapped_inputs.contains(number) => {
+                self.greeted()?;
+                Err(CommandError::InputReadOnly { number }.into())
+            }
+            other => {
+                let (flow, wire, limits) = self.flow()?;
+                flow.queue(other, wire, limits)
+            }
+        }
+    }
+
+    /// Queues a path whole; the id of its last point comes back. One bad point refuses all.
+    ///
+    /// # Errors
+    /// As [`Session::queue`], and where base or tool were not set in this epoch.
+    pub fn queue_path(&mut self, points: &[MoveLin]) -> Result<CommandId, QueueError> {
+        let (flow, wire, limits) = self.flow()?;
+        flow.queue_path(points, wire, limits)
+    }
+
+    /// The same, of which only so many points are sent until [`Session::permit`] lets more go: who keeps a record of
+    /// what the robot may have executed does so before.
+    ///
+    /// # Errors
+    /// As [`Session::queue_path`].
+    pub fn queue_path_within(&mut self, points: &[MoveLin], permitted: u32) -> Result<CommandId, QueueError> {
+        let (flow, wire, limits) = self.flow()?;
+        let last = flow.queue_path(points, wire, limits)?;
+        let count = u32::try_from(points.len()).unwrap_or(u32::MAX);
+        flow.permit(Some(CommandId((last.0 + 1).saturating_sub(count).saturating_add(permitted) - 1)));
+        Ok(last)
+    }
+
+    /// Lets commands up to this one be sent; all of them where it is `None`.
+    ///
+    /// # Errors
+    /// Where no epoch is open.
+    pub fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
+        self.flow()?.0.permit(last);
+        Ok(())
+    }
+
+    fn flow(&mut self) -> Result<(&mut Flow, &Wire, &LinkLimits), QueueError> {
+        self.greeted()?;
+        match &mut self.phase {
+            Phase::Open(flow) => Ok((flow, &self.wire, &self.limits)),
+            _ => Err(QueueError::NoEpoch),
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! Epochs: opened above all that were, in steps that the controller takes, and ended by an abort that waits for nothing.
+
+use super::limits::QueueError;
+use super::{Phase, Session, Stopping};
+use crate::eki::command::Request;
+use crate::eki::ids::{CommandId, EPOCH_STEP, Epoch, LAST_NUMBER};
+use crate::eki::report::{Report, StopCause};
+
+/// So many steps a new epoch may lie above the controller's: requests that its channel buffers at once.
+const MOST_STEPS: u32 = 16;
+
+impl Session {
+    /// Asks the controller to begin a new epoch, with neither base nor tool. [`Report::EpochOpened`] follows.
+    ///
+    /// # Errors
+    /// Where no controller has answered yet, or the robot moves or has commands left.
+    pub fn open_epoch(&mut self) -> Result<Epoch, QueueError> {
+        self.open_epoch_above(Epoch(0))
+    }
+
+    /// As [`Session::open_epoch`], with a number above this one too: what an earlier program opened never comes again.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn open_epoch_above(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
+        self.greeted()?;
+        let is_busy = match &self.phase {
+            Phase::Open(flow) => flow.is_busy(),
+            phase => matches!(phase, Phase::Stopping(_)),
+        };
+        if is_busy || self.moving {
+            return Err(QueueError::NotStanding);
+        }
+        let highest = self.known_epoch().max(self.opened_epoch).max(above);
+        let (epoch, steps) = self.steps_to(u64::from(highest.0) + 1)?;
+        let mut request = self.asked;
+        for step in steps {
+            request = self.ask(Request::Reset { next: step });
+        }
+        if !self.is_connected() {
+            return Err(QueueError::NotConnected);
+        }
+        self.asked_epoch = epoch;
+        // An answer that is lost does not say that the controller has not opened it.
+        self.opened_epoch = epoch;
+        self.phase = Phase::Opening { epoch, request };
+        Ok(epoch)
+    }
+
+    /// This epoch, and those on the way to it, each no farther than a step above the one before. What lies between was
+    /// never open for a command.
+    fn steps_to(&self, next: u64) -> Result<(Epoch, Vec<Epoch>), QueueError> {
+        let found = self.known_epoch();
+        let far = u64::from(MOST_STEPS) * u64::from(EPOCH_STEP);
+        let epoch = u32::try_from(next).ok().filter(|epoch| *epoch <= LAST_NUMBER);
+        let epoch = epoch.filter(|epoch| u64::from(epoch.saturating_sub(found.0)) <= far);
+        let Some(epoch) = epoch else {
+            let most = MOST_STEPS * EPOCH_STEP;
+            return Err(QueueError::EpochTooFar { next, found, most, above: next.saturating_sub(1) });
+        };
+        let mut steps = Vec::new();
+        let mut reached = found.0;
+        while reached < epoch {
+            reached = reached.saturating_add(EPOCH_STEP).min(epoch);
+            steps.push(Epoch(reached));
+        }
+        Ok((Epoch(epoch), steps))
+    }
+
+    /// The highest epoch that the controller can be in, by what it said and what was asked for.
+    pub(super) fn known_epoch(&self) -> Epoch {
+        self.controller_epoch.max(self.asked_epoch)
+    }
+
+    /// Ends the epoch: tool off, brake, everything discarded, retract if in contact. [`Report::Standstill`]
+    /// follows, or [`Report::LinkLost`] where the controller does not obey. A second call changes nothing.
+    ///
+    /// # Errors
+    /// Where there is no connection; then the controller has stopped by itself.
+    pub fn abort(&mut self) -> Result<(), QueueError> {
+        if !self.is_connected() {
+            return Err(QueueError::NotConnected);
+        }
+        self.stop();
+        Ok(())
+    }
+
+    /// Puts an abort on the wire, whatever is going on; where one is under way already it stays at that.
+    pub(super) fn stop(&mut self) {
+        if matches!(self.phase, Phase::Stopping(_) | Phase::Greeting { abort: Some(_) }) {
+            return;
+        }
+        let (ended, sent, done) = match &self.phase {
+            Phase::Open(flow) => (Some(flow.epoch()), flow.sent(), flow.done()),
+            _ => (None, CommandId(0), CommandId(0)),
+        };
+        // Where no higher number is left the last one stops all the same.
+        let next = Epoch(self.known_epoch().0.saturating_add(1).min(LAST_NUMBER));
+        let request = self.ask(Request::Abort { next });
+        self.asked_epoch = next;
+        let stopping = Stopping { ended, sent, done, refusal_told: false, request, asked_at: None, obeyed: false };
+        self.phase = match self.phase {
+            Phase::Offline => return,
+            Phase::Greeting { .. } => Phase::Greeting { abort: Some(stopping) },
+            _ => Phase::Stopping(stopping),
+        };
+    }
+
+    /// Ends the epoch for this cause, where anything of it is left or does harm.
+    pub fn interrupt(&mut self, cause: StopCause) {
+        if self.is_at_stake() {
+            self.fault(Report::Interrupted { cause });
+        }
+    }
+
+    /// An epoch is open in which commands are left, or tool or water is on.
+    pub(super) fn is_at_stake(&self) -> bool {
+        matches!(&self.phase, Phase::Open(flow) if flow.is_busy() || self.harmful_on)
+    }
+
+    /// Reports what is wrong and ends the epoch.
+    pub(super) fn fault(&mut self, report: Report) {
+        self.reports.push_back(report);
+        self.stop();
+    }
+}

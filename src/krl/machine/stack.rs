@@ -1,0 +1,69 @@
+//! The stack of an interpreter: a cell of the wanted kind taken off, or why there is none.
+
+use super::super::code::{Address, Cell};
+use super::super::program::Program;
+use super::interpreter::Interpreter;
+use super::outcome::Wrong;
+
+pub(super) const INVALID: &str = "a value is invalid: it was never assigned";
+
+impl Interpreter {
+    #[inline]
+    pub(super) fn pop(&mut self) -> Result<Cell, Wrong> {
+        self.stack.pop().ok_or_else(|| "the stack is empty".into())
+    }
+
+    #[inline]
+    pub(super) fn pop_int(&mut self) -> Result<i32, Wrong> {
+        match self.pop()? {
+            Cell::Int(number) => Ok(number),
+            _ => Err(INVALID.into()),
+        }
+    }
+
+    #[inline]
+    pub(super) fn pop_real(&mut self) -> Result<f32, Wrong> {
+        match self.pop()? {
+            Cell::Real(number) => Ok(number),
+            _ => Err(INVALID.into()),
+        }
+    }
+
+    #[inline]
+    pub(super) fn pop_bool(&mut self) -> Result<bool, Wrong> {
+        match self.pop()? {
+            Cell::Bool(value) => Ok(value),
+            _ => Err(INVALID.into()),
+        }
+    }
+
+    #[inline]
+    pub(super) fn pop_address(&mut self) -> Result<Address, Wrong> {
+        match self.pop()? {
+            Cell::Address(address) => Ok(address),
+            _ => Err("an address is missing".into()),
+        }
+    }
+
+    /// The newest cells of the stack, taken off.
+    pub(super) fn pop_block<const N: usize>(&mut self) -> Result<[Cell; N], Wrong> {
+        let at = self.stack.len().checked_sub(N).ok_or("the stack is empty")?;
+        let mut cells = [Cell::Unset; N];
+        cells.copy_from_slice(&self.stack[at..]);
+        self.stack.truncate(at);
+        Ok(cells)
+    }
+
+    pub(super) fn pop_text<'a>(&mut self, program: &'a Program) -> Result<&'a str, Wrong> {
+        let index = self.pop_text_index()?;
+        program.texts.get(index).map(String::as_str).ok_or_else(|| "a text is missing".into())
+    }
+
+    /// The place of a text among the program's texts.
+    pub(super) fn pop_text_index(&mut self) -> Result<usize, Wrong> {
+        match self.pop()? {
+            Cell::Text(index) => Ok(index as usize),
+            _ => Err("a text in quotation marks is needed here; CHAR variables are not executed".into()),
+        }
+    }
+}

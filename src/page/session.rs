@@ -1,0 +1,41 @@
+//! A person's session with a page: how often they saved, and that they are done.
+
+use axum::Json;
+use axum::response::{IntoResponse, Response};
+use serde_json::json;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use tokio::sync::oneshot;
+
+/// How often something was saved, and whom to tell that the person is done.
+pub(super) struct Session(Mutex<(u32, Option<oneshot::Sender<()>>)>);
+
+impl Session {
+    /// One in which nothing was saved yet, and what hears of its end.
+    pub fn new() -> (Self, oneshot::Receiver<()>) {
+        let (tell, done) = oneshot::channel();
+        (Session(Mutex::new((0, Some(tell)))), done)
+    }
+
+    /// Counts a saving.
+    pub fn count_save(&self) {
+        self.lock().0 += 1;
+    }
+
+    /// How often something was saved.
+    pub fn saves(&self) -> u32 {
+        self.lock().0
+    }
+
+    /// Tells, once, that the person is done.
+    pub fn end(&self) -> Response {
+        if let Some(tell) = self.lock().1.take() {
+            #[expect(clippy::let_underscore_must_use, reason = "refused where it has ended already")]
+            let _ = tell.send(());
+        }
+        Json(json!({ "done": true })).into_response()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, (u32, Option<oneshot::Sender<()>>)> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

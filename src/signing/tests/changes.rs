@@ -1,0 +1,207 @@
+//! Every change of a signed record is found and named.
+
+use super::*;
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+/// Numbers by hand: cycle 1 is 1, cycle n is 2n − 2, its person's signature 2n − 1.
+#[test]
+fn each_kind_of_change_is_named() {
+    let changed = |change: &dyn Fn(&mut Export, &mut Signed)| {
+        let (mut export, mut head) = exported();
+        change(&mut export, &mut head);
+        found(&export, Some(&head))
+    };
+    let exchange = |export: &mut Export, one: &str, other: &str| {
+        for ending in ["json", "sig"] {
+            let [one, other] = [one, other].map(|stem| format!("{stem}.{ending}"));
+            let kept = export.statements[&one].clone();
+            let there = export.statements.insert(other, kept).expect("there");
+            export.statements.insert(one, there);
+        }
+    };
+    let remove = |export: &mut Export, stem: &str| {
+        export
+            .statements
+            .retain(|name, _| !["json", "sig"].iter().any(|ending| *name == format!("{stem}.{ending}")));
+    };
+    let by_other_key = |export: &mut Export| {
+        let stem = cycle_stem(CycleId(4));
+        let other = CellKey::of_random(&[9; 32]);
+        let bytes = export.statements[&format!("{stem}.json")].clone();
+        export.statements.insert(format!("{stem}.sig"), other.sign(&bytes).to_vec());
+    };
+    let picture = record(2).findings[0].pictures[0].hash.clone();
+    type Change<'c> = Box<dyn Fn(&mut Export, &mut Signed) + 'c>;
+    let cases: Vec<(Change<'_>, &str)> = vec![
+        (
+            Box::new(|export, _| export.statements.get_mut("cycle-3.json").expect("there")[200] ^= 1),
+            "cycle-3.json was changed",
+        ),
+        (
+            Box::new(|export, _| export.statements.get_mut("cycle-3.sig").expect("there")[5] ^= 1),
+            "cycle-3.json was changed",
+        ),
+        (Box::new(|export, _| remove(export, "cycle-3")), "record number 4 is missing"),
+        (
+            Box::new(|export, _| drop(export.statements.remove("cycle-3.sig"))),
+            "cycle-3.sig, the signature of cycle-3.json, is missing",
+        ),
+        (Box::new(|export, _| drop(export.statements.remove("cycle-3.json"))), "cycle-3.json is missing"),
+        (
+            Box::new(|export, _| exchange(export, "cycle-2", "cycle-5")),
+            "cycle-5.json holds record number 2, of cycle 2: it was exchanged",
+        ),
+        (Box::new(|export, _| remove(export, "cycle-1")), "record number 1 is missing"),
+        (
+            Box::new(|export, _| remove(export, "cycle-6-signature-11")),
+            "rolled back: the head head.json is at record number 11; record number 11 is missing",
+        ),
+        (Box::new(|_, head| head.bytes[10] ^= 1), "the head head.json was changed"),
+        (Box::new(move |export, _| by_other_key(export)), "cycle-4.json was changed"),
+        (
+            Box::new(|export, _| {
+                let copy = export.statements["cycle-3.json"].clone();
+                export.statements.insert("copy.json".to_owned(), copy);
+                let copy = export.statements["cycle-3.sig"].clone();
+                export.statements.insert("copy.sig".to_owned(), copy);
+            }),
+            "are the same record",
+        ),
+        (
+            Box::new(|export, _| drop(export.files.as_mut().expect("files").remove(&picture))),
+            "picture located of cycle 2, is missing",
+        ),
+        (
+            Box::new(|export, _| {
+                drop(export.files.as_mut().expect("files").insert(picture.clone(), "0".to_owned()))
+            }),
+            "picture located of cycle 2, was changed",
+        ),
+    ];
+    for (change, words) in cases {
+        let told = changed(&*change);
+        assert!(told.iter().any(|told| told.contains(words)), "{words}: {told:?}");
+    }
+}
+
+/// Who has the cell's key can sign what he likes; but not a second record in the place of one whose head is kept elsewhere, and
+/// not under a person's signature of the first.
+#[test]
+fn a_forged_record_contradicts_the_chain_the_head_and_the_person() {
+    let (mut export, head) = exported();
+    let mut forged = Statement::read(&export.statements["cycle-6.json"]).expect("read");
+    let Said::Cycle(cycle) = &mut forged.says else { panic!("a cycle") };
+    cycle.record["panel"] = json!("fin");
+    let bytes = forged.canonical().expect("JSON");
+    export.statements.insert("cycle-6.sig".to_owned(), key().sign(&bytes).to_vec());
+    export.statements.insert("cycle-6.json".to_owned(), bytes);
+    let told = found(&export, None);
+    assert!(told.iter().any(|told| told.contains("number 11, does not follow from record number 10")), "{told:?}");
+    assert!(told.iter().any(|told| told.contains("Grace Hopper signed another record of cycle 6")), "{told:?}");
+    export.statements.retain(|name, _| !name.contains("signature-11"));
+    assert_eq!(found(&export, None), [] as [String; 0]);
+    let told = found(&export, Some(&head));
+    assert!(told.iter().any(|told| told.contains("rolled back")), "{told:?}");
+}
+
+/// Changes one thing at random; what it was, and a word that must be told of it.
+fn change(random: &mut Pcg64, export: &mut Export, head: &mut Signed) -> (&'static str, String) {
+    let names: Vec<String> = export.statements.keys().cloned().collect();
+    let name = names[random.random_range(0..names.len())].clone();
+    let stem = name.rsplit_once('.').expect("an ending").0.to_owned();
+    let flip = |random: &mut Pcg64, bytes: &mut Vec<u8>| {
+        let at = random.random_range(0..bytes.len());
+        bytes[at] ^= 1 << random.random_range(0..8);
+    };
+    match random.random_range(0..9) {
+        0 | 1 => {
+            flip(random, export.statements.get_mut(&name).expect("there"));
+            ("a byte", format!("{stem}.json"))
+        }
+        2 => {
+            let (from, bytes) =
+                ("\"previous\":\"", export.statements.get_mut(&format!("{stem}.json")).expect("there"));
+            let at = bytes.windows(from.len()).position(|part| part == from.as_bytes()).expect("a link");
+            let digit = &mut bytes[at + from.len() + random.random_range(0..64)];
+            *digit = if *digit == b'0' { b'1' } else { b'0' };
+            ("a link", format!("{stem}.json"))
+        }
+        3 => {
+            export.statements.retain(|name, _| name.rsplit_once('.').expect("an ending").0 != stem);
+            ("deleted", "missing".to_owned())
+        }
+        4 => {
+            export.statements.remove(&name);
+            ("one file deleted", name)
+        }
+        5 => {
+            let other =
+                names[random.random_range(0..names.len())].rsplit_once('.').expect("an ending").0.to_owned();
+            if other == stem {
+                return change(random, export, head);
+            }
+            for ending in ["json", "sig"] {
+                let [one, two] = [&stem, &other].map(|stem| format!("{stem}.{ending}"));
+                let kept = export.statements[&one].clone();
+                let there = export.statements.insert(two, kept).expect("there");
+                export.statements.insert(one, there);
+            }
+            ("exchanged", format!("{stem}.json"))
+        }
+        6 => {
+            let keep = random.random_range(1..11_u64);
+            export.statements.retain(|name, _| {
+                let (stem, _) = name.rsplit_once('.').expect("an ending");
+                let number = stem.split_once("-signature-").map(|(_, number)| number.parse().expect("a number"));
+                let of_cycle = |id: u64| if id == 1 { 1 } else { 2 * id - 2 };
+                number.unwrap_or_else(|| of_cycle(stem["cycle-".len()..].parse().expect("an id"))) <= keep
+            });
+            ("rolled back", "rolled back: the head head.json is at record number 11; record".to_owned())
+        }
+        7 => {
+            let files = export.files.as_mut().expect("files");
+            let file = files.keys().nth(random.random_range(0..files.len())).expect("a file").clone();
+            if random.random::<bool>() {
+                files.remove(&file);
+            } else {
+                files.insert(file.clone(), content_hash(&random.next_u64().to_be_bytes()));
+            }
+            ("a picture or input", format!("files/{file}"))
+        }
+        _ => {
+            let bytes = if random.random::<bool>() { &mut head.bytes } else { &mut head.signature };
+            flip(random, bytes);
+            ("the head", "the head head.json".to_owned())
+        }
+    }
+}
+
+fn every_change_is_named(changes: u64) {
+    let mut random = Pcg64::seed_from_u64(23);
+    let whole = exported();
+    let mut kinds: BTreeMap<&str, u64> = BTreeMap::new();
+    for number in 0..changes {
+        let (mut export, mut head) = whole.clone();
+        let (kind, words) = change(&mut random, &mut export, &mut head);
+        let told = found(&export, Some(&head));
+        assert!(
+            told.iter().any(|told| told.contains(&words)),
+            "change {number}, {kind}: no \"{words}\" in {told:?}"
+        );
+        *kinds.entry(kind).or_default() += 1;
+    }
+    eprintln!("{changes} changes, each found and named: {kinds:?}");
+    assert_eq!(kinds.len(), 8, "{kinds:?}");
+}
+
+#[test]
+fn random_changes_are_found_and_named() {
+    every_change_is_named(500);
+}
+
+#[test]
+#[ignore = "ten thousand changes: make test-long"]
+fn ten_thousand_random_changes_are_found_and_named() {
+    every_change_is_named(10_000);
+}

@@ -1,0 +1,183 @@
+//! Records as they are signed and exported; `changes` is what somebody does to them, `differences` what a later program may keep.
+
+mod changes;
+mod differences;
+
+use super::*;
+use crate::cycle::{Motion, Outcome, Path};
+use crate::files::content_hash;
+use crate::record::{
+    Budget, Check, CycleId, CycleRecord, Finding, KeptFile, Kind, MotionRecord, PartNames, Picture, SetBy,
+};
+use crate::verdict::{Judgement, Verdict};
+use serde_json::json;
+use std::collections::BTreeMap;
+
+fn key() -> CellKey {
+    CellKey::of_random(&[7; 32])
+}
+
+fn record(id: i64) -> CycleRecord {
+    let judgement = Judgement { verdict: Verdict::Accept, reasons: vec![] };
+    let check = Check::new("residual", "mm", 0.1 + 0.2).at_most(0.25, SetBy::Program);
+    let mut finding = Finding::new(Kind::Locate, 0, judgement.clone()).with([check]);
+    let hash = |name: &str| content_hash(format!("{name} of cycle {id}").as_bytes());
+    finding.pictures =
+        vec![Picture { name: "located".to_owned(), caption: "outline".to_owned(), hash: hash("located") }];
+    finding.shots = vec![KeptFile { name: "scan".to_owned(), hash: hash("scan") }];
+    CycleRecord {
+        id: CycleId(id),
+        started_unix_s: 1_700_000_000 + id,
+        ended_unix_s: Some(1_700_000_090 + id),
+        panel: "wing".to_owned(),
+        taught_version: "0123456789abcdef".to_owned(),
+        recipe_hash: hash("recipe"),
+        files: vec![KeptFile { name: "scanner".to_owned(), hash: hash("scanner") }],
+        program_version: "0.1.0".to_owned(),
+        judgement: Some(judgement),
+        budget: Some(Budget::default()),
+        findings: vec![finding],
+        motions: vec![],
+        asked_before: vec![],
+        asked: vec![],
+        clocks: [None, None],
+        recording: None,
+        events: 12,
+    }
+}
+
+fn statement(number: u64, previous: &str, says: Said) -> Statement {
+    Statement {
+        form: FORM.to_owned(),
+        number,
+        previous: previous.to_owned(),
+        unix_ms: 1_700_000_100_000,
+        public_key: key().public().hex(),
+        store: StorePlace { link: 40, hash: BEGIN.to_owned() },
+        says,
+    }
+}
+
+fn part() -> Option<PartNames> {
+    Some(PartNames { serial: Some("SN 17".to_owned()), order: None, operator: Some("Ada".to_owned()) })
+}
+
+/// Six cycles, each but the first released by a person, as a folder with its head.
+fn exported() -> (Export, Signed) {
+    let (key, mut export) = (key(), Export { files: Some(BTreeMap::new()), ..Export::default() });
+    let (mut number, mut previous) = (0, BEGIN.to_owned());
+    let mut add = |stem: &dyn Fn(u64) -> String, says: Said| {
+        number += 1;
+        let bytes = statement(number, &previous, says).canonical().expect("JSON");
+        export.statements.insert(format!("{}.sig", stem(number)), key.sign(&bytes).to_vec());
+        previous = content_hash(&bytes);
+        export.statements.insert(format!("{}.json", stem(number)), bytes);
+        previous.clone()
+    };
+    let mut files = BTreeMap::new();
+    for id in 1..=6 {
+        let cycle = SignedCycle::new(&record(id), part()).expect("JSON");
+        files.extend(exported_files(&cycle).into_iter().map(|(_, hash)| (hash.clone(), hash)));
+        let record_hash = add(&|_| cycle_stem(CycleId(id)), Said::Cycle(cycle));
+        if id > 1 {
+            let (name, user) = ("Grace Hopper".to_owned(), "grace".to_owned());
+            let meaning = Meaning::InspectedAndReleased;
+            let says = PersonSignature { cycle: CycleId(id), record_hash, name, user, meaning, remark: None };
+            add(&|number| person_stem(CycleId(id), number), Said::Person(says));
+        }
+    }
+    let head = SignedHead {
+        form: HEAD_FORM.to_owned(),
+        number,
+        hash: previous,
+        unix_ms: 1,
+        public_key: key.public().hex(),
+    };
+    let bytes = canonical(&head).expect("JSON");
+    let signature = key.sign(&bytes).to_vec();
+    export.files = Some(files);
+    (export, Signed { name: "head.json".to_owned(), bytes, signature, claim: Claim::Nothing })
+}
+
+fn found(export: &Export, head: Option<&Signed>) -> Vec<String> {
+    verify_export(export, &[key().public()], head).found
+}
+
+/// RFC 8785, 3.2.3 and its appendix B by hand: names in order of UTF-16, the shortest digits, no spaces; and 2⁵³, which a double
+/// holds, but not apart from its neighbour, as a text.
+#[test]
+fn the_canonical_form_is_that_of_the_standard() {
+    let value = json!({"b": [1.0, 1e21, 333_333_333.333_333_3, -0.0], "a": "é\n", "plan": u64::MAX, "most": (1_u64 << 53) - 1});
+    let text = String::from_utf8(canonical(&value).expect("JSON")).expect("UTF-8");
+    let expected = "{\"a\":\"é\\n\",\"b\":[1,1e+21,333333333.3333333,0],\"most\":9007199254740991,\
+                    \"plan\":\"18446744073709551615\"}";
+    assert_eq!(text, expected);
+}
+
+/// RFC 8032, 7.1, test 2.
+#[test]
+fn a_signature_is_that_of_the_standard() {
+    let bytes = |hex: &str| -> Vec<u8> {
+        (0..hex.len()).step_by(2).map(|at| u8::from_str_radix(&hex[at..at + 2], 16).expect("hex")).collect()
+    };
+    let secret = bytes("4ccd089b28ff96da9db6c346ec114e0f5b8a319f35aba624da8cf6ed4fb8a6fb");
+    let key = CellKey::of_random(&secret.try_into().expect("32 bytes"));
+    assert_eq!(key.public().hex(), "3d4017c3e843895a92b70aa74d1b7ebc9c982ccf2ec4968cc0cd55f12af4660c");
+    let expected = "92a009a9f0d4cab8720e820b5f642540a2b27b5416503f8fb3762223ebdb69da\
+                    085ac1e43e15996e458f3613d0f11d8c387b2eaeb4302aeeb00d291612bb0c00";
+    assert_eq!(key.sign(&[0x72]).to_vec(), bytes(expected));
+    assert!(key.public().verifies(&[0x72], &bytes(expected)) && !key.public().verifies(&[0x73], &bytes(expected)));
+    assert!(!format!("{key:?}").contains("4ccd"), "the secret stands in no message");
+}
+
+#[test]
+fn keys_come_back_from_their_files() {
+    let pem = key().pem().expect("PEM");
+    assert!(pem.starts_with("-----BEGIN PRIVATE KEY-----\n"), "{pem}");
+    assert_eq!(CellKey::read(&pem).expect("read").public(), key().public());
+    let other = CellKey::of_random(&[8; 32]).public();
+    let both = format!("{}{}", key().public().pem().expect("PEM"), other.pem().expect("PEM"));
+    assert_eq!(PublicKey::read_all(&both).expect("two"), [key().public(), other.clone()]);
+    assert_eq!(PublicKey::of_hex(&other.hex()).expect("hex"), other);
+    let refused = PublicKey::read_all(&pem).expect_err("a private one").to_string();
+    assert!(refused.contains("no block PUBLIC KEY") && refused.contains("allowed is the PEM file"), "{refused}");
+    assert!(CellKey::read("x").expect_err("no key").to_string().contains("openssl genpkey -algorithm ed25519"));
+}
+
+#[test]
+fn a_whole_export_is_found_whole() {
+    let (export, head) = exported();
+    let verified = verify_export(&export, &[key().public()], Some(&head));
+    assert_eq!(verified.found, [] as [String; 0]);
+    assert_eq!(verified.statements.len(), 11);
+    let Said::Cycle(first) = &verified.statements[&1].0.says else { panic!("the first is a cycle") };
+    assert_eq!((first.id, &first.part), (CycleId(1), &part()));
+    assert_eq!(first.record["findings"][0]["numbers"][0]["value"], json!(0.1 + 0.2), "to the bit");
+    // A cycle and what a person said of it stand for themselves.
+    let of_third = export.statements.clone().into_iter().filter(|(name, _)| name.starts_with("cycle-3")).collect();
+    assert_eq!(found(&Export { statements: of_third, files: None }, None), [] as [String; 0]);
+}
+
+#[test]
+fn what_is_no_canonical_record_is_refused() {
+    let (export, _) = exported();
+    let bytes = &export.statements["cycle-1.json"];
+    let spaced = [bytes.as_slice(), b"\n"].concat();
+    assert!(Statement::read(&spaced).expect_err("refused").to_string().contains("not in canonical form"));
+    assert!(Statement::read(b"{}").is_err() && Statement::read(b"\xff").is_err());
+    assert!(SignedHead::read(bytes).is_err());
+    let other = String::from_utf8(bytes.clone()).expect("UTF-8").replace(FORM, "panelprep-record-9");
+    let refused = Statement::read(other.as_bytes()).expect_err("refused").to_string();
+    assert!(refused.contains("\"panelprep-record-9\", known is \"panelprep-record-1\""), "{refused}");
+}
+
+/// Canonical JSON holds the number of a plan as a text; the record reads back as it was, and a serial number of digits stays a text.
+#[test]
+fn a_signed_record_reads_back_with_every_digit() {
+    let motion = Motion { epoch: 1, path: Path::Contact, plan: 13_988_697_933_614_533_883, waypoints: 138 };
+    let motions = vec![MotionRecord { motion, outcome: Some(Outcome::Done), done: 138, contact: None }];
+    let record = CycleRecord { motions, panel: "13988697933614533883".to_owned(), ..record(1) };
+    let signed = SignedCycle::new(&record, part()).expect("JSON");
+    assert_eq!(signed.record["motions"][0]["motion"]["plan"], json!("13988697933614533883"));
+    assert_eq!(signed.cycle_record().expect("reads"), record);
+}

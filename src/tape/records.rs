@@ -1,0 +1,93 @@
+//! The records of an MCAP file, one after the other, each with its checksums verified.
+
+use super::error::TapeError;
+use super::framing::Framing;
+use super::topic::Topic;
+use mcap::McapError;
+use mcap::records::{Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use std::io::Read;
+
+/// No record of ours is longer: the points of a full-size scan take 35 MB.
+const LONGEST: usize = 256 << 20;
+
+/// What is read at once.
+const PIECE_BYTES: usize = 1 << 20;
+
+/// The records of a file, one after the other.
+pub(super) struct Records<R> {
+    source: R,
+    framing: Framing,
+    reader: LinearReader,
+}
+
+impl<R: Read> Records<R> {
+    pub(super) fn new(source: R) -> Self {
+        let options = LinearReaderOptions::default()
+            .with_prevalidate_chunk_crcs(true)
+            .with_validate_data_section_crc(true)
+            .with_validate_summary_section_crc(true)
+            .with_check_finishes_after_end_magic(true)
+            .with_record_length_limit(LONGEST);
+        Records { source, framing: Framing::default(), reader: LinearReader::new_with_options(options) }
+    }
+
+    /// Hands the next record over; `None` behind the last one.
+    pub(super) fn next<T>(
+        &mut self,
+        take: impl FnOnce(Record<'_>) -> Result<T, TapeError>,
+    ) -> Result<Option<T>, Wrong> {
+        loop {
+            match self.reader.next_event() {
+                None => return Ok(None),
+                Some(Err(error)) => return Err(Wrong::Bytes(error)),
+                Some(Ok(LinearReadEvent::ReadRequest(needed))) => {
+                    // Room grows with what comes, whatever length a record claims.
+                    let into = self.reader.insert(needed.min(PIECE_BYTES));
+                    let read = loop {
+                        match self.source.read(into) {
+                            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+                            read => break read.map_err(|error| Wrong::Bytes(error.into()))?,
+                        }
+                    };
+                    let framed = self.framing.take(&into[..read]);
+                    self.reader.notify_read(read);
+                    framed.map_err(Wrong::Content)?;
+                }
+                Some(Ok(LinearReadEvent::Record { data, opcode })) => {
+                    if opcode == op::ATTACHMENT && !is_whole_attachment(data) {
+                        return Err(Wrong::Bytes(McapError::UnexpectedEof));
+                    }
+                    let record = mcap::parse_record(opcode, data).map_err(Wrong::Bytes)?;
+                    return take(record).map(Some).map_err(Wrong::Content);
+                }
+            }
+        }
+    }
+}
+
+/// What went wrong: the container, or what is in it.
+pub(super) enum Wrong {
+    Bytes(McapError),
+    Content(TapeError),
+}
+
+/// Whether an attachment's record is as long as its lengths say; its parser takes that for granted.
+fn is_whole_attachment(body: &[u8]) -> bool {
+    let length = |at: usize| {
+        let bytes = body.get(at..)?.first_chunk::<4>()?;
+        usize::try_from(u32::from_le_bytes(*bytes)).ok()
+    };
+    let after = |at: usize| Some(at + 4 + length(at)?);
+    let data = after(16).and_then(after);
+    data.is_some_and(|data| data.checked_add(8 + 4).is_some_and(|least| least <= body.len()))
+}
+
+/// The topic of this name.
+pub(super) fn topic(name: &str) -> Result<Topic, TapeError> {
+    Topic::named(name).ok_or_else(|| TapeError::Foreign { problem: format!("it has no topic \"{name}\"") })
+}
+
+pub(super) fn seconds(ns: u64) -> f64 {
+    ns as f64 / 1e9
+}

@@ -1,0 +1,60 @@
+//! Plans of every pattern, and one that is rejected.
+
+use super::{TEACH, json, keep, panelprep, rendered};
+use serde_json::{Value, json as value};
+
+/// Every pattern on the rendered cell, a single grid, neighbours and all: accepted, its lines within the recipe's step-over.
+#[test]
+fn every_pattern_is_planned_on_the_rendered_cell() {
+    let folder = rendered("good");
+    let folder = folder.path();
+    assert_eq!(json(folder, TEACH).0, 0);
+    let recipe = std::fs::read_to_string(folder.join("cell/recipe.toml")).expect("the recipe");
+    for pattern in ["raster", "cross-hatch", "spiral", "offset", "offset-spiral"] {
+        let text = format!("{recipe}\n[path]\npattern = \"{pattern}\"\n");
+        std::fs::write(folder.join("cell/pattern.toml"), text).expect("written");
+        for grids in ["--grids r1c1", "--grids r2c2,r2c3,r3c2", ""] {
+            let (exit, plan) =
+                json(folder, &format!("plan --cell cell/cell.toml --recipe cell/pattern.toml {grids}"));
+            assert_eq!(
+                (exit, plan["verdict"].as_str()),
+                (0, Some("accept")),
+                "{pattern} {grids}: {}",
+                plan["reasons"]
+            );
+            let (step, coverage) = (plan["step_over_mm"]["max"].as_f64(), plan["coverage"].as_f64());
+            assert!(step.is_some_and(|mm| mm <= 12.0) && coverage.is_some_and(|share| share >= 0.995), "{pattern}");
+            assert!(plan["duration_s"].as_f64().is_some_and(f64::is_finite), "{pattern}");
+            assert!(plan["dwell_ratio"].as_f64().is_some_and(|ratio| ratio <= 2.0), "{pattern} {grids}");
+        }
+    }
+}
+
+/// A plan that is rejected becomes no program, and one that is there is not taken for it.
+#[test]
+fn a_rejected_plan_becomes_no_program() {
+    let folder = rendered("good");
+    let folder = folder.path();
+    assert_eq!(json(folder, TEACH).0, 0);
+    let far = value!({"x_mm": 700.0, "y_mm": 0.0, "z_mm": 0.0, "a_deg": 0.0, "b_deg": 0.0, "c_deg": 0.0});
+    keep(folder, "far.json", &far);
+    let plan = "plan --cell cell/cell.toml --recipe cell/recipe.toml --grids r1c1 --krl sand.src";
+    let (exit, refused) = json(folder, &format!("{plan} --located far.json"));
+    assert_eq!(
+        (exit, refused["verdict"].as_str(), &refused["krl"]),
+        (1, Some("reject"), &Value::Null),
+        "{refused}"
+    );
+    assert!(!folder.join("sand.src").exists());
+    assert_eq!(json(folder, plan).0, 0);
+    let earlier = std::fs::read(folder.join("sand.src")).expect("the program");
+    let told = panelprep(folder, &format!("{plan} --located far.json"));
+    let told = String::from_utf8_lossy(&told.stdout).into_owned();
+    assert!(told.contains("no program was written to sand.src") && told.contains("of an earlier plan"), "{told}");
+    assert_eq!(std::fs::read(folder.join("sand.src")).expect("the program"), earlier);
+    for (name, word) in [("sand.txt", ".src"), ("while.src", "no word of the language")] {
+        let output = panelprep(folder, &plan.replace("sand.src", name));
+        assert_eq!(output.status.code(), Some(2), "{name}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains(word), "{name}");
+    }
+}

@@ -1,0 +1,140 @@
+//! What commands do not take: wrong files, wrong panels, scans that cannot be taught; all in words.
+
+use super::{LOCATE, REFINE, TEACH, fixture, json, keep, rendered};
+use serde_json::Value;
+use std::path::Path;
+
+/// Each bad input with words that its message must hold. Everything that stands before the fault stays.
+#[test]
+fn bad_input_is_refused_with_file_and_reason() {
+    let folder = rendered("clean");
+    let folder = folder.path();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).expect("written");
+    let read = |name: &str| std::fs::read(folder.join(name)).expect("read");
+    let scan = read("cell/scan.pcd");
+    write("short.pcd", &scan[..scan.len() / 2]);
+    let text = String::from_utf8(read("cell/recipe.toml")).expect("UTF-8");
+    write("cell/misspelt.toml", text.replace("box_min_mm", "box_min_cm").as_bytes());
+    write("cell/half.toml", text.replace("box_min_mm = [465.0, -240.0,", "box_min_mm = [465.0, 60.0,").as_bytes());
+    write("cell/nan.toml", text.replace("rows = 4", "rows = nan").as_bytes());
+    let cell = String::from_utf8(read("cell/cell.toml")).expect("UTF-8");
+    write("cell/uncalibrated.toml", cell.replace("base_from_camera =", "# base_from_camera =").as_bytes());
+    std::fs::create_dir_all(folder.join("empty")).expect("a folder");
+    write("empty/clip.csv", b"file,time_s,phase\n");
+    std::fs::create_dir_all(folder.join("gap")).expect("a folder");
+    write("gap/clip.csv", b"file,time_s,phase\n00001.jpg,0,wet\n");
+    write("pose.json", br#"{"x_mm": 1}"#);
+    std::fs::copy(fixture("shot_ascii.pcd"), folder.join("small.pcd")).expect("copied");
+
+    let teach =
+        |cell: &str, recipe: &str, scan: &str| format!("teach --cell {cell} --recipe {recipe} --scan {scan}");
+    let (cell, recipe) = ("cell/cell.toml", "cell/recipe.toml");
+    let clip = |clip: &str| format!("inspect --cell {cell} --recipe {recipe} --clip {clip}");
+    let cases = [
+        (LOCATE.to_owned(), vec!["no store in cell/store", "panelprep teach"]),
+        (teach(cell, recipe, "cell/missing.pcd"), vec!["cell/missing.pcd", "No such file"]),
+        (teach(cell, recipe, "short.pcd"), vec!["short.pcd"]),
+        (teach(cell, recipe, "small.pcd"), vec!["small.pcd", "40×30", "486×300"]),
+        (
+            TEACH.replace("cell/recipe.toml", "cell/half.toml"),
+            vec!["no point of the scan there lies in the search box, though elsewhere a piece of"],
+        ),
+        (teach(cell, recipe, "cell/cell.toml"), vec!["cell/cell.toml"]),
+        (
+            teach(cell, "cell/misspelt.toml", "cell/scan.pcd"),
+            vec!["misspelt.toml:", "locate.box_min_cm", "box_min_mm"],
+        ),
+        (teach(cell, "cell/nan.toml", "cell/scan.pcd"), vec!["nan.toml:", "region.rows", "1 to 50"]),
+        (teach("cell/uncalibrated.toml", recipe, "cell/scan.pcd"), vec!["uncalibrated.toml", "base_from_camera"]),
+        (format!("{TEACH} --flange pose.json"), vec!["1 --corner and 2 --flange"]),
+        (clip("nowhere"), vec!["nowhere/clip.csv"]),
+        (clip("empty"), vec!["empty/clip.csv", "empty"]),
+        (clip("gap"), vec!["gap/00001.jpg", "No such file"]),
+        (format!("{} --located pose.json", clip("cell/clip")), vec!["pose.json", "missing field"]),
+        ("render --out cell/clip".to_owned(), vec!["cell/clip", "not written by"]),
+    ];
+    for (arguments, words) in &cases[..1] {
+        refuses(folder, arguments, words);
+    }
+    assert!(!folder.join("cell/store").exists(), "a command that reads makes no store");
+    assert_eq!(json(folder, TEACH).0, 0);
+    for (arguments, words) in &cases[1..] {
+        refuses(folder, arguments, words);
+    }
+    let (exit, plan) = json(folder, &format!("plan --cell {cell} --recipe {recipe} --grids r9c1 --out none.json"));
+    assert_eq!(exit, 2, "{plan}");
+    assert!(!folder.join("none.json").exists(), "nothing is half written");
+}
+
+fn refuses(folder: &Path, arguments: &str, words: &[&str]) {
+    let (exit, object) = json(folder, arguments);
+    let message = object["reasons"][0]["message"].as_str().unwrap_or_default().to_owned();
+    assert_eq!(exit, 2, "{arguments}: {object}");
+    for word in words {
+        assert!(message.contains(word), "{arguments}\n  says: {message}\n  which lacks: {word}");
+    }
+}
+
+/// A scan is looked at, and what cannot be taught is shown, with all that is wrong at once; a cell that runs cycles needs
+/// a corner.
+#[test]
+fn a_scan_is_shown_and_so_is_what_cannot_be_taught() {
+    let folder = rendered("clean");
+    let folder = folder.path();
+    let (exit, told) = json(folder, "look --scan cell/taught_scan.pcd --pictures seen");
+    assert_eq!((exit, told["verdict"].as_str()), (0, Some("accept")), "{told}");
+    let share = told["missing_share"].as_f64().unwrap_or(f64::NAN);
+    assert!(share > 0.01 && share < 0.9 && folder.join("seen/scan.png").is_file(), "{told}");
+    let (exit, told) = json(folder, "look --scan cell/recipe.toml --pictures seen");
+    assert_eq!(exit, 2, "{told}");
+
+    let recipe = std::fs::read_to_string(folder.join("cell/recipe.toml")).expect("the recipe");
+    let begin = recipe.find("corners_px = ").expect("a region");
+    let end = begin + recipe[begin..].find('\n').expect("a line");
+    let wrong = "corners_px = [[2, 2], [400, 60], [480, 290], [100, 310]]";
+    let wrong = format!("{}{wrong}{}", &recipe[..begin], &recipe[end..]);
+    std::fs::write(folder.join("cell/wrong.toml"), wrong).expect("written");
+    let (exit, told) = json(folder, &format!("{} --pictures wrong", TEACH.replace("recipe.toml", "wrong.toml")));
+    let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
+    for words in [
+        "corner 1 of the region, (2, 2) px, is not on",
+        "corner 3 of",
+        "corner 4 of the region, (100, 310) px, lies outside",
+    ] {
+        assert!(exit == 2 && message.contains(words), "{words}: {told}");
+    }
+    assert!(folder.join("wrong/taught_region.png").is_file());
+    // Pictures of no corner: both are named.
+    let corners = "--corner cell/target/flange_camera.png --flange cell/target/flange.json \
+                   --corner cell/target/flange_camera.png --flange cell/target/flange.json";
+    let teach =
+        "teach --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/taught_scan.pcd --pictures wrong";
+    let (exit, told) = json(folder, &format!("{teach} {corners}"));
+    let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
+    assert!(exit == 2 && message.matches("flange_camera.png: ").count() == 2, "{told}");
+    assert!(folder.join("wrong/taught_corner_2.png").is_file());
+    let (exit, told) = json(folder, teach);
+    let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
+    assert!(exit == 2 && message.contains("no corner picture was given"), "{told}");
+    assert!(!folder.join("cell/store").exists(), "nothing was kept");
+}
+
+#[test]
+fn a_missing_or_wrong_panel_is_rejected_in_words() {
+    for scene in ["no-panel", "wrong-panel"] {
+        let folder = rendered(scene);
+        assert_eq!(json(folder.path(), TEACH).0, 0);
+        let (exit, located) = json(folder.path(), LOCATE);
+        assert_eq!((exit, located["verdict"].as_str()), (1, Some("reject")), "{scene}: {located}");
+        let reasons = located["reasons"].as_array().expect("reasons");
+        assert!(
+            reasons.iter().all(|reason| reason["message"].as_str().is_some_and(|text| text.len() > 20)),
+            "{located}"
+        );
+        assert!(!reasons.is_empty());
+        // What was rejected cannot be used further.
+        keep(folder.path(), "located.json", &located);
+        let (exit, refined) = json(folder.path(), REFINE);
+        assert_eq!((exit, &refined["verdict"]), (2, &Value::Null), "{scene}: {refined}");
+    }
+}

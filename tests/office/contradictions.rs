@@ -1,0 +1,78 @@
+//! What contradicts a record: another one in its place, a change in the database, garbage. It is told, and replaces nothing.
+
+use super::offices::{Cell, PATIENCE, Plant, publish, runtime, sql};
+use panelprep::cell::CellName;
+use panelprep::office::{Body, Chunk, Message, Position, What, chunks};
+use std::time::{Duration, Instant};
+
+/// Another cell under the same name, a record that somebody changes in the database, and garbage: each is told, none replaces anything.
+#[test]
+fn contradictions_changes_and_garbage_are_told_and_replace_nothing() {
+    let Some(plant) = Plant::start() else { return };
+    let mut cell = Cell::new();
+    cell.send(plant.office("cell-1"));
+    cell.cycles(3);
+    plant.holds("cell-1", &cell.path());
+    garbage(&plant);
+    // Whoever speaks under the cell's name, epoch and number without its key.
+    let mut forged = cell.store.outbox_after(&cell.store.outbox_epochs().expect("epochs")[0], 1).expect("none");
+    assert!(forged.is_empty());
+    let begin = Position { number: 0, ..cell.store.outbox_epochs().expect("epochs")[0].clone() };
+    forged = cell.store.outbox_after(&begin, 1).expect("the first");
+    let Body::Cycle(content) = &mut forged[0].body else { panic!("a cycle") };
+    *content = String::from_utf8(content.clone()).expect("text").replace("\"pass\"", "\"fail\"").into_bytes();
+    let name = CellName::new("cell-1").expect("a name");
+    let message = Message { cell: name.clone(), envelope: forged[0].clone() };
+    let what = What::Message(message.envelope.position.clone());
+    let parts = chunks(&name, &what, &message.bytes().expect("bytes")).expect("parts");
+    publish_without_names(&plant, &parts);
+    let since = Instant::now();
+    let told = loop {
+        let (exit, found) = plant.check(&format!("cell-1={}", cell.path().display()));
+        if exit == 1 {
+            break found.to_string();
+        }
+        assert!(since.elapsed() < PATIENCE, "{found}\n{}", plant.log());
+        std::thread::sleep(Duration::from_millis(100));
+    };
+    assert!(told.contains("came a second time with the SHA-256"), "{told}");
+    assert!(told.contains("\"same\":6"), "the first one stands: {told}");
+    assert!(plant.log().contains("refused"), "{}", plant.log());
+    // What somebody changes in the database.
+    sql(
+        &plant,
+        "DELETE FROM contradictions; UPDATE records SET content = convert_to(replace(convert_from(content, 'UTF8'), 'wing', 'tail'), 'UTF8') WHERE number = 2",
+    );
+    let (exit, found) = plant.check("");
+    let found = found.to_string();
+    assert!(exit == 1 && found.contains("number 2 of epoch") && found.contains("was changed"), "{found}");
+    assert!(found.contains("is not what its cell signed"), "{found}");
+}
+
+/// As a sender does whose messages the broker does not know again: after its hour, or one that never told their names.
+fn publish_without_names(plant: &Plant, parts: &[Chunk]) {
+    runtime().block_on(async {
+        let client = async_nats::connect(format!("127.0.0.1:{}", plant.broker_port)).await.expect("connected");
+        for part in parts {
+            let subject = panelprep::office::subject::records(&part.cell);
+            client.publish(subject, part.bytes().expect("bytes").into()).await.expect("sent");
+        }
+        client.flush().await.expect("sent");
+    });
+}
+
+/// What is no part of anything, and parts that contradict one another.
+fn garbage(plant: &Plant) {
+    let name = CellName::new("cell-1").expect("a name");
+    let part = |hash: &str, part, parts| Chunk {
+        cell: name.clone(),
+        what: What::File(hash.repeat(32)),
+        part,
+        parts,
+        bytes: b"nothing".to_vec(),
+    };
+    publish(plant, &[part("ab", 1, 1), part("cd", 1, 2), part("cd", 2, 3)]);
+    let other = CellName::new("cell-2").expect("a name");
+    // In another cell's name.
+    publish(plant, &[Chunk { cell: other, ..part("ef", 1, 1) }]);
+}

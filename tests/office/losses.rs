@@ -1,0 +1,145 @@
+//! Records that are lost on the way, and sent again: by kills, by disks, by another name, by another office.
+
+use super::offices::{Cell, PATIENCE, Plant, count, publish, runtime, sql};
+use panelprep::broker::CellLink;
+use panelprep::cell::Office;
+use panelprep::office::{Body, Message, Position, What, chunks};
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Whatever is killed meanwhile, every record arrives once.
+#[test]
+fn nothing_is_lost_or_kept_twice_where_everything_is_killed_in_turn() {
+    let Some(mut plant) = Plant::start() else { return };
+    let mut cell = Cell::new();
+    for round in 0..6 {
+        cell.send(plant.office("cell-1"));
+        cell.cycles(40);
+        match round % 4 {
+            0 => plant.broker.kill(),
+            1 => plant.database.kill(),
+            2 => plant.kill_archive(),
+            _ => cell.sender = None,
+        }
+        cell.cycles(20);
+        plant.broker.start();
+        plant.database.start();
+        if round % 4 == 2 {
+            plant.start_archive();
+        }
+    }
+    cell.send(plant.office("cell-1"));
+    let found = plant.holds("cell-1", &cell.path());
+    assert_eq!((count(&found, "records"), count(&found, "same"), count(&found, "signatures")), (720, 720, 360));
+}
+
+/// A broker whose disk is lost, and a database that is brought back without its last records: the cell sends again what is missing.
+#[test]
+fn what_a_broker_or_a_database_forgets_is_sent_again() {
+    let Some(mut plant) = Plant::start() else { return };
+    let mut cell = Cell::new();
+    cell.send(plant.office("cell-1"));
+    cell.cycles(5);
+    plant.holds("cell-1", &cell.path());
+    // What the broker took is lost with its disk before the archive has it.
+    plant.kill_archive();
+    cell.cycles(5);
+    let progress = cell.path().join("office.json");
+    wait_until_sent(&progress, 20);
+    plant.broker.kill();
+    fs::remove_dir_all(plant.folder.path().join("nats")).expect("its disk");
+    plant.broker.start();
+    plant.start_archive();
+    let found = plant.holds("cell-1", &cell.path());
+    assert_eq!(count(&found, "same"), 20);
+    // A database of yesterday.
+    plant.kill_archive();
+    sql(
+        &plant,
+        "DELETE FROM record_files WHERE number > 7; DELETE FROM records WHERE number > 7; UPDATE epochs SET archived = 7",
+    );
+    plant.start_archive();
+    assert_eq!(count(&plant.holds("cell-1", &cell.path()), "same"), 20);
+    // Messages of a broker that keeps its name: some of what it took is gone, and nobody says so.
+    plant.kill_archive();
+    cell.sender = None;
+    cell.send(Office { behind_min: 1, ..plant.office("cell-1") });
+    cell.cycles(5);
+    wait_until_sent(&progress, 30);
+    runtime().block_on(async {
+        let client = async_nats::connect(format!("127.0.0.1:{}", plant.broker_port)).await.expect("connected");
+        let stream = async_nats::jetstream::new(client).get_stream("PANELPREP").await.expect("it is there");
+        stream.purge().await.expect("emptied");
+    });
+    plant.start_archive();
+    assert_eq!(count(&plant.holds("cell-1", &cell.path()), "same"), 30);
+}
+
+/// A record is told to be in the office once all of its files are there too, in whatever order they come.
+#[test]
+fn a_record_counts_with_its_files() {
+    let Some(plant) = Plant::start() else { return };
+    let mut cell = Cell::new();
+    cell.cycles(1);
+    let office = plant.office("cell-1");
+    let last = cell.store.outbox_epochs().expect("epochs").pop().expect("one");
+    let begin = Position { number: 0, ..last.clone() };
+    let records = cell.store.outbox_after(&begin, 10).expect("two");
+    let Body::Signature { files, .. } = &records[1].body else { panic!("a signature") };
+    assert!(files.len() >= 2, "{files:?}");
+    for envelope in &records {
+        let message = Message { cell: office.cell.clone(), envelope: envelope.clone() };
+        let what = What::Message(envelope.position.clone());
+        publish(&plant, &chunks(&office.cell, &what, &message.bytes().expect("bytes")).expect("parts"));
+    }
+    let archived = || {
+        let link = async {
+            let link = CellLink::connect(&office.broker, &office.cell).await.expect("connected");
+            link.archived(&last.epoch).await.expect("told")
+        };
+        runtime().block_on(link)
+    };
+    let wait_for = |number: u64| {
+        let since = Instant::now();
+        while archived() != Some(number) {
+            assert!(since.elapsed() < PATIENCE, "{number}: {:?}\n{}", archived(), plant.log());
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    };
+    wait_for(1);
+    for file in files {
+        std::thread::sleep(Duration::from_millis(500));
+        assert_eq!(archived(), Some(1), "{} is not there yet", file.name);
+        let bytes = cell.store.blob(&file.hash).expect("whole");
+        publish(&plant, &chunks(&office.cell, &What::File(file.hash.clone()), &bytes).expect("parts"));
+    }
+    wait_for(2);
+}
+
+/// Waits until the broker has taken everything up to this number of the only epoch.
+fn wait_until_sent(progress: &Path, number: u64) {
+    let since = Instant::now();
+    loop {
+        let read: Value = serde_json::from_slice(&fs::read(progress).unwrap_or_default()).unwrap_or_default();
+        if read["sent"].as_object().is_some_and(|all| all.values().any(|sent| sent.as_u64() == Some(number))) {
+            return;
+        }
+        assert!(since.elapsed() < PATIENCE, "{read}");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+/// A cell that gets another name, and one whose office is another one, send everything there.
+#[test]
+fn under_another_name_and_to_another_office_everything_is_sent() {
+    let (Some(plant), Some(other)) = (Plant::start(), Plant::start()) else { return };
+    let mut cell = Cell::new();
+    cell.cycles(4);
+    for (plant, name) in [(&plant, "cell-1"), (&plant, "cell-2"), (&other, "cell-2"), (&plant, "cell-1")] {
+        cell.send(plant.office(name));
+        plant.holds(name, &cell.path());
+        cell.sender = None;
+    }
+}

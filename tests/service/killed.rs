@@ -1,0 +1,133 @@
+//! A service that is killed: the next one finds a whole store, rests, and moves nothing until it is told to.
+
+use super::super::commands::json;
+use super::{START, Service, journal, taught};
+use panelprep::cycle::Path::Corner;
+use panelprep::cycle::{At, Event, Report, State};
+use panelprep::store::Store;
+use rand::{RngExt, SeedableRng};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// How long a whole cycle takes here, from its start.
+fn whole_cycle(folder: &Path) -> Duration {
+    let service = Service::start(folder);
+    service.reset();
+    let since = Instant::now();
+    service.done(START);
+    service.reach("complete");
+    let took = since.elapsed();
+    service.killed();
+    took
+}
+
+/// Kills a service after this much of its cycle, and holds the next one to its promise; says whether a motion was open.
+fn survives(folder: &Path, after: Duration) -> bool {
+    let service = Service::start(folder);
+    service.reset();
+    service.done(START);
+    std::thread::sleep(after);
+    service.killed();
+    let before = journal(folder);
+    let expected = panelprep::cycle::recover(before.iter().copied());
+
+    let service = Service::start(folder);
+    let found = service.done("state");
+    assert_eq!(found["state"], expected.at.word(), "after {after:?}: {found}");
+    assert!(matches!(expected.at, At::Aborted { .. } | At::Stopped), "{expected:?}");
+    // It only hears: a start, what the robot's condition is, and that its outputs are off.
+    std::thread::sleep(Duration::from_millis(300));
+    let since = journal(folder)[before.len()..].to_vec();
+    assert!(since.contains(&Event::Told(Report::Boot)), "{since:?}");
+    let hears = |event: &Event| matches!(event, Event::Told(Report::Boot | Report::Robot(_) | Report::OutputsOff));
+    assert!(since.iter().all(hears), "it acts unasked: {since:?}");
+    if expected.intent.is_some() {
+        let (exit, cycle) = json(folder, "cycle --cell cell/cell.toml --recipe cell/recipe.toml");
+        assert!(exit == 2, "a second writer is refused: {cycle}");
+    }
+    if found["state"] == "aborted" {
+        let words = found["reasons"][0]["message"].as_str().unwrap_or_default();
+        assert!(words.contains("ctl clear"), "{found}");
+        service.wait("a clear is taken", |service| service.ctl("clear").0 == 0);
+        service.reach("stopped");
+    }
+    service.reset();
+    service.signal(rustix::process::Signal::TERM);
+    assert_eq!(service.ended().code(), Some(0));
+    let mut store = Store::create(&folder.join("cell/store")).expect("nobody holds it");
+    assert_eq!(store.recover().expect("it is whole").intent, None);
+    assert_eq!(store.open_cycles().expect("cycles"), [], "every cycle has its end");
+    expected.intent.is_some()
+}
+
+fn kills(moments: u32, seed: u64) {
+    let folder = taught("good");
+    let folder = folder.path();
+    let whole = whole_cycle(folder);
+    let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
+    let shares = (0..moments).map(|moment| (f64::from(moment) + random.random::<f64>()) / f64::from(moments));
+    let open = shares.map(|share| survives(folder, whole.mul_f64(share))).filter(|open| *open).count();
+    eprintln!("{open} of {moments} kills left a motion open; a cycle takes {whole:?}");
+}
+
+/// A process may end anywhere; the store opens, the next one rests and moves nothing until told.
+#[test]
+fn a_killed_service_leaves_a_cell_at_rest() {
+    kills(3, 1);
+}
+
+/// The same at more moments: `cargo test -- --ignored killed`.
+#[test]
+#[ignore = "some minutes"]
+fn a_service_killed_anywhere_leaves_a_cell_at_rest() {
+    kills(24, 2);
+}
+
+/// The journal of a cycle that broke off on its way to the corner, in a store of its own.
+fn broken_off(folder: &Path) -> PathBuf {
+    let (store, left) = (folder.join("cell/store"), folder.join("left"));
+    std::fs::create_dir_all(left.join("blobs")).expect("a folder");
+    for part in ["", "blobs"] {
+        for entry in std::fs::read_dir(store.join(part)).expect("the store") {
+            let entry = entry.expect("an entry");
+            if entry.path().is_file() {
+                std::fs::copy(entry.path(), left.join(part).join(entry.file_name())).expect("copied");
+            }
+        }
+    }
+    let cycle = "cycle --cell cell/cell.toml --recipe cell/recipe.toml --seed 3";
+    let (exit, whole) = json(folder, cycle);
+    assert_eq!(exit, 0, "{whole}");
+    let mut state = State::NEW;
+    let mut copy = Store::create(&left).expect("nobody holds it");
+    for event in journal(folder) {
+        copy.append(&event, None).expect("written");
+        state = panelprep::cycle::step(state, event).0;
+        if state.intent.is_some_and(|intent| matches!(intent.motion.path, Corner { .. })) {
+            return left;
+        }
+    }
+    panic!("no way to the corner in {:?}", journal(folder));
+}
+
+/// A store with an open motion is refused by the command that runs one cycle, which names the way out; that is one.
+#[test]
+fn a_motion_that_was_left_open_is_cleared_through_the_service_alone() {
+    let folder = taught("clean");
+    let folder = folder.path();
+    let left = broken_off(folder);
+    let (exit, refused) = json(folder, "cycle --cell cell/cell.toml --store left --recipe cell/recipe.toml");
+    let words = refused["reasons"][0]["message"].as_str().unwrap_or_default();
+    assert!(exit == 2 && words.contains("motion is open") && words.contains("panelprep clear"), "{refused}");
+
+    std::fs::remove_dir_all(folder.join("cell/store")).expect("removed");
+    std::fs::rename(left, folder.join("cell/store")).expect("in its place");
+    let service = Service::start(folder);
+    let found = service.done("state");
+    let words = found["reasons"][0]["message"].as_str().unwrap_or_default();
+    assert!(found["state"] == "aborted" && words.contains("while a motion was open"), "{found}");
+    service.refused("reset", 2, "possible now: clear");
+    service.wait("a clear is taken", |service| service.ctl("clear").0 == 0);
+    service.reach("stopped");
+    service.reset();
+}
