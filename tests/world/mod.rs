@@ -65,7 +65,7 @@ const AWAY_MS: u64 = 2_000;
 const MOST_LIVES: u64 = 60;
 
 /// What the stages found in all worlds of the process: equal sights give equal results.
-static MEMORY: LazyLock<Memory> = LazyLock::new(Memory::default);
+static MEMORY: LazyLock<Memory> = LazyLock::new(|| Memory::new(record::shrunk));
 
 /// A world before it begins.
 #[derive(Debug, Clone)]

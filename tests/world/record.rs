@@ -50,7 +50,8 @@ impl Port<RecordCommand> for Record<'_> {
     }
 }
 
-fn shrunk(note: Note) -> Note {
+/// A note with small pictures.
+pub fn shrunk(note: Note) -> Note {
     match note {
         Note::Picture(name, picture) => Note::Picture(name, small(&picture)),
         Note::Frame(picture, time_s, phase) => Note::Frame(Arc::new(small(&picture)), time_s, phase),
