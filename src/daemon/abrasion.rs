@@ -54,6 +54,11 @@ impl Abrasion {
         format!("{plan:?} {touched:?} {done:?} {most_passes} {worn_mm2} {earlier:?} {removed_mm3:?}")
     }
 
+    /// The same on the surface that another one knows.
+    pub(super) fn on_surface_of(self, other: Abrasion) -> Self {
+        Abrasion { fit: self.fit.or(other.fit), ..self }
+    }
+
     /// The plan with this number.
     pub fn plan(&self, number: u64) -> Option<&Plan> {
         self.plan.as_ref().filter(|(known, _)| *known == number).map(|(_, plan)| plan)

@@ -76,7 +76,8 @@ impl<'p> Computing<'p> {
 
     /// The same, where results that were computed before are not computed again. For simulations of many cycles of one setup.
     pub fn remembering(mut self, memory: Memory, scene_key: SceneKey) -> Self {
-        if let Executor::Inline { remembers, .. } = &mut self.executor {
+        if let Executor::Inline { remembers, worker, .. } = &mut self.executor {
+            worker.remember(memory.films());
             *remembers = Some((memory, scene_key));
         }
         self

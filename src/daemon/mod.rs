@@ -41,6 +41,7 @@ mod corners;
 mod corrected;
 mod deadlines;
 mod error;
+mod films;
 mod fleet;
 mod front_parts;
 mod gateway;

@@ -3,9 +3,10 @@
 use super::answers::{MISSING, blind, figure, grade, reason, unseen};
 use super::corners::Corners;
 use super::error::DaemonError;
+use super::films::{FilmMemory, Watching};
 use super::ports::{CameraPort, Picture2d, Record};
 use super::setup::CycleSetup;
-use crate::cycle::{Answer, Film, Trouble};
+use crate::cycle::{Answer, Trouble};
 use crate::geometry::{Base, ColorPicture, FlangeCamera, Mask, Panel, Rigid, median};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
@@ -42,7 +43,7 @@ pub(super) struct Perception {
 /// A film that is being watched.
 #[derive(Debug)]
 pub(super) struct Filming {
-    filming: film::Filming,
+    filming: Watching,
     /// Where the panel stands in it.
     pub place: Rigid<Base, Panel>,
     /// When its first picture was taken, by the camera's clock, s.
@@ -82,13 +83,20 @@ impl Perception {
         self.obstacles.as_ref()
     }
 
-    /// What a later phase's result depends on, as text. Obstacles follow from the scan by which the panel was located.
+    /// What of the panel's place a later phase's result depends on, as text. Obstacles follow from the scan by which the panel
+    /// was located.
+    pub(super) fn place_inputs(&self) -> String {
+        let Perception { located, located_mm, place, corners, .. } = self;
+        format!("{located:?} {located_mm:?} {place:?} {corners:?}")
+    }
+
+    /// The same with what the film said.
     pub(super) fn inputs(&self) -> String {
-        let Perception { located, located_mm, place, corners, inspections, .. } = self;
+        let inspections = &self.inspections;
         let failed: Vec<_> = inspections
             .last()
             .map_or(vec![], |film| film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect());
-        format!("{located:?} {located_mm:?} {place:?} {corners:?} {failed:?}")
+        format!("{} {failed:?}", self.place_inputs())
     }
 
     /// Films, and but for a new localization the dry picture, are those of another one.
@@ -175,17 +183,13 @@ impl Perception {
         &self,
         cycle: &CycleSetup,
         pass: u8,
-        eyes: &mut dyn CameraPort,
+        (eyes, memory): (&mut dyn CameraPort, Option<&FilmMemory>),
         record: &mut dyn Record,
     ) -> Result<Result<Filming, Answer>, DaemonError> {
         let (Some(place), Some((dry, dry_s))) = (self.place, &self.dry) else { return Ok(Err(MISSING)) };
-        let begun = film::Filming::begin(&watched(cycle, place), cycle.demands().observation_s);
-        let begun = begun.and_then(|mut filming| {
-            filming.push(dry, *dry_s, Phase::Dry)?;
-            Ok(Filming { filming, place, first_s: None, seen_s: 0.0, elapsed_ms: Vec::new() })
-        });
-        match begun {
-            Ok(mut filming) => {
+        match Watching::begin(cycle, place, (dry, *dry_s), memory) {
+            Ok(filming) => {
+                let mut filming = Filming { filming, place, first_s: None, seen_s: 0.0, elapsed_ms: Vec::new() };
                 record.frame(dry, *dry_s, Phase::Dry)?;
                 match eyes.begin_film(cycle.demands().frames_per_second) {
                     Ok(began_s) => {
@@ -220,7 +224,7 @@ impl Perception {
         };
         record.frame(&picture, time_s, Phase::Wet)?;
         let begun = Instant::now();
-        let added = match filming.filming.push(&picture, time_s, Phase::Wet) {
+        let added = match filming.filming.push((cycle, filming.place), &picture, time_s) {
             Ok(added) => added,
             Err(error) => {
                 #[expect(clippy::let_underscore_must_use, reason = "nobody will ask for the next one")]
@@ -249,38 +253,15 @@ impl Perception {
         pass: u8,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        let filmed = match filming.filming.finish() {
-            Ok(filmed) => filmed,
+        let counted = film::Counted { ms_per_picture: median(&mut filming.elapsed_ms), dropped };
+        let judged = match filming.filming.finish((cycle, filming.place), pass, counted) {
+            Ok(judged) => judged,
             Err(error) => return unseen(Kind::Inspect, pass, reason("film", &error), record),
         };
-        let setup = watched(cycle, filming.place);
-        if let Some(last) = &filmed.last {
-            record.picture("film", last)?;
-            for drawing in filmed.drawn(&setup) {
-                record.figure(&figure(drawing, last))?;
-            }
-        }
-        let film = match filmed.inspection.judgement.verdict {
-            Verdict::Pass => Film::Whole,
-            Verdict::Fail => Film::Broken,
-            _ => Film::Invalid,
-        };
-        let counted = film::Counted { ms_per_picture: median(&mut filming.elapsed_ms), dropped };
-        record.finding(&filmed.finding(&setup, pass, counted))?;
-        self.inspections.push(filmed.inspection);
-        self.film_picture = filmed.last;
-        Ok(Answer::Filmed(film))
-    }
-}
-
-/// What a film of the panel at this place is watched with.
-fn watched<'a>(cycle: &'a CycleSetup, place: Rigid<Base, Panel>) -> film::Setup<'a> {
-    film::Setup {
-        panel: &cycle.panel,
-        camera: &cycle.calibrations.scanner,
-        camera_from_panel: cycle.calibrations.base_from_camera.inverse() * place,
-        demands: cycle.demands(),
-        recipe: &cycle.recipe,
+        judged.notes.into_iter().try_for_each(|note| record.note(note))?;
+        self.inspections.push(judged.inspection);
+        self.film_picture = judged.last;
+        Ok(Answer::Filmed(judged.film))
     }
 }
 

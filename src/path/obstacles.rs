@@ -9,9 +9,29 @@ use std::collections::BTreeMap;
 /// Of all points in a cube of this side one is kept, mm.
 const CUBE_MM: f64 = 8.0;
 
+/// Points of a cube of this side are looked at together, mm.
+const BLOCK_MM: f64 = 64.0;
+/// What rounding may make of a distance, mm.
+const ROUNDING_MM: f64 = 1e-6;
+
 /// Points of obstacles, by the name of each.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Obstacles(Vec<(&'static str, Vec<Point<Base>>)>);
+pub struct Obstacles(Vec<Obstacle>);
+
+/// One thing that stands in the cell.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Obstacle {
+    pub(super) name: &'static str,
+    blocks: Vec<Block>,
+}
+
+/// Neighbouring points, and the ball around them.
+#[derive(Debug, Clone, PartialEq)]
+struct Block {
+    points: Vec<Point<Base>>,
+    middle: Point<Base>,
+    radius_mm: f64,
+}
 
 impl Obstacles {
     /// With the points of another obstacle, thinned.
@@ -27,24 +47,74 @@ impl Obstacles {
                 last = Some(at);
             }
         }
-        self.0.push((name, kept.into_values().collect()));
+        self.0.push(Obstacle { name, blocks: blocks(kept.into_values()) });
         self
     }
 
-    /// Each obstacle's name and points.
-    pub(super) fn of_each(&self) -> &[(&'static str, Vec<Point<Base>>)] {
+    /// Each obstacle.
+    pub(super) fn of_each(&self) -> &[Obstacle] {
         &self.0
     }
+}
+
+impl Obstacle {
+    /// The least distance of its points, mm, by a function that says how far a place is from something, and none where all are
+    /// farther than `needed_mm`: what is around a block of points says that none of them is near.
+    pub(super) fn nearer_mm(&self, needed_mm: f64, distance_mm: impl Fn(Point<Base>) -> f64) -> Option<f64> {
+        let may_be_near = |block: &&Block| distance_mm(block.middle) - block.radius_mm <= needed_mm + ROUNDING_MM;
+        let near = self.blocks.iter().filter(may_be_near).flat_map(|block| &block.points);
+        let least_mm = near.map(|point| distance_mm(*point)).fold(f64::INFINITY, f64::min);
+        (least_mm < needed_mm).then_some(least_mm)
+    }
+}
+
+fn blocks(points: impl Iterator<Item = Point<Base>>) -> Vec<Block> {
+    let mut together: BTreeMap<[i64; 3], Vec<Point<Base>>> = BTreeMap::new();
+    for point in points {
+        let cube = [0, 1, 2].map(|axis| (point.mm[axis] / BLOCK_MM).floor() as i64);
+        together.entry(cube).or_default().push(point);
+    }
+    let block = |points: Vec<Point<Base>>| {
+        let bound = |axis: usize, of: fn(f64, f64) -> f64| points.iter().map(|point| point.mm[axis]).reduce(of);
+        let middle = [0, 1, 2].map(|axis| {
+            let (least, most) = (bound(axis, f64::min), bound(axis, f64::max));
+            0.5 * (least.unwrap_or_default() + most.unwrap_or_default())
+        });
+        let middle = Point::at(middle[0], middle[1], middle[2]);
+        let radius_mm = points.iter().map(|point| point.distance_mm(middle)).fold(0.0, f64::max);
+        Block { points, middle, radius_mm }
+    };
+    together.into_values().map(block).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     /// Points of one cube are one, the first, whether they follow each other or not.
     #[test]
     fn points_are_thinned() {
         let obstacles = Obstacles::default().with("panel", [1.0, 2.0, 9.0, 3.0].map(|x| Point::at(x, 0.0, 0.0)));
-        assert_eq!(obstacles.0[0].1, [1.0, 9.0].map(|x| Point::at(x, 0.0, 0.0)));
+        let kept: Vec<Point<Base>> = obstacles.0[0].blocks.iter().flat_map(|block| block.points.clone()).collect();
+        assert_eq!(kept, [1.0, 9.0].map(|x| Point::at(x, 0.0, 0.0)));
+    }
+
+    proptest! {
+        /// Blocks of points leave out none that is near.
+        #[test]
+        fn the_nearest_point_is_the_nearest_of_all(
+            points in prop::collection::vec(prop::array::uniform3(-300.0..300.0f64), 1..300),
+            from in prop::array::uniform3(-300.0..300.0f64),
+            needed_mm in 0.0..200.0f64,
+        ) {
+            let points = points.into_iter().map(|[x, y, z]| Point::at(x, y, z));
+            let obstacles = Obstacles::default().with("panel", points);
+            let distance_mm = |point: Point<Base>| point.distance_mm(Point::at(from[0], from[1], from[2]));
+            let all = obstacles.0[0].blocks.iter().flat_map(|block| &block.points);
+            let least_mm = all.map(|point| distance_mm(*point)).fold(f64::INFINITY, f64::min);
+            let found = obstacles.0[0].nearer_mm(needed_mm, distance_mm);
+            prop_assert_eq!(found, (least_mm < needed_mm).then_some(least_mm));
+        }
     }
 }

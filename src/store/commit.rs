@@ -5,7 +5,7 @@ use super::database::Store;
 use super::error::StoreError;
 use super::reserve;
 use super::steps::Step;
-use rusqlite::{Connection, Transaction, TransactionBehavior};
+use rusqlite::{Connection, Params, Row, Transaction, TransactionBehavior};
 use std::ops::Deref;
 
 /// A transaction under way.
@@ -23,6 +23,21 @@ impl Deref for Writing<'_> {
 }
 
 impl Writing<'_> {
+    /// Writes rows by a statement that is compiled once; how many they are comes back.
+    pub fn execute(&self, sql: &str, values: impl Params) -> Result<usize, rusqlite::Error> {
+        self.transaction.prepare_cached(sql)?.execute(values)
+    }
+
+    /// Reads a row by a statement that is compiled once.
+    pub fn query_row<T>(
+        &self,
+        sql: &str,
+        values: impl Params,
+        row: impl FnOnce(&Row<'_>) -> Result<T, rusqlite::Error>,
+    ) -> Result<T, rusqlite::Error> {
+        self.transaction.prepare_cached(sql)?.query_row(values, row)
+    }
+
     /// Adds a link to what was just written to this row.
     pub fn chain(&mut self, part: &'static str, row_key: i64) -> Result<(), Failed> {
         let part = chain::part(part).ok_or_else(|| rusqlite::Error::InvalidColumnName(part.to_owned()))?;

@@ -15,6 +15,9 @@ use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use std::path::Path;
 use std::time::SystemTime;
 
+/// Statements that stay compiled: those of every table's rows, of the chain, and of each writing.
+const STATEMENTS: usize = 100;
+
 impl Store {
     /// Opens the store in this folder for reading, beside a writer too. Nothing is made or changed.
     ///
@@ -114,6 +117,7 @@ impl Store {
     }
 
     fn of((connection, blobs): (Connection, Blobs), folder: &Path) -> Self {
+        connection.set_prepared_statement_cache_capacity(STATEMENTS);
         Store {
             connection,
             blobs,

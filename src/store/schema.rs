@@ -8,6 +8,7 @@ use super::{
 use super::{outbox, parts, people, prune, requests, signatures, teaching, verifications};
 use rusqlite::Connection;
 use std::path::Path;
+use std::sync::OnceLock;
 
 /// The newest schema that this program knows. 1: taught panels. 2: cycles, findings, journal, motions.
 /// 3: verifications. 4: discs. 5: strikes of verifications. 6: the chain, checkpoints, incidents, removed files.
@@ -112,9 +113,7 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<ChainPosition>, r
 
 /// What the database has beside this program's own tables, or has not; SQLite's own entries are none of ours.
 pub(super) fn differences(connection: &Connection) -> Result<Vec<String>, rusqlite::Error> {
-    let ours = Connection::open_in_memory()?;
-    raise(&ours)?;
-    let (ours, found) = (entries(&ours)?, entries(connection)?);
+    let (ours, found) = (own_entries()?, entries(connection)?);
     let gone = ours
         .iter()
         .filter(|entry| !found.contains(entry))
@@ -126,6 +125,18 @@ pub(super) fn differences(connection: &Connection) -> Result<Vec<String>, rusqli
     let check: String = connection.query_row("PRAGMA integrity_check", [], |row| row.get(0))?;
     told.extend((check != "ok").then(|| format!("the database is damaged: {check}")));
     Ok(told)
+}
+
+/// The entries of this program's own schema, which is made once in a process.
+fn own_entries() -> Result<&'static [(String, String)], rusqlite::Error> {
+    static OWN: OnceLock<Vec<(String, String)>> = OnceLock::new();
+    if let Some(known) = OWN.get() {
+        return Ok(known);
+    }
+    let ours = Connection::open_in_memory()?;
+    raise(&ours)?;
+    let made = entries(&ours)?;
+    Ok(OWN.get_or_init(|| made))
 }
 
 /// Each table, index, view and trigger with its text, spaces left out.

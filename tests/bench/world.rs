@@ -28,6 +28,7 @@ fn number(name: &str) -> Option<u64> {
 }
 
 fn main() -> ExitCode {
+    alone();
     if std::env::args().any(|argument| argument == "log") {
         tracing_subscriber::fmt().with_max_level(tracing::Level::DEBUG).without_time().init();
     }
@@ -89,6 +90,12 @@ fn main() -> ExitCode {
         cycles as f64 / cpu_s
     );
     if wrong == 0 && !grows { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// Loops over data run in this thread too, so that a world is one thread, and what it takes can be told.
+fn alone() {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
+    pool.build_global().unwrap_or_else(|error| panic!("{error}"));
 }
 
 /// What the process took of the processors so far, s.

@@ -43,7 +43,9 @@ pub struct Oracles {
     pub delay_ms: u64,
     /// Whether the tool is on the panel, where that is another one than these tests have.
     pub is_low: Option<fn(&Controller) -> bool>,
-    points: BTreeMap<(u32, u32), (MoveLin, f64)>,
+    points: BTreeMap<(u32, u32), MoveLin>,
+    /// How long each point lasts, ms.
+    lasts_ms: BTreeMap<(u32, u32), f64>,
     sent: BTreeMap<u32, u32>,
     first_sent_ms: BTreeMap<u32, u64>,
     ended_ms: BTreeMap<u32, u64>,
@@ -78,14 +80,26 @@ impl Oracles {
 
     /// A path was queued: these are its points, the last with this id, and how long each lasts.
     pub fn queued(&mut self, epoch: Epoch, last: CommandId, points: &[MoveLin], speed_m_s: f64) {
+        self.lasts(epoch, last, points, speed_m_s);
+        let first = last.0 + 1 - points.len() as u32;
+        self.points.extend(points.iter().zip(first..).map(|(point, id)| ((epoch.0, id), *point)));
+    }
+
+    /// The same, where only how long they last is judged.
+    pub fn lasts(&mut self, epoch: Epoch, last: CommandId, points: &[MoveLin], speed_m_s: f64) {
         let first = last.0 + 1 - points.len() as u32;
         let mut before = points[0].pose;
         for (point, id) in points.iter().zip(first..) {
             let way =
                 before.to_rigid::<Base, Tool>().origin().distance_mm(point.pose.to_rigid::<Base, Tool>().origin());
-            self.points.insert((epoch.0, id), (*point, way / speed_m_s));
+            self.lasts_ms.insert((epoch.0, id), way / point.speed_m_s.unwrap_or(speed_m_s));
             before = point.pose;
         }
+    }
+
+    /// The last command of an epoch that was sent.
+    pub fn last_sent(&self, epoch: Epoch) -> u32 {
+        self.sent.get(&epoch.0).copied().unwrap_or(0)
     }
 
     fn is_strange(&self, cell: &Insides<'_>) -> bool {
@@ -127,7 +141,7 @@ impl Oracles {
                 format!("command {id} of epoch {epoch} was executed, which the client ended at {ended_ms}"),
             );
         }
-        if let Some((point, _)) = self.points.get(&(epoch, id)) {
+        if let Some(point) = self.points.get(&(epoch, id)) {
             let base_from_tool: Rigid<Base, Tool> = step.base_from_flange * TOOL.to_rigid();
             let target: Rigid<Base, Tool> = BASE.to_rigid::<Base, Panel>() * point.pose.to_rigid::<Panel, Tool>();
             let off_mm = base_from_tool.origin().distance_mm(target.origin());
@@ -229,7 +243,7 @@ impl Oracles {
         let epoch = cell.controller.epoch().cast_unsigned();
         let keys = (epoch, done.cast_unsigned() + 1)..=(epoch, received.cast_unsigned());
         if ahead > 6 {
-            let motion_ms: f64 = self.points.range(keys).map(|(_, (_, ms))| ms).sum();
+            let motion_ms: f64 = self.lasts_ms.range(keys).map(|(_, ms)| ms).sum();
             if motion_ms > WINDOW_MS + 100.0 {
                 self.wrong(cell.now_ms, format!("{motion_ms:.0} ms of motion wait at the robot"));
             }

@@ -1,5 +1,5 @@
 //! The cameras of a world. Pictures are rendered once for each thing that can be seen and kept for all worlds of the process:
-//! a scan by what stands there, a picture of the film by what is greasy and half seconds of its time, a corner by the
+//! a scan by what stands there, a picture of the film by what is greasy and its time in steps, a corner by the
 //! flange's pose. Rendering them is the larger part of a cycle's cost, and two equal sights give equal pictures anyhow.
 
 use super::fixture::{Fixture, Stands};
@@ -18,7 +18,7 @@ use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 /// Of this share of its area covered, a spot of grease is gone.
 const HEALED_FROM: f64 = 0.9;
 /// Pictures of the film are rendered for every so many seconds.
-const STEP_S: f64 = 0.5;
+const STEP_S: f64 = 2.0;
 /// Films of this cell break so many times as fast as the renderer's, so that five seconds show what a minute shows.
 const HASTE: f64 = 8.0;
 /// Pictures that are kept at most, of each kind.
@@ -42,10 +42,23 @@ fn rendered() -> MutexGuard<'static, Rendered> {
     RENDERED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// A film that is being taken.
+struct Taking {
+    /// Since when, ms, and by the camera's clock, s.
+    began_ms: u64,
+    began_s: f64,
+    per_second: f64,
+    taken: u32,
+}
+
+/// A film's pictures are taken at the camera's own moments, which are these parts of a second and whole periods behind: so times
+/// between them are the same numbers in each film.
+const CLOCK_PARTS: f64 = 64.0;
+
 /// Both cameras as one port.
 pub struct Cameras {
     world: Shared,
-    film: Option<(u64, f64, u32)>,
+    film: Option<Taking>,
     healed: Healed,
     /// The wetting up to which `healed` is known.
     healed_at_ms: Option<u64>,
@@ -60,7 +73,8 @@ impl Cameras {
         Cameras { world, film: None, healed: vec![false; spots], healed_at_ms: None, last: None }
     }
 
-    fn picture(&mut self) -> Picture2d {
+    /// What it sees now, or saw at this moment of a film.
+    fn picture(&mut self, taken: Option<(u64, f64)>) -> Picture2d {
         let world = self.world.clone();
         let world = world.lock();
         let water = world.lock_around().water;
@@ -68,10 +82,11 @@ impl Cameras {
             self.heal(&world, on_ms);
         }
         let now_ms = world.now_ms();
-        let step = (film_s(water, now_ms) / STEP_S).round() as i64;
+        let (taken_ms, time_s) = taken.unwrap_or((now_ms, now_ms as f64 / 1e3));
+        let step = (film_s(water, taken_ms) / STEP_S).round() as i64;
         let picture = film_picture(world.stands, &self.healed, step);
         let picture = if world.is_dark() { black(&picture) } else { (*picture).clone() };
-        Picture2d { picture, time_s: now_ms as f64 / 1e3 }
+        Picture2d { picture, time_s }
     }
 
     /// What the disc covered before this wetting holds its film from now on.
@@ -86,12 +101,17 @@ impl Cameras {
 
     fn next_of_film(&mut self) -> CameraAnswer {
         let now_ms = self.world.lock().now_ms();
-        let Some((began_ms, per_second, taken)) = &mut self.film else { return CameraAnswer::NoneDue };
-        if now_ms.saturating_sub(*began_ms) as f64 / 1e3 * *per_second < f64::from(*taken) {
+        let Some(Taking { began_ms, began_s, per_second, taken }) = &mut self.film else {
+            return CameraAnswer::NoneDue;
+        };
+        let since_s = f64::from(*taken) / *per_second;
+        let due_ms = *began_ms + (since_s * 1e3).ceil() as u64;
+        if now_ms < due_ms {
             return CameraAnswer::NoneDue;
         }
         *taken += 1;
-        CameraAnswer::Picture(self.picture())
+        let moment = (due_ms, *began_s + since_s);
+        CameraAnswer::Picture(self.picture(Some(moment)))
     }
 
     fn scan(&self) -> OrganizedCloud<Camera> {
@@ -131,7 +151,7 @@ impl Cameras {
             }
             CameraHarm::Dark if flange => Some(Ok(CameraAnswer::Corner(black(&self.corner())))),
             CameraHarm::Dark if command == CameraCommand::Picture => {
-                let Picture2d { picture, time_s } = self.picture();
+                let Picture2d { picture, time_s } = self.picture(None);
                 Some(Ok(CameraAnswer::Picture(Picture2d { picture: black(&picture), time_s })))
             }
             CameraHarm::Frozen if command == CameraCommand::Picture => {
@@ -163,11 +183,12 @@ impl Port<CameraCommand> for Cameras {
         }
         let answer = match command {
             CameraCommand::Scan => CameraAnswer::Scan(self.scan()),
-            CameraCommand::Picture => CameraAnswer::Picture(self.picture()),
+            CameraCommand::Picture => CameraAnswer::Picture(self.picture(None)),
             CameraCommand::BeginFilm(per_second) => {
                 let now_ms = self.world.lock().now_ms();
-                self.film = Some((now_ms, per_second, 0));
-                CameraAnswer::FilmBegan(now_ms as f64 / 1e3)
+                let began_s = (now_ms as f64 / 1e3 * CLOCK_PARTS).ceil() / CLOCK_PARTS;
+                self.film = Some(Taking { began_ms: now_ms, began_s, per_second, taken: 0 });
+                CameraAnswer::FilmBegan(began_s)
             }
             CameraCommand::NextOfFilm => self.next_of_film(),
             CameraCommand::EndFilm => {

@@ -13,7 +13,7 @@ use super::terminals::{Around, Terminals};
 use panelprep::cycle::At;
 use panelprep::devices::mock::{Clock, Controller, Sample, Setup};
 use panelprep::devices::robot::link_limits;
-use panelprep::eki::{Channel, Epoch, LinkLimits, Pace, Session};
+use panelprep::eki::{Channel, CommandId, Epoch, LinkLimits, MoveLin, Pace, Session};
 use panelprep::geometry::{Base, Joints, Panel, Rigid, Tool};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -112,12 +112,16 @@ pub struct Inside {
     /// What is wrong with the scanner and the flange camera, and until when.
     pub cameras: [Option<(CameraHarm, u64)>; 2],
     home_at_ms: Option<u64>,
+    /// How much longer each writing takes, and until when, ms.
+    slow_disk: Option<(u64, u64)>,
     /// How the process is to end at its disk.
     pub power: Option<Power>,
     pub counts: Counts,
     pub violation: Option<Violation>,
     /// Motions that were executed before the contact path at hand, and how many of it the record permits.
     permitted: Option<(usize, u32)>,
+    /// The epoch and the first command of that path.
+    contact: Option<(Epoch, CommandId)>,
     /// The mistake that is put in.
     pub sabotage: Option<Sabotage>,
 }
@@ -185,10 +189,12 @@ impl Inside {
             pressed: VecDeque::new(),
             cameras: [None; 2],
             home_at_ms: None,
+            slow_disk: None,
             power: None,
             counts: Counts::default(),
             violation: None,
             permitted: None,
+            contact: None,
             sabotage,
         }
     }
@@ -238,6 +244,7 @@ impl Inside {
     /// Nothing goes wrong any more.
     pub fn mend(&mut self) {
         self.script.clear();
+        self.slow_disk = None;
         disk::mend();
         *self.tampering.lock().unwrap_or_else(PoisonError::into_inner) = Tampering::default();
     }
@@ -266,6 +273,32 @@ impl Inside {
             (Permit::GoesOn(count), Some((before, _))) => Some((before, count)),
             (Permit::GoesOn(_), None) | (Permit::Ends, _) => None,
         };
+        if !matches!(permit, Permit::GoesOn(_)) {
+            self.contact = None;
+        }
+    }
+
+    /// The client takes a path to send: these points, the last with this id.
+    pub fn queued(&mut self, points: &[MoveLin], last: CommandId, speed_m_s: f64) {
+        let Some(epoch) = self.open_epoch() else { return };
+        self.oracles.lasts(epoch, last, points, speed_m_s);
+        if self.permitted.is_some() && self.contact.is_none() {
+            self.contact = Some((epoch, CommandId(last.0 + 1 - points.len() as u32)));
+        }
+    }
+
+    /// The disk takes its time; link and controller go on.
+    pub fn writes(&mut self) {
+        let Some((late_ms, until_ms)) = self.slow_disk else { return };
+        if self.now_ms() >= until_ms {
+            self.slow_disk = None;
+            return;
+        }
+        let end_ms = self.now_ms() + late_ms;
+        while self.now_ms() < end_ms {
+            self.step(end_ms);
+        }
+        self.lasts_until_ms = self.lasts_until_ms.max(end_ms);
     }
 
     /// The arm is never farther along a contact path than the record says that it may be.
@@ -277,6 +310,14 @@ impl Inside {
             self.wrong(
                 "permits",
                 format!("{executed} waypoints of a contact path were executed, permitted are {permitted}"),
+            );
+        }
+        let sent =
+            self.contact.map_or(0, |(epoch, first)| (self.oracles.last_sent(epoch) + 1).saturating_sub(first.0));
+        if sent > permitted {
+            self.wrong(
+                "permits",
+                format!("{sent} waypoints of a contact path were sent, permitted are {permitted}"),
             );
         }
     }
@@ -331,6 +372,11 @@ impl Inside {
         match fault {
             Fault::Bytes { to_robot, channel, harm } => tampering.harms.push((to_robot, channel, harm)),
             Fault::Lie { channel, name, value, times } => tampering.lies.push((channel, name, value, times)),
+            // A good controller drops them: there is nothing to distrust.
+            Fault::Replay(count) => {
+                tampering.replays = count;
+                return;
+            }
             _ => {
                 drop(tampering);
                 return self.strike_cell(fault, now_ms);
@@ -385,7 +431,8 @@ impl Inside {
                     },
                 );
             }
-            Fault::Bytes { .. } | Fault::Lie { .. } => {}
+            Fault::SlowDisk { late_ms, for_ms } => self.slow_disk = Some((late_ms, now_ms + for_ms)),
+            Fault::Bytes { .. } | Fault::Lie { .. } | Fault::Replay(_) => {}
         }
     }
 

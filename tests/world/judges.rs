@@ -109,3 +109,12 @@ pub fn concluded(world: &mut Inside, verdict: Verdict) {
         world.wrong("verdict", format!("the verdict is {}, and there stands {stands:?}", verdict.word()));
     }
 }
+
+/// A cycle has its verdict in which nothing went wrong, and which nobody stopped before it was held again and again.
+pub fn ends_by_itself(world: &mut Inside, verdict: Verdict) {
+    world.counts.judged("a cycle without trouble");
+    if verdict == Verdict::Aborted {
+        let stands = world.stands;
+        world.wrong("a cycle without trouble", format!("it was aborted, and there stands {stands:?}"));
+    }
+}

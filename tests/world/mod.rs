@@ -65,7 +65,7 @@ const AWAY_MS: u64 = 2_000;
 const MOST_LIVES: u64 = 60;
 
 /// What the stages found in all worlds of the process: equal sights give equal results.
-static MEMORY: LazyLock<Memory> = LazyLock::new(Memory::default);
+static MEMORY: LazyLock<Memory> = LazyLock::new(|| Memory::new(record::shrunk));
 
 /// A world before it begins.
 #[derive(Debug, Clone)]
@@ -118,8 +118,9 @@ impl World {
         // Most worlds see one cycle and the begin of another one.
         let cycles = if self.seed.is_multiple_of(3) { 2 } else { 1 };
         let people = People::new(world.clone(), (cycles, self.seed.is_multiple_of(4)), LONGEST_MS);
-        let mut running =
-            Running { people, world, folder, sabotage: self.sabotage, stores: 0, ledger: Ledger::default() };
+        let (seed, sabotage) = (self.seed, self.sabotage);
+        let ledger = Ledger::default();
+        let mut running = Running { people, world, seed, folder, sabotage, stores: 0, ledger };
         running.whole();
         clock::right();
         let Running { world, ledger, .. } = running;
@@ -153,6 +154,7 @@ impl World {
 struct Running {
     world: Shared,
     people: People,
+    seed: u64,
     sabotage: Option<Sabotage>,
     /// Where its stores are, and which one is in use: a power cut leaves another folder.
     folder: PathBuf,
@@ -186,6 +188,9 @@ impl Running {
             }
             self.ends();
         }
+        if self.world.lock().violation.is_none() {
+            self.power_cut_at_the_end();
+        }
         disk::leave();
         if self.world.lock().violation.is_none() {
             let closed = self.ledger.close(&self.store());
@@ -199,6 +204,25 @@ impl Running {
         let _ = std::fs::remove_dir_all(&self.folder);
         // The last world of the process takes the folder of all of them along; of others it is not empty.
         let _ = self.folder.parent().map(std::fs::remove_dir);
+    }
+
+    /// The computer loses its power just when its last process has left: what a store that was closed holds must be on the disk.
+    fn power_cut_at_the_end(&mut self) {
+        if !self.seed.is_multiple_of(3) {
+            return;
+        }
+        self.world.lock().counts.judged("a power cut at the end");
+        let left = self.folder.join("left");
+        disk::after_power_cut(&left, self.seed);
+        disk::leave();
+        let start = |error: StoreError| error.to_string();
+        let held = Store::create(&left).map_err(start).and_then(|mut store| {
+            let rested = store.recover().map_err(start)?;
+            self.ledger.check(&store, &rested)
+        });
+        if let Err(problem) = held {
+            self.world.lock().wrong("a power cut at the end", problem);
+        }
     }
 
     /// Whether this was the last process; one that ended with its disk is none.

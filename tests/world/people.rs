@@ -20,6 +20,8 @@ const COMPUTES_MS: u64 = 120;
 const WATCHES_MS: u64 = 60;
 /// From the end of all trouble the cell must come to a new cycle within so long, ms.
 const RECOVERY_MS: u64 = 60_000;
+/// What was told falsely is forgotten after so long, ms.
+const CALM_MS: u64 = 1_000;
 /// A held cycle is tried again so often.
 const TRIES: u32 = 3;
 
@@ -53,6 +55,8 @@ pub struct People {
     begun_before: u64,
     asked: VecDeque<What>,
     working: Option<(Id, u64)>,
+    /// The cycle at hand began when nothing went wrong any more.
+    is_untroubled: bool,
     /// When somebody asked for an end: which, and when the table took it.
     pub stopping: Option<(cycle::Request, u64)>,
 }
@@ -72,6 +76,7 @@ impl People {
             begun_before: 0,
             asked: VecDeque::new(),
             working: None,
+            is_untroubled: false,
             stopping: None,
         }
     }
@@ -192,11 +197,19 @@ impl People {
 
     fn hear(&mut self, news: News) {
         match news {
-            News::Begun(..) => self.world.lock().counts.cycles += 1,
+            News::Begun(..) => {
+                let mut world = self.world.lock();
+                world.counts.cycles += 1;
+                let is_calm = world.now_ms() >= world.lasts_until_ms + CALM_MS && !world.is_troubled();
+                self.is_untroubled = self.aim == Aim::Recover { whole: true } && is_calm;
+            }
             News::Concluded(verdict) => {
                 self.held = 0;
                 self.ended += 1;
                 let mut world = self.world.lock();
+                if std::mem::take(&mut self.is_untroubled) {
+                    judges::ends_by_itself(&mut world, verdict);
+                }
                 *world.counts.verdicts.entry(verdict.word()).or_default() += 1;
                 judges::concluded(&mut world, verdict);
             }

@@ -40,6 +40,9 @@ impl Port<RecordCommand> for Record<'_> {
             RecordCommand::Note(note) => RecordCommand::Note(shrunk(note)),
             command => command,
         };
+        if !matches!(command, RecordCommand::Filled | RecordCommand::DiscWorn | RecordCommand::BetweenCycles) {
+            self.world.lock().writes();
+        }
         let is_skipped = self.sabotage.is_some_and(|sabotage| sabotage.skips(&command));
         let answer = if is_skipped { RecordAnswer::Done } else { self.store.perform(command)? };
         self.ledger.acknowledged(told, &answer);
@@ -50,7 +53,8 @@ impl Port<RecordCommand> for Record<'_> {
     }
 }
 
-fn shrunk(note: Note) -> Note {
+/// A note with small pictures.
+pub fn shrunk(note: Note) -> Note {
     match note {
         Note::Picture(name, picture) => Note::Picture(name, small(&picture)),
         Note::Frame(picture, time_s, phase) => Note::Frame(Arc::new(small(&picture)), time_s, phase),

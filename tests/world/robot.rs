@@ -2,7 +2,7 @@
 
 use super::inside::Shared;
 use panelprep::daemon::{Port, RobotAnswer, RobotCommand};
-use panelprep::eki::{LinkLoss, Report, Time};
+use panelprep::eki::{Command, LinkLoss, Report, Time};
 use std::mem::discriminant;
 
 /// How long the loop waits for a report before it looks elsewhere, ms.
@@ -13,12 +13,14 @@ pub struct Robot {
     world: Shared,
     /// The trouble that was told, until a controller answers: as the link's own thread has it.
     told_loss: Option<LinkLoss>,
+    /// Of the paths that follow, m/s.
+    speed_m_s: f64,
 }
 
 impl Robot {
     /// The robot of this world.
     pub fn new(world: Shared) -> Self {
-        Robot { world, told_loss: None }
+        Robot { world, told_loss: None, speed_m_s: 0.1 }
     }
 
     fn next(&mut self) -> Option<Report> {
@@ -61,10 +63,21 @@ impl Port<RobotCommand> for Robot {
         let now = Time::at_ms(world.now_ms());
         let session = &mut world.cell.session;
         match command {
-            RobotCommand::Send(command) => RobotAnswer::Queued(session.queue(command)),
-            RobotCommand::Path { points, permitted: None } => RobotAnswer::Queued(session.queue_path(&points)),
-            RobotCommand::Path { points, permitted: Some(permitted) } => {
-                RobotAnswer::Queued(session.queue_path_within(&points, permitted))
+            RobotCommand::Send(command) => {
+                if let Command::SetAccSpeed(speeds) = &command {
+                    self.speed_m_s = speeds.speed_m_s;
+                }
+                RobotAnswer::Queued(session.queue(command))
+            }
+            RobotCommand::Path { points, permitted } => {
+                let queued = match permitted {
+                    None => session.queue_path(&points),
+                    Some(permitted) => session.queue_path_within(&points, permitted),
+                };
+                if let Ok(last) = &queued {
+                    world.queued(&points, *last, self.speed_m_s);
+                }
+                RobotAnswer::Queued(queued)
             }
             RobotCommand::Permit(last) => RobotAnswer::Done(session.permit(last)),
             RobotCommand::OpenEpoch(above) => RobotAnswer::Epoch(session.open_epoch_above(above)),

@@ -124,6 +124,10 @@ pub enum Fault {
     Power { writing: u32, power: Power },
     /// From the nth writing to the disk from now on, so many of them.
     Disk { writing: u32, harm: DiskHarm, times: u32 },
+    /// Each writing takes so much longer, for so long; the link goes on meanwhile.
+    SlowDisk { late_ms: u64, for_ms: u64 },
+    /// So many messages with commands of an ended epoch come once more.
+    Replay(u32),
 }
 
 impl Fault {
@@ -153,6 +157,8 @@ impl Fault {
             Fault::Power { power: Power::Cut { .. }, .. } => "power cut",
             Fault::Disk { harm: DiskHarm::Full, .. } => "disk full",
             Fault::Disk { harm: DiskHarm::Io, .. } => "disk error",
+            Fault::SlowDisk { .. } => "disk slow",
+            Fault::Replay(_) => "bytes replayed",
         }
     }
 
@@ -161,6 +167,7 @@ impl Fault {
         match self {
             Fault::Deaf(ms) | Fault::Stall(ms) | Fault::ForeignProgram(ms) => *ms,
             Fault::Feedback { for_ms, .. } | Fault::Camera { for_ms, .. } => *for_ms,
+            Fault::SlowDisk { late_ms, for_ms } => late_ms + for_ms,
             Fault::Bytes { harm: Harm::Late(ms), .. } => *ms,
             // As drawn, with the time in which a controller starts again.
             Fault::Controller(_) => 6_000,
@@ -220,7 +227,46 @@ pub struct Odds {
 pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
     let mut draw = Pcg64::seed_from_u64(seed);
     let count = draw.random_range(1..=odds.most);
-    (0..count).map(|_| entry(&mut draw, odds)).collect()
+    let mut script: Vec<Entry> = (0..count).map(|_| entry(&mut draw, odds)).collect();
+    // Drawn apart, so that the entries before are what they were without these.
+    let mut draw = Pcg64::seed_from_u64(seed ^ 0xf0c5);
+    if draw.random_bool(0.3) {
+        script.extend(aimed(&mut draw, odds));
+    }
+    script
+}
+
+/// What seldom meets by chance: long silence in contact, telegrams of ended epochs, a slow disk while waypoints are permitted, a
+/// controller and a computer that both lose their power.
+fn aimed(draw: &mut Pcg64, odds: Odds) -> Vec<Entry> {
+    let at = |draw: &mut Pcg64, places: &[&str], fault| {
+        let (place, visit) = (places.choose(draw).copied().unwrap_or("abrade"), draw.random_range(1..3));
+        Entry { place: place.to_owned(), visit, after_ms: draw.random_range(0..2_500), fault }
+    };
+    match draw.random_range(0..if odds.disk { 8 } else { 5 }) {
+        0 | 1 => {
+            let ms = draw.random_range(600..5_000);
+            let fault = if draw.random_bool(0.7) { Fault::Deaf(ms) } else { Fault::Stall(ms) };
+            vec![at(draw, &["abrade", "abrade", "verify", "retract"], fault)]
+        }
+        2..5 => {
+            let fault = Fault::Replay(draw.random_range(1..8));
+            vec![at(draw, &["refine", "verify", "abrade", "retract", "rinse", "held", "stopped"], fault)]
+        }
+        5 | 6 => {
+            let late_ms = [50, 400, 2_500, 6_000][draw.random_range(0..4)];
+            let fault = Fault::SlowDisk { late_ms, for_ms: draw.random_range(500..4_000) };
+            vec![at(draw, &["abrade", "abrade", "wet", "plan", "refine"], fault)]
+        }
+        _ => {
+            let reboot = Fault::Controller("reboot/1000ms".to_owned());
+            let cut = Power::Cut { seed: draw.random_range(0..1 << 32) };
+            let power = Fault::Power { writing: draw.random_range(0..3), power: cut };
+            let (place, visit, after_ms) = (*OFTEN.choose(draw).unwrap_or(&"wet"), 1, draw.random_range(0..2_000));
+            let entry = |fault| Entry { place: place.to_owned(), visit, after_ms, fault };
+            vec![entry(reboot), entry(power)]
+        }
+    }
 }
 
 fn entry(draw: &mut Pcg64, odds: Odds) -> Entry {

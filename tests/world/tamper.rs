@@ -2,7 +2,11 @@
 
 use super::link_cell::Tamper;
 use super::script::Harm;
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
+
+/// Messages that are kept, to come once more.
+const MOST_SENT: usize = 60;
 
 /// What is to happen to the next messages.
 #[derive(Debug, Default)]
@@ -13,6 +17,10 @@ pub struct Tampering {
     pub lies: Vec<(usize, String, String, u32)>,
     /// How many messages were changed.
     pub applied: u64,
+    /// So many messages with commands of an ended epoch are to come once more.
+    pub replays: u32,
+    /// The last messages with commands, with their epochs.
+    sent: VecDeque<(u32, Vec<u8>)>,
     /// A message that waits for the one behind it.
     held: Vec<(bool, usize, Vec<u8>)>,
 }
@@ -26,6 +34,35 @@ impl Tampering {
     }
 
     fn message(&mut self, to_robot: bool, channel: usize, bytes: &[u8]) -> Option<Vec<(u64, Vec<u8>)>> {
+        let replayed = if to_robot && channel == 0 { self.replayed(bytes) } else { vec![] };
+        let pieces = self.harmed(to_robot, channel, bytes);
+        if replayed.is_empty() {
+            return pieces;
+        }
+        let pieces = pieces.unwrap_or_else(|| vec![(0, bytes.to_vec())]);
+        Some(replayed.into_iter().map(|bytes| (0, bytes)).chain(pieces).collect())
+    }
+
+    /// What was said before in another epoch than this message's, where it is to come once more. Nothing of it may have an effect.
+    fn replayed(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
+        let Some(epoch) = epoch_of(bytes) else { return vec![] };
+        self.sent.push_back((epoch, bytes.to_vec()));
+        if self.sent.len() > MOST_SENT {
+            self.sent.pop_front();
+        }
+        if self.replays == 0 {
+            return vec![];
+        }
+        let ended: Vec<Vec<u8>> =
+            self.sent.iter().filter(|(of, _)| *of < epoch).map(|(_, bytes)| bytes.clone()).collect();
+        let count = ended.len().min(self.replays as usize);
+        if count > 0 {
+            self.replays = 0;
+        }
+        ended[ended.len() - count..].to_vec()
+    }
+
+    fn harmed(&mut self, to_robot: bool, channel: usize, bytes: &[u8]) -> Option<Vec<(u64, Vec<u8>)>> {
         let lied = if to_robot { None } else { self.lie(channel, bytes) };
         let bytes = lied.as_deref().unwrap_or(bytes);
         let harm = self.harms.iter().position(|(way, of, _)| (*way, *of) == (to_robot, channel));
@@ -71,4 +108,10 @@ impl Tampering {
         }
         Some(lied.into_bytes())
     }
+}
+
+/// The epoch of a message's first command.
+fn epoch_of(bytes: &[u8]) -> Option<u32> {
+    let text = std::str::from_utf8(bytes).ok()?;
+    text.split(" Ep=\"").nth(1)?.split('"').next()?.parse().ok()
 }

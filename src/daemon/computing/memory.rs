@@ -2,56 +2,97 @@
 //!
 //! What the cameras would show cannot be known before they are asked, which takes their time. So whoever simulates them names it:
 //! a number for each thing that can be seen. The rest of a piece of work's inputs is compared by content, except what follows from
-//! the rest. Films are never remembered: each picture of them has its own time.
+//! the rest. Films are remembered by their pictures (see `films`).
 
 use super::work::{Work, Worked};
 use crate::cycle::Act;
+use crate::daemon::abrasion::Abrasion;
+use crate::daemon::films::FilmMemory;
+use crate::daemon::perception::Perception;
 use crate::daemon::ports::Note;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Results that are remembered, at most: each has its pictures. What is new after that is computed each time.
-const MOST: usize = 500;
+/// Results that are remembered, at most: each has its notes and what it found. What is new after that is computed each time.
+const MOST: usize = 4_000;
 
 /// Names what the cameras would show for this act now; none where the result is not to be remembered.
 pub type SceneKey = Box<dyn FnMut(Act) -> Option<u64> + Send>;
 
 /// Results of work that was done before. Clones are the same memory; it serves cycles of one setup.
-#[derive(Debug, Clone, Default)]
-pub struct Memory(Arc<Mutex<BTreeMap<String, (Worked, Vec<Note>)>>>);
+#[derive(Debug, Clone)]
+pub struct Memory {
+    results: Arc<Mutex<BTreeMap<String, Worked>>>,
+    /// What becomes of a note that is remembered.
+    keeps: fn(Note) -> Note,
+    films: FilmMemory,
+}
 
-/// What a piece of work depends on, as text; none for what is not remembered.
+/// What a piece of work depends on, as text; none for what is not remembered. An act is named with what its phase reads.
 pub(super) fn inputs(work: &Work, scene_key: &mut SceneKey) -> Option<String> {
     if !matches!(work.act, Act::Locate | Act::Refine { .. } | Act::Verify { .. } | Act::Plan { .. }) {
         return None;
     }
     let scene = scene_key(work.act)?;
     let (act, pass, tip) = (work.act, work.pass, work.tip);
-    Some(format!("{act:?} {pass} {scene} {tip:?} {} {}", work.perception.inputs(), work.abrasion.inputs()))
+    Some(match act {
+        Act::Locate => format!("{act:?} {scene}"),
+        // The survey that follows a corner's refinement looks at the disc.
+        Act::Refine { .. } => {
+            let worn_mm2 = work.abrasion.worn_mm2;
+            format!("{act:?} {pass} {scene} {tip:?} {worn_mm2} {}", work.perception.place_inputs())
+        }
+        Act::Verify { .. } => format!("{act:?} {pass} {scene} {tip:?} {}", work.perception.place_inputs()),
+        _ => format!("{act:?} {pass} {scene} {} {}", work.perception.inputs(), work.abrasion.inputs()),
+    })
 }
 
 impl Memory {
+    /// A memory of nothing. Of each note that is remembered, this is kept: whoever keeps smaller pictures anyhow need not
+    /// remember larger ones.
+    pub fn new(keeps: fn(Note) -> Note) -> Self {
+        Memory { results: Arc::default(), keeps, films: FilmMemory::new(keeps) }
+    }
+
+    pub(super) fn films(&self) -> FilmMemory {
+        self.films.clone()
+    }
+
     /// The result of such work for this piece of it.
     pub(super) fn recall(&self, inputs: &str, work: &Work) -> Option<Worked> {
-        let memory = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let (worked, notes) = memory.get(inputs)?;
+        let results = self.results.lock().unwrap_or_else(PoisonError::into_inner);
+        let worked = results.get(inputs)?;
         let artifacts = worked.artifacts.clone().map(|(mut perception, abrasion)| {
             // What films left is none of this work's results.
             perception.keep_films_of(&work.perception, work.act == Act::Locate);
-            (perception, abrasion)
+            (perception, after(work.act, &work.abrasion, abrasion))
         });
-        let found = worked.found.as_ref().ok()?.clone();
-        Some(Worked { id: work.id, found: Ok(found), artifacts, notes: notes.clone(), is_of_film: false })
+        let (found, notes) = (worked.found.as_ref().ok()?.clone(), worked.notes.clone());
+        Some(Worked { id: work.id, found: Ok(found), artifacts, notes, is_of_film: false })
     }
 
     /// Remembers a result that is one.
     pub(super) fn remember(&self, inputs: String, worked: &Worked) {
         let Ok(found) = &worked.found else { return };
-        let (id, found, artifacts) = (worked.id, Ok(found.clone()), worked.artifacts.clone());
-        let kept = Worked { id, found, artifacts, notes: vec![], is_of_film: false };
-        let mut memory = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if memory.len() < MOST {
-            memory.insert(inputs, (kept, worked.notes.clone()));
+        let mut results = self.results.lock().unwrap_or_else(PoisonError::into_inner);
+        if results.len() >= MOST {
+            return;
         }
+        let artifacts = worked.artifacts.clone().map(|(mut perception, abrasion)| {
+            perception.keep_films_of(&Perception::default(), true);
+            (perception, abrasion)
+        });
+        let notes = worked.notes.iter().cloned().map(self.keeps).collect();
+        let (id, found) = (worked.id, Ok(found.clone()));
+        results.insert(inputs, Worked { id, found, artifacts, notes, is_of_film: false });
+    }
+}
+
+/// The abrasion after an act that was done before: only planning changes it, but for the surface, which follows from what was
+/// taught.
+fn after(act: Act, before: &Abrasion, then: Abrasion) -> Abrasion {
+    match act {
+        Act::Plan { .. } => then,
+        _ => before.clone().on_surface_of(then),
     }
 }

@@ -4,6 +4,7 @@ use super::work::{Found, Readable, Work, Worked};
 use crate::cycle::{Act, Answer, Grade, Trouble};
 use crate::daemon::answers::MISSING;
 use crate::daemon::error::DaemonError;
+use crate::daemon::films::FilmMemory;
 use crate::daemon::live_view::{LiveFilm, LiveFrame, LiveView};
 use crate::daemon::perception::Filming;
 use crate::daemon::ports::{CameraPort, Keeper, Kept, Note, Record, RecordError};
@@ -74,6 +75,8 @@ pub(super) struct Worker<'p> {
     readable: Readable,
     keep: Option<Keeper>,
     filming: Option<Filming>,
+    /// Films that were watched before.
+    films: Option<FilmMemory>,
     /// Where people look on.
     view: LiveView,
 }
@@ -81,7 +84,12 @@ pub(super) struct Worker<'p> {
 impl<'p> Worker<'p> {
     /// Keeps pictures at once where there is a keeper; else it leaves them to the record.
     pub fn new(cameras: Box<dyn CameraPort + Send + 'p>, readable: Readable, keep: Option<Keeper>) -> Self {
-        Worker { cameras, readable, keep, filming: None, view: LiveView::default() }
+        Worker { cameras, readable, keep, filming: None, films: None, view: LiveView::default() }
+    }
+
+    /// The same, that remembers films.
+    pub fn remember(&mut self, films: FilmMemory) {
+        self.films = Some(films);
     }
 
     /// The same, with people who look on.
@@ -137,12 +145,15 @@ impl<'p> Worker<'p> {
 
     /// Begins the film, or watches it for one more picture.
     fn film(&mut self, work: &mut Work, cycle: &CycleSetup, notes: &mut Notes<'_>) -> Result<Found, DaemonError> {
-        let cameras = &mut *self.cameras;
+        let cameras: &mut dyn CameraPort = &mut *self.cameras;
         let watched = match (work.is_next_picture, self.filming.take()) {
             (true, Some(filming)) => work.perception.watch(cycle, filming, work.pass, cameras, notes)?,
             (true, None) => Err(MISSING),
             // It only looks: nothing of it is new.
-            (false, _) => std::mem::take(&mut work.perception).film(cycle, work.pass, cameras, notes)?,
+            (false, _) => {
+                let eyes = (cameras, self.films.as_ref());
+                std::mem::take(&mut work.perception).film(cycle, work.pass, eyes, notes)?
+            }
         };
         Ok(match watched {
             Ok(filming) => Found::Watching { seen_s: self.filming.insert(filming).seen_s },

@@ -9,11 +9,11 @@ use crate::path::kinematics::{Angles, Kinematics};
 pub(super) fn keeps_clear(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Result<(), Infeasibility> {
     let Some(obstacles) = arm.obstacles() else { return Ok(()) };
     for (part, from, to, needed_mm) in parts(arm, tip, at) {
-        for (name, points) in obstacles.of_each() {
-            let distance_mm =
-                points.iter().map(|point| from_line_mm(*point, from, to)).fold(f64::INFINITY, f64::min);
-            if distance_mm < needed_mm {
-                return Err(Infeasibility::KeepOut { part, name: (*name).to_owned(), distance_mm, needed_mm });
+        for obstacle in obstacles.of_each() {
+            let nearer_mm = obstacle.nearer_mm(needed_mm, |point| from_line_mm(point, from, to));
+            if let Some(distance_mm) = nearer_mm {
+                let name = obstacle.name.to_owned();
+                return Err(Infeasibility::KeepOut { part, name, distance_mm, needed_mm });
             }
         }
     }

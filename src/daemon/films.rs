@@ -1,0 +1,244 @@
+//! A film as it is watched, and films that were watched before, for simulations of many cycles: equal pictures at equal times
+//! give equal films.
+//!
+//! A film is looked at picture by picture. Where films are remembered its pictures are only kept as they come, and the film is
+//! looked at, or remembered, when the last one is there. What a picture must fulfil to be taken is looked at as it comes; where
+//! it does not, the film is looked at from there on. With the thesis's method another fault may be told at the end instead.
+
+use super::answers::figure;
+use super::ports::Note;
+use super::setup::CycleSetup;
+use crate::cycle::Film;
+use crate::geometry::{Base, ColorPicture, Mask, Panel, Rigid};
+use crate::inspect::{InspectError, Inspection};
+use crate::panel::GridId;
+use crate::phase::Phase;
+use crate::stages::film::{self, Added, Counted};
+use crate::verdict::Verdict;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Films that are remembered, at most: each has a time for every pixel. What is new after that is looked at each time.
+const MOST: usize = 1_000;
+/// A film of more pictures is looked at as they come.
+const LONGEST: usize = 1_000;
+
+/// What a film that was watched to its end came to.
+#[derive(Debug, Clone)]
+pub(super) struct Judged {
+    pub film: Film,
+    pub inspection: Arc<Inspection>,
+    /// Its last picture.
+    pub last: Option<Arc<ColorPicture>>,
+    /// What is to be recorded.
+    pub notes: Vec<Note>,
+}
+
+/// Films that were watched before. Clones are the same memory; it serves cycles of one setup.
+#[derive(Debug, Clone)]
+pub(super) struct FilmMemory {
+    known: Arc<Mutex<Known>>,
+    /// What becomes of a note that is remembered.
+    keeps: fn(Note) -> Note,
+}
+
+#[derive(Debug, Default)]
+struct Known {
+    /// Where a film could be begun.
+    places: BTreeSet<String>,
+    films: BTreeMap<String, Judged>,
+}
+
+/// A picture, its time, s, and its phase.
+type Shot = (Arc<ColorPicture>, f64, Phase);
+
+/// A film that is being watched.
+#[derive(Debug)]
+pub(super) enum Watching {
+    /// Looked at as its pictures come.
+    AtOnce(Box<film::Filming>),
+    /// Looked at when its last picture is there.
+    AtTheEnd { memory: FilmMemory, shots: Vec<Shot>, begins_s: Option<f64> },
+}
+
+impl Watching {
+    /// Begins a film of the panel at this place with its dry picture.
+    ///
+    /// # Errors
+    /// Where the region is not in the picture, or the picture is not the camera's.
+    pub fn begin(
+        cycle: &CycleSetup,
+        place: Rigid<Base, Panel>,
+        (dry, dry_s): (&Arc<ColorPicture>, f64),
+        memory: Option<&FilmMemory>,
+    ) -> Result<Self, InspectError> {
+        let is_known = format!("{place:?} {} {}", dry.width, dry.height);
+        if let Some(memory) = memory.filter(|memory| memory.lock().places.contains(&is_known)) {
+            let shots = vec![(dry.clone(), dry_s, Phase::Dry)];
+            return Ok(Watching::AtTheEnd { memory: memory.clone(), shots, begins_s: None });
+        }
+        let mut filming = film::Filming::begin(&watched(cycle, place), cycle.demands().observation_s)?;
+        filming.push(dry, dry_s, Phase::Dry)?;
+        if let Some(memory) = memory {
+            memory.lock().places.insert(is_known);
+        }
+        Ok(Watching::AtOnce(Box::new(filming)))
+    }
+
+    /// The camera begins to film at this time.
+    pub fn begins(&mut self, time_s: f64) {
+        match self {
+            Watching::AtOnce(filming) => filming.begins(time_s),
+            Watching::AtTheEnd { begins_s, .. } => *begins_s = Some(time_s),
+        }
+    }
+
+    /// Takes the next wet picture.
+    ///
+    /// # Errors
+    /// Where its size is not the camera's, or it comes out of order.
+    pub fn push(
+        &mut self,
+        (cycle, place): (&CycleSetup, Rigid<Base, Panel>),
+        picture: &Arc<ColorPicture>,
+        time_s: f64,
+    ) -> Result<Added, InspectError> {
+        if let Watching::AtTheEnd { shots, begins_s, .. } = self {
+            let follows = shots.last().is_some_and(|(last, last_s, _)| {
+                (last.width, last.height) == (picture.width, picture.height) && time_s > *last_s
+            });
+            if follows && time_s.is_finite() && shots.len() < LONGEST {
+                shots.push((picture.clone(), time_s, Phase::Wet));
+                return Ok(Added { since_wet_s: None, opened_on: None });
+            }
+            *self = Watching::AtOnce(Box::new(looked_at((cycle, place), shots, *begins_s)?));
+        }
+        match self {
+            Watching::AtOnce(filming) => filming.push(picture, time_s, Phase::Wet),
+            Watching::AtTheEnd { .. } => Ok(Added { since_wet_s: None, opened_on: None }),
+        }
+    }
+
+    /// The newest picture, the pixels that broke so far and the grids that failed so far.
+    pub fn so_far(&self) -> Option<(Arc<ColorPicture>, Mask, Vec<GridId>)> {
+        match self {
+            Watching::AtOnce(filming) => filming.so_far(),
+            Watching::AtTheEnd { .. } => None,
+        }
+    }
+
+    /// Judges the film.
+    ///
+    /// # Errors
+    /// Where it has no picture of the wet panel.
+    pub fn finish(
+        self,
+        (cycle, place): (&CycleSetup, Rigid<Base, Panel>),
+        pass: u8,
+        counted: Counted,
+    ) -> Result<Judged, InspectError> {
+        let (memory, shots, begins_s) = match self {
+            Watching::AtOnce(filming) => return judged((cycle, place), *filming, pass, counted),
+            Watching::AtTheEnd { memory, shots, begins_s } => (memory, shots, begins_s),
+        };
+        let inputs = format!("{place:?} {pass} {:?} {}", counted.dropped, inputs(&shots, begins_s));
+        let last = shots.last().map(|(picture, ..)| picture.clone());
+        if let Some(known) = memory.lock().films.get(&inputs) {
+            return Ok(Judged { last, ..known.clone() });
+        }
+        let filming = looked_at((cycle, place), &shots, begins_s)?;
+        let judged = judged((cycle, place), filming, pass, counted)?;
+        memory.remember(inputs, &judged);
+        Ok(judged)
+    }
+}
+
+impl FilmMemory {
+    /// A memory of nothing; of each note that is remembered this is kept.
+    pub fn new(keeps: fn(Note) -> Note) -> Self {
+        FilmMemory { known: Arc::default(), keeps }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Known> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn remember(&self, inputs: String, judged: &Judged) {
+        let mut known = self.lock();
+        if known.films.len() < MOST {
+            let notes = judged.notes.iter().cloned().map(self.keeps).collect();
+            known.films.insert(inputs, Judged { last: None, notes, ..judged.clone() });
+        }
+    }
+}
+
+/// What a film depends on but for its place: its pictures, and their times after the first wet one.
+fn inputs(shots: &[Shot], begins_s: Option<f64>) -> String {
+    let first_s = shots.iter().find(|(.., phase)| *phase == Phase::Wet).map_or(0.0, |(_, time_s, _)| *time_s);
+    let one = |(picture, time_s, phase): &Shot| {
+        let since_s = if *phase == Phase::Wet { time_s - first_s } else { 0.0 };
+        format!(" {phase:?} {since_s:?} {:x}", picture_hash(picture))
+    };
+    let late_s = begins_s.map(|begins_s| first_s - begins_s);
+    format!("{late_s:?}{}", shots.iter().map(one).collect::<String>())
+}
+
+/// A number that other pictures do not have. It names pictures within one process, where nobody forges any.
+fn picture_hash(picture: &ColorPicture) -> u64 {
+    const ODD: u64 = 0x9e37_79b9_7f4a_7c15;
+    let mix = |hash: u64, word: u64| (hash.rotate_left(23) ^ word).wrapping_mul(ODD);
+    let size = mix(picture.width as u64, picture.height as u64);
+    let (chunks, rest) = picture.rgb.as_flattened().as_chunks::<8>();
+    let hash = chunks.iter().fold(size, |hash, chunk| mix(hash, u64::from_le_bytes(*chunk)));
+    let hash = rest.iter().fold(hash, |hash, byte| mix(hash, u64::from(*byte)));
+    hash ^ (hash >> 32)
+}
+
+/// The film with these pictures.
+fn looked_at(
+    (cycle, place): (&CycleSetup, Rigid<Base, Panel>),
+    shots: &[Shot],
+    begins_s: Option<f64>,
+) -> Result<film::Filming, InspectError> {
+    let mut filming = film::Filming::begin(&watched(cycle, place), cycle.demands().observation_s)?;
+    for (picture, time_s, phase) in shots {
+        filming.push(picture, *time_s, *phase)?;
+        if let (Phase::Dry, Some(begins_s)) = (phase, begins_s) {
+            filming.begins(begins_s);
+        }
+    }
+    Ok(filming)
+}
+
+fn judged(
+    (cycle, place): (&CycleSetup, Rigid<Base, Panel>),
+    filming: film::Filming,
+    pass: u8,
+    counted: Counted,
+) -> Result<Judged, InspectError> {
+    let filmed = filming.finish()?;
+    let setup = watched(cycle, place);
+    let mut notes = Vec::new();
+    if let Some(last) = &filmed.last {
+        notes.push(Note::Picture("film".to_owned(), (**last).clone()));
+        notes.extend(filmed.drawn(&setup).into_iter().map(|drawing| Note::Figure(figure(drawing, last))));
+    }
+    notes.push(Note::Finding(filmed.finding(&setup, pass, counted)));
+    let film = match filmed.inspection.judgement.verdict {
+        Verdict::Pass => Film::Whole,
+        Verdict::Fail => Film::Broken,
+        _ => Film::Invalid,
+    };
+    Ok(Judged { film, inspection: filmed.inspection, last: filmed.last, notes })
+}
+
+/// What a film of the panel at this place is watched with.
+fn watched(cycle: &CycleSetup, place: Rigid<Base, Panel>) -> film::Setup<'_> {
+    film::Setup {
+        panel: &cycle.panel,
+        camera: &cycle.calibrations.scanner,
+        camera_from_panel: cycle.calibrations.base_from_camera.inverse() * place,
+        demands: cycle.demands(),
+        recipe: &cycle.recipe,
+    }
+}
