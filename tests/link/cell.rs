@@ -16,6 +16,7 @@ use panelprep::geometry::{Base, Joints, KukaPose, Panel, Rigid, Tool};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::collections::VecDeque;
+use std::sync::LazyLock;
 use transport::{CHANNELS, Piece, Way};
 
 /// Wrist bent down: the flange is at (390, 0, 670), its Z straight down.
@@ -36,13 +37,18 @@ pub const TICK_MS: u64 = 12;
 
 /// The shipped files, as the client reads them.
 pub fn wire() -> Wire {
-    let [command, state] = [CELLCMD, CELLSTAT].map(|text| ChannelFile::parse(text).expect("a shipped file"));
-    Wire::new(&command, &state).expect("the shipped files fit")
+    static WIRE: LazyLock<Wire> = LazyLock::new(|| {
+        let [command, state] = [CELLCMD, CELLSTAT].map(|text| ChannelFile::parse(text).expect("a shipped file"));
+        Wire::new(&command, &state).expect("the shipped files fit")
+    });
+    WIRE.clone()
 }
 
 /// A controller on these files.
 pub fn setup(clock: Clock) -> Setup {
-    let [command, state] = [CELLCMD, CELLSTAT].map(|text| mock::ChannelFile::parse(text).expect("a shipped file"));
+    static FILES: LazyLock<[mock::ChannelFile; 2]> =
+        LazyLock::new(|| [CELLCMD, CELLSTAT].map(|text| mock::ChannelFile::parse(text).expect("a shipped file")));
+    let [command, state] = FILES.clone();
     let mut setup = Setup { clock, start: START, ..Setup::new(command, state) };
     // The paths of these tests end so near to axis 5's limit that the retract from their last point would lie beyond it.
     setup.arm.limits_deg[4] = [-130.0, 130.0];

@@ -55,6 +55,13 @@ struct Taking {
 /// between them are the same numbers in each film.
 const CLOCK_PARTS: f64 = 64.0;
 
+/// How many pictures are kept for all worlds, and their bytes.
+pub fn kept() -> (usize, usize) {
+    let rendered = rendered();
+    let pictures = rendered.film.values().chain(rendered.corners.values());
+    pictures.fold((0, 0), |(count, bytes), picture| (count + 1, bytes + 3 * picture.rgb.len()))
+}
+
 /// Both cameras as one port.
 pub struct Cameras {
     world: Shared,

@@ -114,7 +114,13 @@ pub fn leave() {
 
 /// What is to happen at the nth writing from now on.
 pub fn at_writing(nth: u32, event: Event) {
-    with(|watched| watched.events.push((watched.writings + u64::from(nth), event)));
+    with(|watched| {
+        // Of the reserve's room more is left than is written until the process ends.
+        let has_room = !watched.names.contains_key(&watched.root.join(RESERVE));
+        if !(has_room && matches!(event, Event::Full(_))) {
+            watched.events.push((watched.writings + u64::from(nth), event));
+        }
+    });
 }
 
 /// Nothing of this is to happen any more.

@@ -105,6 +105,8 @@ pub struct Inside {
     script: Vec<Pending>,
     /// Until when what struck lasts, ms.
     pub lasts_until_ms: u64,
+    /// Something struck whose effect may wait: half a message in a buffer, a base that will be wrong when it is set next.
+    pub lingers: bool,
     place: &'static str,
     visits: BTreeMap<&'static str, u32>,
     /// What people ask and nobody has taken up yet.
@@ -184,6 +186,7 @@ impl Inside {
             stands,
             script: script.into_iter().map(|entry| Pending { entry, due_ms: None }).collect(),
             lasts_until_ms: 0,
+            lingers: false,
             place: "",
             visits: BTreeMap::new(),
             pressed: VecDeque::new(),
@@ -368,6 +371,7 @@ impl Inside {
         *self.counts.faults.entry((fault.kind(), self.place)).or_default() += 1;
         let now_ms = self.now_ms();
         self.lasts_until_ms = self.lasts_until_ms.max(now_ms + fault.lasts_ms());
+        self.lingers |= matches!(fault, Fault::Bytes { .. } | Fault::Lie { .. } | Fault::Controller(_));
         let mut tampering = self.tampering.lock().unwrap_or_else(PoisonError::into_inner);
         match fault {
             Fault::Bytes { to_robot, channel, harm } => tampering.harms.push((to_robot, channel, harm)),

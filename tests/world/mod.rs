@@ -36,6 +36,7 @@ mod script;
 mod tamper;
 mod terminals;
 
+pub use cameras::kept;
 pub use inside::{Counts, Violation};
 pub use sabotage::{ALL as SABOTAGES, Sabotage};
 pub use script::{Entry, parse, print};

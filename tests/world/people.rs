@@ -200,7 +200,8 @@ impl People {
             News::Begun(..) => {
                 let mut world = self.world.lock();
                 world.counts.cycles += 1;
-                let is_calm = world.now_ms() >= world.lasts_until_ms + CALM_MS && !world.is_troubled();
+                let is_calm =
+                    world.now_ms() >= world.lasts_until_ms + CALM_MS && !world.is_troubled() && !world.lingers;
                 self.is_untroubled = self.aim == Aim::Recover { whole: true } && is_calm;
             }
             News::Concluded(verdict) => {

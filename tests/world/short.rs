@@ -6,7 +6,7 @@ use crate::world::{Counts, World, parse, print};
 const SEEDS: u64 = 120;
 
 /// Worlds in which something was found once: the seed, the script, and what was found.
-const FOUND_ONCE: [(u64, &str, &str); 2] = [
+const FOUND_ONCE: [(u64, &str, &str); 5] = [
     (
         1433,
         r#"[{"place":"idle","visit":1,"after_ms":2464,"fault":{"Disk":{"writing":9,"harm":"Io","times":2}}}]"#,
@@ -16,6 +16,21 @@ const FOUND_ONCE: [(u64, &str, &str); 2] = [
         3668,
         r#"[{"place":"rinse","visit":1,"after_ms":178,"fault":{"Disk":{"writing":1,"harm":"Full","times":10}}},{"place":"rinse","visit":1,"after_ms":138,"fault":{"Disk":{"writing":0,"harm":"Full","times":30}}}]"#,
         "the simulated disk stayed full although the reserve had been given up",
+    ),
+    (
+        100994,
+        r#"[{"place":"holding","visit":1,"after_ms":0,"fault":{"Disk":{"writing":6,"harm":"Full","times":1}}},{"place":"dry","visit":1,"after_ms":1119,"fault":{"Disk":{"writing":8,"harm":"Full","times":2}}}]"#,
+        "the simulated disk was full once more in a process that had just given up its reserve",
+    ),
+    (
+        101200,
+        r#"[{"place":"verify","visit":1,"after_ms":1713,"fault":{"Bytes":{"to_robot":true,"channel":0,"harm":"Half"}}},{"place":"retract","visit":1,"after_ms":160,"fault":{"Cut":{"channel":1,"by_robot":true,"loses":true}}}]"#,
+        "half a message that waited at the controller was taken for no trouble of the cycle after it",
+    ),
+    (
+        100228,
+        r#"[{"place":"abrade","visit":1,"after_ms":292,"fault":{"ForeignProgram":3971}},{"place":"aborted","visit":1,"after_ms":163,"fault":{"Controller":"wrong-base"}}]"#,
+        "a base that was wrong when it was next set was taken for no trouble of that cycle",
     ),
 ];
 
