@@ -292,7 +292,7 @@ fn a_drawn_outline_stands_in_for_missing_points() {
 }
 
 /// Bright discs on a flat plate hold it sideways, and better than its outline alone: the stated error shrinks and is kept. A plate that
-/// looks the same in a mirror, with the discs of its mirror image, is for a person.
+/// looks the same in a mirror, with the discs of its mirror image, is not accepted.
 #[test]
 fn marks_hold_a_flat_panel_and_tell_it_from_its_mirror_image() {
     for seed in [2, 5] {
@@ -310,7 +310,7 @@ fn marks_hold_a_flat_panel_and_tell_it_from_its_mirror_image() {
     }
     let mirrored = Trial::bad(1, Wrong::MirroredMarks, 1);
     let (judgement, fit) = tried(&mirrored);
-    assert_eq!(judgement.verdict, Verdict::Review, "{judgement:?}");
+    assert_ne!(judgement.verdict, Verdict::Accept, "{judgement:?}");
     assert!(judgement.reasons.iter().any(|reason| reason.code == "marks_differ"), "{judgement:?}");
     assert_eq!(pictures(&mirrored, &judgement, fit.as_ref()), judgement.reasons.len());
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 
 /// Texts that are read by machines, or by programmers: part of the file's name, part of the text.
-const FOR_MACHINES: [(&str, &str); 28] = [
+const FOR_MACHINES: [(&str, &str); 30] = [
     // TOML and digests: every digit, and quotes around a text.
     ("cell/calibration.rs", ""),
     ("cell/provenance.rs", "{:?}"),
@@ -35,6 +35,8 @@ const FOR_MACHINES: [(&str, &str); 28] = [
     // By which results of simulations are found again.
     ("daemon/computing/memory.rs", "{act:?}"),
     ("daemon/perception.rs", "{located:?}"),
+    ("daemon/perception.rs", "{failed:?}"),
+    ("daemon/films.rs", ""),
     ("daemon/abrasion.rs", "{plan:?}"),
     // What `Debug` itself prints.
     ("devices/zivid/frame.rs", "{found:02x?}"),

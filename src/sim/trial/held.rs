@@ -1,4 +1,4 @@
-//! Two properties of real scans of a dark plate on an adapter: a holder in the panel's own plane that touches its edge, and large
+//! Properties of real scans of a dark plate on an adapter: a holder in the panel's own plane that touches its edge, large
 //! patches without points, which differ from scan to scan.
 //!
 //! A structured-light camera 1.1 m above such a plate, 300×300 mm, measured points on 54 to 79 % of it. Large patches and
@@ -6,6 +6,7 @@
 
 use super::Trial;
 use super::contents::MissingPatches;
+use super::marks::Marks;
 use super::space::lattice;
 use crate::geometry::{Base, Panel, Pixel, Rigid};
 use crate::sim::clutter::Slab;
@@ -58,6 +59,18 @@ impl Trial {
         levels.sort_by(f64::total_cmp);
         let below = *levels.get((self.missing * levels.len() as f64) as usize)?;
         Some(MissingPatches { noise, below })
+    }
+
+    /// The same panel with marks on it.
+    pub fn marked(self) -> Trial {
+        let marks = Some(Marks::on(&self.taught, self.seed.stream(Purpose::Trial, 60)));
+        Trial { taught_marks: marks.clone(), present_marks: marks, ..self }
+    }
+
+    /// The same, where the panel that stands there has the marks as a mirror shows them.
+    pub(super) fn with_mirrored_marks(self) -> Trial {
+        let marked = self.marked();
+        Trial { present_marks: marked.taught_marks.as_ref().map(Marks::mirrored), ..marked }
     }
 
     /// The same panel scanned by a camera whose smooth error is alike over squares of this side, mm.

@@ -1,11 +1,12 @@
 //! Bright discs printed on a trial's panel, as on the dark plate of public scans: their light is seen and measured where the dark
 //! surface around them gives hardly a point.
 
-use super::Trial;
 use super::space::lattice;
 use crate::sim::appearance::Color;
-use crate::sim::noise::{LEVEL, Purpose};
+use crate::sim::noise::LEVEL;
+use crate::sim::shape::Shape;
 use rand::RngExt;
+use rand_pcg::Pcg64;
 
 /// Grey level of a disc, and its radius, mm.
 const GRAY: f64 = 185.0;
@@ -22,12 +23,11 @@ pub(super) struct Marks {
     discs: Vec<([f64; 2], f64)>,
 }
 
-impl Trial {
-    /// The same panel with marks on it.
-    pub fn marked(mut self) -> Trial {
-        let mut random = self.seed.stream(Purpose::Trial, 60);
-        let places = lattice(&self.taught);
-        let from_edge = |at: [f64; 2]| -self.taught.outline().distance(at.into()).0;
+impl Marks {
+    /// Draws them on a panel.
+    pub fn on(shape: &Shape, mut random: Pcg64) -> Marks {
+        let places = lattice(shape);
+        let from_edge = |at: [f64; 2]| -shape.outline().distance(at.into()).0;
         let mut discs: Vec<([f64; 2], f64)> = Vec::new();
         for _ in 0..40 * MOST {
             let [s, t] = places[random.random_range(0..places.len())];
@@ -40,23 +40,14 @@ impl Trial {
                 discs.push((at, radius_mm));
             }
         }
-        let marks = Marks { discs };
-        (self.taught_marks, self.present_marks) = (Some(marks.clone()), Some(marks));
-        self
+        Marks { discs }
     }
 
-    /// The marks as a mirror would show them, on a panel that looks the same in it.
-    pub(super) fn with_mirrored_marks(mut self) -> Trial {
-        self = self.marked();
-        let mirrored = |marks: Marks| Marks {
-            discs: marks.discs.into_iter().map(|([s, t], radius_mm)| ([-s, t], radius_mm)).collect(),
-        };
-        self.present_marks = self.present_marks.map(mirrored);
-        self
+    /// As a mirror shows them.
+    pub fn mirrored(&self) -> Marks {
+        Marks { discs: self.discs.iter().map(|([s, t], radius_mm)| ([-s, *t], *radius_mm)).collect() }
     }
-}
 
-impl Marks {
     /// How much of a pixel of this size at a place is mark, 0…1.
     pub fn share(&self, [s, t]: [f64; 2], pixel_mm: f64) -> f64 {
         let inside_mm = |([x, y], radius_mm): &([f64; 2], f64)| radius_mm - (s - x).hypot(t - y);
@@ -73,6 +64,7 @@ impl Marks {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sim::noise::{Purpose, Seed};
 
     /// By hand: a pixel of 0.4 mm whose middle lies 0.1 mm inside a disc's border is mark by three quarters.
     #[test]
@@ -84,16 +76,15 @@ mod tests {
         assert_eq!(Marks::painted([0, 0, 12_800], 0.5), [11_840, 11_840, 18_240]);
     }
 
-    /// The marks of a marked panel lie on it; in a mirror they lie elsewhere.
+    /// Marks lie on the panel and apart from its edge; a mirror moves them.
     #[test]
     fn marks_lie_on_the_panel_and_a_mirror_moves_them() {
-        let trial = Trial::flat(2, 8).with_mirrored_marks();
-        let [taught, present] =
-            [&trial.taught_marks, &trial.present_marks].map(|marks| marks.as_ref().expect("marks"));
-        assert!(taught.discs.len() >= 6, "{}", taught.discs.len());
-        for (([s, t], radius_mm), mirrored) in taught.discs.iter().zip(&present.discs) {
-            assert!(-trial.taught.outline().distance([*s, *t].into()).0 > radius_mm + FROM_EDGE_MM);
-            assert_eq!(*mirrored, ([-s, *t], *radius_mm));
+        let shape = Shape::taught(Seed(2));
+        let marks = Marks::on(&shape, Seed(2).stream(Purpose::Trial, 60));
+        assert!(marks.discs.len() >= 6, "{}", marks.discs.len());
+        for (([s, t], radius_mm), mirrored) in marks.discs.iter().zip(marks.mirrored().discs) {
+            assert!(-shape.outline().distance([*s, *t].into()).0 > radius_mm + FROM_EDGE_MM);
+            assert_eq!(mirrored, ([-s, *t], *radius_mm));
         }
     }
 }
