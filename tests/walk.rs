@@ -301,7 +301,10 @@ fn readme(walk: &Walk) {
         let line = line.split(" #").next().unwrap_or_default().trim();
         if let Some(target) = line.strip_prefix("make ") {
             let makefile = env!("CARGO_MANIFEST_DIR");
-            let output = Command::new("make").args(["-n", "-C", makefile, target]).output().expect("make");
+            // Where cargo builds into another folder, make would name the program there.
+            let mut make = Command::new("make");
+            let output =
+                make.args(["-n", "-C", makefile, target]).env_remove("CARGO_TARGET_DIR").output().expect("make");
             assert!(output.status.success(), "{line}: {output:?}");
             let does = String::from_utf8_lossy(&output.stdout).into_owned();
             does.lines().filter(|line| line.starts_with("target/release/panelprep")).for_each(|line| {
