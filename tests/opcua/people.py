@@ -72,7 +72,8 @@ class Application:
         found[0].rename(certificates / "trusted" / found[0].name)
 
     async def client(self, url, user=None, password=PASSWORD, policy="Basic256Sha256", timeout=10):
-        client = Client(url, timeout=timeout)
+        # The client's own probe of the connection waits for this long: behind a flood of requests it comes late.
+        client = Client(url, timeout=timeout, watchdog_intervall=timeout / 10)
         client.application_uri = self.uri
         await client.set_security(
             POLICIES[policy], str(self.certificate_file), str(self.key_file), mode=ua.MessageSecurityMode.SignAndEncrypt
