@@ -1,12 +1,8 @@
 //! Queries of the model: the state of each pixel of the window.
 
 use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, OPEN, RUN};
+use super::unseen::was_seen;
 use super::{Mirror, Model};
-
-/// A pixel that showed nothing in a larger share of the pictures was not seen …
-const MOST_UNSEEN: f64 = 0.5;
-/// … nor was one that shows nothing for longer than this at the end, s: glints move on sooner, and a break stays.
-const MOST_UNSEEN_AT_END_S: f32 = 3.0;
 
 impl Model {
     /// Block and place in it of a pixel of the window.
@@ -52,18 +48,9 @@ impl Model {
             return mirror.saw(index);
         }
         let (block, at) = self.at(index);
-        let judged = self.times_s.len() - 1;
         self.sees(index)
             && self.kept(index) & (EVER_WET | BROKE | RUN) > 0
-            && f64::from(self.past[block].unseen[at]) <= MOST_UNSEEN * judged as f64
-            && self.unseen_at_end_s(block, at) <= MOST_UNSEEN_AT_END_S
-    }
-
-    /// For how long until now it has shown neither that it is wet nor that it is dry, s.
-    fn unseen_at_end_s(&self, block: usize, at: usize) -> f32 {
-        let judged = self.times_s.len() - 1;
-        let told = judged.saturating_sub(usize::from(self.past[block].unseen_now[at]));
-        self.times_s[judged] - self.times_s[told]
+            && was_seen(self.past[block].unseen[at], self.past[block].unseen_now[at], &self.times_s)
     }
 
     /// Whether it was seen wet in a picture.

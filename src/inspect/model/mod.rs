@@ -22,6 +22,7 @@ mod preparation;
 mod region;
 #[cfg(test)]
 mod tests;
+mod unseen;
 mod wetting;
 
 use super::footprint::Window;
@@ -163,7 +164,8 @@ impl Model {
             frozen,
             film_left: self.wetting.film,
         };
-        if is_first && self.is_mirror(&light, picture) {
+        let around = self.lit_around(picture);
+        if is_first && self.is_mirror(&light, around) {
             let place = (self.window, self.columns);
             let lamp = (std::mem::take(&mut self.lamp), self.persist);
             let mut mirror = Box::new(Mirror::new(place, &self.dry_rgb, &self.kept, lamp, picture));
@@ -171,7 +173,7 @@ impl Model {
             self.mirror = Some(mirror);
             return look;
         }
-        self.next_light = Some(light.beside(self.lit_around(picture)));
+        self.next_light = Some(light.beside(around));
         look
     }
 
@@ -184,9 +186,9 @@ impl Model {
     }
 
     /// Whether the first wet picture shows places that are neither dry nor as much darker as the film makes the others.
-    fn is_mirror(&self, light: &Light, picture: &ColorPicture) -> bool {
+    fn is_mirror(&self, light: &Light, around: Option<f64>) -> bool {
         let is_wrong = |lit: f64| self.wrong_dry_share(lit) > MOST_WRONG_DRY;
-        self.has_dry() && (self.odd_share(light) > MOST_ODD || self.lit_around(picture).is_some_and(is_wrong))
+        self.has_dry() && (self.odd_share(light) > MOST_ODD || around.is_some_and(is_wrong))
     }
 
     /// The share of the region's cells that were wet in no picture and have not the dry brightness either: what no water

@@ -28,8 +28,10 @@ pub struct Past {
     pub until: Block,
     /// c of (1).
     pub contrast: Block,
-    /// In how many pictures it showed neither that it is wet nor that it is dry.
+    /// In how many pictures it showed neither that it is wet nor that it is dry …
     pub unseen: Block,
+    /// … and in how many without a break until now.
+    pub unseen_now: Block,
     /// How far from its dry brightness it was while it looked dry: a mean that forgets, 1/64 level; signed.
     pub off: Block,
 }
@@ -40,6 +42,7 @@ impl Past {
         until: [0; BLOCK_PX],
         contrast: [0; BLOCK_PX],
         unseen: [0; BLOCK_PX],
+        unseen_now: [0; BLOCK_PX],
         off: [0; BLOCK_PX],
     };
 
@@ -67,7 +70,8 @@ pub struct Rule {
 pub fn judge([light, before, dry]: [&Block; 3], kept: &mut Block, past: &mut Past, rule: Rule) -> bool {
     // Copies, which nothing else can point at: else the loop is not turned into vectors.
     let (light, before, dry) = (*light, *before, *dry);
-    let (mut state, Past { mut since, mut until, mut contrast, mut unseen, mut off }) = (*kept, *past);
+    let (mut state, Past { mut since, mut until, mut contrast, mut unseen, mut unseen_now, mut off }) =
+        (*kept, *past);
     let mut any = 0;
     for i in 0..BLOCK_PX {
         let (s, d) = (light[i] & !HIDDEN, dry[i] & !HIDDEN);
@@ -90,7 +94,9 @@ pub fn judge([light, before, dry]: [&Block; 3], kept: &mut Block, past: &mut Pas
         let tells = where_(contrast[i] >= MIN_CONTRAST);
         since[i] = choose(where_(was == 0) & up & where_(state[i] & BROKE == 0), rule.before, since[i]);
         until[i] = choose(where_(was == 1) & down, rule.now, until[i]);
-        unseen[i] += !wet & !looks_dry & 1;
+        let untold = !wet & !looks_dry & 1;
+        unseen[i] += untold;
+        unseen_now[i] = (unseen_now[i] + untold) & untold.wrapping_neg();
         let opens = where_(run >= rule.persist) & where_(state[i] & INSIDE > 0) & tells;
         let closed = where_(run == 0);
         let mut next = state[i] & !(NEW | RUN) | wet & tells & EVER_WET;
@@ -100,7 +106,7 @@ pub fn judge([light, before, dry]: [&Block; 3], kept: &mut Block, past: &mut Pas
         any |= next;
     }
     *kept = state;
-    *past = Past { since, until, contrast, unseen, off };
+    *past = Past { since, until, contrast, unseen, unseen_now, off };
     any & NEW > 0
 }
 

@@ -63,12 +63,14 @@ impl Lamp {
         if self.places.len() < MIN_PLACES {
             return Lit { gains: [1.0; 3], agree: 0.0 };
         }
-        let ratios = |i: usize| -> Vec<f64> {
+        let mut ratios = [0, 1, 2].map(|i| -> Vec<f64> {
             self.places.iter().map(|(index, dry)| (f64::from(picture.rgb[*index][i]) + 0.01) / dry[i]).collect()
-        };
-        let gains = [0, 1, 2].map(|i| median(&mut ratios(i)).unwrap_or(1.0).clamp(0.25, 4.0));
-        let near =
-            (0..3).flat_map(|i| ratios(i).into_iter().map(move |ratio| (ratio / gains[i] - 1.0).abs() < NEAR));
+        });
+        let gains = ratios.each_mut().map(|ratios| median(ratios).unwrap_or(1.0).clamp(0.25, 4.0));
+        let near = ratios
+            .iter()
+            .zip(gains)
+            .flat_map(|(ratios, gain)| ratios.iter().map(move |ratio| (ratio / gain - 1.0).abs() < NEAR));
         if !gains.iter().all(|gain| PLAUSIBLE.contains(gain)) {
             return Lit { gains, agree: 0.0 };
         }

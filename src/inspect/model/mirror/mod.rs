@@ -16,6 +16,7 @@ mod lamp;
 use super::kernel::{self, BLOCK_PX, BROKE, Block, EVER_WET, INSIDE, LEVEL, NEW, OPEN, RUN};
 use super::light::TILE_PX;
 use super::measurement::PictureMeasurement;
+use super::unseen::was_seen;
 use crate::geometry::ColorPicture;
 use crate::inspect::footprint::Window;
 use judging::MIN_CONTRAST;
@@ -32,8 +33,6 @@ const VIEWS: [([f64; 3], f64); 4] = [
 ];
 /// A difference beyond this says no more, levels.
 const MOST_SAID: f64 = 40.0;
-/// A pixel that showed nothing in a larger share of the pictures was not seen.
-const MOST_UNSEEN: f64 = 0.5;
 /// Darker and brighter than these a dry place tells nothing, levels.
 const DRY_LEVELS: std::ops::Range<u8> = 4..250;
 /// One row in so many says whether the picture is new and how much is overexposed.
@@ -227,13 +226,12 @@ impl Mirror {
         self.kept[block][at] & BROKE > 0 || self.past[block].contrast[at] >= MIN_CONTRAST
     }
 
-    /// Whether it showed that it is wet or dry, and did so in half of the pictures.
+    /// Whether it showed that it is wet or dry, and did so in half of the pictures and near the end.
     pub fn saw(&self, index: usize) -> bool {
         let (block, at) = self.at(index);
-        let judged = self.times_s.len() - 1;
         self.sees(index)
             && self.has_contrast(index)
-            && f64::from(self.past[block].unseen[at]) <= MOST_UNSEEN * judged as f64
+            && was_seen(self.past[block].unseen[at], self.past[block].unseen_now[at], &self.times_s)
     }
 
     /// Whether its film is open now.
