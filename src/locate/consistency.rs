@@ -4,7 +4,6 @@
 //! at the other, a border of a mark likewise, or a piece of surface that lies on the scan at one and not at the other. Places that are occluded at either
 //! pose are left out. Both kinds are expressed as a length; a square of surface counts as its side.
 
-use super::edges::Edge;
 use super::fit::FitInputs;
 use super::grid::Motion;
 use super::search::{PointObservation, observe_point, spread_over};
@@ -30,26 +29,22 @@ impl ConsistencyScore {
     pub fn of(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> ConsistencyScore {
         let motion = Motion::of(placed);
         let FitInputs { model, grid, scan } = inputs;
-        let outline = (0..model.outline.len()).into_par_iter().with_min_len(64).map(|k| {
-            match outline_edges::observe(&motion, model, &grid.camera, scan, k).map(|observed| observed.edge)? {
-                Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => Some(offset_px.abs() <= EDGE_NEAR_PX),
-                Edge::Absent => Some(false),
-                Edge::Hidden | Edge::OutOfView => None,
-            }
-        });
+        let outline = (0..model.outline.len())
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|k| outline_edges::observe(&motion, model, &grid.camera, scan, k)?.edge.is_within(EDGE_NEAR_PX));
         let chosen = squares(model);
         let surface = chosen.par_iter().with_min_len(512).map(|&i| match observe_point(&motion, model, grid, i) {
             PointObservation::On(residual_mm) => Some(residual_mm.abs() <= SURFACE_NEAR_MM),
             PointObservation::Through => Some(false),
             PointObservation::Near | PointObservation::Hidden | PointObservation::Unknown => None,
         });
-        let marks = model.marks.points.par_iter().with_min_len(64).map(|mark| {
-            match mark_edges::observe(&motion, mark, &grid.camera, scan).map(|observed| observed.edge)? {
-                Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => Some(offset_px.abs() <= EDGE_NEAR_PX),
-                Edge::Absent => Some(false),
-                Edge::Hidden | Edge::OutOfView => None,
-            }
-        });
+        let marks = model
+            .marks
+            .points
+            .par_iter()
+            .with_min_len(64)
+            .map(|mark| mark_edges::observe(&motion, mark, &grid.camera, scan)?.edge.is_within(EDGE_NEAR_PX));
         let mut said: Vec<Option<bool>> = outline.collect();
         said.extend(surface.collect::<Vec<_>>());
         let mut lengths_mm: Vec<f64> = model.outline.iter().map(|sample| sample.length_mm).collect();

@@ -43,6 +43,17 @@ pub(super) enum Edge {
     Absent,
 }
 
+impl Edge {
+    /// Whether it is within this distance of its place, px; `None` where nothing could be seen there.
+    pub fn is_within(self, most_px: f64) -> Option<bool> {
+        match self {
+            Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => Some(offset_px.abs() <= most_px),
+            Edge::Absent => Some(false),
+            Edge::Hidden | Edge::OutOfView => None,
+        }
+    }
+}
+
 #[derive(Clone, Copy, PartialEq)]
 enum Depth {
     On,

@@ -127,12 +127,10 @@ fn surface(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> Vec<(Pixel, 
 
 /// Whether an edge is where it should be.
 fn told(edge: &Edge) -> OutlineMark {
-    match edge {
-        Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } if offset_px.abs() <= EDGE_FOUND_PX => {
-            OutlineMark::Found
-        }
-        Edge::Colour { .. } | Edge::Depth { .. } | Edge::Absent => OutlineMark::Elsewhere,
-        Edge::Hidden | Edge::OutOfView => OutlineMark::Hidden,
+    match edge.is_within(EDGE_FOUND_PX) {
+        Some(true) => OutlineMark::Found,
+        Some(false) => OutlineMark::Elsewhere,
+        None => OutlineMark::Hidden,
     }
 }
 

@@ -149,7 +149,7 @@ impl Residuals {
             },
             ResidualWeighting {
                 sigma: EDGE_NOISE_PX.hypot(self.taught_noise_px),
-                correlated_count: (model.marks.correlated_count(model.range.correlation_mm) * marks_taken).max(1.0),
+                correlated_count: (model.marks.correlated_count * marks_taken).max(1.0),
                 cutoff: reach(&self.marks, EDGE_FLOOR_PX),
             },
         ]

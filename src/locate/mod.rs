@@ -107,11 +107,10 @@ impl<'a> Prepared<'a> {
         view: &View<'a>,
         settings: &'a recipe::Locate,
     ) -> Result<Self, LocateError> {
-        let (model, grid) = rayon::join(|| Model::of(taught), || Grid::of(view.scan, view.camera));
+        let (model, grid) = rayon::join(|| Model::of(taught, view.range), || Grid::of(view.scan, view.camera));
         let inside = grid::in_box(&grid, &view.base_from_camera, settings.box_min_mm(), settings.box_max_mm());
         let pieces = pieces::pieces(&grid, &inside);
-        let model = Model { range: view.range, ..model? };
-        Ok(Prepared { taught, view: *view, settings, model, grid, inside, pieces })
+        Ok(Prepared { taught, view: *view, settings, model: model?, grid, inside, pieces })
     }
 
     /// What the taught scan shows of the panel's outline.

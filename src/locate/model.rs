@@ -51,8 +51,8 @@ pub(super) struct Model {
 }
 
 impl Model {
-    /// Derives the model of a taught panel.
-    pub fn of(panel: &TaughtPanel) -> Result<Model, LocateError> {
+    /// Derives the model of a taught panel whose scans are so far off.
+    pub fn of(panel: &TaughtPanel, range: RangeErrors) -> Result<Model, LocateError> {
         let camera_from_panel = panel.panel_from_camera.inverse();
         let motion = Motion::of(&camera_from_panel);
         let depth_row = motion.turn.row(2).into_owned();
@@ -64,8 +64,10 @@ impl Model {
         };
         let grid = Grid::of_depths((panel.scan.width(), panel.scan.height()), &panel.camera, depth);
         let surface = Surface::of(&grid);
-        let (TaughtOutline { points: outline, edge_width_px, seen: outline_seen }, marks) =
-            rayon::join(|| TaughtOutline::of(panel, &grid, &surface), || TaughtMarks::of(panel, &grid, &surface));
+        let (TaughtOutline { points: outline, edge_width_px, seen: outline_seen }, marks) = rayon::join(
+            || TaughtOutline::of(panel, &grid, &surface),
+            || TaughtMarks::of(panel, (&grid, &surface), range.correlation_mm),
+        );
         let few = LocateError::Degenerate { surface: surface.samples.len(), outline: outline.len() };
         if surface.samples.len() < MIN_SURFACE || outline.len() < MIN_OUTLINE {
             return Err(few);
@@ -93,7 +95,7 @@ impl Model {
             given: panel.given(),
             outline_seen,
             held_px: panel.held_px.clone(),
-            range: RangeErrors::default(),
+            range,
         })
     }
 

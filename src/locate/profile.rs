@@ -42,6 +42,12 @@ pub(super) struct Step {
     pub width_px: f64,
 }
 
+/// Brightness of a pixel of a scan, grey levels.
+pub(super) fn gray<F: Frame>(scan: &OrganizedCloud<F>, column: usize, row: usize) -> f64 {
+    let [r, g, b] = scan.color_at(row * scan.width() + column);
+    0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b)
+}
+
 /// Brightness of a scan's colours between pixels; `None` outside of the picture.
 pub(super) fn brightness<F: Frame>(scan: &OrganizedCloud<F>, pixel: Pixel) -> Option<f64> {
     let (u, v) = (pixel.u, pixel.v);
@@ -50,10 +56,7 @@ pub(super) fn brightness<F: Frame>(scan: &OrganizedCloud<F>, pixel: Pixel) -> Op
     }
     let (column, row) = (u as usize, v as usize);
     let (across, down) = (u - column as f64, v - row as f64);
-    let at = |column: usize, row: usize| {
-        let [r, g, b] = scan.color_at(row * scan.width() + column);
-        0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b)
-    };
+    let at = |column: usize, row: usize| gray(scan, column, row);
     let above = at(column, row) + across * (at(column + 1, row) - at(column, row));
     let below = at(column, row + 1) + across * (at(column + 1, row + 1) - at(column, row + 1));
     Some(above + down * (below - above))

@@ -116,11 +116,7 @@ pub(super) fn marks_found(residuals: &Residuals, model: &Model) -> Option<f64> {
     let (mut found_mm, mut in_view_mm) = (0.0, 0.0);
     for (mark, edge) in &residuals.mark_edges {
         let length_mm = model.marks.points[*mark].length_mm;
-        let is_found = match edge {
-            Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => offset_px.abs() <= EDGE_FOUND_PX,
-            Edge::Absent => false,
-            Edge::Hidden | Edge::OutOfView => continue,
-        };
+        let Some(is_found) = edge.is_within(EDGE_FOUND_PX) else { continue };
         in_view_mm += length_mm;
         found_mm += if is_found { length_mm } else { 0.0 };
     }

@@ -45,27 +45,25 @@ pub(super) struct MarkPoint {
 #[derive(Debug, Clone, Default)]
 pub(super) struct TaughtMarks {
     pub points: Vec<MarkPoint>,
+    /// How many of them share one error, on average.
+    pub correlated_count: f64,
 }
 
 impl TaughtMarks {
-    /// Of a taught panel whose depths and surface are these.
-    pub fn of(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> TaughtMarks {
+    /// Of a taught panel whose depths and surface are these. Errors are alike over this length, mm: what errs most is the depth at
+    /// which the taught scan puts a mark.
+    pub fn of(panel: &TaughtPanel, (grid, surface): (&Grid, &Surface), alike_mm: f64) -> TaughtMarks {
         let (columns, rows) = (panel.scan.width() / CELL_PX, panel.scan.height() / CELL_PX);
         let search = MarkSearch { panel, grid, surface, panel_from_camera: Motion::of(&panel.panel_from_camera) };
-        let points = (0..columns * rows)
+        let points: Vec<MarkPoint> = (0..columns * rows)
             .into_par_iter()
             .with_min_len(512)
             .filter_map(|cell| search.mark_in([cell % columns * CELL_PX, cell / columns * CELL_PX]))
             .collect();
-        TaughtMarks { points }
-    }
-
-    /// How many marks share one error, on average, where errors are alike over this length, mm: what errs most is the depth at which
-    /// the taught scan puts them.
-    pub fn correlated_count(&self, alike_mm: f64) -> f64 {
         let cube = |mark: &MarkPoint| [0, 1, 2].map(|axis| (mark.point[axis] / alike_mm).floor() as i64);
-        let cubes: BTreeSet<[i64; 3]> = self.points.iter().map(cube).collect();
-        (self.points.len() as f64 / cubes.len().max(1) as f64).max(1.0)
+        let cubes: BTreeSet<[i64; 3]> = points.iter().map(cube).collect();
+        let correlated_count = (points.len() as f64 / cubes.len().max(1) as f64).max(1.0);
+        TaughtMarks { points, correlated_count }
     }
 }
 
@@ -77,11 +75,6 @@ struct MarkSearch<'a> {
 }
 
 impl MarkSearch<'_> {
-    fn gray(&self, column: usize, row: usize) -> f64 {
-        let [r, g, b] = self.panel.scan.color_at(row * self.panel.scan.width() + column);
-        0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b)
-    }
-
     /// The mark of a cell, which begins at this pixel.
     fn mark_in(&self, [left, top]: [usize; 2]) -> Option<MarkPoint> {
         let (width, height) = (self.panel.scan.width(), self.panel.scan.height());
@@ -92,11 +85,12 @@ impl MarkSearch<'_> {
         if !self.is_inside(left + CELL_PX / 2, top + CELL_PX / 2) {
             return None;
         }
+        let gray = |column: usize, row: usize| profile::gray(&self.panel.scan, column, row);
         let (mut steepest, mut at) = (0.0, None);
         for row in (top..top + CELL_PX).step_by(EVERY_PX) {
             for column in (left..left + CELL_PX).step_by(EVERY_PX) {
-                let across = self.gray(column + APART_PX, row) - self.gray(column - APART_PX, row);
-                let down = self.gray(column, row + APART_PX) - self.gray(column, row - APART_PX);
+                let across = gray(column + APART_PX, row) - gray(column - APART_PX, row);
+                let down = gray(column, row + APART_PX) - gray(column, row - APART_PX);
                 let steep = across.hypot(down);
                 if steep > steepest {
                     (steepest, at) = (steep, Some((column, row, Vector2::new(across, down) / steep)));
