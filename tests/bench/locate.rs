@@ -136,14 +136,14 @@ fn tried_with(trial: &Trial, keys: &str) -> Option<Tried> {
     }
 }
 
-fn located(trial: &Trial, (panel, recipe): (TaughtPanel, Recipe)) -> Tried {
+fn located(trial: &Trial, taught: (TaughtPanel, Recipe)) -> Tried {
+    located_with(trial, taught, RangeErrors::default())
+}
+
+/// The same where this is known of the scans' errors.
+fn located_with(trial: &Trial, (panel, recipe): (TaughtPanel, Recipe), range: RangeErrors) -> Tried {
     let scan = trial.scan();
-    let view = View {
-        scan: &scan,
-        camera: trial.camera(),
-        base_from_camera: trial.base_from_camera(),
-        range: RangeErrors::default(),
-    };
+    let view = View { scan: &scan, camera: trial.camera(), base_from_camera: trial.base_from_camera(), range };
     let begun = Instant::now();
     let found = locate::locate(&panel, &view, recipe.locate());
     let judgement = match &found {

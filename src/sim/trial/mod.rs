@@ -209,8 +209,7 @@ fn before(scan: OrganizedCloud<Camera>, other: OrganizedCloud<Camera>) -> Organi
         let [_, _, z] = cloud.raw_points_mm()[index];
         if z.is_nan() { f32::INFINITY } else { z }
     };
-    let is_other = |&index: &usize| depth(&other, index) < depth(&scan, index) - 1.0;
-    let of = |index: usize| if is_other(&index) { &other } else { &scan };
+    let of = |index: usize| if depth(&other, index) < depth(&scan, index) - 1.0 { &other } else { &scan };
     let points = (0..count).map(|index| of(index).raw_points_mm()[index]).collect();
     let colors = (0..count).map(|index| of(index).color_at(index)).collect();
     match OrganizedCloud::new(scan.width(), scan.height(), points, colors) {

@@ -11,6 +11,7 @@ use crate::sim::shape::CENTRE_MM;
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
+use std::ops::Range;
 
 /// The panel's points stay this far before the fixture, mm.
 const FARTHEST_X_MM: f64 = 628.0;
@@ -26,8 +27,7 @@ impl Trial {
             Some(Wrong::Trimmed) => 0.0..1e-9,
             _ => 0.0..MAX_HIDDEN,
         };
-        let shape = self.taught.clone();
-        let lattice = lattice(&shape);
+        let lattice = lattice(&self.taught);
         loop {
             let tilt_deg = random.random_range(0.0..30.0);
             let turn_deg = random.random_range(-180.0..180.0);
@@ -38,15 +38,9 @@ impl Trial {
                 360.0 + random.random_range(-aside / 1.6..aside / 1.6),
             );
             self.place = placed(centre, turn_deg, tilt_deg, random.random_range(0.0..std::f64::consts::TAU));
-            let points: Vec<Point3<f64>> = lattice.iter().map(|&at| (self.place * shape.point(at)).mm).collect();
-            let [low, high] = TRIAL_BOX_MM;
             // What is out of view may be out of the box as well.
             let axes = if wrong == Some(Wrong::OutOfView) { 0..1 } else { 0..3 };
-            let stands = points.iter().all(|p| {
-                p.x < FARTHEST_X_MM
-                    && axes.clone().all(|axis| p[axis] > low[axis] + 4.0 && p[axis] < high[axis] - 4.0)
-            });
-            if !stands || !self.faces(&self.place, &lattice) {
+            if !self.stands(&self.place, &lattice, axes) {
                 continue;
             }
             self.slabs = beside(random, &self.place);
@@ -92,12 +86,12 @@ impl Trial {
         Slab::facing(centre, towards, random.random_range(0.0..3.0), half, [gray, gray, gray * 0.95])
     }
 
-    /// Whether a panel at this place is in the box and before the fixture, and looks at the camera.
-    pub(super) fn stands(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]]) -> bool {
+    /// Whether a panel at this place is in the box along these axes and before the fixture, and looks at the camera.
+    pub(super) fn stands(&self, place: &Rigid<Base, Panel>, lattice: &[[f64; 2]], axes: Range<usize>) -> bool {
         let [low, high] = TRIAL_BOX_MM;
-        let is_inside = |at: &[f64; 2]| {
-            let p = (*place * self.taught.point(*at)).mm;
-            p.x < FARTHEST_X_MM && (0..3).all(|axis| p[axis] > low[axis] + 4.0 && p[axis] < high[axis] - 4.0)
+        let is_inside = |&at: &[f64; 2]| {
+            let p = (*place * self.taught.point(at)).mm;
+            p.x < FARTHEST_X_MM && axes.clone().all(|axis| p[axis] > low[axis] + 4.0 && p[axis] < high[axis] - 4.0)
         };
         lattice.iter().all(is_inside) && self.faces(place, lattice)
     }

@@ -70,6 +70,6 @@ impl Trial {
         };
         (0..MOST_DRAWS)
             .map(draw)
-            .find(|place| self.stands(place, &lattice) && self.hidden_at(place, &lattice) < MAX_HIDDEN)
+            .find(|place| self.stands(place, &lattice, 0..3) && self.hidden_at(place, &lattice) < MAX_HIDDEN)
     }
 }

@@ -1,8 +1,8 @@
 //! The stated error against the real one where the scanner's smooth errors are alike over short or long distances: on panels of many
 //! shapes and on flat plates, with what `calibrate scanner` would have measured and with the maker's figures alone.
 
-use super::{RIGHT_MM, quantile, reduction, row, share, taught};
-use panelprep::locate::{self, RangeErrors, View, gate};
+use super::{RIGHT_MM, Tried, located_with, quantile, reduction, row, share, taught};
+use panelprep::locate::RangeErrors;
 use panelprep::sim::Trial;
 use panelprep::verdict::Verdict;
 use std::ops::RangeInclusive;
@@ -40,15 +40,9 @@ fn stated(words: &str, trials: impl Iterator<Item = Trial>, range: RangeErrors) 
     let (mut ratios, mut largest) = (Vec::new(), Vec::new());
     for trial in trials {
         count += 1;
-        let (panel, recipe) = taught(&trial);
-        let scan = trial.scan();
-        let base_from_camera = trial.base_from_camera();
-        let view = View { scan: &scan, camera: trial.camera(), base_from_camera, range };
-        let Ok(fit) = locate::locate(&panel, &view, recipe.locate()) else { continue };
-        if gate::judge(&fit, recipe.locate()).verdict != Verdict::Accept {
-            continue;
-        }
-        let error_mm = trial.error_mm(&fit.base_from_panel).max_mm;
+        let Tried { judgement, fit, error, .. } = located_with(&trial, taught(&trial), range);
+        let (Verdict::Accept, Some(fit), Some(error)) = (judgement.verdict, fit, error) else { continue };
+        let error_mm = error.max_mm;
         accepted += 1;
         wrong += usize::from(error_mm > RIGHT_MM && error_mm > 2.0 * fit.uncertainty_mm);
         kept += usize::from(error_mm <= fit.uncertainty_mm);
