@@ -16,6 +16,7 @@ use crate::phase::Phase;
 use crate::stages::film::{self, Added, Counted};
 use crate::verdict::Verdict;
 use std::collections::{BTreeMap, BTreeSet};
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Films that are remembered, at most: each has a time for every pixel. What is new after that is looked at each time.
@@ -185,13 +186,9 @@ fn inputs(shots: &[Shot], begins_s: Option<f64>) -> String {
 
 /// A number that other pictures do not have. It names pictures within one process, where nobody forges any.
 fn picture_hash(picture: &ColorPicture) -> u64 {
-    const ODD: u64 = 0x9e37_79b9_7f4a_7c15;
-    let mix = |hash: u64, word: u64| (hash.rotate_left(23) ^ word).wrapping_mul(ODD);
-    let size = mix(picture.width as u64, picture.height as u64);
-    let (chunks, rest) = picture.rgb.as_flattened().as_chunks::<8>();
-    let hash = chunks.iter().fold(size, |hash, chunk| mix(hash, u64::from_le_bytes(*chunk)));
-    let hash = rest.iter().fold(hash, |hash, byte| mix(hash, u64::from(*byte)));
-    hash ^ (hash >> 32)
+    let mut hasher = DefaultHasher::new();
+    (picture.width, picture.height, &picture.rgb).hash(&mut hasher);
+    hasher.finish()
 }
 
 /// The film with these pictures.
