@@ -3,7 +3,8 @@
 
 use super::advice::Advice;
 use super::film_advice::GridContrast;
-use super::gate::{Demands, MIN_CHANGE_LEVELS, name};
+use super::gate::{MIN_CHANGE_LEVELS, name};
+use super::observed::Demands;
 use super::place::too_coarse;
 use crate::verdict::{Check, Reason, SetBy, Severity};
 use crate::words::{apart, fixed};

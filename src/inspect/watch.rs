@@ -2,8 +2,8 @@
 
 use super::film::NEVER;
 use super::footprint::Footprint;
-use super::gate::Demands;
 use super::model::{MOST_PICTURES, Model};
+use super::observed::Demands;
 use super::place::elsewhere;
 use super::quality::Quality;
 use super::steady::Outline;

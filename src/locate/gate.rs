@@ -5,6 +5,10 @@
 //! at the panel's centre and never at the base's origin: a small rotation moves a distant origin far, which says nothing about
 //! the panel. Evidence against the panel itself leads to reject; what a person can judge better leads to review.
 
+mod camera;
+
+pub use camera::{MAX_CAMERA_MOVED_MM, MAX_CAMERA_NOTICED_MM, MIN_FIXTURE_SAME, is_watched, noticed_mm};
+
 use super::LocateError;
 use super::evidence::Fit;
 use super::fit::CONVERGED_MM;
@@ -36,12 +40,6 @@ pub const MAX_SATURATED: f64 = 0.2;
 pub const MAX_DISAGREEMENT_MM: f64 = 0.1;
 /// The least ratio of the support of a pose to that of any other.
 pub const MIN_MARGIN: f64 = 2.0;
-/// A camera that has moved the panel by this much is another camera, mm.
-pub const MAX_CAMERA_MOVED_MM: f64 = 0.25;
-/// A camera that moves must be noticed where it puts the panel this far off, mm, by a fixture that shows it.
-pub const MAX_CAMERA_NOTICED_MM: f64 = 0.5;
-/// Fixture that still lies where it lay: things come and go, the fixture stays.
-pub const MIN_FIXTURE_SAME: f64 = 0.4;
 /// The stated error of a pose that is fit for use, mm.
 pub const MAX_UNCERTAINTY_MM: f64 = 0.25;
 /// The last step of a fit that came to its end, in steps that end it: the last bits may flicker.
@@ -55,16 +53,6 @@ pub fn min_outline_found(limits: &recipe::Locate) -> f64 {
     (limits.min_overlap() - OUTLINE_ALLOWANCE).max(0.0)
 }
 
-/// From how far on a camera that moved is noticed, by a fixture that determines its pose with this uncertainty, 95 %, mm.
-pub fn noticed_mm(uncertainty_mm: f64) -> f64 {
-    MAX_CAMERA_MOVED_MM + uncertainty_mm
-}
-
-/// Whether a fixture that tells a camera's place with this uncertainty, mm, watches it; `None` where it carries no information.
-pub fn is_watched(uncertainty_mm: Option<f64>) -> bool {
-    uncertainty_mm.is_some_and(|mm| !exceeds(noticed_mm(mm), MAX_CAMERA_NOTICED_MM))
-}
-
 /// Judges a fit by the recipe's limits.
 pub fn judge(fit: &Fit, limits: &recipe::Locate) -> Judgement {
     Judgement::of_checks(&checks(fit, limits))
@@ -72,9 +60,9 @@ pub fn judge(fit: &Fit, limits: &recipe::Locate) -> Judgement {
 
 /// Every number of a fit with its limit, in the order in which they are judged.
 pub fn checks(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
-    let of_panel = [panel(fit, limits), picture(fit), camera(fit)].concat();
+    let of_panel = [panel(fit, limits), picture(fit), camera::camera(fit)].concat();
     let is_rejected = Judgement::of_checks(&of_panel).verdict == Verdict::Reject;
-    let of_place = [watch(fit), knowledge(fit), motion(fit, limits)].concat();
+    let of_place = [camera::watch(fit), knowledge(fit), motion(fit, limits)].concat();
     // Where something that is not the panel ended up is no reason for anything.
     let of_place = of_place.into_iter().map(|check| if is_rejected { check.without_consequence() } else { check });
     of_panel.into_iter().chain(of_place).collect()
@@ -172,62 +160,6 @@ fn picture(fit: &Fit) -> Vec<Check> {
                 )
             }),
     ]
-}
-
-/// Has the camera not moved since teaching?
-fn camera(fit: &Fit) -> Vec<Check> {
-    let camera = fit.camera.as_ref();
-    let (moved_mm, uncertainty_mm) = (camera.map(|it| it.moved_mm), camera.map(|it| it.uncertainty_mm));
-    let same = Check::new("fixture that stands where it stood", "", camera.map(|it| it.same))
-        .at_least(MIN_FIXTURE_SAME, SetBy::Program);
-    let is_other = !same.is_kept();
-    let same = same.rejects("camera_moved", || {
-        let [same, needed] = percent_apart(camera.map_or(f64::NAN, |it| it.same), MIN_FIXTURE_SAME, 0);
-        format!(
-            "only {same} % of the fixture stands where it stood at teaching, needed are {needed} %; was the camera or the \
-             fixture moved? Calibrate and teach again"
-        )
-    });
-    let moved = Check::new("motion less its error", "mm", fit.camera_moved_mm())
-        .at_most(MAX_CAMERA_MOVED_MM, SetBy::Program)
-        .rejects("camera_moved", || {
-            let (moved_mm, uncertainty_mm) = (moved_mm.unwrap_or(f64::NAN), uncertainty_mm.unwrap_or(f64::NAN));
-            let [least, allowed] = apart(moved_mm - uncertainty_mm, MAX_CAMERA_MOVED_MM, 2);
-            format!(
-                "by the fixture the camera has moved since teaching, which puts the panel {} ± {} mm off, that is at least \
-                 {least} mm, allowed are {allowed} mm; calibrate it again",
-                fixed(moved_mm, 2),
-                fixed(uncertainty_mm, 2)
-            )
-        });
-    vec![
-        same,
-        Check::new("camera has moved the panel since teaching, by the fixture", "mm", moved_mm),
-        Check::new("error of that, 95 %", "mm", uncertainty_mm),
-        // A fixture that is another one tells nothing of the camera's motion.
-        if is_other { moved.without_consequence() } else { moved },
-    ]
-}
-
-/// Can this scan show that the camera has not moved?
-fn watch(fit: &Fit) -> Vec<Check> {
-    let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
-    let noticed = Check::new("a camera is noticed that moves it by", "mm", uncertainty_mm.map(noticed_mm));
-    // Held to it where a fixture shows it, here or at teaching.
-    let is_shown = is_watched(uncertainty_mm) || is_watched(fit.camera_at_teaching_mm);
-    let noticed = if is_shown { noticed.at_most(MAX_CAMERA_NOTICED_MM, SetBy::Program) } else { noticed };
-    // Where teaching's own fixture shows too little as well, teaching has warned of it.
-    let is_unwatched = !is_watched(uncertainty_mm) && is_watched(fit.camera_at_teaching_mm);
-    vec![noticed.broken(is_unwatched, Severity::Review, "camera_unwatched", || {
-        let seen = uncertainty_mm.map_or("too little of the fixture is seen".to_owned(), |mm| {
-            let [noticed, _] = apart(noticed_mm(mm), MAX_CAMERA_NOTICED_MM, 2);
-            format!("by the fixture a camera is noticed where it moves the panel by {noticed} mm or more")
-        });
-        format!(
-            "whether the camera has moved cannot be told: {seen}, needed are {MAX_CAMERA_NOTICED_MM} mm, which it showed at \
-             teaching; is something before the fixture? If the camera was calibrated again since, teach again"
-        )
-    })]
 }
 
 /// Is it known well enough where it stands?
@@ -341,17 +273,7 @@ pub fn checks_at_teaching(seen: &OutlineSeen, fit: Option<&Fit>) -> Vec<Check> {
                  give the panel a background of another brightness, or scan again with fewer missing points at its edge"
             )
         });
-    let watched = fit.map(|fit| {
-        let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
-        Check::new("a camera is noticed that moves the panel by", "mm", uncertainty_mm.map(noticed_mm))
-            .at_most(MAX_CAMERA_NOTICED_MM, SetBy::Program)
-            .broken(!is_watched(uncertainty_mm), Severity::Review, "camera_unwatched", || {
-                "the fixture shows too little to notice a camera that moved; let the view have things beside the panel that \
-                 stand still outside of the search box, with clear edges in two directions"
-                    .to_owned()
-            })
-    });
-    std::iter::once(outline).chain(watched).collect()
+    std::iter::once(outline).chain(fit.map(camera::at_teaching)).collect()
 }
 
 /// The verdict where nothing was found: a bad panel is a verdict, not a fault.

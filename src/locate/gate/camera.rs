@@ -1,0 +1,92 @@
+//! Has the 3D camera moved since teaching, and could it be told from this scan?
+//!
+//! The fixture shows it, to within an error: what it says less that error is how far the camera moved the panel at least. A fixture
+//! that shows too little notices no camera that moves.
+
+use super::super::evidence::Fit;
+use crate::verdict::{Check, SetBy, Severity};
+use crate::words::{apart, fixed, percent_apart};
+
+/// A camera that has moved the panel by this much is another camera, mm.
+pub const MAX_CAMERA_MOVED_MM: f64 = 0.25;
+/// A camera that moves must be noticed where it puts the panel this far off, mm, by a fixture that shows it.
+pub const MAX_CAMERA_NOTICED_MM: f64 = 0.5;
+/// Fixture that still lies where it lay: things come and go, the fixture stays.
+pub const MIN_FIXTURE_SAME: f64 = 0.4;
+/// From how far on a camera that moved is noticed, by a fixture that determines its pose with this uncertainty, 95 %, mm.
+pub fn noticed_mm(uncertainty_mm: f64) -> f64 {
+    MAX_CAMERA_MOVED_MM + uncertainty_mm
+}
+
+/// Whether a fixture that tells a camera's place with this uncertainty, mm, watches it; `None` where it carries no information.
+pub fn is_watched(uncertainty_mm: Option<f64>) -> bool {
+    uncertainty_mm.is_some_and(|mm| noticed_mm(mm) <= MAX_CAMERA_NOTICED_MM)
+}
+
+/// Has the camera not moved since teaching?
+pub(super) fn camera(fit: &Fit) -> Vec<Check> {
+    let camera = fit.camera.as_ref();
+    let (moved_mm, uncertainty_mm) = (camera.map(|it| it.moved_mm), camera.map(|it| it.uncertainty_mm));
+    let same = Check::new("fixture that stands where it stood", "", camera.map(|it| it.same))
+        .at_least(MIN_FIXTURE_SAME, SetBy::Program);
+    let is_other = !same.is_kept();
+    let same = same.rejects("camera_moved", || {
+        let [same, needed] = percent_apart(camera.map_or(f64::NAN, |it| it.same), MIN_FIXTURE_SAME, 0);
+        format!(
+            "only {same} % of the fixture stands where it stood at teaching, needed are {needed} %; was the camera or the \
+             fixture moved? Calibrate and teach again"
+        )
+    });
+    let moved = Check::new("motion less its error", "mm", fit.camera_moved_mm())
+        .at_most(MAX_CAMERA_MOVED_MM, SetBy::Program)
+        .rejects("camera_moved", || {
+            let (moved_mm, uncertainty_mm) = (moved_mm.unwrap_or(f64::NAN), uncertainty_mm.unwrap_or(f64::NAN));
+            let [least, allowed] = apart(moved_mm - uncertainty_mm, MAX_CAMERA_MOVED_MM, 2);
+            format!(
+                "by the fixture the camera has moved since teaching, which puts the panel {} ± {} mm off, that is at least \
+                 {least} mm, allowed are {allowed} mm; calibrate it again",
+                fixed(moved_mm, 2),
+                fixed(uncertainty_mm, 2)
+            )
+        });
+    vec![
+        same,
+        Check::new("camera has moved the panel since teaching, by the fixture", "mm", moved_mm),
+        Check::new("error of that, 95 %", "mm", uncertainty_mm),
+        // A fixture that is another one tells nothing of the camera's motion.
+        if is_other { moved.without_consequence() } else { moved },
+    ]
+}
+
+/// Can this scan show that the camera has not moved?
+pub(super) fn watch(fit: &Fit) -> Vec<Check> {
+    let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
+    let noticed = Check::new("a camera is noticed that moves it by", "mm", uncertainty_mm.map(noticed_mm));
+    // Held to it where a fixture shows it, here or at teaching.
+    let is_shown = is_watched(uncertainty_mm) || is_watched(fit.camera_at_teaching_mm);
+    let noticed = if is_shown { noticed.at_most(MAX_CAMERA_NOTICED_MM, SetBy::Program) } else { noticed };
+    // Where teaching's own fixture shows too little as well, teaching has warned of it.
+    let is_unwatched = !is_watched(uncertainty_mm) && is_watched(fit.camera_at_teaching_mm);
+    vec![noticed.broken(is_unwatched, Severity::Review, "camera_unwatched", || {
+        let seen = uncertainty_mm.map_or("too little of the fixture is seen".to_owned(), |mm| {
+            let [noticed, _] = apart(noticed_mm(mm), MAX_CAMERA_NOTICED_MM, 2);
+            format!("by the fixture a camera is noticed where it moves the panel by {noticed} mm or more")
+        });
+        format!(
+            "whether the camera has moved cannot be told: {seen}, needed are {MAX_CAMERA_NOTICED_MM} mm, which it showed at \
+             teaching; is something before the fixture? If the camera was calibrated again since, teach again"
+        )
+    })]
+}
+
+/// Does the taught scan show enough of the fixture to notice a camera that moved?
+pub(super) fn at_teaching(fit: &Fit) -> Check {
+    let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
+    Check::new("a camera is noticed that moves the panel by", "mm", uncertainty_mm.map(noticed_mm))
+        .at_most(MAX_CAMERA_NOTICED_MM, SetBy::Program)
+        .broken(!is_watched(uncertainty_mm), Severity::Review, "camera_unwatched", || {
+            "the fixture shows too little to notice a camera that moved; let the view have things beside the panel that \
+             stand still outside of the search box, with clear edges in two directions"
+                .to_owned()
+        })
+}
