@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep::geometry::{Base, Camera, Flange, FlangeCamera, OrganizedCloud, Panel, Pixel, Rigid, Vector};
 use panelprep::locate::refine::{self, CornerView, Refined};
-use panelprep::locate::{self, Fit, LocateError, Prepared, RangeErrors, View, corner, gate};
+use panelprep::locate::{self, Fit, LocateError, Prepared, RangeErrors, TaughtModel, View, corner, gate};
 use panelprep::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use panelprep::recipe::Recipe;
 use panelprep::report;
@@ -196,7 +196,8 @@ fn pictures(trial: &Trial, judgement: &Judgement, fit: Option<&Fit>) -> usize {
     let (taught, recipe) = learnt(trial);
     let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
     let view = View { scan: &scan, camera, base_from_camera, range: RangeErrors::default() };
-    let prepared = Prepared::new(&taught, &view, recipe.locate()).expect("a panel was taught");
+    let model = TaughtModel::of(&taught, view.range).expect("a panel was taught");
+    let prepared = Prepared::new((&taught, &model), &view, recipe.locate());
     let picture = scan.picture();
     let drawn = report::reason_pictures(&taught, (&picture, &view), (&prepared.explain(fit), fit), judgement);
     drawn.into_iter().filter(|it| *it.picture.as_ref().expect("drawn") != picture).count()
@@ -286,7 +287,8 @@ fn a_drawn_outline_stands_in_for_missing_points() {
     assert!((0.5..0.7).contains(&(area / of)), "{area} of {of} points");
     let (scan, base_from_camera) = (Trial::flat(3, 2).taught_scan(), trial.base_from_camera());
     let view = View { scan: &scan, camera: trial.camera(), base_from_camera, range: RangeErrors::default() };
-    let prepared = Prepared::new(&drawn, &view, recipe.locate()).expect("a model");
+    let model = TaughtModel::of(&drawn, view.range).expect("a model");
+    let prepared = Prepared::new((&drawn, &model), &view, recipe.locate());
     let seen = prepared.outline_seen();
     assert!(seen.by_colour > 0.5 && seen.unseen < 0.45, "{seen:?}");
 }
@@ -313,6 +315,25 @@ fn marks_hold_a_flat_panel_and_tell_it_from_its_mirror_image() {
     assert_ne!(judgement.verdict, Verdict::Accept, "{judgement:?}");
     assert!(judgement.reasons.iter().any(|reason| reason.code == "marks_differ"), "{judgement:?}");
     assert_eq!(pictures(&mirrored, &judgement, fit.as_ref()), judgement.reasons.len());
+}
+
+/// By hand: 0.05 % of 700 mm is 0.35 mm along the view, which no residual shows. Where the camera was measured to do that from scan to scan, it
+/// is in the stated error.
+#[test]
+fn what_a_camera_is_off_in_its_scale_is_in_the_stated_error() {
+    let trial = Trial::good(3, 4).with_scale([0.0, 0.0005]);
+    let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
+    let (taught, recipe) = learnt(&trial);
+    let located = |scale_between_scans| {
+        let range = RangeErrors { scale_between_scans, ..RangeErrors::default() };
+        let view = View { scan: &scan, camera, base_from_camera, range };
+        let fit = locate::locate(&taught, &view, recipe.locate()).expect("found");
+        (trial.error_mm(&fit.base_from_panel).mean_mm, fit.uncertainty_mm)
+    };
+    let (error_mm, stated_mm) = located(0.0);
+    assert!((0.25..0.45).contains(&error_mm) && error_mm > stated_mm, "{error_mm} {stated_mm}");
+    let (error_mm, stated_mm) = located(0.0005);
+    assert!(error_mm < stated_mm && stated_mm < 1.2, "{error_mm} {stated_mm}");
 }
 
 /// At a quarter of the size the fixture's edges, plate and posts, hold the camera's place to a fraction of a millimetre.

@@ -18,7 +18,7 @@ pub struct MeasuredScanner {
     pub correlation_mm: f64,
     /// Measured over true distances, less one, percent.
     pub scale_percent: f64,
-    /// Its standard deviation from scan to scan, percent.
+    /// Its standard deviation from scan to scan beyond what the smooth error explains, percent.
     pub scale_deviation_percent: f64,
     /// Places of the board.
     pub places: usize,

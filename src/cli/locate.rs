@@ -6,7 +6,7 @@ use super::load::{self, CellFiles};
 use super::outcome::Outcome;
 use super::pictures;
 use crate::geometry::KukaPose;
-use crate::locate::{Fit, View};
+use crate::locate::{Fit, LocateError, TaughtModel, View};
 use crate::stages::locate::{Located, locate};
 use serde_json::json;
 use std::time::Instant;
@@ -23,10 +23,12 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     let base_from_camera = files.base_from_camera()?.value;
     let scan = load::scan(&args.scan, &camera)?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
+    // What depends on the taught panel alone is there before a scan is taken: in a cycle while the camera exposes.
+    let model = TaughtModel::of(&taught.panel, errors.range);
     let begin = Instant::now();
     let scan = errors.corrected(scan);
     let view = View { scan: &scan, camera: &camera, base_from_camera, range: errors.range };
-    let located = locate(&taught.panel, view, recipe.locate());
+    let located = locate((&taught.panel, model.as_ref().map_err(LocateError::clone)), view, recipe.locate());
     let elapsed_ms = begin.elapsed().as_secs_f64() * 1e3;
     if let Some(folder) = &args.pictures {
         let picture = scan.picture();

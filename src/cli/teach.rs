@@ -142,7 +142,8 @@ fn say_how_it_is_held(
     outcome: &mut Outcome,
 ) -> Vec<String> {
     let mut warnings: Vec<String> = Vec::new();
-    let prepared = locate::Prepared::new(&taught.panel, view, recipe.locate());
+    let model = locate::TaughtModel::of(&taught.panel, view.range);
+    let prepared = model.as_ref().map(|model| locate::Prepared::new((&taught.panel, model), view, recipe.locate()));
     let outline = prepared.as_ref().ok().map(locate::Prepared::outline_seen);
     if let Some(outline) = &outline {
         say_what_shows_the_outline(outline, outcome);
@@ -152,7 +153,7 @@ fn say_how_it_is_held(
         outcome.say(format!("its marks: {marks_mm:.0} mm of their borders hold it sideways, too"));
     }
     outcome.put("marks_mm", json!(marks_mm));
-    let found = prepared.and_then(|prepared| prepared.locate());
+    let found = prepared.map_err(locate::LocateError::clone).and_then(|prepared| prepared.locate());
     let at_teaching = outline.map_or(Vec::new(), |outline| gate::checks_at_teaching(&outline, found.as_ref().ok()));
     warnings.extend(at_teaching.into_iter().filter_map(|check| check.message));
     match found {

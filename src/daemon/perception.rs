@@ -123,7 +123,12 @@ impl Perception {
         (self.located, self.located_mm, self.place, self.obstacles) = (None, None, None, None);
         (self.dry, self.corners) = (None, Corners::default());
         let errors = &cycle.calibrations.scan_errors;
-        let scan = match eyes.scan() {
+        // The taught panel is prepared while the camera takes its scan.
+        let scan = std::thread::scope(|threads| {
+            threads.spawn(|| cycle.taught_model().is_ok());
+            eyes.scan()
+        });
+        let scan = match scan {
             Ok(scan) => scan,
             Err(error) => return blind(Kind::Locate, 0, &error, record),
         };
@@ -133,7 +138,7 @@ impl Perception {
         let scan = errors.corrected(scan);
         let (camera, base_from_camera) = (&cycle.calibrations.scanner, cycle.calibrations.base_from_camera);
         let view = locate::View { scan: &scan, camera, base_from_camera, range: errors.range };
-        let located = stages::locate::locate(&cycle.panel, view, cycle.recipe.locate());
+        let located = stages::locate::locate((&cycle.panel, cycle.taught_model()), view, cycle.recipe.locate());
         let obstacles = located.obstacles().map(Arc::new);
         let elapsed_ms = elapsed_ms(begun);
         let nowhere = || Drawing {

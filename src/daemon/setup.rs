@@ -6,7 +6,7 @@ use crate::calib::health;
 use crate::cell::{Arm, Cell, CompliantTool, LensExtent, Limits};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};
 use crate::inspect::Demands;
-use crate::locate::ScanErrors;
+use crate::locate::{LocateError, ScanErrors, TaughtModel, TaughtModelOnce};
 use crate::panel::{TaughtCorner, TaughtPanel};
 use crate::path::approach::CornerTour;
 use crate::recipe::Recipe;
@@ -82,6 +82,7 @@ pub struct CycleSetup {
     pub recipe: Recipe,
     /// What was taught.
     pub panel: TaughtPanel,
+    model: Arc<TaughtModelOnce>,
     /// Its corners; the corner loop takes the first ones whose moves pass the gate.
     pub corners: Vec<TaughtCorner>,
     /// The calibrations.
@@ -114,13 +115,22 @@ impl CycleSetup {
             return Err(DaemonError::CornerOutsideOfLens(reason.message));
         }
         let removed_before = RemovedBefore::default();
-        Ok(CycleSetup { cell, recipe, panel, corners, calibrations, lens, removed_before })
+        let model = Arc::default();
+        Ok(CycleSetup { cell, recipe, panel, model, corners, calibrations, lens, removed_before })
     }
 
     /// The same for a part of which earlier cycles removed so much.
     #[must_use]
     pub fn after(self, removed_before: RemovedBefore) -> Self {
         CycleSetup { removed_before, ..self }
+    }
+
+    /// The taught panel as the localization uses it; the first call makes it.
+    ///
+    /// # Errors
+    /// Where the panel has too little surface or outline.
+    pub fn taught_model(&self) -> Result<&TaughtModel, LocateError> {
+        self.model.of(&self.panel, self.calibrations.scan_errors.range)
     }
 
     /// The panel's name.

@@ -4,7 +4,7 @@
 //! error of 1/z that depends on the direction (x, y) = (X/Z, Y/Z) alone. With the error c mm at the reference depth z₀,
 //!     1/z_true = 1/z + c(x, y) / z₀²,   δz = c(x, y) (z / z₀)²,                                          (1)
 //! where c is a uniform cubic B-spline over a rectangle of directions, and constant beyond its edges. What is linear in (x, y)
-//! turns planes into other planes and is no part of c: nothing flat can tell it.
+//! turns planes into other planes: nothing flat can tell it, but distances on it can.
 
 use super::cloud::OrganizedCloud;
 use super::frames::Camera;
@@ -67,6 +67,27 @@ fn cubic(t: f64) -> [f64; 4] {
 }
 
 impl DepthField {
+    /// No error anywhere.
+    pub fn none(over: FieldRectangle) -> Self {
+        DepthField { over, coefficients_mm: [0.0; FIELD_SIZE] }
+    }
+
+    /// The same with so much more for each unit of the direction, mm at the reference depth: a spline with the coefficients of a line at the
+    /// places of its coefficients is that line.
+    #[must_use]
+    pub fn with_slope(mut self, slope_mm: [f64; 2]) -> Self {
+        let place = |axis: usize, index: usize, count: usize| {
+            let share = (index as f64 - 1.0) / (count - 3) as f64;
+            self.over.from[axis] + share * (self.over.to[axis] - self.over.from[axis])
+        };
+        for (index, coefficient_mm) in self.coefficients_mm.iter_mut().enumerate() {
+            let (column, row) = (index % FIELD_COLUMNS, index / FIELD_COLUMNS);
+            *coefficient_mm +=
+                slope_mm[0] * place(0, column, FIELD_COLUMNS) + slope_mm[1] * place(1, row, FIELD_ROWS);
+        }
+        self
+    }
+
     /// c at a direction, mm at the reference depth.
     pub fn at_mm(&self, direction: [f64; 2]) -> f64 {
         self.over.weights(direction).iter().map(|(index, weight)| weight * self.coefficients_mm[*index]).sum()
@@ -107,6 +128,9 @@ mod tests {
         assert!((line.at_mm([0.0, 0.0]) - 0.4).abs() < 1e-12, "{}", line.at_mm([0.0, 0.0]));
         assert!((line.at_mm([0.1, 0.1]) - 0.5).abs() < 1e-12, "one interval is a sixth of the width");
         assert_eq!(line.at_mm([0.3, 0.0]), line.at_mm([9.0, 0.0]), "constant beyond its edges");
+        // 0.5 · 0.12 + 1.0 · 0.05 on a field of 0.2.
+        let sloped = field(|_, _| 0.2).with_slope([0.5, -1.0]);
+        assert!((sloped.at_mm([0.12, -0.05]) - 0.31).abs() < 1e-12, "{}", sloped.at_mm([0.12, -0.05]));
     }
 
     /// By hand: 0.7 mm too deep at 700 mm is 0.7·(350/700)² = 0.175 mm too deep at 350 mm, to first order.

@@ -11,10 +11,11 @@ use super::model::Model;
 use super::profile;
 use super::search::spread_over;
 use super::solve::{Constraint, ResidualWeighting, Sums, spread, twisted};
+use super::taught_model::TaughtModel;
 use crate::geometry::{Camera, Frame, OrganizedCloud, Panel, Pixel, Rigid};
 use crate::panel::{TaughtPanel, panel_from_base_at_teaching};
 use crate::recipe;
-use nalgebra::{Matrix6, Vector2, Vector3};
+use nalgebra::{Matrix6, Vector2};
 use rayon::prelude::*;
 
 /// Faces and edges that are compared, at most.
@@ -55,7 +56,7 @@ pub struct CameraCheck {
 /// Compares the fixture in both scans; `None` where too little of it is seen.
 pub(super) fn check(
     panel: &TaughtPanel,
-    model: &Model,
+    taught: &TaughtModel,
     (grid, scan): (&Grid, &Scan),
     inside: &[bool],
     placed: &Rigid<Camera, Panel>,
@@ -64,36 +65,22 @@ pub(super) fn check(
     if (panel.scan.width(), panel.scan.height()) != (scan.width(), scan.height()) || panel.camera != grid.camera {
         return None;
     }
-    compared(panel, model, (&taught_grid(panel, model), grid, scan), inside, placed)
+    compared(panel, &taught.model, (&taught.fixture, grid, scan), inside, placed)
 }
 
 /// What the fixture of the taught scan itself would show of a camera that has moved by nothing: 95 % of the errors are
 /// smaller at the taught panel, mm. `None` where too little of it is seen.
-pub(super) fn at_teaching_mm(panel: &TaughtPanel, model: &Model, settings: &recipe::Locate) -> Option<f64> {
-    let (taught, inside) = at_teaching(panel, model, settings);
+pub(super) fn at_teaching_mm(panel: &TaughtPanel, taught: &TaughtModel, settings: &recipe::Locate) -> Option<f64> {
+    let TaughtModel { model, fixture } = taught;
+    let inside = inside_at_teaching(panel, fixture, settings);
     let placed = model.camera_from_panel;
-    compared(panel, model, (&taught, &taught, &panel.scan), &inside, &placed).map(|it| it.uncertainty_mm)
+    compared(panel, model, (fixture, fixture, &panel.scan), &inside, &placed).map(|it| it.uncertainty_mm)
 }
 
-/// The taught scan without its panel, and which of its blocks lie in the search box.
-fn at_teaching(panel: &TaughtPanel, model: &Model, settings: &recipe::Locate) -> (Grid, Vec<bool>) {
+/// Which blocks of the taught scan lie in the search box.
+fn inside_at_teaching(panel: &TaughtPanel, fixture: &Grid, settings: &recipe::Locate) -> Vec<bool> {
     let base_from_camera = panel_from_base_at_teaching().inverse() * panel.panel_from_camera;
-    let taught = taught_grid(panel, model);
-    let inside = grid::in_box(&taught, &base_from_camera, settings.box_min_mm(), settings.box_max_mm());
-    (taught, inside)
-}
-
-/// The taught scan without its panel.
-fn taught_grid(panel: &TaughtPanel, model: &Model) -> Grid {
-    let motion = Motion::of(&model.camera_from_panel);
-    let depth_row = motion.turn.row(2).into_owned();
-    let raw = panel.scan.raw_points_mm();
-    let depth = |index: usize| {
-        let [x, y, z] = raw[index];
-        let depth = (depth_row * Vector3::new(f64::from(x), f64::from(y), f64::from(z)))[0] + motion.shift.z;
-        (depth > 0.0 && !panel.mask.inside[index]).then_some(depth as f32)
-    };
-    Grid::of_depths((panel.scan.width(), panel.scan.height()), &panel.camera, depth)
+    grid::in_box(fixture, &base_from_camera, settings.box_min_mm(), settings.box_max_mm())
 }
 
 fn compared<F: Frame>(
@@ -295,19 +282,19 @@ pub(super) enum FixtureEdge {
 /// The fixture's taught edges, and what the scan shows of each; none where the scan has other pixels.
 pub(super) fn fixture(
     panel: &TaughtPanel,
-    model: &Model,
+    fixture: &Grid,
     (grid, scan): (&Grid, &Scan),
     (settings, inside): (&recipe::Locate, &[bool]),
 ) -> Vec<(Pixel, FixtureEdge)> {
     if (panel.scan.width(), panel.scan.height()) != (scan.width(), scan.height()) || panel.camera != grid.camera {
         return Vec::new();
     }
-    let (taught, inside_taught) = at_teaching(panel, model, settings);
-    let looked = StaticScene::of(&taught, grid, inside).looked(panel, (grid, scan));
+    let (taught, inside_taught) = (fixture, inside_at_teaching(panel, fixture, settings));
+    let looked = StaticScene::of(taught, grid, inside).looked(panel, (grid, scan));
     let shown = looked.into_iter().map(|(steep, now)| {
         (steep.pixel, now.map_or(FixtureEdge::Gone, |constraint| FixtureEdge::Moved(constraint.residual)))
     });
-    let all = StaticScene::of(&taught, &taught, &inside_taught).looked(panel, (&taught, &panel.scan));
+    let all = StaticScene::of(taught, taught, &inside_taught).looked(panel, (taught, &panel.scan));
     let is_unseen = |steep: &Steep| {
         let apart_mm =
             taught.depth_mm(steep.block).zip(grid.depth_mm(steep.block)).map(|(was, is)| (is - was).abs());

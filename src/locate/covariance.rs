@@ -5,10 +5,17 @@
 //! over the kinds k of residuals. A kind's noise is stated in `fit` for the mean m of a cell whose members share one error;
 //! f_k is how much larger the n cells' means are than that, which ν cells' worth of trust in the stated noise steadies:
 //! a small panel has few cells. A point x of the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
+//!
+//! A camera whose distances are all too long by the share s puts the panel's centre c, seen from it, at (1 + s) c, which no
+//! residual shows. What the taught scan shares of it cancels, what differs between the two scans does not:
+//!     C_vv += σ_s² (c − c₀)(c − c₀)ᵀ + σ_d² (c cᵀ + c₀ c₀ᵀ),                                                  (2)
+//! c₀ the taught centre, σ_s and σ_d the deviations of s in all scans alike and from scan to scan. That the panel itself is then
+//! too large by s is not in (2): over half a panel it is a fraction of that.
 
 use super::fit::{EDGE_CORRELATION_MM, KINDS, Residuals};
 use super::grid::Motion;
 use super::model::Model;
+use super::scan_errors::RangeErrors;
 use super::solve::{Constraint, ResidualWeighting, Sums};
 use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector3, Vector6};
 use std::collections::BTreeMap;
@@ -19,6 +26,13 @@ pub(super) const WITHIN_95_PERCENT: f64 = 1.96;
 const TRUST_CELLS: f64 = 12.0;
 /// A cell needs this share of the points of a full one.
 const CELL_FILLED: f64 = 0.3;
+
+/// What (2) adds to the shifts, for the panel's centre as taught and now.
+fn of_scale([taught, now]: [&Vector3<f64>; 2], range: RangeErrors) -> Matrix3<f64> {
+    let moved = now - taught;
+    moved * moved.transpose() * range.scale.powi(2)
+        + (now * now.transpose() + taught * taught.transpose()) * range.scale_between_scans.powi(2)
+}
 
 /// The direction in which a pose is constrained least.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -80,7 +94,10 @@ pub(super) fn covariance(
     for ((kind, weighing), factor) in kinds.iter().zip(weighing).zip(factors) {
         information += Sums::over(kind, weighing, &residuals.centre).information / factor;
     }
-    let covariance = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
+    let mut covariance = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
+    let taught = Motion::of(&model.camera_from_panel).point(&model.centre);
+    let mut shifts = covariance.fixed_view_mut::<3, 3>(3, 3);
+    shifts += of_scale([&taught, &residuals.centre], model.range);
     let weakest = weakest(&covariance, model);
     let normal = motion.turn * model.normal;
     let (turn, shift) = (weakest.moves_mm.fixed_rows::<3>(0), weakest.moves_mm.fixed_rows::<3>(3));
@@ -145,4 +162,23 @@ pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &Motion
         (a * covariance * a.transpose()).symmetric_eigenvalues().max()
     };
     model.outline.iter().step_by(4).map(|sample| at(&sample.point)).fold(0.0, f64::max).max(0.0).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: 700 mm away and moved by 20 mm along the view, 0.1 % in all scans alike is 0.02 mm; 0.01 % from scan to scan is 0.07 mm
+    /// in each of the two, along the view.
+    #[test]
+    fn a_scale_that_both_scans_share_counts_with_the_way_between_them() {
+        let (taught, now) = (Vector3::new(0.0, 0.0, 700.0), Vector3::new(0.0, 0.0, 720.0));
+        let range = RangeErrors { scale: 0.001, scale_between_scans: 0.0, ..RangeErrors::default() };
+        let shared = of_scale([&taught, &now], range);
+        assert!((shared[(2, 2)].sqrt() - 0.02).abs() < 1e-12 && shared[(0, 0)] == 0.0, "{shared}");
+        assert_eq!(of_scale([&taught, &taught], range), Matrix3::zeros());
+        let range = RangeErrors { scale: 0.0, scale_between_scans: 0.0001, ..range };
+        let own = of_scale([&taught, &taught], range);
+        assert!((own[(2, 2)].sqrt() - 0.07 * std::f64::consts::SQRT_2).abs() < 1e-12, "{own}");
+    }
 }

@@ -102,7 +102,7 @@ impl Prepared<'_> {
             FixtureEdge::Unseen => (pixel, FixtureMark::Unseen),
         };
         let (now, inside) = ((grid, self.view.scan), (self.settings, &*self.inside));
-        let edges = camera_check::fixture(self.taught, &self.model, now, inside);
+        let edges = camera_check::fixture(self.taught, &self.taught_model.fixture, now, inside);
         explained.fixture = edges.into_iter().map(mark).collect();
         explained
     }
@@ -181,7 +181,7 @@ fn weakest(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, fit: &Fit) -> V
 
 #[cfg(test)]
 mod tests {
-    use super::super::{View, tests::taught};
+    use super::super::{TaughtModel, View, tests::taught};
     use super::*;
     use crate::geometry::OrganizedCloud;
     use crate::sim::{self, Scene};
@@ -199,14 +199,15 @@ mod tests {
             base_from_camera,
             range: crate::locate::RangeErrors::default(),
         };
-        let fit = Prepared::new(&panel, &view, recipe.locate()).and_then(|it| it.locate()).expect("a panel");
+        let model = TaughtModel::of(&panel, view.range).expect("a panel");
+        let fit = Prepared::new((&panel, &model), &view, recipe.locate()).locate().expect("a panel");
         let nearer = scan.raw_points_mm().iter().map(|point| {
             let way_mm = f64::from(point[0]).hypot(f64::from(point[1])).hypot(f64::from(point[2]));
             point.map(|n| (f64::from(n) * (1.0 - 0.3 / way_mm)) as f32)
         });
         let scan = OrganizedCloud::new(scan.width(), scan.height(), nearer.collect(), scan.picture().rgb);
         let view = View { scan: &scan.expect("organised"), ..view };
-        let explained = Prepared::new(&panel, &view, recipe.locate()).expect("a panel").explain(Some(&fit));
+        let explained = Prepared::new((&panel, &model), &view, recipe.locate()).explain(Some(&fit));
         let before_mm = explained.surface.iter().filter_map(|(_, mark)| match mark {
             SurfaceMark::On(mm) => Some(*mm),
             _ => None,

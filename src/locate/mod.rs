@@ -35,6 +35,7 @@ mod shadow;
 mod shares;
 mod solve;
 mod taught_marks;
+mod taught_model;
 mod taught_outline;
 mod taught_surface;
 
@@ -58,6 +59,7 @@ use nalgebra::{Rotation3, Vector3, Vector6};
 use rayon::prelude::*;
 pub use scan_errors::{RangeErrors, ScanErrors};
 use search::PoseHypothesis;
+pub use taught_model::{TaughtModel, TaughtModelOnce};
 
 /// A scan and where its camera stands.
 #[derive(Debug, Clone, Copy)]
@@ -83,7 +85,7 @@ pub struct Prepared<'a> {
     taught: &'a TaughtPanel,
     view: View<'a>,
     settings: &'a recipe::Locate,
-    model: Model,
+    taught_model: &'a TaughtModel,
     grid: Grid,
     inside: Vec<bool>,
     pieces: Vec<pieces::Piece>,
@@ -92,39 +94,37 @@ pub struct Prepared<'a> {
 /// Finds the taught panel in a scan.
 ///
 /// # Errors
-/// As [`Prepared::new`] and [`Prepared::locate`].
+/// As [`TaughtModel::of`] and [`Prepared::locate`].
 pub fn locate(taught: &TaughtPanel, view: &View<'_>, settings: &recipe::Locate) -> Result<Fit, LocateError> {
-    Prepared::new(taught, view, settings)?.locate()
+    let model = TaughtModel::of(taught, view.range)?;
+    Prepared::new((taught, &model), view, settings).locate()
 }
 
 impl<'a> Prepared<'a> {
-    /// Prepares both.
-    ///
-    /// # Errors
-    /// Where the taught panel has too little surface or outline.
+    /// Prepares the scan.
     pub fn new(
-        taught: &'a TaughtPanel,
+        (taught, taught_model): (&'a TaughtPanel, &'a TaughtModel),
         view: &View<'a>,
         settings: &'a recipe::Locate,
-    ) -> Result<Self, LocateError> {
-        let (model, grid) = rayon::join(|| Model::of(taught, view.range), || Grid::of(view.scan, view.camera));
+    ) -> Self {
+        let grid = Grid::of(view.scan, view.camera);
         let inside = grid::in_box(&grid, &view.base_from_camera, settings.box_min_mm(), settings.box_max_mm());
         let pieces = pieces::pieces(&grid, &inside);
-        Ok(Prepared { taught, view: *view, settings, model: model?, grid, inside, pieces })
+        Prepared { taught, view: *view, settings, taught_model, grid, inside, pieces }
     }
 
     /// What the taught scan shows of the panel's outline.
     pub fn outline_seen(&self) -> OutlineSeen {
-        self.model.outline_seen
+        self.taught_model.model.outline_seen
     }
 
     /// How much border of marks the taught picture shows inside of the outline, mm: it holds the panel sideways, too.
     pub fn marks_mm(&self) -> f64 {
-        self.model.marks.points.iter().map(|mark| mark.length_mm).sum()
+        self.taught_model.model.marks.points.iter().map(|mark| mark.length_mm).sum()
     }
 
     fn inputs(&self) -> FitInputs<'_> {
-        FitInputs { model: &self.model, grid: &self.grid, scan: self.view.scan }
+        FitInputs { model: &self.taught_model.model, grid: &self.grid, scan: self.view.scan }
     }
 
     /// Finds the panel.
@@ -132,7 +132,8 @@ impl<'a> Prepared<'a> {
     /// # Errors
     /// Where nothing of the panel's size and shape lies in the search box; [`gate::refusal`] makes it a verdict.
     pub fn locate(&self) -> Result<Fit, LocateError> {
-        let Prepared { taught, view, model, grid, inside, pieces, .. } = self;
+        let Prepared { taught, view, grid, inside, pieces, .. } = self;
+        let model = &self.taught_model.model;
         let candidates = search::candidates(model, grid, pieces);
         if candidates.is_empty() {
             return Err(nothing_fits(model, pieces, inside.iter().filter(|inside| **inside).count()));
@@ -145,10 +146,10 @@ impl<'a> Prepared<'a> {
             .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
         let (agreement_mm, camera) = rayon::join(
             || agreement_mm(&fitted, inputs),
-            || camera_check::check(taught, model, (grid, view.scan), inside, &fitted.camera_from_panel),
+            || camera_check::check(taught, self.taught_model, (grid, view.scan), inside, &fitted.camera_from_panel),
         );
         let is_watched = gate::is_watched(camera.map(|camera| camera.uncertainty_mm));
-        let asked = (!is_watched).then(|| camera_check::at_teaching_mm(taught, model, self.settings));
+        let asked = (!is_watched).then(|| camera_check::at_teaching_mm(taught, self.taught_model, self.settings));
         let beside = FurtherEvidence { agreement_mm, rival, camera, camera_at_teaching_mm: asked.flatten() };
         evidence::weigh(&fitted, inputs, pieces, view.base_from_camera, beside)
     }

@@ -4,7 +4,7 @@ use super::region::GridId;
 use crate::geometry::Pixel;
 use crate::imaging::ImagingError;
 
-/// Where points are missing, the neighbourhood is doubled up to this, px: some 15 mm, over which a panel is nearly flat.
+/// Where points are missing, the neighbourhood of a plane is doubled up to this, px: some 15 mm, over which a panel is nearly flat.
 pub(super) const WIDEST_HALF_WIDTH_PX: usize = 40;
 
 /// Why a scan does not teach a panel.
@@ -65,7 +65,7 @@ pub enum LearnError {
     },
     /// A grid has a hole where its edge should be, and no surface around it.
     #[error(
-        "grid {grid} has no scan points within {WIDEST_HALF_WIDTH_PX} px around its edge at ({u:.0}, {v:.0}) px; scan again, at a \
+        "grid {grid} has too few scan points around its edge at ({u:.0}, {v:.0}) px to say where the surface is there; scan again, at a \
          steeper angle or with a longer exposure, or move the region"
     )]
     GridWithoutPoints {

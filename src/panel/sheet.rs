@@ -4,7 +4,7 @@
 //! fitted to the pieces that are known to belong: h(s, t) = a + b s + c t + d s² + e st + f t². A piece belongs to the sheet if
 //! its median height differs from this model by at most [`MAX_AWAY_MM`].
 
-use crate::geometry::{OrganizedCloud, Panel, median};
+use crate::geometry::{OrganizedCloud, Panel, Point, Vector, median};
 use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
 
 /// A piece is another thing from this far off the sheet, mm: a clamp or a mark glued on is thicker, and a panel of second order
@@ -31,18 +31,46 @@ pub(super) fn on_one_surface<'a>(
     joined
 }
 
-struct Sheet {
+/// The surface of second order through points of a panel.
+pub(super) struct Sheet {
     centre: Point3<f64>,
     /// Two directions in the plane, and its normal.
     axes: Matrix3<f64>,
     height: Vector6<f64>,
     /// The points' reach, mm, by which places are scaled.
     scale_mm: f64,
+    /// (Σ t tᵀ / n)⁻¹ of the points' terms t.
+    spread: Matrix6<f64>,
 }
 
+/// A place is no farther from the points than their own rim where its tᵀ (Σ t tᵀ / n)⁻¹ t is at most this: 6 is the points' mean, and
+/// the corners of an evenly filled square have 1 + 3 + 3 + 5 + 5 + 9 = 26.
+const RIM: f64 = 26.0;
+/// Steps to where a ray meets the sheet, and the last of them at most, mm.
+const MEET_STEPS: usize = 20;
+const MET_MM: f64 = 1e-6;
+
 impl Sheet {
+    /// Where the ray meets the sheet; `None` far from the points.
+    pub(super) fn meet(&self, viewer: Point<Panel>, ray: Vector<Panel>) -> Option<Point<Panel>> {
+        let normal = self.axes.column(2).into_owned();
+        let slope = normal.dot(&ray.mm);
+        let mut distance = normal.dot(&(self.centre - viewer.mm)) / slope;
+        for _ in 0..MEET_STEPS {
+            let point = viewer + ray * distance;
+            let (terms, height) = self.terms(&point.mm);
+            let step = (self.height.dot(&terms) - height) / slope;
+            distance += step;
+            if step.abs() * ray.mm.norm() <= MET_MM {
+                let is_near = terms.dot(&(self.spread * terms)) <= RIM;
+                return (is_near && distance > 0.0).then_some(point);
+            }
+        }
+        None
+    }
+
     /// Through the points at these pixels; `None` for too few, or points on a line.
-    fn through(scan: &OrganizedCloud<Panel>, pixels: &[usize]) -> Option<Sheet> {
+    pub(super) fn through(scan: &OrganizedCloud<Panel>, pixels: &[usize]) -> Option<Sheet> {
         let points: Vec<Point3<f64>> =
             some(pixels, FIT_POINTS).filter_map(|i| scan.point_at(i)).map(|p| p.mm).collect();
         let centre =
@@ -53,14 +81,17 @@ impl Sheet {
         let columns =
             [(thinnest + 1) % 3, (thinnest + 2) % 3, thinnest].map(|i| eigen.eigenvectors.column(i).into_owned());
         let scale_mm = points.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max).max(1e-9);
-        let mut sheet = Sheet { centre, axes: Matrix3::from_columns(&columns), height: Vector6::zeros(), scale_mm };
+        let axes = Matrix3::from_columns(&columns);
+        let mut sheet = Sheet { centre, axes, height: Vector6::zeros(), scale_mm, spread: Matrix6::zeros() };
         let (mut squares, mut sums) = (Matrix6::zeros(), Vector6::zeros());
         for point in &points {
             let (terms, height) = sheet.terms(point);
             squares += terms * terms.transpose();
             sums += terms * height;
         }
-        sheet.height = squares.try_inverse()? * sums;
+        let inverse = squares.try_inverse()?;
+        sheet.height = inverse * sums;
+        sheet.spread = inverse * points.len() as f64;
         Some(sheet)
     }
 
@@ -88,6 +119,25 @@ fn some(pixels: &[usize], wanted: usize) -> impl Iterator<Item = usize> + '_ {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// By hand: h = 500 + x²/1000 over 0…99 × 0…49 mm without a hole of 40 × 20 mm. Seen along z through the middle of the hole, (50, 25),
+    /// the sheet is at 502.5; far outside, at (400, 25), nothing is said.
+    #[test]
+    fn a_hole_is_bridged_and_nothing_is_said_far_off() {
+        let point = |i: usize| {
+            let (x, y) = ((i % 100) as f32, (i / 100) as f32);
+            let is_hole = (30..70).contains(&(i % 100)) && (15..35).contains(&(i / 100));
+            if is_hole { [f32::NAN; 3] } else { [x, y, 500.0 + x * x / 1_000.0] }
+        };
+        let scan = OrganizedCloud::<Panel>::new(100, 50, (0..5_000).map(point).collect(), vec![[0; 3]; 5_000]);
+        let scan = scan.expect("counts agree");
+        let given: Vec<usize> = scan.valid().map(|(index, _)| index).collect();
+        let sheet = Sheet::through(&scan, &given).expect("a sheet");
+        let along_z = |x: f64| sheet.meet(Point::at(x, 25.0, 0.0), Vector::new(Vector3::z()));
+        let met = along_z(50.0).expect("in the hole");
+        assert!((met.mm.z - 502.5).abs() < 1e-3 && (met.mm.x - 50.0).abs() < 1e-9, "{met:?}");
+        assert!(along_z(0.0).is_some() && along_z(400.0).is_none());
+    }
 
     /// A bent sheet in two parts, with a thing 20 mm before it: the thing is left out. The far part lies 8 mm above the near
     /// one's plane (x²/1000 at x = 90 mm), and on its sheet.

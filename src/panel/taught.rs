@@ -3,6 +3,7 @@
 use super::error::{LearnError, WIDEST_HALF_WIDTH_PX};
 use super::extent::{self, Extent, OutlineFrom};
 use super::region::{GridId, Region};
+use super::sheet::Sheet;
 use crate::geometry::{
     Base, Camera, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Plane, Point, Rigid, local_plane_of, polygon,
 };
@@ -11,6 +12,9 @@ use nalgebra::{Isometry3, Point2};
 
 /// Half the width of the neighbourhood from which a point on the surface is taken, px.
 const SURFACE_HALF_WIDTH_PX: usize = 5;
+
+/// The same over a hole, in turn.
+const HOLE_HALF_WIDTHS_PX: [usize; 2] = [80, 160];
 
 /// One grid of the region on the panel's surface.
 #[derive(Debug, Clone)]
@@ -92,7 +96,7 @@ impl TaughtPanel {
         let at = |unit: Point2<f64>| {
             let pixel = self.region.pixel(unit);
             let missing = LearnError::GridWithoutPoints { grid: id, u: pixel.u, v: pixel.v };
-            self.surface_around(pixel).ok_or(missing)
+            self.surface_around(pixel).or_else(|| self.surface_over_hole(pixel)).ok_or(missing)
         };
         let edge = self.region.edge(id, EDGE_STEPS).into_iter().map(at).collect::<Result<Vec<_>, _>>()?;
         let corners = [edge[0], edge[EDGE_STEPS], edge[2 * EDGE_STEPS], edge[3 * EDGE_STEPS]];
@@ -116,6 +120,23 @@ impl TaughtPanel {
         let planes = widths.take_while(|&half_width_px| half_width_px <= WIDEST_HALF_WIDTH_PX);
         let plane = planes.filter_map(|half_width_px| self.plane_at(at, half_width_px)).next()?;
         plane.meet(self.panel_from_camera.origin(), ray)
+    }
+
+    /// The same where a hole is wider still: on the surface of second order through what lies around it, no farther from the points
+    /// than their own rim.
+    fn surface_over_hole(&self, pixel: Pixel) -> Option<Point<Panel>> {
+        let (column, row) = pixel.whole(self.scan.width(), self.scan.height())?;
+        let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
+        HOLE_HALF_WIDTHS_PX.into_iter().find_map(|half_width_px| {
+            let columns = column.saturating_sub(half_width_px)..(column + half_width_px).min(self.scan.width());
+            let rows = row.saturating_sub(half_width_px)..(row + half_width_px).min(self.scan.height());
+            let around: Vec<usize> = rows
+                .flat_map(|row| columns.clone().map(move |column| row * self.scan.width() + column))
+                .filter(|&index| self.mask.inside[index] && self.scan.point_at(index).is_some())
+                .collect();
+            let sheet = Sheet::through(&self.scan, &around)?;
+            sheet.meet(self.panel_from_camera.origin(), ray)
+        })
     }
 
     /// A point of the outline on the surface.

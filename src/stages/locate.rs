@@ -2,7 +2,7 @@
 
 use super::Drawing;
 use crate::geometry::{ColorPicture, KukaPose};
-use crate::locate::{Fit, LocateError, Prepared, RangeErrors, View, gate};
+use crate::locate::{Fit, LocateError, Prepared, RangeErrors, TaughtModel, View, gate};
 use crate::panel::TaughtPanel;
 use crate::path::reach::Obstacles;
 use crate::recipe;
@@ -24,9 +24,14 @@ pub struct Located<'a> {
     prepared: Option<Prepared<'a>>,
 }
 
-/// Finds the taught panel in a scan and judges what was found. A panel that is not found is a verdict, not an error.
-pub fn locate<'a>(panel: &'a TaughtPanel, view: View<'a>, settings: &'a recipe::Locate) -> Located<'a> {
-    let prepared = Prepared::new(panel, &view, settings);
+/// Finds the taught panel in a scan and judges what was found. A panel that is not found is a verdict, not an error. The panel's model
+/// is for the range errors of this view.
+pub fn locate<'a>(
+    (panel, model): (&'a TaughtPanel, Result<&'a TaughtModel, LocateError>),
+    view: View<'a>,
+    settings: &'a recipe::Locate,
+) -> Located<'a> {
+    let prepared = model.map(|model| Prepared::new((panel, model), &view, settings));
     let found = prepared.as_ref().map_err(LocateError::clone).and_then(Prepared::locate);
     let checks = found.as_ref().map_or(Vec::new(), |fit| gate::checks(fit, settings));
     let judgement = match &found {

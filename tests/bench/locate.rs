@@ -1,9 +1,9 @@
 //! Localization against the renderer's truth: panels of many shapes anywhere in a search box, scenes that must not be
 //! accepted, wet verifications, and some of the scans through the libraries that others use. All at full size and with the
-//! true calibration. `cargo bench --bench locate -- [good|bad|held|correlated|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate`
+//! true calibration. `cargo bench --bench locate -- [good|bad|held|teach|correlated|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate`
 //! sets up the peers and names their Python in `PANELPREP_PEERS`.
 
-use panelprep::locate::{self, Fit, RangeErrors, View, gate};
+use panelprep::locate::{Fit, LocateError, Prepared, RangeErrors, TaughtModel, View, gate};
 use panelprep::panel::TaughtPanel;
 use panelprep::recipe::Recipe;
 use panelprep::sim::{PlacementError, TRIAL_BOX_MM, Trial, Wrong};
@@ -22,6 +22,8 @@ mod memory;
 mod peers;
 #[path = "locate/plot.rs"]
 mod plot;
+#[path = "locate/teach.rs"]
+mod teach;
 #[path = "locate/wet.rs"]
 mod wet;
 
@@ -64,6 +66,9 @@ fn main() -> ExitCode {
     }
     if asked("held") {
         missed += held::scenes(seeds(HELD_SEEDS));
+    }
+    if asked("teach") {
+        missed += teach::panels(seeds(HELD_SEEDS));
     }
     if asked("correlated") {
         missed += correlated::errors(seeds(CORRELATED_SEEDS));
@@ -108,7 +113,7 @@ fn recipe(trial: &Trial, keys: &str) -> Recipe {
     let text = format!(
         "panel = {{ name = \"trial\"{keys} }}\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\nmax_shift_mm = 900.0\n\
          turn_limit_deg = 180.0\nmax_tilt_deg = 35.0\n\
-         [region]\ncorners_px = {corners:?}\nrows = 1\ncolumns = 1\n"
+         [region]\ncorners_px = {corners:?}\nrows = 2\ncolumns = 3\n"
     );
     Recipe::check("bench.toml", &text).expect("a valid recipe")
 }
@@ -144,8 +149,10 @@ fn located(trial: &Trial, taught: (TaughtPanel, Recipe)) -> Tried {
 fn located_with(trial: &Trial, (panel, recipe): (TaughtPanel, Recipe), range: RangeErrors) -> Tried {
     let scan = trial.scan();
     let view = View { scan: &scan, camera: trial.camera(), base_from_camera: trial.base_from_camera(), range };
+    let model = TaughtModel::of(&panel, range);
     let begun = Instant::now();
-    let found = locate::locate(&panel, &view, recipe.locate());
+    let model = model.as_ref().map_err(LocateError::clone);
+    let found = model.and_then(|model| Prepared::new((&panel, model), &view, recipe.locate()).locate());
     let judgement = match &found {
         Ok(fit) => gate::judge(fit, recipe.locate()),
         Err(error) => gate::refusal(error),

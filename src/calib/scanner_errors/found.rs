@@ -1,5 +1,6 @@
 //! What a measurement of a 3D camera's errors finds.
 
+use super::parts::PicturePart;
 use crate::geometry::DepthField;
 
 /// What was found of a camera.
@@ -27,8 +28,10 @@ pub struct ScannerErrors {
     pub bow_mm: f64,
     /// Measured over printed distances, less one, percent: the mean over scans.
     pub scale_percent: f64,
-    /// Its standard deviation from scan to scan, percent.
+    /// Its standard deviation from scan to scan beyond what the smooth error explains, percent.
     pub scale_deviation_percent: f64,
+    /// The parts of the picture, row by row.
+    pub parts: Vec<PicturePart>,
     /// Share of the picture in which at least two scans have the board.
     pub covered: f64,
     /// Depths of the boards' middles, least and greatest, mm.

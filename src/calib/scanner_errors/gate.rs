@@ -2,7 +2,6 @@
 
 use super::found::ScannerErrors;
 use super::plane_view::PlaneView;
-use crate::geometry::FieldRectangle;
 use crate::verdict::{Check, SetBy};
 use crate::words::apart;
 
@@ -22,8 +21,6 @@ const SMOOTH_MM: [f64; 2] = [0.3, 1.0];
 const SCALE_PERCENT: f64 = 0.3;
 /// A board shows lengths up to this share of its diagonal: a plane through it takes longer ones away.
 const SHOWN: f64 = 0.8;
-/// Parts of the picture that are counted, across and down.
-const PARTS: [usize; 2] = [8, 6];
 
 /// Every number that is judged.
 pub fn checks(found: &ScannerErrors) -> Vec<Check> {
@@ -84,26 +81,6 @@ pub fn checks(found: &ScannerErrors) -> Vec<Check> {
                 format!("the smooth error is alike over {is} mm, boards of this size show {most} mm; take a larger board")
             }),
     ]
-}
-
-/// Share of the picture's parts in which at least two scans have blocks.
-pub(super) fn covered(views: &[PlaneView], over: &FieldRectangle) -> f64 {
-    let mut counts = vec![0_usize; PARTS[0] * PARTS[1]];
-    for view in views {
-        let mut own: Vec<usize> = view.blocks.iter().filter_map(|block| part(block.direction, over)).collect();
-        own.sort_unstable();
-        own.dedup();
-        own.into_iter().for_each(|part| counts[part] += 1);
-    }
-    counts.iter().filter(|count| **count >= 2).count() as f64 / counts.len() as f64
-}
-
-fn part(direction: [f64; 2], over: &FieldRectangle) -> Option<usize> {
-    let share = |axis: usize| {
-        let share = (direction[axis] - over.from[axis]) / (over.to[axis] - over.from[axis]);
-        (0.0..1.0).contains(&share).then(|| (share * PARTS[axis] as f64) as usize)
-    };
-    Some(share(1)? * PARTS[0] + share(0)?)
 }
 
 /// The largest angle between two turns of the board, 0 to 90°: a bow looks the same turned by 180°.

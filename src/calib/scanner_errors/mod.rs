@@ -7,17 +7,20 @@
 //! - what is smooth and differs from scan to scan (`spread`): its size and over what length it is alike, by means over
 //!   parts of the board, since a plane through it takes a part away;
 //! - the board's own bow, which turns with the board and so is told apart;
-//! - scale: distances between corners, as measured and as printed.
+//! - scale: distances between corners, as measured and as printed; from scan to scan what the smooth error does not explain. Where
+//!   distances are longer on one side of the picture, planes are turned into other planes (`tilt`), which is corrected, too.
 //!
-//! Not measured: errors that turn a plane into another plane, which no flat board shows; lenses (`intrinsics`).
+//! Not measured: lenses (`intrinsics`).
 
 mod block;
 mod field;
 mod found;
 mod gate;
+mod parts;
 mod plane;
 mod plane_view;
 mod spread;
+mod tilt;
 
 #[cfg(test)]
 mod tests;
@@ -25,6 +28,7 @@ mod tests;
 pub use block::Block;
 pub use found::ScannerErrors;
 pub use gate::{MIN_PLACES, checks};
+pub use parts::{PARTS, PicturePart};
 pub use plane_view::{BoardScan, PlaneView};
 
 use super::error::CalibError;
@@ -76,12 +80,20 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
     };
     let spread = spread::estimate(views, &left_out.residuals_mm).ok_or_else(none)?;
     let field = solved.as_ref().map(|solved| DepthField { over, coefficients_mm: solved.coefficients_mm });
+    let tilt = tilt::estimate(views, field.as_ref()).ok_or_else(none)?;
+    let field = match tilt.slope_mm {
+        Some(slope_mm) => Some(field.unwrap_or_else(|| DepthField::none(over)).with_slope(slope_mm)),
+        None => field,
+    };
     let rays = || views.iter().flat_map(|view| view.blocks.iter().map(|block| block.direction));
     let field_most_mm = field.map_or(0.0, |field| field::most_mm(&field, rays()));
     let scales: Vec<f64> = views.iter().map(|view| view.scale_percent(field.as_ref())).collect();
-    let (scale_percent, scale_deviation_percent) = mean_and_deviation(&scales);
+    let scale_percent = scales.iter().sum::<f64>() / scales.len() as f64;
+    let explained = views.iter().map(|view| view.scale_variance_by(spread.deviation_mm, spread.correlation_mm));
+    let scale_deviation_percent = tilt.beyond_percent(explained.sum::<f64>() / views.len() as f64);
     let mut whites: Vec<f64> = views.iter().map(|view| view.white_mm).collect();
     let depths = views.iter().map(|view| view.depth_mm);
+    let parts = parts::parts(views, &left_out.residuals_mm, &over);
     let residuals = left_out.residuals_mm.iter().map(|all| field::rms(all)).collect();
     Ok(ScannerErrors {
         white_mm: crate::geometry::median_between(&mut whites).unwrap_or(f64::NAN),
@@ -96,16 +108,10 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
         bow_mm: solved.map_or(0.0, |solved| solved.bow_mm),
         scale_percent,
         scale_deviation_percent,
-        covered: gate::covered(views, &over),
+        covered: parts::covered(&parts),
+        parts,
         depths_mm: [depths.clone().fold(f64::INFINITY, f64::min), depths.fold(0.0, f64::max)],
         turned_deg: gate::turned_deg(views),
         residuals_mm: residuals,
     })
-}
-
-fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
-    let count = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    let squares = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
-    (mean, (squares / (count - 1.0).max(1.0)).sqrt())
 }

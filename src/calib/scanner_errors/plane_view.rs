@@ -10,7 +10,8 @@ use super::plane;
 use crate::geometry::{
     Camera, DepthField, OrganizedCloud, PinholeCamera, Point, REFERENCE_DEPTH_MM, median_between,
 };
-use nalgebra::Vector3;
+use nalgebra::{DMatrix, Vector3};
+use std::collections::BTreeMap;
 
 /// Blocks along each side of the board.
 const BLOCKS: usize = 16;
@@ -121,20 +122,76 @@ impl PlaneView {
         })
     }
 
+    /// The corners from their mean, as measured, mm, and that mean.
+    fn corners_about_mean(&self, field: Option<&DepthField>) -> (Vec<Vector3<f64>>, Vector3<f64>) {
+        let corrected = |point: &Point<Camera>| field.map_or(*point, |field| field.corrected_point(*point));
+        let measured: Vec<Vector3<f64>> =
+            self.corners.iter().map(|(_, point)| corrected(point).mm.coords).collect();
+        let mean = measured.iter().sum::<Vector3<f64>>() / measured.len() as f64;
+        (measured.iter().map(|point| point - mean).collect(), mean)
+    }
+
     /// Distances between corners as measured over those printed, less one, percent.
     pub fn scale_percent(&self, field: Option<&DepthField>) -> f64 {
         let count = self.corners.len() as f64;
-        let measured: Vec<Vector3<f64>> = self
-            .corners
-            .iter()
-            .map(|(_, point)| field.map_or(*point, |field| field.corrected_point(*point)).mm.coords)
-            .collect();
-        let mean = measured.iter().sum::<Vector3<f64>>() / count;
-        let spread: f64 = measured.iter().map(|point| (point - mean).norm_squared()).sum();
+        let spread: f64 = self.corners_about_mean(field).0.iter().map(Vector3::norm_squared).sum();
         let middle = [0, 1].map(|axis| self.corners.iter().map(|(at, _)| at[axis]).sum::<f64>() / count);
         let printed: f64 =
             self.corners.iter().map(|(at, _)| (at[0] - middle[0]).powi(2) + (at[1] - middle[1]).powi(2)).sum();
         100.0 * ((spread / printed).sqrt() - 1.0)
+    }
+
+    /// By how much each corner's depth changes this scan's scale, 1/mm: with the corners r from their mean and their rays d, depth errors e
+    /// change it by Σ e (r · d) / Σ |r|².
+    fn scale_by_depth(&self) -> impl Iterator<Item = (&[f64; 2], Vector3<f64>, f64)> {
+        let (about, mean) = self.corners_about_mean(None);
+        let squares: f64 = about.iter().map(Vector3::norm_squared).sum();
+        self.corners.iter().zip(about).map(move |((printed, _), from_mean)| {
+            let point = mean + from_mean;
+            (printed, point, from_mean.dot(&(point / point.z)) / squares)
+        })
+    }
+
+    /// How much this scan's scale would change by a depth error of this form over the directions, percent for each mm at the
+    /// reference depth.
+    pub fn scale_percent_by(&self, form: impl Fn([f64; 2]) -> f64) -> f64 {
+        let of = |point: Vector3<f64>| {
+            form([point.x / point.z, point.y / point.z]) * (point.z / REFERENCE_DEPTH_MM).powi(2)
+        };
+        100.0 * self.scale_by_depth().map(|(_, point, part)| of(point) * part).sum::<f64>()
+    }
+
+    /// The variance of this scan's scale that its smooth error and its corners' own errors explain, squared percent: corners in one
+    /// square of the side `correlation_mm` share one depth error.
+    pub fn scale_variance_by(&self, deviation_mm: f64, correlation_mm: f64) -> f64 {
+        let mut cells: BTreeMap<[i64; 2], f64> = BTreeMap::new();
+        for (printed, _, part) in self.scale_by_depth() {
+            *cells.entry(printed.map(|mm| (mm / correlation_mm).floor() as i64)).or_default() += part;
+        }
+        let by_depth = deviation_mm.powi(2) * cells.values().map(|part| part * part).sum::<f64>();
+        100.0_f64.powi(2) * (by_depth + self.scale_variance_by_corners().unwrap_or(0.0))
+    }
+
+    /// The variance of the scale by errors of corners that are independent: what an affine map from the printed corners leaves of the
+    /// measured ones in their plane, as variance of each coordinate, over Σ |r|².
+    fn scale_variance_by_corners(&self) -> Option<f64> {
+        let (about, _) = self.corners_about_mean(None);
+        let printed = DMatrix::from_fn(about.len(), 3, |row, column| match column {
+            2 => 1.0,
+            axis => self.corners[row].0[axis],
+        });
+        let measured = DMatrix::from_fn(about.len(), 3, |row, axis| about[row][axis]);
+        let map = (printed.transpose() * &printed).try_inverse()? * printed.transpose() * &measured;
+        let axis = |row: usize| Vector3::new(map[(row, 0)], map[(row, 1)], map[(row, 2)]);
+        let normal = axis(0).cross(&axis(1)).try_normalize(f64::MIN_POSITIVE)?;
+        let left = measured - printed * map;
+        let in_plane = left.row_iter().map(|row| {
+            let left = Vector3::new(row[0], row[1], row[2]);
+            left.norm_squared() - left.dot(&normal).powi(2)
+        });
+        let free = (2 * about.len()).checked_sub(6).filter(|free| *free > 0)?;
+        let squares: f64 = about.iter().map(Vector3::norm_squared).sum();
+        Some(in_plane.sum::<f64>() / free as f64 / squares)
     }
 }
 

@@ -87,7 +87,7 @@ pub enum What {
         a taught scan of the same camera is corrected as well. Verify the camera again afterwards: its file has changed.\n\
         Example, after `panelprep render --board-scans 16 --scanner-error-mm 1 --out target/cell3`:\n  \
         panelprep calibrate scanner --intrinsics target/cell3/scanner.toml --board 8x6 --square-mm 30 --out target/cell3/scanner.toml \
-        target/cell3/boards/scanner/*.pcd")]
+        --pictures target/cell3/found target/cell3/boards/scanner/*.pcd")]
     Scanner(Scanner),
     /// The tool's point, and its axis, from poses that hold the tip at one spot.
     #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  \

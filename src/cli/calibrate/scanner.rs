@@ -3,6 +3,7 @@
 use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
+use super::super::pictures;
 use super::args::Scanner as Args;
 use super::board_image::BoardImage;
 use super::boards;
@@ -12,6 +13,7 @@ use crate::calib::scanner_errors::{BoardScan, PlaneView, ScannerErrors, checks, 
 use crate::calib::{Board, CalibError};
 use crate::cell::{Intrinsics, MeasuredScanner};
 use crate::geometry::PinholeCamera;
+use crate::report;
 use crate::verdict::{Judgement, Reason};
 use crate::words::fixed;
 use rayon::prelude::*;
@@ -65,6 +67,11 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     };
     let text = Intrinsics { errors: Some(measured), ..lens }.to_toml();
     Intrinsics::check(&args.out.display().to_string(), &text)?;
+    if let Some(folder) = &args.pictures {
+        let picture = report::depth_error_map(&lens.camera, &found).map_err(Fault::stage)?;
+        let file = pictures::save(folder, "scanner_errors", &picture)?;
+        outcome.say(format!("{}: the errors over the camera's picture", file.display()));
+    }
     keep(&mut outcome, &judgement, &args.out, &text)?;
     Ok(outcome)
 }

@@ -82,8 +82,10 @@ impl Trial {
                 *color = to_bytes(smeared(&line, column, smear_px), noise, column);
             }
         });
+        let scale = self.scale[usize::from(shot > 0)];
         match OrganizedCloud::new(width, height, points, colors) {
-            Ok(cloud) => cloud,
+            Ok(cloud) if scale == 0.0 => cloud,
+            Ok(cloud) => cloud.along_rays(|_| 1.0 + scale),
             Err(error) => unreachable!("one point and one colour a pixel were made: {error}"),
         }
     }

@@ -78,6 +78,11 @@ impl Trial {
         Trial { alike_mm: Some(alike_mm), ..self }
     }
 
+    /// The same panel scanned by a camera whose distances are too long by these shares, at teaching and now.
+    pub fn with_scale(self, scale: [f64; 2]) -> Trial {
+        Trial { scale, ..self }
+    }
+
     /// The holder of a panel that stands here, at its longest side or at the one after that.
     pub(super) fn holder(&self, base_from_panel: &Rigid<Base, Panel>, is_moved: bool) -> Option<Slab> {
         if !self.is_held {

@@ -58,6 +58,8 @@ pub struct Trial {
     present_marks: Option<Marks>,
     /// Where the scanner's smooth error is alike over another length than usual, mm.
     alike_mm: Option<f64>,
+    /// By this share the scanner's distances are too long, at teaching and now.
+    scale: [f64; 2],
     /// A second panel of the same kind.
     twin: Option<Rigid<Base, Panel>>,
     /// The holder is at another side than it was at teaching.
@@ -115,6 +117,7 @@ impl Trial {
             taught_marks: None,
             present_marks: None,
             alike_mm: None,
+            scale: [0.0; 2],
             twin: None,
             is_holder_moved: false,
         };

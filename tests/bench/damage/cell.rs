@@ -5,7 +5,7 @@ use panelprep::cell::LensExtent;
 use panelprep::files;
 use panelprep::geometry::{Base, ColorPicture, Flange, Panel, Point, Rigid};
 use panelprep::inspect::{ByCell, Demands, Footprint};
-use panelprep::locate::View;
+use panelprep::locate::{LocateError, TaughtModel, View};
 use panelprep::panel::{TaughtCorner, TaughtPanel};
 use panelprep::recipe::Recipe;
 use panelprep::sim::{self, Cell, FilmSpec, Grease, PanelPosition, Scene, WET_FROM_S};
@@ -135,7 +135,9 @@ impl Held {
             base_from_camera: self.cell.calibrated_base_from_camera(),
             range: panelprep::locate::RangeErrors::default(),
         };
-        let located = locate(&self.panel, view, self.recipe.locate());
+        let model = TaughtModel::of(&self.panel, view.range);
+        let model = model.as_ref().map_err(LocateError::clone);
+        let located = locate((&self.panel, model), view, self.recipe.locate());
         let accepted = located.judgement.verdict == Verdict::Accept;
         Some(located.fit.filter(|_| accepted).map(|fit| fit.base_from_panel))
     }

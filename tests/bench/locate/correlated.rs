@@ -5,12 +5,17 @@ use super::{RIGHT_MM, Tried, located_with, quantile, reduction, row, share, taug
 use panelprep::locate::RangeErrors;
 use panelprep::sim::Trial;
 use panelprep::verdict::Verdict;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
 use std::ops::RangeInclusive;
 
 /// Lengths over which a smooth error is alike, mm.
 const ALIKE_MM: [f64; 4] = [30.0, 65.0, 120.0, 200.0];
 /// The simulator's smooth error, standard deviation: 0.06 mm at the nodes of its lattice, 26/35 of it overall.
 const SMOOTH_MM: f64 = 0.06 * 26.0 / 35.0;
+/// What the scale of a camera is off, one standard deviation: in all scans alike, and from scan to scan.
+const SCALE: f64 = 0.002;
+const BETWEEN_SCANS: f64 = 0.0001;
 /// Of accepted poses this share is within what is stated: less is a promise that is not kept, more is one that says too little.
 const STATED: RangeInclusive<f64> = 0.9..=1.0;
 
@@ -24,6 +29,8 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
                 correlation_mm: alike_mm,
                 between_scans_mm: std::f64::consts::SQRT_2 * SMOOTH_MM,
                 of_taught_mm: 1.5 * SMOOTH_MM,
+                scale: 0.0,
+                scale_between_scans: 0.0,
                 is_measured: true,
             };
             for (words, range) in [("measured", range), ("not measured", RangeErrors::default())] {
@@ -32,7 +39,34 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
             }
         }
     }
-    missed
+    missed + kinds.into_iter().map(|(kind, trial)| scaled(kind, trial, &seeds)).sum::<usize>()
+}
+
+/// A camera whose distances are too long by a share that all its scans have alike, and by one of each scan's own.
+fn scaled(kind: &str, trial: fn(u64, usize) -> Trial, seeds: &RangeInclusive<u64>) -> usize {
+    let range = RangeErrors {
+        scale: SCALE,
+        scale_between_scans: BETWEEN_SCANS,
+        is_measured: true,
+        ..RangeErrors::default()
+    };
+    let trials = seeds.clone().map(|seed| {
+        let mut random = Pcg64::seed_from_u64(seed);
+        let shared = SCALE * normal(&mut random);
+        let scale = [0, 1].map(|_| shared + BETWEEN_SCANS * normal(&mut random));
+        trial(seed, reduction()).with_scale(scale)
+    });
+    let words = format!(
+        "{kind}, distances off by {:.2} % in all scans and {:.2} % from scan to scan, measured",
+        100.0 * SCALE,
+        100.0 * BETWEEN_SCANS
+    );
+    stated(&words, trials, range)
+}
+
+/// A normal deviate, by twelve uniform ones.
+fn normal(random: &mut Pcg64) -> f64 {
+    (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
 }
 
 fn stated(words: &str, trials: impl Iterator<Item = Trial>, range: RangeErrors) -> usize {

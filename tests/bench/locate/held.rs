@@ -13,7 +13,7 @@ const ACCEPTED: f64 = 0.9;
 /// The same with a third of the points missing at teaching and another third now; the others must be for a person.
 const MISSING_ACCEPTED: f64 = 0.5;
 /// What of these cannot be taught, because a patch is as wide as a grid.
-const UNTAUGHT: f64 = 0.15;
+const UNTAUGHT: f64 = 0.05;
 /// Accepted poses within what they state.
 const STATED_SHARE: f64 = 0.9;
 

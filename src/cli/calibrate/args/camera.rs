@@ -163,6 +163,9 @@ pub struct Scanner {
     /// The file to write: the lens and the errors; it may be the same.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Write a picture of what was found: what is the same in each scan, and what is left in each part of the camera's picture.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
     /// Scans of the board.
     #[arg(required = true, value_name = "SCAN")]
     pub scans: Vec<PathBuf>,

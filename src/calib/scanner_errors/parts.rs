@@ -1,0 +1,59 @@
+//! The parts of the camera's picture: how many scans have the board there, and what they leave of a plane.
+
+use super::plane_view::PlaneView;
+use crate::geometry::FieldRectangle;
+
+/// Parts of the picture, across and down.
+pub const PARTS: [usize; 2] = [8, 6];
+
+/// One part.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PicturePart {
+    /// Its middle as a direction (X/Z, Y/Z).
+    pub direction: [f64; 2],
+    /// Scans that have the board there.
+    pub scans: usize,
+    /// What scans that were left out are off a plane there, rms, mm, after the correction where there is one; NaN without scans.
+    pub left_mm: f64,
+}
+
+/// All parts, row by row; `residuals_mm` of each view's blocks.
+pub(super) fn parts(views: &[PlaneView], residuals_mm: &[Vec<f64>], over: &FieldRectangle) -> Vec<PicturePart> {
+    let mut scans = vec![0_usize; PARTS[0] * PARTS[1]];
+    let mut sums = vec![(0.0, 0.0); scans.len()];
+    for (view, residuals_mm) in views.iter().zip(residuals_mm) {
+        let mut is_here = vec![false; scans.len()];
+        for (block, residual_mm) in view.blocks.iter().zip(residuals_mm) {
+            if let Some(part) = part(block.direction, over) {
+                is_here[part] = true;
+                let (squares, count) = sums[part];
+                sums[part] = (squares + residual_mm * residual_mm, count + 1.0);
+            }
+        }
+        scans.iter_mut().zip(is_here).for_each(|(scans, is_here)| *scans += usize::from(is_here));
+    }
+    let middle = |index: usize, axis: usize| {
+        let share = (index as f64 + 0.5) / PARTS[axis] as f64;
+        over.from[axis] + share * (over.to[axis] - over.from[axis])
+    };
+    let all = scans.into_iter().zip(sums).enumerate();
+    all.map(|(index, (scans, (squares, count)))| PicturePart {
+        direction: [middle(index % PARTS[0], 0), middle(index / PARTS[0], 1)],
+        scans,
+        left_mm: (squares / count).sqrt(),
+    })
+    .collect()
+}
+
+/// Share of the parts in which at least two scans have blocks.
+pub(super) fn covered(parts: &[PicturePart]) -> f64 {
+    parts.iter().filter(|part| part.scans >= 2).count() as f64 / parts.len() as f64
+}
+
+fn part(direction: [f64; 2], over: &FieldRectangle) -> Option<usize> {
+    let share = |axis: usize| {
+        let share = (direction[axis] - over.from[axis]) / (over.to[axis] - over.from[axis]);
+        (0.0..1.0).contains(&share).then(|| (share * PARTS[axis] as f64) as usize)
+    };
+    Some(share(1)? * PARTS[0] + share(0)?)
+}
