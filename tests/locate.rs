@@ -10,6 +10,11 @@ use panelprep::report;
 use panelprep::sim::{Cell, PanelPosition, PlacementError, SEARCH_BOX_MM, Scene, TRIAL_BOX_MM, Trial, Wrong};
 use panelprep::verdict::{Judgement, Verdict};
 
+/// The trials' camera is a true one, also in its scale.
+fn range() -> RangeErrors {
+    RangeErrors { scale: 0.0, ..RangeErrors::default() }
+}
+
 fn recipe(cell: &Cell, which: &str) -> Recipe {
     let region = cell.region();
     let corners: Vec<String> = region.corners_px.iter().map(|p| format!("[{:.2}, {:.2}]", p.u, p.v)).collect();
@@ -44,7 +49,7 @@ impl Bench {
 
     fn locate(&self, scan: &OrganizedCloud<Camera>) -> Result<Fit, LocateError> {
         let base_from_camera = self.cell.calibrated_base_from_camera();
-        let view = View { scan, camera: self.cell.scanner(), base_from_camera, range: RangeErrors::default() };
+        let view = View { scan, camera: self.cell.scanner(), base_from_camera, range: range() };
         locate::locate(&self.taught, &view, self.recipe.locate())
     }
 
@@ -195,7 +200,7 @@ fn one_and_two_threads_give_the_same_bits() {
 fn pictures(trial: &Trial, judgement: &Judgement, fit: Option<&Fit>) -> usize {
     let (taught, recipe) = learnt(trial);
     let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
-    let view = View { scan: &scan, camera, base_from_camera, range: RangeErrors::default() };
+    let view = View { scan: &scan, camera, base_from_camera, range: range() };
     let model = TaughtModel::of(&taught, view.range).expect("a panel was taught");
     let prepared = Prepared::new((&taught, &model), &view, recipe.locate());
     let picture = scan.picture();
@@ -209,7 +214,7 @@ fn tried(trial: &Trial) -> (Judgement, Option<Fit>) {
     let (camera, base_from_camera) = (trial.camera(), trial.base_from_camera());
     match locate::locate(
         &taught,
-        &View { scan: &trial.scan(), camera, base_from_camera, range: RangeErrors::default() },
+        &View { scan: &trial.scan(), camera, base_from_camera, range: range() },
         recipe.locate(),
     ) {
         Ok(fit) => (gate::judge(&fit, recipe.locate()), Some(fit)),
@@ -260,7 +265,7 @@ fn a_holder_in_the_panels_plane_is_left_out_where_it_is_named() {
         let place: Vec<[[f64; 2]; 4]> =
             held.held_px().iter().map(|held| held.map(|pixel| [pixel.u, pixel.v])).collect();
         let (scan, camera, base_from_camera) = (held.scan(), held.camera(), held.base_from_camera());
-        let view = View { scan: &scan, camera, base_from_camera, range: RangeErrors::default() };
+        let view = View { scan: &scan, camera, base_from_camera, range: range() };
         let located = |keys: &str| {
             let (taught, recipe) = learnt_with(&alone, keys);
             let fit = locate::locate(&taught, &view, recipe.locate()).expect("found");
@@ -286,7 +291,7 @@ fn a_drawn_outline_stands_in_for_missing_points() {
     let (area, of) = (drawn.mask.count() as f64, whole.mask.count() as f64);
     assert!((0.5..0.7).contains(&(area / of)), "{area} of {of} points");
     let (scan, base_from_camera) = (Trial::flat(3, 2).taught_scan(), trial.base_from_camera());
-    let view = View { scan: &scan, camera: trial.camera(), base_from_camera, range: RangeErrors::default() };
+    let view = View { scan: &scan, camera: trial.camera(), base_from_camera, range: range() };
     let model = TaughtModel::of(&drawn, view.range).expect("a model");
     let prepared = Prepared::new((&drawn, &model), &view, recipe.locate());
     let seen = prepared.outline_seen();
@@ -325,7 +330,7 @@ fn what_a_camera_is_off_in_its_scale_is_in_the_stated_error() {
     let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
     let (taught, recipe) = learnt(&trial);
     let located = |scale_between_scans| {
-        let range = RangeErrors { scale_between_scans, ..RangeErrors::default() };
+        let range = RangeErrors { scale_between_scans, ..range() };
         let view = View { scan: &scan, camera, base_from_camera, range };
         let fit = locate::locate(&taught, &view, recipe.locate()).expect("found");
         (trial.error_mm(&fit.base_from_panel).mean_mm, fit.uncertainty_mm)

@@ -142,7 +142,12 @@ fn tried_with(trial: &Trial, keys: &str) -> Option<Tried> {
 }
 
 fn located(trial: &Trial, taught: (TaughtPanel, Recipe)) -> Tried {
-    located_with(trial, taught, RangeErrors::default())
+    located_with(trial, taught, range_errors())
+}
+
+/// What is assumed of a camera that was not measured, but for its scale: as the calibration, it is the true one.
+fn range_errors() -> RangeErrors {
+    RangeErrors { scale: 0.0, ..RangeErrors::default() }
 }
 
 /// The same where this is known of the scans' errors.
