@@ -8,12 +8,14 @@ use crate::geometry::{
     Base, Camera, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Plane, Point, Rigid, local_plane_of, polygon,
 };
 use crate::recipe::Recipe;
-use nalgebra::{Isometry3, Point2};
+use nalgebra::{Isometry3, Matrix2, Point2, Vector2};
 
 /// Half the width of the neighbourhood from which a point on the surface is taken, px.
 const SURFACE_HALF_WIDTH_PX: usize = 5;
 
-/// The same over a hole, in turn.
+/// Beyond this a pixel is too far beside the points that are taken for its surface.
+const BESIDE: f64 = 12.0;
+/// The same width over a hole, in turn.
 const HOLE_HALF_WIDTHS_PX: [usize; 2] = [80, 160];
 
 /// One grid of the region on the panel's surface.
@@ -117,23 +119,52 @@ impl TaughtPanel {
         let at = pixel.whole(self.scan.width(), self.scan.height())?;
         let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
         let widths = std::iter::successors(Some(SURFACE_HALF_WIDTH_PX), |half_width_px| Some(2 * half_width_px));
-        let planes = widths.take_while(|&half_width_px| half_width_px <= WIDEST_HALF_WIDTH_PX);
-        let plane = planes.filter_map(|half_width_px| self.plane_at(at, half_width_px)).next()?;
+        let mut widths = widths
+            .take_while(|&half_width_px| half_width_px <= WIDEST_HALF_WIDTH_PX)
+            .filter(|&half_width_px| self.is_near_points(at, half_width_px));
+        let plane = widths.find_map(|half_width_px| self.plane_at(at, half_width_px))?;
         plane.meet(self.panel_from_camera.origin(), ray)
+    }
+
+    /// Do the panel's points within this half width lie around the pixel, or hardly beside it? A few in a row say nothing of a plane aside of them. With
+    /// their mean and scatter S in the picture, a pixel d off the mean has 1 + dᵀ S⁻¹ d, which is 7 at the corner of an evenly filled square.
+    fn is_near_points(&self, (column, row): (usize, usize), half_width_px: usize) -> bool {
+        let offsets = self.pixels_around((column, row), half_width_px).map(|index| {
+            let (u, v) = (index % self.scan.width(), index / self.scan.width());
+            Vector2::new(u as f64 - column as f64, v as f64 - row as f64)
+        });
+        let (mut count, mut sum, mut squares) = (0.0, Vector2::zeros(), Matrix2::zeros());
+        for offset in offsets {
+            count += 1.0;
+            sum += offset;
+            squares += offset * offset.transpose();
+        }
+        let mean = sum / count;
+        let scatter: Matrix2<f64> = squares / count - mean * mean.transpose();
+        scatter.try_inverse().is_some_and(|inverse| 1.0 + mean.dot(&(inverse * mean)) <= BESIDE)
+    }
+
+    /// The pixels of the panel with points within this half width of a pixel.
+    fn pixels_around(
+        &self,
+        (column, row): (usize, usize),
+        half_width_px: usize,
+    ) -> impl Iterator<Item = usize> + use<'_> {
+        let within =
+            move |at: usize, size: usize| at.saturating_sub(half_width_px)..(at + half_width_px + 1).min(size);
+        let columns = within(column, self.scan.width());
+        within(row, self.scan.height())
+            .flat_map(move |row| columns.clone().map(move |column| row * self.scan.width() + column))
+            .filter(|&index| self.mask.inside[index] && self.scan.point_at(index).is_some())
     }
 
     /// The same where a hole is wider still: on the surface of second order through what lies around it, no farther from the points
     /// than their own rim.
     fn surface_over_hole(&self, pixel: Pixel) -> Option<Point<Panel>> {
-        let (column, row) = pixel.whole(self.scan.width(), self.scan.height())?;
+        let at = pixel.whole(self.scan.width(), self.scan.height())?;
         let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
         HOLE_HALF_WIDTHS_PX.into_iter().find_map(|half_width_px| {
-            let columns = column.saturating_sub(half_width_px)..(column + half_width_px).min(self.scan.width());
-            let rows = row.saturating_sub(half_width_px)..(row + half_width_px).min(self.scan.height());
-            let around: Vec<usize> = rows
-                .flat_map(|row| columns.clone().map(move |column| row * self.scan.width() + column))
-                .filter(|&index| self.mask.inside[index] && self.scan.point_at(index).is_some())
-                .collect();
+            let around: Vec<usize> = self.pixels_around(at, half_width_px).collect();
             let sheet = Sheet::through(&self.scan, &around)?;
             sheet.meet(self.panel_from_camera.origin(), ray)
         })
