@@ -41,6 +41,8 @@ pub(super) struct Sheet {
     scale_mm: f64,
     /// (Σ t tᵀ / n)⁻¹ of the points' terms t.
     spread: Matrix6<f64>,
+    /// What the points are off it, rms, mm.
+    pub(super) rms_mm: f64,
 }
 
 /// A place is no farther from the points than their own rim where its tᵀ (Σ t tᵀ / n)⁻¹ t is at most this: 6 is the points' mean, and
@@ -82,7 +84,8 @@ impl Sheet {
             [(thinnest + 1) % 3, (thinnest + 2) % 3, thinnest].map(|i| eigen.eigenvectors.column(i).into_owned());
         let scale_mm = points.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max).max(1e-9);
         let axes = Matrix3::from_columns(&columns);
-        let mut sheet = Sheet { centre, axes, height: Vector6::zeros(), scale_mm, spread: Matrix6::zeros() };
+        let (height, spread) = (Vector6::zeros(), Matrix6::zeros());
+        let mut sheet = Sheet { centre, axes, height, scale_mm, spread, rms_mm: 0.0 };
         let (mut squares, mut sums) = (Matrix6::zeros(), Vector6::zeros());
         for point in &points {
             let (terms, height) = sheet.terms(point);
@@ -92,6 +95,12 @@ impl Sheet {
         let inverse = squares.try_inverse()?;
         sheet.height = inverse * sums;
         sheet.spread = inverse * points.len() as f64;
+        let off_mm = |point: &Point3<f64>| {
+            let (terms, height) = sheet.terms(point);
+            height - sheet.height.dot(&terms)
+        };
+        let squares_mm2: f64 = points.iter().map(|point| off_mm(point).powi(2)).sum();
+        sheet.rms_mm = (squares_mm2 / points.len() as f64).sqrt();
         Some(sheet)
     }
 
@@ -137,6 +146,8 @@ mod tests {
         let met = along_z(50.0).expect("in the hole");
         assert!((met.mm.z - 502.5).abs() < 1e-3 && (met.mm.x - 50.0).abs() < 1e-9, "{met:?}");
         assert!(along_z(0.0).is_some() && along_z(400.0).is_none());
+        // A parabola over a leant plane is no parabola, but nearly.
+        assert!(sheet.rms_mm < 0.01, "{}", sheet.rms_mm);
     }
 
     /// A bent sheet in two parts, with a thing 20 mm before it: the thing is left out. The far part lies 8 mm above the near

@@ -16,7 +16,9 @@ const SURFACE_HALF_WIDTH_PX: usize = 5;
 /// Beyond this a pixel is too far beside the points that are taken for its surface.
 const BESIDE: f64 = 12.0;
 /// The same width over a hole, in turn.
-const HOLE_HALF_WIDTHS_PX: [usize; 2] = [80, 160];
+const HOLE_HALF_WIDTHS_PX: [usize; 3] = [80, 160, 320];
+/// Points that are farther off that surface say that it has another shape, rms, mm.
+const OFF_SURFACE_MM: f64 = 0.5;
 
 /// One grid of the region on the panel's surface.
 #[derive(Debug, Clone)]
@@ -165,7 +167,7 @@ impl TaughtPanel {
         let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
         HOLE_HALF_WIDTHS_PX.into_iter().find_map(|half_width_px| {
             let around: Vec<usize> = self.pixels_around(at, half_width_px).collect();
-            let sheet = Sheet::through(&self.scan, &around)?;
+            let sheet = Sheet::through(&self.scan, &around).filter(|sheet| sheet.rms_mm <= OFF_SURFACE_MM)?;
             sheet.meet(self.panel_from_camera.origin(), ray)
         })
     }
