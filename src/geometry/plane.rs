@@ -6,7 +6,7 @@
 use super::cloud::OrganizedCloud;
 use super::frames::Frame;
 use super::rigid::{Point, Vector};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 /// Neighbours farther from the middle one than this many times the distance of the nearest quarter belong to another
 /// surface. A quarter, since at an edge up to three quarters may be another surface; a ratio, since a coarse scan is as
@@ -14,6 +14,9 @@ use nalgebra::{Matrix3, Vector3};
 const MAX_RATIO: f64 = 4.0;
 /// A plane through fewer points is an accident.
 const MIN_POINTS: usize = 8;
+/// A few points in a row say nothing of a plane aside of them. With the mean and scatter S of the points' pixels, a pixel d off the mean has
+/// 1 + dᵀ S⁻¹ d: 7 at the corner of an evenly filled square, 9 at that of a triangle. Beyond this it is too far beside the points.
+const BESIDE: f64 = 12.0;
 
 /// A plane by a point on it and its normal, a direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,8 +36,8 @@ impl<F: Frame> Plane<F> {
     }
 }
 
-/// The plane through the points within `half_width_px` pixels of a pixel; `None` where there are too few. `viewer` is
-/// where the camera stands.
+/// The plane through the points within `half_width_px` pixels of a pixel; `None` where there are too few, or where they lie
+/// far beside the pixel for the area that they take. `viewer` is where the camera stands.
 pub fn local_plane<F: Frame>(
     cloud: &OrganizedCloud<F>,
     at: (usize, usize),
@@ -54,22 +57,26 @@ pub fn local_plane_of<F: Frame>(
 ) -> Option<Plane<F>> {
     let point = |u: usize, v: usize| cloud.point(u, v).filter(|_| belongs(v * cloud.width() + u));
     let middle = nearest_valid((cloud.width(), cloud.height()), (column, row), half_width_px, &point)?;
-    let mut offsets: Vec<Vector3<f64>> = Vec::with_capacity((2 * half_width_px + 1).pow(2));
+    let mut offsets: Vec<(Vector3<f64>, Vector2<f64>)> = Vec::with_capacity((2 * half_width_px + 1).pow(2));
     for v in row.saturating_sub(half_width_px)..=(row + half_width_px).min(cloud.height() - 1) {
         for u in column.saturating_sub(half_width_px)..=(column + half_width_px).min(cloud.width() - 1) {
-            offsets.extend(point(u, v).map(|point| (point - middle).mm));
+            let pixel = Vector2::new(u as f64 - column as f64, v as f64 - row as f64);
+            offsets.extend(point(u, v).map(|point| ((point - middle).mm, pixel)));
         }
     }
-    let mut distances_mm: Vec<f64> = offsets.iter().map(|offset| offset.norm()).collect();
+    let mut distances_mm: Vec<f64> = offsets.iter().map(|(offset, _)| offset.norm()).collect();
     let quarter = distances_mm.len() / 4;
     let reach_mm = MAX_RATIO * *distances_mm.select_nth_unstable_by(quarter, f64::total_cmp).1;
     let (mut count, mut sum, mut squares) = (0usize, Vector3::zeros(), Matrix3::zeros());
-    for offset in offsets.iter().filter(|offset| offset.norm() <= reach_mm) {
+    let (mut pixel_sum, mut pixel_squares) = (Vector2::zeros(), Matrix2::zeros());
+    for (offset, pixel) in offsets.iter().filter(|(offset, _)| offset.norm() <= reach_mm) {
         count += 1;
         sum += offset;
         squares += offset * offset.transpose();
+        pixel_sum += pixel;
+        pixel_squares += pixel * pixel.transpose();
     }
-    if count < MIN_POINTS {
+    if count < MIN_POINTS || is_beside(pixel_sum / count as f64, pixel_squares / count as f64) {
         return None;
     }
     let mean = sum / count as f64;
@@ -78,6 +85,12 @@ pub fn local_plane_of<F: Frame>(
     let point = middle + Vector::new(mean);
     let outward = if normal.dot(&(viewer - point).mm) < 0.0 { -normal } else { normal };
     Some(Plane { point, normal: Vector::new(outward) })
+}
+
+/// Is the origin far beside points with this mean and mean square?
+fn is_beside(mean: Vector2<f64>, square: Matrix2<f64>) -> bool {
+    let scatter = square - mean * mean.transpose();
+    scatter.try_inverse().is_none_or(|inverse| 1.0 + mean.dot(&(inverse * mean)) > BESIDE)
 }
 
 fn nearest_valid<F: Frame>(
@@ -113,5 +126,22 @@ mod tests {
         let met = plane.meet(Point::at(0.0, 0.0, 0.0), Vector::new(Vector3::new(0.002, 0.0, 1.0))).expect("ahead");
         // z = 700 + 0.002 z / 2, so z = 700 / 0.999.
         assert!((met.mm.z - 700.700_700).abs() < 1e-3, "{met:?}");
+    }
+
+    /// By hand: two columns of a 21 × 21 grid, 4 and 5 px beside the pixel, have their mean 4.5 px aside and a scatter of 0.5 px: 1 + (4.5/0.5)² = 82.
+    /// Half of a window, of which the pixel is at the edge, has 4.
+    #[test]
+    fn a_few_points_in_a_row_are_no_plane_for_a_pixel_beside_them() {
+        let cloud = |columns: std::ops::Range<usize>| {
+            let point = |i: usize| {
+                let (x, y) = ((i % 21) as f32 * 0.4, (i / 21) as f32 * 0.4);
+                if columns.contains(&(i % 21)) { [x, y, 700.0] } else { [f32::NAN; 3] }
+            };
+            OrganizedCloud::<Camera>::new(21, 21, (0..441).map(point).collect(), vec![[0; 3]; 441])
+                .expect("counts agree")
+        };
+        let plane = |columns| local_plane(&cloud(columns), (10, 10), 5, Point::at(0.0, 0.0, 0.0));
+        assert_eq!(plane(14..16), None);
+        assert!(plane(10..21).is_some());
     }
 }

@@ -8,14 +8,12 @@ use crate::geometry::{
     Base, Camera, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Plane, Point, Rigid, local_plane_of, polygon,
 };
 use crate::recipe::Recipe;
-use nalgebra::{Isometry3, Matrix2, Point2, Vector2};
+use nalgebra::{Isometry3, Point2};
 
 /// Half the width of the neighbourhood from which a point on the surface is taken, px.
 const SURFACE_HALF_WIDTH_PX: usize = 5;
 
-/// Beyond this a pixel is too far beside the points that are taken for its surface.
-const BESIDE: f64 = 12.0;
-/// The same width over a hole, in turn.
+/// The same over a hole, in turn.
 const HOLE_HALF_WIDTHS_PX: [usize; 3] = [80, 160, 320];
 /// Points that are farther off that surface say that it has another shape, rms, mm.
 const OFF_SURFACE_MM: f64 = 0.5;
@@ -121,29 +119,9 @@ impl TaughtPanel {
         let at = pixel.whole(self.scan.width(), self.scan.height())?;
         let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
         let widths = std::iter::successors(Some(SURFACE_HALF_WIDTH_PX), |half_width_px| Some(2 * half_width_px));
-        let mut widths = widths
-            .take_while(|&half_width_px| half_width_px <= WIDEST_HALF_WIDTH_PX)
-            .filter(|&half_width_px| self.is_near_points(at, half_width_px));
+        let mut widths = widths.take_while(|&half_width_px| half_width_px <= WIDEST_HALF_WIDTH_PX);
         let plane = widths.find_map(|half_width_px| self.plane_at(at, half_width_px))?;
         plane.meet(self.panel_from_camera.origin(), ray)
-    }
-
-    /// Do the panel's points within this half width lie around the pixel, or hardly beside it? A few in a row say nothing of a plane aside of them. With
-    /// their mean and scatter S in the picture, a pixel d off the mean has 1 + dᵀ S⁻¹ d, which is 7 at the corner of an evenly filled square.
-    fn is_near_points(&self, (column, row): (usize, usize), half_width_px: usize) -> bool {
-        let offsets = self.pixels_around((column, row), half_width_px).map(|index| {
-            let (u, v) = (index % self.scan.width(), index / self.scan.width());
-            Vector2::new(u as f64 - column as f64, v as f64 - row as f64)
-        });
-        let (mut count, mut sum, mut squares) = (0.0, Vector2::zeros(), Matrix2::zeros());
-        for offset in offsets {
-            count += 1.0;
-            sum += offset;
-            squares += offset * offset.transpose();
-        }
-        let mean = sum / count;
-        let scatter: Matrix2<f64> = squares / count - mean * mean.transpose();
-        scatter.try_inverse().is_some_and(|inverse| 1.0 + mean.dot(&(inverse * mean)) <= BESIDE)
     }
 
     /// The pixels of the panel with points within this half width of a pixel.
