@@ -6,7 +6,7 @@ use super::load::{self, CellFiles};
 use super::outcome::Outcome;
 use super::pictures;
 use crate::geometry::KukaPose;
-use crate::locate::{Fit, LocateError, TaughtModel, View};
+use crate::locate::{Fit, TaughtModel, View};
 use crate::stages::locate::{Located, locate};
 use serde_json::json;
 use std::time::Instant;
@@ -28,7 +28,7 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     let begin = Instant::now();
     let scan = errors.corrected(scan);
     let view = View { scan: &scan, camera: &camera, base_from_camera, range: errors.range };
-    let located = locate((&taught.panel, model.as_ref().map_err(LocateError::clone)), view, recipe.locate());
+    let located = locate((&taught.panel, &model), view, recipe.locate());
     let elapsed_ms = begin.elapsed().as_secs_f64() * 1e3;
     if let Some(folder) = &args.pictures {
         let picture = scan.picture();

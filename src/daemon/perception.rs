@@ -125,7 +125,7 @@ impl Perception {
         let errors = &cycle.calibrations.scan_errors;
         // The taught panel is prepared while the camera takes its scan.
         let scan = std::thread::scope(|threads| {
-            threads.spawn(|| cycle.taught_model().is_ok());
+            threads.spawn(|| cycle.taught_model());
             eyes.scan()
         });
         let scan = match scan {

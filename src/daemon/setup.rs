@@ -6,14 +6,14 @@ use crate::calib::health;
 use crate::cell::{Arm, Cell, CompliantTool, LensExtent, Limits};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};
 use crate::inspect::Demands;
-use crate::locate::{LocateError, ScanErrors, TaughtModel, TaughtModelOnce};
+use crate::locate::{LocateError, ScanErrors, TaughtModel};
 use crate::panel::{TaughtCorner, TaughtPanel};
 use crate::path::approach::CornerTour;
 use crate::recipe::Recipe;
 use crate::removal::model::Model;
 use crate::requirements::recipe_fits::force_fits;
 use crate::stages::removal::RemovedBefore;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Where cameras and tool are, as calibrated.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -82,7 +82,7 @@ pub struct CycleSetup {
     pub recipe: Recipe,
     /// What was taught.
     pub panel: TaughtPanel,
-    model: Arc<TaughtModelOnce>,
+    taught_model: Arc<OnceLock<Result<TaughtModel, LocateError>>>,
     /// Its corners; the corner loop takes the first ones whose moves pass the gate.
     pub corners: Vec<TaughtCorner>,
     /// The calibrations.
@@ -115,8 +115,8 @@ impl CycleSetup {
             return Err(DaemonError::CornerOutsideOfLens(reason.message));
         }
         let removed_before = RemovedBefore::default();
-        let model = Arc::default();
-        Ok(CycleSetup { cell, recipe, panel, model, corners, calibrations, lens, removed_before })
+        let taught_model = Arc::default();
+        Ok(CycleSetup { cell, recipe, panel, taught_model, corners, calibrations, lens, removed_before })
     }
 
     /// The same for a part of which earlier cycles removed so much.
@@ -125,12 +125,10 @@ impl CycleSetup {
         CycleSetup { removed_before, ..self }
     }
 
-    /// The taught panel as the localization uses it; the first call makes it.
-    ///
-    /// # Errors
-    /// Where the panel has too little surface or outline.
-    pub fn taught_model(&self) -> Result<&TaughtModel, LocateError> {
-        self.model.of(&self.panel, self.calibrations.scan_errors.range)
+    /// The taught panel as the localization uses it, or why it is none; the first call makes it.
+    pub fn taught_model(&self) -> &Result<TaughtModel, LocateError> {
+        let range = self.calibrations.scan_errors.range;
+        self.taught_model.get_or_init(|| TaughtModel::of(&self.panel, range))
     }
 
     /// The panel's name.

@@ -59,7 +59,7 @@ use nalgebra::{Rotation3, Vector3, Vector6};
 use rayon::prelude::*;
 pub use scan_errors::{RangeErrors, ScanErrors};
 use search::PoseHypothesis;
-pub use taught_model::{TaughtModel, TaughtModelOnce};
+pub use taught_model::TaughtModel;
 
 /// A scan and where its camera stands.
 #[derive(Debug, Clone, Copy)]

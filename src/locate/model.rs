@@ -50,19 +50,24 @@ pub(super) struct Model {
     pub range: RangeErrors,
 }
 
+/// The depths of the taught scan: of its panel, or of all else.
+pub(super) fn taught_grid(panel: &TaughtPanel, of_panel: bool) -> Grid {
+    let motion = Motion::of(&panel.panel_from_camera.inverse());
+    let depth_row = motion.turn.row(2).into_owned();
+    let raw = panel.scan.raw_points_mm();
+    let depth = |index: usize| {
+        let [x, y, z] = raw[index];
+        let depth = (depth_row * Vector3::new(f64::from(x), f64::from(y), f64::from(z)))[0] + motion.shift.z;
+        (panel.mask.inside[index] == of_panel && depth > 0.0).then_some(depth as f32)
+    };
+    Grid::of_depths((panel.scan.width(), panel.scan.height()), &panel.camera, depth)
+}
+
 impl Model {
     /// Derives the model of a taught panel whose scans are so far off.
     pub fn of(panel: &TaughtPanel, range: RangeErrors) -> Result<Model, LocateError> {
         let camera_from_panel = panel.panel_from_camera.inverse();
-        let motion = Motion::of(&camera_from_panel);
-        let depth_row = motion.turn.row(2).into_owned();
-        let raw = panel.scan.raw_points_mm();
-        let depth = |index: usize| {
-            let [x, y, z] = raw[index];
-            let depth = (depth_row * Vector3::new(f64::from(x), f64::from(y), f64::from(z)))[0] + motion.shift.z;
-            (panel.mask.inside[index] && depth > 0.0).then_some(depth as f32)
-        };
-        let grid = Grid::of_depths((panel.scan.width(), panel.scan.height()), &panel.camera, depth);
+        let grid = taught_grid(panel, true);
         let surface = Surface::of(&grid);
         let (TaughtOutline { points: outline, edge_width_px, seen: outline_seen }, marks) = rayon::join(
             || TaughtOutline::of(panel, &grid, &surface),

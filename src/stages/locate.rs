@@ -27,12 +27,12 @@ pub struct Located<'a> {
 /// Finds the taught panel in a scan and judges what was found. A panel that is not found is a verdict, not an error. The panel's model
 /// is for the range errors of this view.
 pub fn locate<'a>(
-    (panel, model): (&'a TaughtPanel, Result<&'a TaughtModel, LocateError>),
+    (panel, model): (&'a TaughtPanel, &'a Result<TaughtModel, LocateError>),
     view: View<'a>,
     settings: &'a recipe::Locate,
 ) -> Located<'a> {
-    let prepared = model.map(|model| Prepared::new((panel, model), &view, settings));
-    let found = prepared.as_ref().map_err(LocateError::clone).and_then(Prepared::locate);
+    let prepared = model.as_ref().map(|model| Prepared::new((panel, model), &view, settings));
+    let found = prepared.as_ref().map_err(|&error| error.clone()).and_then(Prepared::locate);
     let checks = found.as_ref().map_or(Vec::new(), |fit| gate::checks(fit, settings));
     let judgement = match &found {
         Ok(_) => Judgement::of_checks(&checks),

@@ -20,8 +20,8 @@ fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
     let (camera, base_from_camera) = (&calibrations.scanner, calibrations.base_from_camera);
     let view =
         crate::locate::View { scan: &scan, camera, base_from_camera, range: crate::locate::RangeErrors::default() };
-    let model = crate::locate::TaughtModel::of(&panel, view.range).expect("a panel");
-    let by_command = locate::locate((&panel, Ok(&model)), view, recipe.locate());
+    let model = crate::locate::TaughtModel::of(&panel, view.range);
+    let by_command = locate::locate((&panel, &model), view, recipe.locate());
     let story = fake.run(Asks::one_cycle());
     let by_loop = story.findings.iter().find(|finding| finding.kind == Kind::Locate).expect("located");
     // The loop adds how long it took.

@@ -5,7 +5,7 @@ use panelprep::cell::LensExtent;
 use panelprep::files;
 use panelprep::geometry::{Base, ColorPicture, Flange, Panel, Point, Rigid};
 use panelprep::inspect::{ByCell, Demands, Footprint};
-use panelprep::locate::{LocateError, TaughtModel, View};
+use panelprep::locate::{TaughtModel, View};
 use panelprep::panel::{TaughtCorner, TaughtPanel};
 use panelprep::recipe::Recipe;
 use panelprep::sim::{self, Cell, FilmSpec, Grease, PanelPosition, Scene, WET_FROM_S};
@@ -136,8 +136,7 @@ impl Held {
             range: panelprep::locate::RangeErrors::default(),
         };
         let model = TaughtModel::of(&self.panel, view.range);
-        let model = model.as_ref().map_err(LocateError::clone);
-        let located = locate((&self.panel, model), view, self.recipe.locate());
+        let located = locate((&self.panel, &model), view, self.recipe.locate());
         let accepted = located.judgement.verdict == Verdict::Accept;
         Some(located.fit.filter(|_| accepted).map(|fit| fit.base_from_panel))
     }
