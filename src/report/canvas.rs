@@ -18,6 +18,8 @@ impl Ink {
     pub const ORANGE: Ink = Ink([230, 159, 0]);
     /// What failed.
     pub const VERMILLION: Ink = Ink([213, 94, 0]);
+    /// One end of a scale whose other end is vermillion.
+    pub const DEEP_BLUE: Ink = Ink([0, 114, 178]);
     /// What passed.
     pub const GREEN: Ink = Ink([0, 158, 115]);
     /// Tool paths.

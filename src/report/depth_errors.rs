@@ -2,7 +2,7 @@
 //! many scans say so.
 
 use super::canvas::{Canvas, Ink};
-use crate::calib::scanner_errors::{PARTS, ScannerErrors};
+use crate::calib::scanner_errors::{MIN_SCANS, PicturePart, ScannerErrors};
 use crate::geometry::{Camera, ColorPicture, PinholeCamera, Pixel, REFERENCE_DEPTH_MM};
 use crate::imaging::ImagingError;
 use rayon::prelude::*;
@@ -11,10 +11,8 @@ use rayon::prelude::*;
 const WIDTH_PX: usize = 1200;
 /// Less than this is drawn as nothing, mm.
 const LEAST_MM: f64 = 0.01;
-/// Fewer scans in a part tell nothing of it.
-const FEW: usize = 2;
 const FAR: Ink = Ink::VERMILLION;
-const NEAR: Ink = Ink([0, 114, 178]);
+const NEAR: Ink = Ink::DEEP_BLUE;
 const UNKNOWN: Ink = Ink([150, 150, 150]);
 
 /// The picture, with a legend.
@@ -26,11 +24,12 @@ pub fn depth_error_map(camera: &PinholeCamera, found: &ScannerErrors) -> Result<
     let (width, height) = (camera.width_px / step, camera.height_px / step);
     let most_mm = found.field_most_mm.max(LEAST_MM);
     let at_mm = |direction| found.field.map_or(0.0, |field| field.at_mm(direction));
+    let is_known = |at| found.parts.at(at).is_some_and(PicturePart::is_known);
     let mut picture = ColorPicture::filled(width, height, UNKNOWN.0);
     picture.rgb.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, pixels)| {
         for (column, color) in pixels.iter_mut().enumerate() {
             let pixel = Pixel::at((column * step) as f64, (row * step) as f64);
-            if let Some(direction) = direction(camera, pixel).filter(|at| is_known(found, *at)) {
+            if let Some(direction) = direction(camera, pixel).filter(|at| is_known(*at)) {
                 let share = at_mm(direction) / most_mm;
                 *color = Ink::WHITE.mixed(if share > 0.0 { FAR } else { NEAR }, share.abs().min(1.0)).0;
             }
@@ -38,13 +37,13 @@ pub fn depth_error_map(camera: &PinholeCamera, found: &ScannerErrors) -> Result<
     });
     let mut canvas = Canvas::on(&picture)?;
     let text_px = (height as f64 / 48.0).max(11.0);
-    for part in &found.parts {
+    for part in found.parts.iter() {
         let [x, y] = part.direction;
         let ray = crate::geometry::Point::<Camera>::at(x, y, 1.0);
         let Some(at) = camera.project(ray) else { continue };
         let (u, v) = (at.u / step as f64 - 2.2 * text_px, at.v / step as f64);
         let line = |times: f64| Pixel::at(u, v + times * text_px);
-        if part.scans < FEW {
+        if !part.is_known() {
             canvas.label(line(0.0), &scans(part.scans), text_px, Ink::WHITE)?;
             continue;
         }
@@ -59,7 +58,7 @@ pub fn depth_error_map(camera: &PinholeCamera, found: &ScannerErrors) -> Result<
     let far = format!("measured {most_mm:.2} mm or more too far");
     let near = format!("measured {most_mm:.2} mm or more too near");
     let left = "left: what scans are off a plane there beyond that, mm rms";
-    let unknown = format!("fewer than {FEW} scans have the board there");
+    let unknown = format!("fewer than {MIN_SCANS} scans have the board there");
     let legend = [(Ink::WHITE, same.as_str()), (FAR, &far), (NEAR, &near), (Ink::WHITE, left), (UNKNOWN, &unknown)];
     canvas.with_legend(&legend)?.finish()
 }
@@ -71,15 +70,4 @@ fn scans(count: usize) -> String {
 fn direction(camera: &PinholeCamera, pixel: Pixel) -> Option<[f64; 2]> {
     let ray = camera.unproject::<Camera>(pixel)?.mm;
     Some([ray.x / ray.z, ray.y / ray.z])
-}
-
-/// Does the nearest part have scans enough?
-fn is_known(found: &ScannerErrors, [x, y]: [f64; 2]) -> bool {
-    let (Some(first), Some(last)) = (found.parts.first(), found.parts.last()) else { return false };
-    let index = |at: f64, axis: usize| {
-        let span = last.direction[axis] - first.direction[axis];
-        let steps = (PARTS[axis] - 1) as f64;
-        ((at - first.direction[axis]) / span * steps).round().clamp(0.0, steps) as usize
-    };
-    found.parts.get(index(y, 1) * PARTS[0] + index(x, 0)).is_some_and(|part| part.scans >= FEW)
 }

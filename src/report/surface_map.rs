@@ -17,7 +17,7 @@ const OUTSIDE: Ink = Ink([245, 245, 245]);
 const MISSING: Ink = Ink([204, 121, 167]);
 const LEFT_OUT: Ink = Ink::YELLOW;
 const IN_FRONT: Ink = Ink::VERMILLION;
-const BEHIND: Ink = Ink([0, 114, 178]);
+const BEHIND: Ink = Ink::DEEP_BLUE;
 
 /// The map with its legend and scale.
 ///

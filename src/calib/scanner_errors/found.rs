@@ -1,6 +1,6 @@
 //! What a measurement of a 3D camera's errors finds.
 
-use super::parts::PicturePart;
+use super::parts::PictureParts;
 use crate::geometry::DepthField;
 
 /// What was found of a camera.
@@ -30,8 +30,8 @@ pub struct ScannerErrors {
     pub scale_percent: f64,
     /// Its standard deviation from scan to scan beyond what the smooth error explains, percent.
     pub scale_deviation_percent: f64,
-    /// The parts of the picture, row by row.
-    pub parts: Vec<PicturePart>,
+    /// The parts of the picture.
+    pub parts: PictureParts,
     /// Share of the picture in which at least two scans have the board.
     pub covered: f64,
     /// Depths of the boards' middles, least and greatest, mm.

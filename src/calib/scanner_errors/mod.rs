@@ -28,7 +28,7 @@ mod tests;
 pub use block::Block;
 pub use found::ScannerErrors;
 pub use gate::{MIN_PLACES, checks};
-pub use parts::{PARTS, PicturePart};
+pub use parts::{MIN_SCANS, PicturePart, PictureParts};
 pub use plane_view::{BoardScan, PlaneView};
 
 use super::error::CalibError;
@@ -93,7 +93,7 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
     let scale_deviation_percent = tilt.beyond_percent(explained.sum::<f64>() / views.len() as f64);
     let mut whites: Vec<f64> = views.iter().map(|view| view.white_mm).collect();
     let depths = views.iter().map(|view| view.depth_mm);
-    let parts = parts::parts(views, &left_out.residuals_mm, &over);
+    let parts = PictureParts::of(views, &left_out.residuals_mm, over);
     let residuals = left_out.residuals_mm.iter().map(|all| field::rms(all)).collect();
     Ok(ScannerErrors {
         white_mm: crate::geometry::median_between(&mut whites).unwrap_or(f64::NAN),
@@ -108,7 +108,7 @@ pub fn measure(views: &[PlaneView], over: FieldRectangle) -> Result<ScannerError
         bow_mm: solved.map_or(0.0, |solved| solved.bow_mm),
         scale_percent,
         scale_deviation_percent,
-        covered: parts::covered(&parts),
+        covered: parts.covered(),
         parts,
         depths_mm: [depths.clone().fold(f64::INFINITY, f64::min), depths.fold(0.0, f64::max)],
         turned_deg: gate::turned_deg(views),

@@ -4,7 +4,9 @@ use super::plane_view::PlaneView;
 use crate::geometry::FieldRectangle;
 
 /// Parts of the picture, across and down.
-pub const PARTS: [usize; 2] = [8, 6];
+const PARTS: [usize; 2] = [8, 6];
+/// Fewer scans in a part tell nothing of it.
+pub const MIN_SCANS: usize = 2;
 
 /// One part.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,37 +19,63 @@ pub struct PicturePart {
     pub left_mm: f64,
 }
 
-/// All parts, row by row; `residuals_mm` of each view's blocks.
-pub(super) fn parts(views: &[PlaneView], residuals_mm: &[Vec<f64>], over: &FieldRectangle) -> Vec<PicturePart> {
-    let mut scans = vec![0_usize; PARTS[0] * PARTS[1]];
-    let mut sums = vec![(0.0, 0.0); scans.len()];
-    for (view, residuals_mm) in views.iter().zip(residuals_mm) {
-        let mut is_here = vec![false; scans.len()];
-        for (block, residual_mm) in view.blocks.iter().zip(residuals_mm) {
-            if let Some(part) = part(block.direction, over) {
-                is_here[part] = true;
-                let (squares, count) = sums[part];
-                sums[part] = (squares + residual_mm * residual_mm, count + 1.0);
-            }
-        }
-        scans.iter_mut().zip(is_here).for_each(|(scans, is_here)| *scans += usize::from(is_here));
-    }
-    let middle = |index: usize, axis: usize| {
-        let share = (index as f64 + 0.5) / PARTS[axis] as f64;
-        over.from[axis] + share * (over.to[axis] - over.from[axis])
-    };
-    let all = scans.into_iter().zip(sums).enumerate();
-    all.map(|(index, (scans, (squares, count)))| PicturePart {
-        direction: [middle(index % PARTS[0], 0), middle(index / PARTS[0], 1)],
-        scans,
-        left_mm: (squares / count).sqrt(),
-    })
-    .collect()
+/// All parts of a picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PictureParts {
+    over: FieldRectangle,
+    parts: Vec<PicturePart>,
 }
 
-/// Share of the parts in which at least two scans have blocks.
-pub(super) fn covered(parts: &[PicturePart]) -> f64 {
-    parts.iter().filter(|part| part.scans >= 2).count() as f64 / parts.len() as f64
+impl PictureParts {
+    /// Those of a picture with these directions; `residuals_mm` of each view's blocks.
+    pub(super) fn of(views: &[PlaneView], residuals_mm: &[Vec<f64>], over: FieldRectangle) -> Self {
+        let mut scans = vec![0_usize; PARTS[0] * PARTS[1]];
+        let mut sums = vec![(0.0, 0.0); scans.len()];
+        for (view, residuals_mm) in views.iter().zip(residuals_mm) {
+            let mut is_here = vec![false; scans.len()];
+            for (block, residual_mm) in view.blocks.iter().zip(residuals_mm) {
+                if let Some(part) = part(block.direction, &over) {
+                    is_here[part] = true;
+                    let (squares, count) = sums[part];
+                    sums[part] = (squares + residual_mm * residual_mm, count + 1.0);
+                }
+            }
+            scans.iter_mut().zip(is_here).for_each(|(scans, is_here)| *scans += usize::from(is_here));
+        }
+        let middle = |index: usize, axis: usize| {
+            let share = (index as f64 + 0.5) / PARTS[axis] as f64;
+            over.from[axis] + share * (over.to[axis] - over.from[axis])
+        };
+        let all = scans.into_iter().zip(sums).enumerate();
+        let parts = all.map(|(index, (scans, (squares, count)))| PicturePart {
+            direction: [middle(index % PARTS[0], 0), middle(index / PARTS[0], 1)],
+            scans,
+            left_mm: (squares / count).sqrt(),
+        });
+        PictureParts { parts: parts.collect(), over }
+    }
+
+    /// Row by row.
+    pub fn iter(&self) -> impl Iterator<Item = &PicturePart> {
+        self.parts.iter()
+    }
+
+    /// The one with this direction; `None` outside of the picture.
+    pub fn at(&self, direction: [f64; 2]) -> Option<&PicturePart> {
+        self.parts.get(part(direction, &self.over)?)
+    }
+
+    /// Share of the parts in which scans enough have the board.
+    pub(super) fn covered(&self) -> f64 {
+        self.iter().filter(|part| part.is_known()).count() as f64 / self.parts.len() as f64
+    }
+}
+
+impl PicturePart {
+    /// Do scans enough have the board there?
+    pub fn is_known(&self) -> bool {
+        self.scans >= MIN_SCANS
+    }
 }
 
 fn part(direction: [f64; 2], over: &FieldRectangle) -> Option<usize> {

@@ -173,7 +173,8 @@ impl PlaneView {
     }
 
     /// The variance of the scale by errors of corners that are independent: what an affine map from the printed corners leaves of the
-    /// measured ones in their plane, as variance of each coordinate, over Σ |r|².
+    /// measured ones in their plane, as variance of each coordinate, over Σ |r|². The corners are not corrected, so that a bend counts here, too:
+    /// what a correction misses of it differs from place to place, and would be taken for a scale that differs from scan to scan.
     fn scale_variance_by_corners(&self) -> Option<f64> {
         let (about, _) = self.corners_about_mean(None);
         let printed = DMatrix::from_fn(about.len(), 3, |row, column| match column {
