@@ -256,6 +256,12 @@ fn panels_of_many_shapes_are_found_wherever_they_stand() {
     assert!(accepted.count() >= 19);
 }
 
+/// The same with the panel's outline drawn by hand.
+fn drawn(trial: &Trial) -> (TaughtPanel, Recipe) {
+    let corners: Vec<[f64; 2]> = trial.outline_px().iter().map(|pixel| [pixel.u, pixel.v]).collect();
+    learnt_with(trial, &format!(", outline_px = {corners:?}"))
+}
+
 /// A flat plate is held sideways by its outline alone. A holder in its own plane, which was not there at teaching, makes no step of
 /// depth: where the recipe names the place, the plate is found within what is stated; where it does not, it is not accepted.
 #[test]
@@ -285,8 +291,7 @@ fn a_holder_in_the_panels_plane_is_left_out_where_it_is_named() {
 #[test]
 fn a_drawn_outline_stands_in_for_missing_points() {
     let trial = Trial::flat(3, 2).patchy(0.4);
-    let corners: Vec<[f64; 2]> = trial.outline_px().iter().map(|pixel| [pixel.u, pixel.v]).collect();
-    let (drawn, recipe) = learnt_with(&trial, &format!(", outline_px = {corners:?}"));
+    let (drawn, recipe) = drawn(&trial);
     let (whole, _) = learnt(&Trial::flat(3, 2));
     let (area, of) = (drawn.mask.count() as f64, whole.mask.count() as f64);
     assert!((0.5..0.7).contains(&(area / of)), "{area} of {of} points");
@@ -302,12 +307,9 @@ fn a_drawn_outline_stands_in_for_missing_points() {
 /// a row beside a hole once put them hundreds of millimetres off.
 #[test]
 fn a_hole_at_a_grids_edge_is_bridged() {
-    let taught = |trial: Trial| {
-        let corners: Vec<[f64; 2]> = trial.outline_px().iter().map(|pixel| [pixel.u, pixel.v]).collect();
-        learnt_with(&trial, &format!(", outline_px = {corners:?}")).0
-    };
     for seed in [3, 9] {
-        let (whole, patchy) = (taught(Trial::good(seed, 1)), taught(Trial::good(seed, 1).patchy(0.5)));
+        let (whole, _) = drawn(&Trial::good(seed, 1));
+        let (patchy, _) = drawn(&Trial::good(seed, 1).patchy(0.5));
         let pairs = whole.grids.iter().zip(&patchy.grids).flat_map(|(a, b)| a.edge.iter().zip(&b.edge));
         let off_mm = pairs.map(|(a, b)| (*a).distance_mm(*b)).fold(0.0, f64::max);
         assert!(off_mm < 1.0, "seed {seed}: {off_mm} mm");

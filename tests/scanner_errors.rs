@@ -40,7 +40,17 @@ fn a_bent_scanner_is_straightened_by_scans_of_a_board() {
     let scans: Vec<String> = (1..=12).map(|index| format!("cell/boards/scanner/{index:02}.pcd")).collect();
     let calibrate =
         "calibrate scanner --intrinsics cell/scanner.toml --board 8x6 --square-mm 30 --out cell/scanner.toml";
-    let (exit, measured) = json(folder, &format!("{calibrate} {}", scans.join(" ")));
+    let (exit, measured) = json(folder, &format!("{calibrate} --pictures found {}", scans.join(" ")));
+    let picture =
+        panelprep::files::read_color(&fs::read(folder.join("found/scanner_errors.png")).expect("written"))
+            .expect("a picture");
+    let shares = [[213, 94, 0], [0, 114, 178], [150, 150, 150]].map(|color: [u8; 3]| {
+        picture.rgb.iter().filter(|rgb| **rgb == color).count() as f64 / picture.rgb.len() as f64
+    });
+    assert!(
+        shares[2] > 0.05 && shares[0] + shares[1] > 0.01,
+        "corners without a board, and places beyond the scale's ends: {shares:?}"
+    );
     let left_out = &measured["left_out"];
     let mm = |name: &str| left_out[name].as_f64().expect("a length");
     assert!(exit <= 1 && mm("corrected_mm") < 0.6 * mm("plain_mm"), "{measured}");

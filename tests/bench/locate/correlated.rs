@@ -52,8 +52,8 @@ fn scaled(kind: &str, trial: fn(u64, usize) -> Trial, seeds: &RangeInclusive<u64
     };
     let trials = seeds.clone().map(|seed| {
         let mut random = Pcg64::seed_from_u64(seed);
-        let shared = SCALE * normal(&mut random);
-        let scale = [0, 1].map(|_| shared + BETWEEN_SCANS * normal(&mut random));
+        let shared = drawn(&mut random, SCALE);
+        let scale = [0, 1].map(|_| shared + drawn(&mut random, BETWEEN_SCANS));
         trial(seed, reduction()).with_scale(scale)
     });
     let words = format!(
@@ -64,9 +64,9 @@ fn scaled(kind: &str, trial: fn(u64, usize) -> Trial, seeds: &RangeInclusive<u64
     stated(&words, trials, range)
 }
 
-/// A normal deviate, by twelve uniform ones.
-fn normal(random: &mut Pcg64) -> f64 {
-    (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
+/// A share with this standard deviation, evenly between its ends.
+fn drawn(random: &mut Pcg64, deviation: f64) -> f64 {
+    deviation * 3.0_f64.sqrt() * random.random_range(-1.0..1.0)
 }
 
 fn stated(words: &str, trials: impl Iterator<Item = Trial>, range: RangeErrors) -> usize {

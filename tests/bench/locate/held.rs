@@ -19,7 +19,7 @@ const STATED_SHARE: f64 = 0.9;
 
 /// What a person says of the panel.
 #[derive(Clone, Copy, PartialEq)]
-enum Said {
+pub(super) enum Said {
     Nothing,
     Held,
     Outline,
@@ -73,7 +73,7 @@ const KINDS: [Kind; 10] = [
 ];
 
 /// The keys of the recipe's `[panel]` with what a person says.
-fn keys(trial: &Trial, said: Said) -> String {
+pub(super) fn keys(trial: &Trial, said: Said) -> String {
     let mut keys = String::new();
     if matches!(said, Said::Outline | Said::Both) {
         let corners: Vec<[f64; 2]> = trial.outline_px().iter().map(|pixel| [pixel.u, pixel.v]).collect();

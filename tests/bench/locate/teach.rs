@@ -1,6 +1,7 @@
 //! Teaching from scans with large parts missing: how many panels are taught, and how far the edges of their grids lie from those that the whole
 //! scan teaches, at the same pixels.
 
+use super::held::{Said, keys};
 use super::{recipe, reduction, row, share};
 use panelprep::panel::{LearnError, TaughtPanel};
 use panelprep::sim::Trial;
@@ -44,7 +45,6 @@ fn kind(words: &str, trial: fn(u64, usize) -> Trial, missing: f64, seeds: &Range
 }
 
 fn learnt(trial: &Trial) -> Result<TaughtPanel, LearnError> {
-    let corners: Vec<[f64; 2]> = trial.outline_px().iter().map(|pixel| [pixel.u, pixel.v]).collect();
-    let recipe = recipe(trial, &format!(", outline_px = {corners:?}"));
+    let recipe = recipe(trial, &keys(trial, Said::Outline));
     TaughtPanel::learn(&trial.taught_scan(), *trial.camera(), trial.base_from_camera(), &recipe)
 }
