@@ -56,13 +56,25 @@ impl Weakest {
     }
 }
 
-/// (1), and the direction in which it is largest.
+/// How well a pose is known.
+pub(super) struct PoseCovariance {
+    /// (1) and (2), of a twist (ω, v) about the panel's centre, rad and mm.
+    pub covariance: Matrix6<f64>,
+    /// The direction in which it is largest.
+    pub weakest: Weakest,
+    /// 95 % of the errors along that direction are smaller, mm; a rotation counts by its mean displacement.
+    pub weakest_mm: f64,
+    /// What (2) alone adds, one standard deviation along its worst direction, mm.
+    pub of_scale_mm: f64,
+}
+
+/// (1) and (2); `None` where the residuals leave a direction open.
 pub(super) fn covariance(
     residuals: &Residuals,
     weighing: &[ResidualWeighting; KINDS],
     model: &Model,
     motion: &Motion,
-) -> Option<(Matrix6<f64>, (f64, Weakest))> {
+) -> Option<PoseCovariance> {
     let across = {
         let first = model.outline.first()?.point - model.centre;
         (first - model.normal * model.normal.dot(&first)).try_normalize(1e-9)?
@@ -96,8 +108,9 @@ pub(super) fn covariance(
     }
     let mut covariance = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
     let taught = Motion::of(&model.camera_from_panel).point(&model.centre);
+    let scale = of_scale([&taught, &residuals.centre], model.range);
     let mut shifts = covariance.fixed_view_mut::<3, 3>(3, 3);
-    shifts += of_scale([&taught, &residuals.centre], model.range);
+    shifts += scale;
     let weakest = weakest(&covariance, model);
     let normal = motion.turn * model.normal;
     let (turn, shift) = (weakest.moves_mm.fixed_rows::<3>(0), weakest.moves_mm.fixed_rows::<3>(3));
@@ -110,7 +123,12 @@ pub(super) fn covariance(
     } else {
         Weakest::Turn
     };
-    Some((covariance, (WITHIN_95_PERCENT * weakest.moves_mm.norm(), word)))
+    Some(PoseCovariance {
+        covariance,
+        weakest: word,
+        weakest_mm: WITHIN_95_PERCENT * weakest.moves_mm.norm(),
+        of_scale_mm: scale.symmetric_eigenvalues().max().max(0.0).sqrt(),
+    })
 }
 
 /// One standard deviation along the direction in which a pose is held least.

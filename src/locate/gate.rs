@@ -6,17 +6,19 @@
 //! the panel. Evidence against the panel itself leads to reject; what a person can judge better leads to review.
 
 mod camera;
+mod place;
 
 pub use camera::{MAX_CAMERA_MOVED_MM, MAX_CAMERA_NOTICED_MM, MIN_FIXTURE_SAME, is_watched, noticed_mm};
+pub use place::{MAX_DISAGREEMENT_MM, MAX_UNCERTAINTY_MM, MIN_MARGIN};
 
 use super::LocateError;
+use super::OutlineSeen;
 use super::evidence::Fit;
 use super::fit::CONVERGED_MM;
-use super::{CompetingPose, OutlineSeen};
 use crate::recipe;
 use crate::record::name;
 use crate::verdict::{Check, Judgement, Reason, SetBy, Severity, Verdict};
-use crate::words::{apart, fixed, percent_apart};
+use crate::words::{apart, percent_apart};
 
 /// An overlap this much below the limit is a person's matter: perhaps something covers the panel. Below it is no panel.
 const REVIEW_OVERLAP: f64 = 0.1;
@@ -36,12 +38,6 @@ pub const MIN_MEASURED: f64 = 0.9;
 pub const MAX_BLUR_PX: f64 = 1.0;
 /// Share of the panel that may be overexposed.
 pub const MAX_SATURATED: f64 = 0.2;
-/// Fits from independent starts end together, mm.
-pub const MAX_DISAGREEMENT_MM: f64 = 0.1;
-/// The least ratio of the support of a pose to that of any other.
-pub const MIN_MARGIN: f64 = 2.0;
-/// The stated error of a pose that is fit for use, mm.
-pub const MAX_UNCERTAINTY_MM: f64 = 0.25;
 /// The last step of a fit that came to its end, in steps that end it: the last bits may flicker.
 const MAX_LAST_STEPS: f64 = 5.0;
 
@@ -62,7 +58,7 @@ pub fn judge(fit: &Fit, limits: &recipe::Locate) -> Judgement {
 pub fn checks(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
     let of_panel = [panel(fit, limits), picture(fit), camera::camera(fit)].concat();
     let is_rejected = Judgement::of_checks(&of_panel).verdict == Verdict::Reject;
-    let of_place = [camera::watch(fit), knowledge(fit), motion(fit, limits)].concat();
+    let of_place = [camera::watch(fit), place::knowledge(fit), place::motion(fit, limits)].concat();
     // Where something that is not the panel ended up is no reason for anything.
     let of_place = of_place.into_iter().map(|check| if is_rejected { check.without_consequence() } else { check });
     of_panel.into_iter().chain(of_place).collect()
@@ -162,70 +158,6 @@ fn picture(fit: &Fit) -> Vec<Check> {
     ]
 }
 
-/// Is it known well enough where it stands?
-fn knowledge(fit: &Fit) -> Vec<Check> {
-    let rival = fit.rival.as_ref();
-    let ambiguous = |rival: &CompetingPose| {
-        let [margin, needed] = apart(rival.margin(), MIN_MARGIN, 1);
-        format!(
-            "a placement turned by {}° explains the scan about as well: {} mm of outline and surface speak for the first alone \
-             and {} mm for the other, which counts as {margin} times as much, needed are {needed} times; a person must say which",
-            fixed(rival.turned.0, 0),
-            fixed(rival.for_first_mm, 0),
-            fixed(rival.for_rival_mm, 0)
-        )
-    };
-    vec![
-        Check::new(name::LOCATION_ERROR, "mm", fit.uncertainty_mm)
-            .at_most(MAX_UNCERTAINTY_MM, SetBy::Program)
-            .reviews("uncertain", || {
-                let [known, allowed] = apart(fit.uncertainty_mm, MAX_UNCERTAINTY_MM, 2);
-                format!(
-                    "the pose is known to {known} mm at the worst place (95 %), allowed are {allowed} mm; it is weakest {}; \
-                     uncover more of the panel, or correct it by two corners",
-                    fit.weakest.words()
-                )
-            }),
-        Check::new("error along the weakest direction, 95 %", "mm", fit.weakest_mm),
-        Check::new("fits from independent starts, apart", "mm", fit.agreement_mm)
-            .at_most(MAX_DISAGREEMENT_MM, SetBy::Program)
-            .reviews("starts_disagree", || {
-                let [agreement, allowed] = apart(fit.agreement_mm, MAX_DISAGREEMENT_MM, 3);
-                format!("fits from independent starts end {agreement} mm apart, allowed are {allowed} mm; scan again")
-            }),
-        Check::new("for this placement against the next best, times", "", rival.map(CompetingPose::margin))
-            .at_least(MIN_MARGIN, SetBy::Program)
-            .reviews("ambiguous", || rival.map_or(String::new(), ambiguous)),
-    ]
-}
-
-/// Does it stand where it may?
-fn motion(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
-    vec![
-        Check::new("shift of the panel's centre", "mm", fit.shift_mm)
-            .at_most(limits.max_shift_mm(), SetBy::recipe("locate.max_shift_mm"))
-            .rejects("shift_limit", || {
-                let [shift, allowed] = apart(fit.shift_mm, limits.max_shift_mm(), 1);
-                format!(
-                    "the panel's centre stands {shift} mm from its nominal place, allowed are {allowed} mm; put it nearer"
-                )
-            }),
-        Check::new("turn in the panel's plane, either way", "°", fit.turn.0.abs())
-            .at_most(limits.turn_limit_deg(), SetBy::recipe("locate.turn_limit_deg"))
-            .rejects("turn_limit", || {
-                let [turn, allowed] = apart(fit.turn.0.abs(), limits.turn_limit_deg(), 2);
-                let sign = if fit.turn.0 < 0.0 { "-" } else { "" };
-                format!("the panel is turned by {sign}{turn}° in its plane, allowed are ±{allowed}°; turn it back")
-            }),
-        Check::new("tilt of the panel's normal", "°", fit.tilt.0)
-            .at_most(limits.max_tilt_deg(), SetBy::recipe("locate.max_tilt_deg"))
-            .rejects("tilt_limit", || {
-                let [tilt, allowed] = apart(fit.tilt.0, limits.max_tilt_deg(), 2);
-                format!("the panel's normal is tilted by {tilt}°, allowed are {allowed}°; set it upright")
-            }),
-    ]
-}
-
 /// Is enough of the taught panel found in the scan, and of the scan's panel among the taught points?
 fn overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
     let allowed = limits.min_overlap();
@@ -287,14 +219,14 @@ pub(super) fn exceeds(measured: f64, allowed: f64) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::{CameraCheck, CompetingPose, Weakest};
     use super::*;
     use crate::geometry::{Base, Degrees, Panel, Rigid};
     use crate::verdict::Verdict;
     use nalgebra::{Isometry3, Matrix6};
 
-    fn good() -> Fit {
+    pub(super) fn good() -> Fit {
         let base_from_panel: Rigid<Base, Panel> = Rigid::claim(Isometry3::identity());
         Fit {
             base_from_panel,
@@ -320,6 +252,7 @@ mod tests {
             weakest: Weakest::Normal,
             covariance: Matrix6::identity(),
             uncertainty_mm: 0.15,
+            scale_error_mm: 0.03,
             weakest_mm: 0.07,
             shift_mm: 20.0,
             turn: Degrees(-5.0),

@@ -1,0 +1,118 @@
+//! Is the panel's pose known well enough, is it the only one, and may the panel stand there?
+//!
+//! What makes a pose uncertain decides what helps: more of the panel to see, or a 3D camera whose scale was measured.
+
+use super::super::CompetingPose;
+use super::super::evidence::Fit;
+use crate::recipe;
+use crate::record::name;
+use crate::verdict::{Check, SetBy};
+use crate::words::{apart, fixed};
+
+/// Fits from independent starts end together, mm.
+pub const MAX_DISAGREEMENT_MM: f64 = 0.1;
+/// The least ratio of the support of a pose to that of any other.
+pub const MIN_MARGIN: f64 = 2.0;
+/// The stated error of a pose that is fit for use, mm.
+pub const MAX_UNCERTAINTY_MM: f64 = 0.25;
+
+/// Is it known well enough where it stands?
+pub(super) fn knowledge(fit: &Fit) -> Vec<Check> {
+    let rival = fit.rival.as_ref();
+    let ambiguous = |rival: &CompetingPose| {
+        let [margin, needed] = apart(rival.margin(), MIN_MARGIN, 1);
+        format!(
+            "a placement turned by {}° explains the scan about as well: {} mm of outline and surface speak for the first alone \
+             and {} mm for the other, which counts as {margin} times as much, needed are {needed} times; a person must say which",
+            fixed(rival.turned.0, 0),
+            fixed(rival.for_first_mm, 0),
+            fixed(rival.for_rival_mm, 0)
+        )
+    };
+    vec![
+        Check::new(name::LOCATION_ERROR, "mm", fit.uncertainty_mm)
+            .at_most(MAX_UNCERTAINTY_MM, SetBy::Program)
+            .reviews("uncertain", || {
+                let [known, allowed] = apart(fit.uncertainty_mm, MAX_UNCERTAINTY_MM, 2);
+                format!(
+                    "the pose is known to {known} mm at the worst place (95 %), allowed are {allowed} mm; {}",
+                    why_uncertain(fit)
+                )
+            }),
+        Check::new("error along the weakest direction, 95 %", "mm", fit.weakest_mm),
+        Check::new("fits from independent starts, apart", "mm", fit.agreement_mm)
+            .at_most(MAX_DISAGREEMENT_MM, SetBy::Program)
+            .reviews("starts_disagree", || {
+                let [agreement, allowed] = apart(fit.agreement_mm, MAX_DISAGREEMENT_MM, 3);
+                format!(
+                    "fits from independent starts end {agreement} mm apart, allowed are {allowed} mm; scan again"
+                )
+            }),
+        Check::new("for this placement against the next best, times", "", rival.map(CompetingPose::margin))
+            .at_least(MIN_MARGIN, SetBy::Program)
+            .reviews("ambiguous", || rival.map_or(String::new(), ambiguous)),
+    ]
+}
+
+/// What makes a pose uncertain, and what helps.
+fn why_uncertain(fit: &Fit) -> String {
+    if fit.is_uncertain_by_scale(MAX_UNCERTAINTY_MM) {
+        return format!(
+            "the scale of the 3D camera's distances alone makes {} mm of it, because the panel's centre stands {} mm from its taught \
+             place; measure the camera with `panelprep calibrate scanner`, put the panel nearer to its taught place, or correct the pose \
+             by two corners",
+            fixed(fit.scale_error_mm, 2),
+            fixed(fit.shift_mm, 0)
+        );
+    }
+    format!("it is weakest {}; uncover more of the panel, or correct it by two corners", fit.weakest.words())
+}
+
+/// Does it stand where it may?
+pub(super) fn motion(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
+    vec![
+        Check::new("shift of the panel's centre", "mm", fit.shift_mm)
+            .at_most(limits.max_shift_mm(), SetBy::recipe("locate.max_shift_mm"))
+            .rejects("shift_limit", || {
+                let [shift, allowed] = apart(fit.shift_mm, limits.max_shift_mm(), 1);
+                format!(
+                    "the panel's centre stands {shift} mm from its nominal place, allowed are {allowed} mm; put it nearer"
+                )
+            }),
+        Check::new("turn in the panel's plane, either way", "°", fit.turn.0.abs())
+            .at_most(limits.turn_limit_deg(), SetBy::recipe("locate.turn_limit_deg"))
+            .rejects("turn_limit", || {
+                let [turn, allowed] = apart(fit.turn.0.abs(), limits.turn_limit_deg(), 2);
+                let sign = if fit.turn.0 < 0.0 { "-" } else { "" };
+                format!("the panel is turned by {sign}{turn}° in its plane, allowed are ±{allowed}°; turn it back")
+            }),
+        Check::new("tilt of the panel's normal", "°", fit.tilt.0)
+            .at_most(limits.max_tilt_deg(), SetBy::recipe("locate.max_tilt_deg"))
+            .rejects("tilt_limit", || {
+                let [tilt, allowed] = apart(fit.tilt.0, limits.max_tilt_deg(), 2);
+                format!("the panel's normal is tilted by {tilt}°, allowed are {allowed}°; set it upright")
+            }),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::good;
+    use super::*;
+    use crate::verdict::Judgement;
+
+    /// By hand: of 0.30 mm, 0.20 mm by the scale leave √(0.09 − 0.04) = 0.22 mm, which is allowed; 0.10 mm leave 0.28 mm, which is not.
+    #[test]
+    fn an_uncertain_pose_names_the_cameras_scale_where_that_is_the_cause() {
+        let words = |scale_error_mm| {
+            let judgement =
+                Judgement::of_checks(&knowledge(&Fit { uncertainty_mm: 0.30, scale_error_mm, ..good() }));
+            judgement.reasons.into_iter().map(|reason| reason.message).collect::<String>()
+        };
+        let by_scale = words(0.20);
+        assert!(by_scale.contains("makes 0.20 mm of it") && by_scale.contains("stands 20 mm from"), "{by_scale}");
+        assert!(by_scale.contains("calibrate scanner") && !by_scale.contains("uncover"), "{by_scale}");
+        let by_surface = words(0.10);
+        assert!(by_surface.contains("uncover more of the panel") && !by_surface.contains("scale"), "{by_surface}");
+    }
+}
