@@ -6,10 +6,10 @@
 //! the panel. Evidence against the panel itself leads to reject; what a person can judge better leads to review.
 
 mod camera;
-mod place;
+mod pose;
 
 pub use camera::{MAX_CAMERA_MOVED_MM, MAX_CAMERA_NOTICED_MM, MIN_FIXTURE_SAME, is_watched, noticed_mm};
-pub use place::{MAX_DISAGREEMENT_MM, MAX_UNCERTAINTY_MM, MIN_MARGIN};
+pub use pose::{MAX_DISAGREEMENT_MM, MAX_UNCERTAINTY_MM, MIN_MARGIN};
 
 use super::LocateError;
 use super::OutlineSeen;
@@ -58,10 +58,10 @@ pub fn judge(fit: &Fit, limits: &recipe::Locate) -> Judgement {
 pub fn checks(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
     let of_panel = [panel(fit, limits), picture(fit), camera::camera(fit)].concat();
     let is_rejected = Judgement::of_checks(&of_panel).verdict == Verdict::Reject;
-    let of_place = [camera::watch(fit), place::knowledge(fit), place::motion(fit, limits)].concat();
+    let of_pose = [camera::watch(fit), pose::knowledge(fit), pose::motion(fit, limits)].concat();
     // Where something that is not the panel ended up is no reason for anything.
-    let of_place = of_place.into_iter().map(|check| if is_rejected { check.without_consequence() } else { check });
-    of_panel.into_iter().chain(of_place).collect()
+    let of_pose = of_pose.into_iter().map(|check| if is_rejected { check.without_consequence() } else { check });
+    of_panel.into_iter().chain(of_pose).collect()
 }
 
 /// Is it the taught panel, and is all of it there?
@@ -219,7 +219,7 @@ pub(super) fn exceeds(measured: f64, allowed: f64) -> bool {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use super::super::{CameraCheck, CompetingPose, Weakest};
     use super::*;
     use crate::geometry::{Base, Degrees, Panel, Rigid};
