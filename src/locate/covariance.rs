@@ -27,11 +27,21 @@ const TRUST_CELLS: f64 = 12.0;
 /// A cell needs this share of the points of a full one.
 const CELL_FILLED: f64 = 0.3;
 
-/// What (2) adds to the shifts, for the panel's centre as taught and now.
-fn of_scale([taught, now]: [&Vector3<f64>; 2], range: RangeErrors) -> Matrix3<f64> {
+/// What (2) adds to the shifts, for the panel's centre as taught and now: for a scale that all scans share, and for one that differs
+/// from scan to scan.
+fn of_scale([taught, now]: [&Vector3<f64>; 2], range: RangeErrors) -> [Matrix3<f64>; 2] {
     let moved = now - taught;
-    moved * moved.transpose() * range.scale.powi(2)
-        + (now * now.transpose() + taught * taught.transpose()) * range.scale_between_scans.powi(2)
+    [
+        moved * moved.transpose() * range.scale.powi(2),
+        (now * now.transpose() + taught * taught.transpose()) * range.scale_between_scans.powi(2),
+    ]
+}
+
+/// A twist's covariance with a further error of the shift.
+fn with_shift(mut covariance: Matrix6<f64>, further: Matrix3<f64>) -> Matrix6<f64> {
+    let mut shifts = covariance.fixed_view_mut::<3, 3>(3, 3);
+    shifts += further;
+    covariance
 }
 
 /// The direction in which a pose is constrained least.
@@ -64,8 +74,10 @@ pub(super) struct PoseCovariance {
     pub weakest: Weakest,
     /// 95 % of the errors along that direction are smaller, mm; a rotation counts by its mean displacement.
     pub weakest_mm: f64,
-    /// What (2) alone adds, one standard deviation along its worst direction, mm.
-    pub of_scale_mm: f64,
+    /// The same without what (2) adds for a scale that all scans share, as at the taught place.
+    pub at_taught_place: Matrix6<f64>,
+    /// (1) alone.
+    pub without_scale: Matrix6<f64>,
 }
 
 /// (1) and (2); `None` where the residuals leave a direction open.
@@ -106,11 +118,11 @@ pub(super) fn covariance(
     for ((kind, weighing), factor) in kinds.iter().zip(weighing).zip(factors) {
         information += Sums::over(kind, weighing, &residuals.centre).information / factor;
     }
-    let mut covariance = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
+    let without_scale = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
     let taught = Motion::of(&model.camera_from_panel).point(&model.centre);
-    let scale = of_scale([&taught, &residuals.centre], model.range);
-    let mut shifts = covariance.fixed_view_mut::<3, 3>(3, 3);
-    shifts += scale;
+    let [shared, between_scans] = of_scale([&taught, &residuals.centre], model.range);
+    let at_taught_place = with_shift(without_scale, between_scans);
+    let covariance = with_shift(at_taught_place, shared);
     let weakest = weakest(&covariance, model);
     let normal = motion.turn * model.normal;
     let (turn, shift) = (weakest.moves_mm.fixed_rows::<3>(0), weakest.moves_mm.fixed_rows::<3>(3));
@@ -127,7 +139,8 @@ pub(super) fn covariance(
         covariance,
         weakest: word,
         weakest_mm: WITHIN_95_PERCENT * weakest.moves_mm.norm(),
-        of_scale_mm: scale.symmetric_eigenvalues().max().max(0.0).sqrt(),
+        at_taught_place,
+        without_scale,
     })
 }
 
@@ -191,12 +204,12 @@ mod tests {
     #[test]
     fn a_scale_that_both_scans_share_counts_with_the_way_between_them() {
         let (taught, now) = (Vector3::new(0.0, 0.0, 700.0), Vector3::new(0.0, 0.0, 720.0));
-        let range = RangeErrors { scale: 0.001, scale_between_scans: 0.0, ..RangeErrors::default() };
-        let shared = of_scale([&taught, &now], range);
+        let range = RangeErrors { scale: 0.001, scale_between_scans: 0.0001, ..RangeErrors::default() };
+        let [shared, own] = of_scale([&taught, &now], range);
         assert!((shared[(2, 2)].sqrt() - 0.02).abs() < 1e-12 && shared[(0, 0)] == 0.0, "{shared}");
-        assert_eq!(of_scale([&taught, &taught], range), Matrix3::zeros());
-        let range = RangeErrors { scale: 0.0, scale_between_scans: 0.0001, ..range };
-        let own = of_scale([&taught, &taught], range);
+        assert!((own[(2, 2)].sqrt() - 0.07_f64.hypot(0.072)).abs() < 1e-12 && own[(0, 0)] == 0.0, "{own}");
+        let [shared, own] = of_scale([&taught, &taught], range);
+        assert_eq!(shared, Matrix3::zeros());
         assert!((own[(2, 2)].sqrt() - 0.07 * std::f64::consts::SQRT_2).abs() < 1e-12, "{own}");
     }
 }

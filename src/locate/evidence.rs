@@ -69,8 +69,10 @@ pub struct Fit {
     pub covariance: Matrix6<f64>,
     /// 95 % of the errors are smaller, at the worst point of the panel, mm.
     pub uncertainty_mm: f64,
-    /// What the scale of the 3D camera's distances alone contributes to that, mm.
-    pub scale_error_mm: f64,
+    /// The same if the panel stood where it was taught, where a scale of the 3D camera that all scans share does not show, mm.
+    pub uncertainty_at_taught_place_mm: f64,
+    /// The same if the 3D camera's distances had no error of scale at all, mm.
+    pub uncertainty_without_scale_mm: f64,
     /// 95 % of the errors along the weakest direction are smaller, mm; a rotation counts by its mean displacement.
     pub weakest_mm: f64,
     /// That direction.
@@ -114,16 +116,6 @@ impl Fit {
         self.taught_found.min(self.scan_found)
     }
 
-    /// The uncertainty without what the 3D camera's scale contributes, mm.
-    fn uncertainty_without_scale_mm(&self) -> f64 {
-        (self.uncertainty_mm.powi(2) - self.scale_error_mm.powi(2)).max(0.0).sqrt()
-    }
-
-    /// Is it the 3D camera's scale that makes the pose less well known than allowed?
-    pub fn is_uncertain_by_scale(&self, allowed_mm: f64) -> bool {
-        self.uncertainty_mm > allowed_mm && self.uncertainty_without_scale_mm() <= allowed_mm
-    }
-
     /// How many pixels more a step of brightness takes at the outline than at teaching; `None` where colour shows no edge.
     pub fn blur_px(&self) -> Option<f64> {
         self.edge_width_px.map(|width_px| width_px - self.taught_edge_width_px)
@@ -157,11 +149,12 @@ pub(super) fn weigh(
     let samples = Samples::all(model);
     let residuals = Residuals::at(&placed, inputs, &samples);
     let weighing = residuals.weighing(model, &samples);
-    let PoseCovariance { covariance, weakest, weakest_mm, of_scale_mm } =
+    let PoseCovariance { covariance, weakest, weakest_mm, at_taught_place, without_scale } =
         covariance(&residuals, &weighing, model, &motion).ok_or(LocateError::Degenerate {
             surface: residuals.surface.len(),
             outline: residuals.colour.len() + residuals.depth.len(),
         })?;
+    let at_worst_mm = |covariance| WORST_95_PERCENT * worst_mm(covariance, model, &motion);
     let surface = SurfaceShares::of(&motion, inputs);
     let outline = OutlineShares::of(&residuals, model);
     // Where points were missing at teaching and now is independent of each other.
@@ -190,8 +183,9 @@ pub(super) fn weigh(
         rival: beside.rival,
         camera: beside.camera,
         camera_at_teaching_mm: beside.camera_at_teaching_mm,
-        uncertainty_mm: WORST_95_PERCENT * worst_mm(&covariance, model, &motion),
-        scale_error_mm: WORST_95_PERCENT * of_scale_mm,
+        uncertainty_mm: at_worst_mm(&covariance),
+        uncertainty_at_taught_place_mm: at_worst_mm(&at_taught_place),
+        uncertainty_without_scale_mm: at_worst_mm(&without_scale),
         weakest_mm,
         weakest,
         covariance,
