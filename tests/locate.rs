@@ -341,22 +341,35 @@ fn marks_hold_a_flat_panel_and_tell_it_from_its_mirror_image() {
 }
 
 /// By hand: 0.05 % of 700 mm is 0.35 mm along the view, which no residual shows. Where the camera was measured to do that from scan to scan, it
-/// is in the stated error.
+/// is in the stated error, and what the error would be without it is told apart from what it would be at the taught place.
 #[test]
 fn what_a_camera_is_off_in_its_scale_is_in_the_stated_error() {
     let trial = Trial::good(3, 4).with_scale([0.0, 0.0005]);
     let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
     let (taught, recipe) = learnt(&trial);
-    let located = |scale_between_scans| {
-        let range = RangeErrors { scale_between_scans, ..range() };
+    let located = |range| {
         let view = View { scan: &scan, camera, base_from_camera, range };
         let fit = locate::locate(&taught, &view, recipe.locate()).expect("found");
-        (trial.error_mm(&fit.base_from_panel).mean_mm, fit.uncertainty_mm)
+        (trial.error_mm(&fit.base_from_panel).mean_mm, fit)
     };
-    let (error_mm, stated_mm) = located(0.0);
+    let told =
+        |fit: &Fit| [fit.uncertainty_mm, fit.uncertainty_at_taught_place_mm, fit.uncertainty_without_scale_mm];
+    let (error_mm, without) = located(range());
+    let [stated_mm, ..] = told(&without);
     assert!((0.25..0.45).contains(&error_mm) && error_mm > stated_mm, "{error_mm} {stated_mm}");
-    let (error_mm, stated_mm) = located(0.0005);
-    assert!(error_mm < stated_mm && stated_mm < 1.2, "{error_mm} {stated_mm}");
+    assert_eq!(told(&without), [stated_mm; 3]);
+
+    let (error_mm, from_scan_to_scan) = located(RangeErrors { scale_between_scans: 0.0005, ..range() });
+    let [with_mm, at_taught_place_mm, without_scale_mm] = told(&from_scan_to_scan);
+    assert!(error_mm < with_mm && with_mm < 1.2, "{error_mm} {with_mm}");
+    assert_eq!([at_taught_place_mm, without_scale_mm], [with_mm, stated_mm]);
+
+    let (_, of_all_scans) = located(RangeErrors { scale: 0.05, ..range() });
+    let [with_mm, at_taught_place_mm, without_scale_mm] = told(&of_all_scans);
+    assert!(with_mm > 2.0 * stated_mm, "{with_mm} {stated_mm}");
+    assert_eq!([at_taught_place_mm, without_scale_mm], [stated_mm; 2]);
+    let judgement = gate::judge(&of_all_scans, recipe.locate());
+    assert!(judgement.reasons.iter().any(|reason| reason.message.contains("calibrate scanner")), "{judgement:?}");
 }
 
 /// At a quarter of the size the fixture's edges, plate and posts, hold the camera's place to a fraction of a millimetre.
