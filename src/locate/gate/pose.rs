@@ -69,7 +69,7 @@ fn why_uncertain(fit: &Fit) -> String {
     } else if fit.uncertainty_without_scale_mm <= MAX_UNCERTAINTY_MM {
         format!(
             "the scale of the 3D camera's distances differs from scan to scan, without which it would be {} mm: let the camera warm up and \
-             measure it again with `panelprep calibrate scanner`, or correct the pose by two corners",
+             measure it again with `panelprep calibrate scanner`",
             mm(fit.uncertainty_without_scale_mm)
         )
     } else {
