@@ -66,7 +66,9 @@ impl Watch {
             (0..inside.len()).filter(|&i| inside[i] && model.sees(i) && (is_alike[i] || !model.has_contrast(i)));
         let mut faint_mm2 = vec![0.0; self.broken_mm2.len()];
         faint.for_each(|index| self.footprint.add_area(index, &mut faint_mm2));
-        self.footprint.lose(|index| was_wet[index] || is_alike[index] || !model.saw(index));
+        // What broke is known, whatever hid it at other times.
+        let is_lost = |index: usize| since_wet_s[index] == NEVER && !model.saw(index);
+        self.footprint.lose(|index| was_wet[index] || is_alike[index] || is_lost(index));
         let grids = self.grids(&since_wet_s, &was_wet, &faint_mm2);
         let observation = Observation {
             observed_s: self.observed_s,
@@ -133,11 +135,12 @@ impl Watch {
         wet_pixels.for_each(|index| self.footprint.add_area(index, &mut was_wet_mm2));
         let grid = |index: usize| {
             let footprint = &self.footprint.grids()[index];
-            // What could not be seen is small enough that a break in it would not fail the grid.
-            let little_lost = footprint.lost_mm2 < self.demands.min_break_mm2;
+            let failed = time_to_break_s[index].is_some();
+            // What could not be seen is small enough that the grid would not fail if all of it had broken, too.
+            let little_lost = failed || broken_mm2[index] + footprint.lost_mm2 < self.demands.min_break_mm2;
             GridInspection {
                 id: footprint.id,
-                failed: time_to_break_s[index].is_some(),
+                failed,
                 seen: footprint.seen() && little_lost,
                 only_masked: footprint.only_masked() && little_lost,
                 no_contrast: faint_mm2[index] >= self.demands.min_break_mm2,

@@ -219,8 +219,10 @@ impl Film<'_> {
     fn grids(&self) -> Vec<Check> {
         let (grids, min_break_mm2) = (self.grids, self.demands.min_break_mm2);
         let faint = names(grids, |grid| grid.no_contrast);
-        let unseen =
-            names(grids, |grid| !grid.seen && !grid.only_masked && !grid.wet_when_dry && !grid.no_contrast);
+        // A grid that failed has failed whatever else of it could not be seen: it is abraded and tested again.
+        let unseen = names(grids, |grid| {
+            !grid.failed && !grid.seen && !grid.only_masked && !grid.wet_when_dry && !grid.no_contrast
+        });
         let masked = names(grids, |grid| !grid.seen && grid.only_masked);
         let broken = grids.iter().flat_map(|grid| {
             let (id, when_s) = (grid.id, grid.time_to_break_s);

@@ -104,7 +104,7 @@ pub struct GridInspection {
     pub id: GridId,
     /// Did at least `min_break_mm2` of film break on it?
     pub failed: bool,
-    /// Was it wholly seen? A grid that was not is not passed.
+    /// Was it wholly seen, but for what is too small to make it fail? A grid that was not is not passed.
     pub seen: bool,
     /// Is all of it that was not seen what the recipe masks?
     pub only_masked: bool,

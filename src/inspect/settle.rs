@@ -1,6 +1,7 @@
 //! From broken pixels to broken places, once the film is over.
 //!
-//! Pixels that looked dry at the end, though not long enough, belong to the break that they touch. Isolated small groups are noise.
+//! Pixels that looked dry at the end, though not long enough, or long enough beside a glint, belong to the break that they touch.
+//! Isolated small groups are noise.
 //! A place no larger than a glint must have the dry brightness all over, as a break has: a glint that does not move has a bell-shaped
 //! brightness, which equals the dry brightness on a ring alone. A small wet place within a break is a bead of water on grease and not
 //! a film; it belongs to the break.

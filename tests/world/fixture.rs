@@ -74,6 +74,8 @@ impl Fixture {
         let cycle =
             CycleSetup::new(setup.clone(), recipe, taught, (calibrations(&scenes[0]), LensExtent::default()))
                 .expect("a corner");
+        // The loop would prepare it in a thread of its own, for which a pool of this thread alone never has time.
+        assert!(cycle.taught_model().is_ok(), "the taught panel can be located");
         let at = folder("template");
         // A folder that an earlier process of this number left.
         let _ = std::fs::remove_dir_all(&at);

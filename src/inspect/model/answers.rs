@@ -104,13 +104,19 @@ impl Model {
         (self.kept(index) & BROKE > 0).then(|| self.since_s(index))
     }
 
-    /// Since when it has looked dry, though not long enough to count.
+    /// Since when it has looked dry, though not long enough to count, or long enough beside a glint.
     pub fn looks_dry_since_s(&self, index: usize) -> Option<f32> {
         if let Some(mirror) = &self.mirror {
             return mirror.looks_dry_since_s(index);
         }
         let kept = self.kept(index);
-        (kept & (BROKE | INSIDE) == INSIDE && kept & RUN > 0).then(|| self.since_s(index))
+        if kept & (BROKE | INSIDE) != INSIDE {
+            return None;
+        }
+        let (block, at) = self.at(index);
+        let beside = usize::from(self.past[block].beside_glint[at]);
+        let is_long = beside > 0 && self.times_s.len() > beside + usize::from(self.persist);
+        (kept & RUN > 0).then(|| self.since_s(index)).or_else(|| is_long.then(|| self.times_s[beside]))
     }
 
     fn since_s(&self, index: usize) -> f32 {

@@ -9,6 +9,10 @@
 //! A run counts pictures for dry against pictures for wet and stays within 0…H (a CUSUM, Page, Biometrika 41, 1954):
 //! at H the film is open, back at 0 it is closed. Hidden or unsteady, it stays as it is.
 //!
+//! Beside a glint what looks dry may be its rim, and counts for nothing here. But the film's own rim about a break mirrors lamps as
+//! well, and that glint stays as long as the break: since when a pixel has looked dry beside a glint is kept for the end of
+//! the test, when it belongs to a break that reaches it ([`crate::inspect`]'s `settle`).
+//!
 //! Most of a panel is wet and stays so: a block of pixels of which that is true is left as it is.
 
 #![allow(unsafe_code, reason = "multiversion's dispatch; nothing here is unsafe by itself")]
@@ -50,6 +54,8 @@ pub struct Past {
     pub unseen: Block,
     /// … and in how many without a break until now.
     pub unseen_now: Block,
+    /// The picture since which it has looked dry beside a glint, without having been seen wet; 0 of none.
+    pub beside_glint: Block,
 }
 
 impl Past {
@@ -59,6 +65,7 @@ impl Past {
         off: [0; BLOCK_PX],
         unseen: [0; BLOCK_PX],
         unseen_now: [0; BLOCK_PX],
+        beside_glint: [0; BLOCK_PX],
     };
 }
 
@@ -110,7 +117,8 @@ pub fn judge(seen: BlockObservation<'_>, kept: &mut Block, past: &mut Past, rule
     let BlockObservation { light, before, dry, gain_q12, ceiling_q12, doubtful } = seen;
     let (light, before, dry, doubtful) = (*light, *before, *dry, *doubtful);
     let (gain_q12, ceiling_q12) = (*gain_q12, *ceiling_q12);
-    let (mut state, Past { mut since, mut until, mut off, mut unseen, mut unseen_now }) = (*kept, *past);
+    let Past { mut since, mut until, mut off, mut unseen, mut unseen_now, mut beside_glint } = *past;
+    let mut state = *kept;
     let counts = u16::from(rule.notes > 0);
     let mut any = 0;
     for i in 0..BLOCK_PX {
@@ -121,7 +129,8 @@ pub fn judge(seen: BlockObservation<'_>, kept: &mut Block, past: &mut Past, rule
         let wet = where_(s < wet_below(dl, rule.film_q16)) & seen;
         let change = s.abs_diff(lit(before[i] & BRIGHTNESS, rule.brighter_q12));
         let steady = where_(change <= dl / 16 + STEADY_MARGIN);
-        let looks_dry = !wet & seen & steady & where_(doubtful[i] == 0);
+        let as_dry = !wet & seen & steady;
+        let looks_dry = as_dry & where_(doubtful[i] == 0);
         let was = state[i] & RUN;
         let up = looks_dry & where_(was < rule.persist);
         let down = wet & where_(was > 0);
@@ -130,12 +139,14 @@ pub fn judge(seen: BlockObservation<'_>, kept: &mut Block, past: &mut Past, rule
         let away = s.wrapping_sub(dl);
         let change = ((away.wrapping_sub(off[i]) as i16) >> 2) as u16;
         let mean = choose(begins, away, off[i].wrapping_add(change));
-        off[i] = choose(looks_dry, mean, off[i]);
+        off[i] = choose(as_dry, mean, off[i]);
         since[i] = choose(begins & up & where_(state[i] & BROKE == 0), rule.before, since[i]);
         until[i] = choose(where_(was == 1) & down, rule.now, until[i]);
         let untold = !wet & !looks_dry & counts;
         unseen[i] += untold;
         unseen_now[i] = (unseen_now[i] + untold) & untold.wrapping_neg();
+        let beside = choose(as_dry & !looks_dry & where_(beside_glint[i] == 0), rule.now, beside_glint[i]);
+        beside_glint[i] = beside & !wet;
         // A third of the way from wet to dry: beyond doubt it is wet.
         let surely_wet = where_(s < wl + high(dl - wl, 21_845)) & seen;
         let opens = where_(run >= rule.persist) & where_(state[i] & INSIDE > 0);
@@ -147,7 +158,7 @@ pub fn judge(seen: BlockObservation<'_>, kept: &mut Block, past: &mut Past, rule
         any |= next;
     }
     *kept = state;
-    *past = Past { since, until, off, unseen, unseen_now };
+    *past = Past { since, until, off, unseen, unseen_now, beside_glint };
     any & NEW > 0
 }
 
@@ -169,13 +180,14 @@ mod tests {
     struct One {
         kept: Block,
         past: Past,
+        doubtful: u16,
     }
 
     impl One {
         fn new(run: u16) -> Self {
             let mut kept = [0; BLOCK_PX];
             kept[0] = INSIDE | run;
-            One { kept, past: Past::NONE }
+            One { kept, past: Past::NONE, doubtful: 0 }
         }
 
         /// Judged where it is stirred, as a band does it.
@@ -190,7 +202,8 @@ mod tests {
             [gain_q12, ceiling_q12]: [u16; 2],
             rule: Rule,
         ) -> bool {
-            let [before, light, gain_q12, doubtful] = [before * 64, level * 64, gain_q12, 0].map(|n| [n; BLOCK_PX]);
+            let [before, light, gain_q12, doubtful] =
+                [before * 64, level * 64, gain_q12, self.doubtful].map(|n| [n; BLOCK_PX]);
             let mut found = Vec::new();
             let row = [&light, &[DRY; BLOCK_PX], &self.kept, &gain_q12].map(std::slice::from_ref);
             stirred(0, row, rule.film_q16, &mut found);
@@ -250,6 +263,20 @@ mod tests {
         });
         assert_eq!(counts, [0, 1, 2, 3, 0, 1, 2, 0, 0]);
         assert_eq!(one.past.unseen[0], 5);
+    }
+
+    /// By hand, dry 100 and wet 60 levels, beside a glint: dry since picture 2 with a hidden one within, never a break; wet it is
+    /// none, and dry again it begins anew.
+    #[test]
+    fn since_when_it_looks_dry_beside_a_glint_is_kept() {
+        let mut one = One { doubtful: 1, ..One::new(0) };
+        let levels: [u16; 9] = [60, 100, 100, 100, 200, 100, 60, 100, 100];
+        let since = [1, 2, 3, 4, 5, 6, 7, 8].map(|now: u16| {
+            let pair = [levels[usize::from(now) - 1], levels[usize::from(now)]];
+            assert!(!one.judge(pair, 4096, Rule { before: now - 1, now, ..RULE }), "picture {now}");
+            one.past.beside_glint[0]
+        });
+        assert_eq!(since, [0, 2, 2, 2, 2, 0, 0, 8]);
     }
 
     /// By hand, dry 100 and wet 60 levels: up to 60 + 40/3 = 73.3 it is wet beyond doubt.

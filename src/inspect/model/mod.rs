@@ -9,7 +9,7 @@
 //! Where the first wet picture shows that the film does not remove one fraction everywhere, it is a mirror, and is judged as one
 //! ([`mirror`]).
 //!
-//! Memory is fixed: about 20 bytes for each pixel of the window. The model does not know grids or verdicts.
+//! Memory is fixed: about 22 bytes for each pixel of the window. The model does not know grids or verdicts.
 
 mod answers;
 mod band;

@@ -160,22 +160,53 @@ fn what_was_wet_in_the_dry_picture_neither_fails_nor_passes() {
 /// six it is still more than half of them, in two they are a glint.
 #[test]
 fn a_reflection_that_stands_still_hides_its_grid() {
-    let shone = |pictures: usize| {
-        let mut watch = watch(0.0, FILM);
-        watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
-        for second in 0..6 {
-            let mut picture = exposed(picture(&[]), second);
-            for row in (50..54).filter(|_| second < pictures) {
-                picture.rgb[row * WIDTH + 30..row * WIDTH + 34].fill([200; 3]);
-            }
-            watch.push(&picture, 10.0 + second as f64, Phase::Wet).expect("in order");
-        }
-        watch.finish().expect("wet pictures")
-    };
+    let shone = |pictures| shone([30, 50, 34, 54], pictures, &[]);
     let hidden = shone(6);
     assert_eq!((hidden.judgement.verdict, codes(&hidden)), (Verdict::Invalid, vec!["not_seen"]));
     assert!((hidden.footprint.grids()[0].lost_mm2 - 64.0).abs() < 0.1, "{:?}", hidden.footprint.grids()[0]);
     assert_eq!((codes(&shone(4)), shone(2).judgement.verdict), (vec!["not_seen"], Verdict::Pass));
+}
+
+/// By hand: 20 × 15 px break, and the film's rim beside them mirrors a lamp for as long: all 300 px are the break, those too
+/// that lie within two cells of the rim. The same rim without a break beside it makes none, though it hides its place.
+#[test]
+fn a_bright_rim_beside_a_break_hides_none_of_it() {
+    let broke = shone([90, 30, 93, 45], 6, &[[70, 30, 90, 45]]);
+    assert_eq!((broke.judgement.verdict, codes(&broke)), (Verdict::Fail, vec!["broken"]));
+    assert_eq!((broke.mask().count(), broke.grids[1].time_to_break_s), (300, Some(1.0)));
+    let clean = shone([90, 30, 93, 45], 6, &[]);
+    assert_eq!((codes(&clean), clean.mask().count()), (vec!["not_seen"], 0));
+}
+
+/// By hand: the same reflection in a grid of which 100 px broke, 400 mm²: it failed, whatever the reflection hides. Of 10 px that
+/// are hidden and 10 px that broke, 40 mm² each, neither would make a grid fail, and both together would.
+#[test]
+fn a_grid_that_failed_has_failed_whatever_is_hidden_and_what_broke_counts_with_what_is_hidden() {
+    let failed = shone([30, 50, 34, 54], 6, &[[44, 24, 54, 34]]);
+    assert_eq!((failed.judgement.verdict, codes(&failed)), (Verdict::Fail, vec!["broken"]));
+    assert!((failed.footprint.grids()[0].lost_mm2 - 64.0).abs() < 0.1, "the page says how much was not seen");
+    let (hidden, broke) = ([30, 50, 35, 52], [[44, 24, 49, 26]]);
+    assert_eq!(
+        [shone(hidden, 6, &[]), shone(hidden, 0, &broke)].map(|alone| alone.judgement.verdict),
+        [Verdict::Pass; 2]
+    );
+    let both = shone(hidden, 6, &broke);
+    assert_eq!((both.judgement.verdict, codes(&both)), (Verdict::Invalid, vec!["not_seen"]));
+    assert!((both.grids[0].broken_mm2 - 40.0).abs() < 0.1, "{:?}", both.grids[0]);
+}
+
+/// A reflection on a rectangle of pixels in so many of six wet pictures, and blocks that break after the first of them.
+fn shone([left, top, right, bottom]: [usize; 4], pictures: usize, blocks: &[[usize; 4]]) -> Inspection {
+    let mut watch = watch(0.0, FILM);
+    watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+    for second in 0..6 {
+        let mut picture = exposed(picture(if second > 0 { blocks } else { &[] }), second);
+        for row in (top..bottom).filter(|_| second < pictures) {
+            picture.rgb[row * WIDTH + left..row * WIDTH + right].fill([200; 3]);
+        }
+        watch.push(&picture, 10.0 + second as f64, Phase::Wet).expect("in order");
+    }
+    watch.finish().expect("wet pictures")
 }
 
 /// By hand: a shadow takes a quarter of the light of all 120 columns of the region when the film is first whole. What the
