@@ -48,9 +48,11 @@ impl Watch {
         self.quality.end();
         let inside = self.footprint.inside().to_vec();
         let mut since_wet_s: Vec<f32> = (0..inside.len()).map(|index| self.broke_s(index)).collect();
-        let mut was_wet = vec![false; inside.len()];
+        let (mut was_wet, mut is_unsure) = (vec![false; inside.len()], vec![false; inside.len()]);
         if self.thesis.is_none() {
-            since_wet_s = self.settled(since_wet_s, &inside);
+            let (settled, unsure) = self.settled(since_wet_s, &inside);
+            since_wet_s = settled;
+            unsure.into_iter().for_each(|index| is_unsure[index] = true);
             for index in self.wet_when_dry(&since_wet_s, &inside) {
                 (since_wet_s[index], was_wet[index]) = (NEVER, true);
             }
@@ -68,7 +70,7 @@ impl Watch {
         faint.for_each(|index| self.footprint.add_area(index, &mut faint_mm2));
         // What broke is known, whatever hid it at other times.
         let is_lost = |index: usize| since_wet_s[index] == NEVER && !model.saw(index);
-        self.footprint.lose(|index| was_wet[index] || is_alike[index] || is_lost(index));
+        self.footprint.lose(|index| was_wet[index] || is_alike[index] || is_unsure[index] || is_lost(index));
         let grids = self.grids(&since_wet_s, &was_wet, &faint_mm2);
         let observation = Observation {
             observed_s: self.observed_s,
@@ -90,7 +92,7 @@ impl Watch {
         Ok(Inspection { checks, judgement, observation, breaks, grids, footprint: self.footprint, since_wet_s })
     }
 
-    fn settled(&self, broke_s: Vec<f32>, inside: &[bool]) -> Vec<f32> {
+    fn settled(&self, broke_s: Vec<f32>, inside: &[bool]) -> (Vec<f32>, Vec<usize>) {
         let seen = FilmObservation {
             looks_dry_since_s: &|index| self.model.looks_dry_since_s(index).filter(|_| inside[index]),
             was_open_s: &|index| self.model.was_open_s(index),

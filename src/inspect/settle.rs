@@ -3,8 +3,9 @@
 //! Pixels that looked dry at the end, though not long enough, or long enough beside a glint, belong to the break that they touch.
 //! Isolated small groups are noise.
 //! A place no larger than a glint must have the dry brightness all over, as a break has: a glint that does not move has a bell-shaped
-//! brightness, which equals the dry brightness on a ring alone. A small wet place within a break is a bead of water on grease and not
-//! a film; it belongs to the break.
+//! brightness, which equals the dry brightness on a ring alone. A larger place that is as uneven is the edge of a large reflection or a
+//! break that one covers: nobody can say which. A small wet place within a break is a bead of water on grease and not a film; it
+//! belongs to the break.
 
 use super::film::NEVER;
 use super::footprint::Window;
@@ -15,7 +16,8 @@ use std::collections::VecDeque;
 const MIN_PIECE_PX: usize = 4;
 /// Of what the film takes, so much may be left of it at the brightest tenth of a dry place …
 const NEAR_DRY: f32 = 0.2;
-/// … and so much may its inner part vary from tenth to tenth; renderings: 0.12 at most, glints from 0.3 on.
+/// … and so much may its inner part vary from tenth to tenth; renderings: 0.12 at most at any size, glints and edges of reflections
+/// from 0.29 on.
 const MAX_UNEVEN: f32 = 0.22;
 /// A smaller inner part carries no information by its evenness. Where such a place closed soon it must be nearer to dry.
 const MIN_CORE_PX: usize = 9;
@@ -38,8 +40,8 @@ pub struct FilmObservation<'a> {
     pub bead_px: usize,
 }
 
-/// When each pixel of the window broke, s; [`NEVER`] where its film holds.
-pub fn settled(window: &Window, broke_s: Vec<f32>, seen: &FilmObservation<'_>) -> Vec<f32> {
+/// When each pixel of the window broke, s; [`NEVER`] where its film holds, and where nobody can say: those come second.
+pub fn settled(window: &Window, broke_s: Vec<f32>, seen: &FilmObservation<'_>) -> (Vec<f32>, Vec<usize>) {
     let mut broke_s = broke_s;
     grow(window, &mut broke_s, seen.looks_dry_since_s);
     let is_noise = |piece: &Vec<usize>| {
@@ -48,6 +50,11 @@ pub fn settled(window: &Window, broke_s: Vec<f32>, seen: &FilmObservation<'_>) -
     let noise: Vec<Vec<usize>> =
         window.raster().pieces(&AROUND, |i| broke_s[i] < NEVER).into_iter().filter(is_noise).collect();
     noise.iter().flatten().for_each(|&i| broke_s[i] = NEVER);
+    let is_unsure =
+        |piece: &Vec<usize>| uneven(&core_of(window, &broke_s, piece, seen)).is_some_and(|off| off >= MAX_UNEVEN);
+    let pieces = window.raster().pieces(&AROUND, |i| broke_s[i] < NEVER);
+    let unsure: Vec<usize> = pieces.into_iter().filter(is_unsure).flatten().collect();
+    unsure.iter().for_each(|&i| broke_s[i] = NEVER);
     for wet in window.raster().pieces(&BESIDE, |i| broke_s[i] == NEVER) {
         let enclosed = wet.len() <= seen.bead_px && wet.iter().all(|&i| seen.inside[i] && !at_rim(window, i));
         if enclosed {
@@ -56,26 +63,38 @@ pub fn settled(window: &Window, broke_s: Vec<f32>, seen: &FilmObservation<'_>) -
             wet.iter().for_each(|&i| broke_s[i] = closed_in_s);
         }
     }
-    broke_s
+    (broke_s, unsure)
 }
 
 /// Whether a place has the dry brightness all over: some of it reaches that, and what does not lie at its rim is even.
 fn is_level(window: &Window, broke_s: &[f32], piece: &[usize], seen: &FilmObservation<'_>) -> bool {
-    let sorted = |pixels: &mut dyn Iterator<Item = usize>| {
-        let mut off: Vec<f32> = pixels.map(seen.off_dry).collect();
-        off.sort_by(f32::total_cmp);
-        off
-    };
-    let low = |off: &[f32]| off[off.len() / 10];
-    let high = |off: &[f32]| off[off.len() - 1 - off.len() / 10];
-    let inner = |&i: &usize| window.raster().neighbours(i, &BESIDE).all(|next| broke_s[next] < NEVER);
-    let core = sorted(&mut piece.iter().copied().filter(inner));
-    let reached = high(&sorted(&mut piece.iter().copied()));
-    if core.len() >= MIN_CORE_PX {
-        return reached > -NEAR_DRY && high(&core) - low(&core) < MAX_UNEVEN;
+    let reached = high(&sorted(piece.iter().copied(), seen));
+    if let Some(uneven) = uneven(&core_of(window, broke_s, piece, seen)) {
+        return reached > -NEAR_DRY && uneven < MAX_UNEVEN;
     }
     let closed_soon = piece.iter().all(|&i| (seen.was_open_s)(i).is_some_and(|open_s| open_s < SOON_S));
     reached > if closed_soon { -NEARER_DRY } else { -NEAR_DRY }
+}
+
+/// How far from dry the pixels of a place are that do not lie at its rim, in order.
+fn core_of(window: &Window, broke_s: &[f32], piece: &[usize], seen: &FilmObservation<'_>) -> Vec<f32> {
+    let inner = |&i: &usize| window.raster().neighbours(i, &BESIDE).all(|next| broke_s[next] < NEVER);
+    sorted(piece.iter().copied().filter(inner), seen)
+}
+
+/// How much they vary from tenth to tenth; of few nothing is said.
+fn uneven(core: &[f32]) -> Option<f32> {
+    (core.len() >= MIN_CORE_PX).then(|| high(core) - core[core.len() / 10])
+}
+
+fn high(sorted: &[f32]) -> f32 {
+    sorted[sorted.len() - 1 - sorted.len() / 10]
+}
+
+fn sorted(pixels: impl Iterator<Item = usize>, seen: &FilmObservation<'_>) -> Vec<f32> {
+    let mut off: Vec<f32> = pixels.map(seen.off_dry).collect();
+    off.sort_by(f32::total_cmp);
+    off
 }
 
 /// Whether it lies at the window's edge.
@@ -125,23 +144,38 @@ mod tests {
         let late = |i: usize| (i == 8 + 5).then_some(9.0);
         let expected = times(["........", ".11119..", ".1221...", ".1111...", "........", "........"]);
         let seen = FilmObservation { looks_dry_since_s: &late, bead_px: 1, ..DRY };
-        assert_eq!(settled(&WINDOW, broke.clone(), &seen), expected);
-        assert_eq!(settled(&WINDOW, broke, &DRY)[2 * 8 + 2], NEVER, "without filling");
+        assert_eq!(settled(&WINDOW, broke.clone(), &seen), (expected, vec![]));
+        assert_eq!(settled(&WINDOW, broke, &DRY).0[2 * 8 + 2], NEVER, "without filling");
     }
 
     fn left(broke: &[f32], seen: &FilmObservation<'_>) -> usize {
-        settled(&WINDOW, broke.to_vec(), seen).iter().filter(|time_s| **time_s < NEVER).count()
+        settled(&WINDOW, broke.to_vec(), seen).0.iter().filter(|time_s| **time_s < NEVER).count()
     }
 
     /// By hand: 5 × 6 px have an inner part of 3 × 4 px, which is even, or higher by 0.3 at one column.
     #[test]
     fn a_glint_is_a_bell_and_a_break_is_level() {
         let broke = times(["11111...", "11111...", "11111...", "11111...", "11111...", "11111..."]);
-        let (bell, level) = (|i: usize| if i % 8 == 2 { 0.0 } else { -0.3 }, |_| -0.15);
+        let (bell, level, low) = (|i: usize| if i % 8 == 2 { 0.0 } else { -0.3_f32 }, |_| -0.15, |_| -0.21);
         for (off_dry, glint_px, expected) in
-            [(&bell as &dyn Fn(usize) -> f32, 30, 0), (&bell, 29, 30), (&level, 30, 30), (&|_| -0.21, 30, 0)]
+            [(&bell as &dyn Fn(usize) -> f32, 30, 0), (&level, 30, 30), (&low, 30, 0), (&low, 29, 30)]
         {
             assert_eq!(left(&broke, &FilmObservation { off_dry, glint_px, ..DRY }), expected, "{glint_px}");
+        }
+    }
+
+    /// By hand: of 6 × 4 px in the window's corner 5 × 3 px are inner ones. Each column is so much brighter than the one before,
+    /// from tenth to tenth 4 · 0.1 or 4 · 0.05: more than a break varies, or less. The place is larger than a glint.
+    #[test]
+    fn a_large_place_that_is_uneven_is_not_told() {
+        let broke = times(["111111..", "111111..", "111111..", "111111..", "........", "........"]);
+        for (step, unsure) in [(0.1, 24), (0.05, 0)] {
+            let seen = FilmObservation { off_dry: &|i| step * (i % 8) as f32, glint_px: 12, ..DRY };
+            let (settled, found) = settled(&WINDOW, broke.clone(), &seen);
+            assert_eq!(
+                (found.len(), settled.iter().filter(|time_s| **time_s < NEVER).count()),
+                (unsure, 24 - unsure)
+            );
         }
     }
 
