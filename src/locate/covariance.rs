@@ -7,10 +7,11 @@
 //! a small panel has few cells. A point x of the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
 //!
 //! A camera whose distances are all too long by the share s puts the panel's centre c, seen from it, at (1 + s) c, which no
-//! residual shows. What the taught scan shares of it cancels, what differs between the two scans does not:
-//!     C_vv += σ_s² (c − c₀)(c − c₀)ᵀ + σ_d² (c cᵀ + c₀ c₀ᵀ),                                                  (2)
-//! c₀ the taught centre, σ_s and σ_d the deviations of s in all scans alike and from scan to scan. That the panel itself is then
-//! too large by s is not in (2): over half a panel it is a fraction of that.
+//! residual shows. Where all scans share it the camera's mount, which was measured with the same camera where the panel stands, takes
+//! it up there; what differs between the two scans nothing takes up:
+//!     C_vv += σ_s² (c − c₀)(c − c₀)ᵀ + σ_d² (c cᵀ + (R c₀)(R c₀)ᵀ),                                           (2)
+//! c₀ the taught centre, R the turn from the taught place to this one, σ_s and σ_d the deviations of s in all scans alike and from scan to
+//! scan. That the panel itself is then too large by s is not in (2): over half a panel it is a fraction of that.
 
 use super::fit::{EDGE_CORRELATION_MM, KINDS, Residuals};
 use super::grid::Motion;
@@ -27,13 +28,13 @@ const TRUST_CELLS: f64 = 12.0;
 /// A cell needs this share of the points of a full one.
 const CELL_FILLED: f64 = 0.3;
 
-/// What (2) adds to the shifts, for the panel's centre as taught and now: for a scale that all scans share, and for one that differs
-/// from scan to scan.
-fn of_scale([taught, now]: [&Vector3<f64>; 2], range: RangeErrors) -> [Matrix3<f64>; 2] {
-    let moved = now - taught;
+/// What (2) adds to the shifts, for the panel's centre as taught and now and the turn between: for a scale that all scans share, and for
+/// one that differs from scan to scan.
+fn of_scale([taught, now]: [&Vector3<f64>; 2], turn: &Matrix3<f64>, range: RangeErrors) -> [Matrix3<f64>; 2] {
+    let (moved, turned) = (now - taught, turn * taught);
     [
         moved * moved.transpose() * range.scale.powi(2),
-        (now * now.transpose() + taught * taught.transpose()) * range.scale_between_scans.powi(2),
+        (now * now.transpose() + turned * turned.transpose()) * range.scale_between_scans.powi(2),
     ]
 }
 
@@ -119,8 +120,9 @@ pub(super) fn covariance(
         information += Sums::over(kind, weighing, &residuals.centre).information / factor;
     }
     let without_scale = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
-    let taught = Motion::of(&model.camera_from_panel).point(&model.centre);
-    let [shared, between_scans] = of_scale([&taught, &residuals.centre], model.range);
+    let taught_place = Motion::of(&model.camera_from_panel);
+    let (taught, turn) = (taught_place.point(&model.centre), motion.turn * taught_place.turn.transpose());
+    let [shared, between_scans] = of_scale([&taught, &residuals.centre], &turn, model.range);
     let at_taught_place = with_shift(without_scale, between_scans);
     let covariance = with_shift(at_taught_place, shared);
     let weakest = weakest(&covariance, model);
@@ -205,11 +207,16 @@ mod tests {
     fn a_scale_that_both_scans_share_counts_with_the_way_between_them() {
         let (taught, now) = (Vector3::new(0.0, 0.0, 700.0), Vector3::new(0.0, 0.0, 720.0));
         let range = RangeErrors { scale: 0.001, scale_between_scans: 0.0001, ..RangeErrors::default() };
-        let [shared, own] = of_scale([&taught, &now], range);
+        let none = Matrix3::identity();
+        let [shared, own] = of_scale([&taught, &now], &none, range);
         assert!((shared[(2, 2)].sqrt() - 0.02).abs() < 1e-12 && shared[(0, 0)] == 0.0, "{shared}");
         assert!((own[(2, 2)].sqrt() - 0.07_f64.hypot(0.072)).abs() < 1e-12 && own[(0, 0)] == 0.0, "{own}");
-        let [shared, own] = of_scale([&taught, &taught], range);
+        let [shared, own] = of_scale([&taught, &taught], &none, range);
         assert_eq!(shared, Matrix3::zeros());
         assert!((own[(2, 2)].sqrt() - 0.07 * std::f64::consts::SQRT_2).abs() < 1e-12, "{own}");
+        // Tilted by a right angle, what the taught scan had wrong along the view lies sideways now.
+        let tilt = Matrix3::new(0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0);
+        let [_, own] = of_scale([&taught, &taught], &tilt, range);
+        assert!((own[(0, 0)].sqrt() - 0.07).abs() < 1e-12 && (own[(2, 2)].sqrt() - 0.07).abs() < 1e-12, "{own}");
     }
 }

@@ -3,6 +3,7 @@
 //! true calibration. `cargo bench --bench locate -- [good|bad|held|teach|correlated|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate`
 //! sets up the peers and names their Python in `PANELPREP_PEERS`.
 
+use panelprep::geometry::{Base, Camera, Rigid};
 use panelprep::locate::{Fit, LocateError, Prepared, RangeErrors, TaughtModel, View, gate};
 use panelprep::panel::TaughtPanel;
 use panelprep::recipe::Recipe;
@@ -142,7 +143,7 @@ fn tried_with(trial: &Trial, keys: &str) -> Option<Tried> {
 }
 
 fn located(trial: &Trial, taught: (TaughtPanel, Recipe)) -> Tried {
-    located_with(trial, taught, range_errors())
+    located_with(trial, taught, (range_errors(), trial.base_from_camera()))
 }
 
 /// What is assumed of a camera that was not measured, but for its scale: as the calibration, it is the true one.
@@ -150,10 +151,14 @@ fn range_errors() -> RangeErrors {
     RangeErrors { scale: 0.0, ..RangeErrors::default() }
 }
 
-/// The same where this is known of the scans' errors.
-fn located_with(trial: &Trial, (panel, recipe): (TaughtPanel, Recipe), range: RangeErrors) -> Tried {
+/// The same where this is known of the scans' errors and of the camera's mount.
+fn located_with(
+    trial: &Trial,
+    (panel, recipe): (TaughtPanel, Recipe),
+    (range, base_from_camera): (RangeErrors, Rigid<Base, Camera>),
+) -> Tried {
     let scan = trial.scan();
-    let view = View { scan: &scan, camera: trial.camera(), base_from_camera: trial.base_from_camera(), range };
+    let view = View { scan: &scan, camera: trial.camera(), base_from_camera, range };
     let model = TaughtModel::of(&panel, range);
     let begun = Instant::now();
     let model = model.as_ref().map_err(LocateError::clone);

@@ -1,8 +1,12 @@
 //! The stated error against the real one where the scanner's smooth errors are alike over short or long distances: on panels of many
 //! shapes and on flat plates, with what `calibrate scanner` would have measured and with the maker's figures alone.
 
-use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, reduction, row, share, taught};
+use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, recipe, reduction, row, share, taught};
+use nalgebra::{Translation3, Vector3};
+use panelprep::geometry::{Base, Camera, Rigid};
 use panelprep::locate::RangeErrors;
+use panelprep::panel::TaughtPanel;
+use panelprep::recipe::Recipe;
 use panelprep::sim::Trial;
 use panelprep::verdict::Verdict;
 use rand::{RngExt, SeedableRng};
@@ -34,7 +38,11 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
                 is_measured: true,
             };
             for (words, range) in [("measured", range), ("not measured", range_errors())] {
-                let trials = seeds.clone().map(|seed| trial(seed, reduction()).alike_over(alike_mm));
+                let trials = seeds.clone().map(|seed| {
+                    let trial = trial(seed, reduction()).alike_over(alike_mm);
+                    let (taught, mount) = (taught(&trial), trial.base_from_camera());
+                    (trial, taught, mount)
+                });
                 missed += stated(&format!("{kind}, alike over {alike_mm} mm, {words}"), trials, range);
             }
         }
@@ -42,7 +50,8 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
     missed + kinds.into_iter().map(|(kind, trial)| scaled(kind, trial, &seeds)).sum::<usize>()
 }
 
-/// A camera whose distances are too long by a share that all its scans have alike, and by one of each scan's own.
+/// A camera whose distances are too long by a share that all its scans have alike, and by one of each scan's own. Its mount was
+/// measured with the same camera, where the panel stands, and takes the first up there.
 fn scaled(kind: &str, trial: fn(u64, usize) -> Trial, seeds: &RangeInclusive<u64>) -> usize {
     let range = RangeErrors {
         scale: SCALE,
@@ -54,7 +63,15 @@ fn scaled(kind: &str, trial: fn(u64, usize) -> Trial, seeds: &RangeInclusive<u64
         let mut random = Pcg64::seed_from_u64(seed);
         let shared = drawn(&mut random, SCALE);
         let scale = [0, 1].map(|_| shared + drawn(&mut random, BETWEEN_SCANS));
-        trial(seed, reduction()).with_scale(scale)
+        let trial = trial(seed, reduction()).with_scale(scale);
+        let recipe = recipe(&trial, "");
+        let learn =
+            |mount| TaughtPanel::learn(&trial.taught_scan(), *trial.camera(), mount, &recipe).expect("a panel");
+        let centre_mm = centre_mm(&learn(trial.base_from_camera()));
+        let taken_up: Rigid<Camera, Camera> = Rigid::claim(Translation3::from(-shared * centre_mm).into());
+        let mount = trial.base_from_camera() * taken_up;
+        let panel = learn(mount);
+        (trial, (panel, recipe), mount)
     });
     let words = format!(
         "{kind}, distances off by {:.2} % in all scans and {:.2} % from scan to scan, measured",
@@ -69,12 +86,23 @@ fn drawn(random: &mut Pcg64, deviation: f64) -> f64 {
     deviation * 3.0_f64.sqrt() * random.random_range(-1.0..1.0)
 }
 
-fn stated(words: &str, trials: impl Iterator<Item = Trial>, range: RangeErrors) -> usize {
+/// The middle of the panel's grids before the camera, where it was taught.
+fn centre_mm(panel: &TaughtPanel) -> Vector3<f64> {
+    let camera_from_panel = panel.panel_from_camera.inverse();
+    let edges = || panel.grids.iter().flat_map(|grid| &grid.edge);
+    edges().map(|point| (camera_from_panel * *point).mm.coords).sum::<Vector3<f64>>()
+        / edges().count().max(1) as f64
+}
+
+/// A trial, its panel as taught, and the camera's mount as it was measured.
+type Scanned = (Trial, (TaughtPanel, Recipe), Rigid<Base, Camera>);
+
+fn stated(words: &str, trials: impl Iterator<Item = Scanned>, range: RangeErrors) -> usize {
     let (mut count, mut accepted, mut wrong, mut kept) = (0, 0, 0, 0);
     let (mut ratios, mut largest) = (Vec::new(), Vec::new());
-    for trial in trials {
+    for (trial, taught, mount) in trials {
         count += 1;
-        let Tried { judgement, fit, error, .. } = located_with(&trial, taught(&trial), range);
+        let Tried { judgement, fit, error, .. } = located_with(&trial, taught, (range, mount));
         let (Verdict::Accept, Some(fit), Some(error)) = (judgement.verdict, fit, error) else { continue };
         let error_mm = error.max_mm;
         accepted += 1;
