@@ -97,6 +97,7 @@ impl Watch {
             looks_dry_since_s: &|index| self.model.looks_dry_since_s(index).filter(|_| inside[index]),
             was_open_s: &|index| self.model.was_open_s(index),
             off_dry: &|index| self.model.off_dry(index),
+            was_hidden: &|index| inside[index] && !self.model.saw(index),
             inside,
             // Where the film mirrors, what a glint is as bright as says nothing.
             glint_px: if self.model.mirror().is_some() { 0 } else { self.footprint.pixels_of(GLINT_MM2) },
