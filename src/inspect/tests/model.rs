@@ -178,13 +178,18 @@ fn a_bright_rim_beside_a_break_hides_none_of_it() {
     assert_eq!((codes(&clean), clean.mask().count()), (vec!["not_seen"], 0));
 }
 
-/// By hand: the same reflection in a grid of which 100 px broke, 400 mm²: it failed, whatever the reflection hides. Of 10 px that
+/// By hand: a reflection of 64 px, 256 mm² and 4 % of a grid, of which 100 px broke: it failed, whatever is hidden. Of 10 px that
 /// are hidden and 10 px that broke, 40 mm² each, neither would make a grid fail, and both together would.
 #[test]
 fn a_grid_that_failed_has_failed_whatever_is_hidden_and_what_broke_counts_with_what_is_hidden() {
-    let failed = shone([30, 50, 34, 54], 6, &[[44, 24, 54, 34]]);
+    let failed = shone([30, 48, 38, 56], 6, &[[44, 24, 54, 34]]);
     assert_eq!((failed.judgement.verdict, codes(&failed)), (Verdict::Fail, vec!["broken"]));
-    assert!((failed.footprint.grids()[0].lost_mm2 - 64.0).abs() < 0.1, "the page says how much was not seen");
+    assert_eq!(
+        (failed.grids[0].failed, failed.grids[0].seen),
+        (true, false),
+        "the page says how much was not seen"
+    );
+    assert!((failed.footprint.grids()[0].lost_mm2 - 256.0).abs() < 0.1, "{:?}", failed.footprint.grids()[0]);
     let (hidden, broke) = ([30, 50, 35, 52], [[44, 24, 49, 26]]);
     assert_eq!(
         [shone(hidden, 6, &[]), shone(hidden, 0, &broke)].map(|alone| alone.judgement.verdict),
