@@ -7,11 +7,12 @@
 //! a small panel has few cells. A point x of the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
 //!
 //! A camera whose distances are all too long by the share s puts the panel's centre c, seen from it, at (1 + s) c, which no
-//! residual shows. Where all scans share it the camera's mount, which was measured with the same camera where the panel stands, takes
-//! it up there; what differs between the two scans nothing takes up:
+//! residual shows. The share that all scans have in common shifts the camera's mount as well, if the mount was measured with the same
+//! camera near the taught place, so that it cancels there. What differs between the two scans does not cancel:
 //!     C_vv += σ_s² (c − c₀)(c − c₀)ᵀ + σ_d² (c cᵀ + (R c₀)(R c₀)ᵀ),                                           (2)
 //! c₀ the taught centre, R the turn from the taught place to this one, σ_s and σ_d the deviations of s in all scans alike and from scan to
-//! scan. That the panel itself is then too large by s is not in (2): over half a panel it is a fraction of that.
+//! scan. (2) does not count that the panel itself is too large by s, which over half a panel is a fraction of that, nor a mount that was
+//! measured elsewhere.
 
 use super::fit::{EDGE_CORRELATION_MM, KINDS, Residuals};
 use super::grid::Motion;

@@ -138,8 +138,8 @@ pub fn judge(seen: BlockObservation<'_>, kept: &mut Block, past: &mut Past, rule
         let begins = where_(was == 0);
         let away = s.wrapping_sub(dl);
         let change = ((away.wrapping_sub(off[i]) as i16) >> 2) as u16;
-        let mean = choose(begins, away, off[i].wrapping_add(change));
-        off[i] = choose(as_dry, mean, off[i]);
+        let mean = choose(begins & where_(beside_glint[i] == 0), away, off[i].wrapping_add(change));
+        off[i] = choose(looks_dry | as_dry & begins, mean, off[i]);
         since[i] = choose(begins & up & where_(state[i] & BROKE == 0), rule.before, since[i]);
         until[i] = choose(where_(was == 1) & down, rule.now, until[i]);
         let untold = !wet & !looks_dry & counts;

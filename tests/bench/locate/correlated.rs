@@ -1,8 +1,8 @@
 //! The stated error against the real one where the scanner's smooth errors are alike over short or long distances: on panels of many
 //! shapes and on flat plates, with what `calibrate scanner` would have measured and with the maker's figures alone.
 
-use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, recipe, reduction, row, share, taught};
-use nalgebra::{Translation3, Vector3};
+use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, reduction, row, share, taught};
+use nalgebra::Translation3;
 use panelprep::geometry::{Base, Camera, Rigid};
 use panelprep::locate::RangeErrors;
 use panelprep::panel::TaughtPanel;
@@ -51,7 +51,7 @@ pub fn errors(seeds: RangeInclusive<u64>) -> usize {
 }
 
 /// A camera whose distances are too long by a share that all its scans have alike, and by one of each scan's own. Its mount was
-/// measured with the same camera, where the panel stands, and takes the first up there.
+/// measured with the same camera where the panel was taught, so that the first share cancels there.
 fn scaled(kind: &str, trial: fn(u64, usize) -> Trial, seeds: &RangeInclusive<u64>) -> usize {
     let range = RangeErrors {
         scale: SCALE,
@@ -64,13 +64,11 @@ fn scaled(kind: &str, trial: fn(u64, usize) -> Trial, seeds: &RangeInclusive<u64
         let shared = drawn(&mut random, SCALE);
         let scale = [0, 1].map(|_| shared + drawn(&mut random, BETWEEN_SCANS));
         let trial = trial(seed, reduction()).with_scale(scale);
-        let recipe = recipe(&trial, "");
-        let learn =
-            |mount| TaughtPanel::learn(&trial.taught_scan(), *trial.camera(), mount, &recipe).expect("a panel");
-        let centre_mm = centre_mm(&learn(trial.base_from_camera()));
-        let taken_up: Rigid<Camera, Camera> = Rigid::claim(Translation3::from(-shared * centre_mm).into());
-        let mount = trial.base_from_camera() * taken_up;
-        let panel = learn(mount);
+        let (panel, recipe) = taught(&trial);
+        let centre = panel.panel_from_camera.inverse() * panel.centre();
+        let shift: Rigid<Camera, Camera> = Rigid::claim(Translation3::from(-shared * centre.mm.coords).into());
+        let mount = trial.base_from_camera() * shift;
+        let panel = TaughtPanel::learn(&trial.taught_scan(), *trial.camera(), mount, &recipe).expect("a panel");
         (trial, (panel, recipe), mount)
     });
     let words = format!(
@@ -84,14 +82,6 @@ fn scaled(kind: &str, trial: fn(u64, usize) -> Trial, seeds: &RangeInclusive<u64
 /// A share with this standard deviation, evenly between its ends.
 fn drawn(random: &mut Pcg64, deviation: f64) -> f64 {
     deviation * 3.0_f64.sqrt() * random.random_range(-1.0..1.0)
-}
-
-/// The middle of the panel's grids before the camera, where it was taught.
-fn centre_mm(panel: &TaughtPanel) -> Vector3<f64> {
-    let camera_from_panel = panel.panel_from_camera.inverse();
-    let edges = || panel.grids.iter().flat_map(|grid| &grid.edge);
-    edges().map(|point| (camera_from_panel * *point).mm.coords).sum::<Vector3<f64>>()
-        / edges().count().max(1) as f64
 }
 
 /// A trial, its panel as taught, and the camera's mount as it was measured.
