@@ -7,13 +7,15 @@
 //! where the film broke on a grid. Grids that the recipe masks are not part of the test: a mask hides no break elsewhere, and masked
 //! grids do not pass. A break is always listed in the reasons.
 
+mod flaws;
+
 use super::observed::{Demands, GridInspection, Observation};
 use super::place::{MAX_OFF_PX, elsewhere, too_coarse};
-use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, MIN_TOLD, Quality};
-use super::steady::LEAST_SEEN_PERCENT;
+use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS};
 use crate::recipe;
 use crate::verdict::{Check, Judgement, Limit, SetBy, Severity, Verdict};
 use crate::words::apart;
+use flaws::{shown, worst_flaw};
 
 /// A film must change the panel by this many grey levels at least: six times the noise of a common camera's pixel.
 pub const MIN_CHANGE_LEVELS: f64 = 6.0;
@@ -267,54 +269,6 @@ impl Film<'_> {
     }
 }
 
-/// The flaw of the most pictures; of several the first.
-fn worst_flaw(quality: &Quality) -> (Flaw, Flawed) {
-    Flaw::ALL.iter().copied().zip(quality.flawed).fold((Flaw::Darker, Flawed::default()), |most, found| {
-        if found.1.pictures > most.1.pictures { found } else { most }
-    })
-}
-
-/// What is wrong with pictures of this flaw: the worst that was measured, and what is allowed.
-fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings: &recipe::Inspect) -> String {
-    let [darker_percent, brighter_percent] = observation.light_limits_percent(settings);
-    let (limit, decimals) = match flaw {
-        Flaw::Darker => (darker_percent, 1),
-        Flaw::Brighter => (brighter_percent, 1),
-        Flaw::Untold => (100.0 * MIN_TOLD, 0),
-        Flaw::Bright => (settings.max_bright_percent(), 1),
-        Flaw::Moved => (settings.max_moved_px(), 1),
-        Flaw::Focus => (MIN_SHARPNESS, 2),
-        Flaw::Frozen => (0.0, 0),
-        Flaw::Outline => (LEAST_SEEN_PERCENT, 0),
-    };
-    let [worst, limit] = apart(worst, limit, decimals);
-    match flaw {
-        Flaw::Darker => {
-            format!(
-                "the light is up to {worst} % less than the dry picture's (allowed {limit} %); keep the lamp steady"
-            )
-        }
-        Flaw::Brighter => format!(
-            "the light is up to {worst} % more than the dry picture's (allowed {limit} %, beyond which it could be a film that \
-             broke all over); keep the lamp steady and other light away"
-        ),
-        Flaw::Untold => format!(
-            "as little as {worst} % of the region is as bright as wet and dry places are in one light (needed {limit} %); keep \
-             other light and shadows away"
-        ),
-        Flaw::Bright => format!("glints or overexposure hide up to {worst} % of the region (allowed {limit} %)"),
-        Flaw::Moved => {
-            format!("the panel lies up to {worst} px from where the first picture has it (allowed {limit} px)")
-        }
-        Flaw::Focus => format!("the panel's edge has as little as {worst} of its first sharpness (needed {limit})"),
-        Flaw::Outline => format!(
-            "as little as {worst} % of the panel's outline can be seen (needed {limit} %), so that nobody knows whether it moved; \
-             give it contrast to what lies beside it, in any colour"
-        ),
-        Flaw::Frozen => "they are bit for bit the picture before; the camera stands still".to_owned(),
-    }
-}
-
 fn names(grids: &[GridInspection], which: impl Fn(&GridInspection) -> bool) -> Vec<String> {
     grids.iter().filter(|grid| which(grid)).map(|grid| grid.id.to_string()).collect()
 }
@@ -334,6 +288,7 @@ fn broken_words(min_break_mm2: f64, grids: &[GridInspection]) -> String {
 #[cfg(test)]
 mod tests {
     use super::super::observed::ByCell;
+    use super::super::quality::Quality;
     use super::super::tests::inspect_table;
     use super::*;
 

@@ -11,15 +11,16 @@
 //! Is the panel at its located pose? The same profiles in the taught picture give the position of the edge on each when the
 //! panel is at its pose. In the dry picture of a panel at this pose each edge is at the same position of its profile.
 
+mod profile;
+
 use crate::geometry::{Camera, ColorPicture, Panel, PinholeCamera, Pixel, Rigid, median};
 use crate::panel::TaughtPanel;
 use nalgebra::{Matrix2, Vector2};
+use profile::{Edge, EdgeLocation, GRAY, MIN_CONTRAST, Profile, REACH_PX, VIEWS, edge, edges, profiles};
 
-/// Places on the outline, and how far a profile reaches to both sides, px.
+/// Places on the outline.
 const PLACES: usize = 240;
-const REACH_PX: i32 = 8;
-/// A profile needs this much contrast in the dry picture, and a peak of this share of it, to carry information.
-const MIN_CONTRAST: f32 = 12.0;
+/// With fewer profiles nothing is told.
 const MIN_PROFILES: usize = 40;
 /// Of the contrast of the first picture so much must be left, in grey levels and in the channels.
 const MIN_LEFT: [f32; 2] = [0.3, 0.2];
@@ -32,29 +33,6 @@ const MIN_AGREE: f64 = 0.6;
 const AGREE_PX: f32 = 1.0;
 /// A profile of the taught picture is expected again where it keeps so many times the least contrast in today's light.
 const SURE_CONTRAST: f32 = 1.5;
-/// Of a profile's gradient, what is below this share of its largest step is noise.
-const NOISE_SHARE: f32 = 0.25;
-
-/// What of a pixel is looked at: the mean of its channels, or one of them.
-const VIEWS: usize = 4;
-const GRAY: usize = 0;
-
-/// One place on the outline.
-#[derive(Debug, Clone, Copy)]
-struct EdgeLocation {
-    at: Vector2<f32>,
-    normal: Vector2<f32>,
-}
-
-/// An edge in one profile.
-#[derive(Debug, Clone, Copy)]
-struct Edge {
-    /// From the profile's middle along the normal, px.
-    offset_px: f32,
-    /// The largest step as a share of the whole way.
-    sharpness: f32,
-    contrast: f32,
-}
 
 /// The outline as the dry picture shows it.
 #[derive(Debug)]
@@ -63,14 +41,6 @@ pub struct Outline {
     /// What the taught picture shows at each place, with the panel where it was taught.
     taught: Vec<[Profile; VIEWS]>,
     first: Vec<[Option<Edge>; VIEWS]>,
-}
-
-/// What a picture shows across one place.
-#[derive(Debug, Clone, Copy, Default)]
-struct Profile {
-    edge: Option<Edge>,
-    /// Mean level along it; none beyond the picture.
-    mean: Option<f32>,
 }
 
 /// The outline against the first picture.
@@ -270,64 +240,6 @@ fn moved(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
         bound = (3.0 * middle(&mut left)).max(0.05);
     }
     d
-}
-
-const COUNT: usize = 2 * REACH_PX as usize + 1;
-
-/// The levels across a place in one view; `None` where they leave the picture.
-fn profile_of(place: &EdgeLocation, picture: &ColorPicture, view: usize) -> Option<[f32; COUNT]> {
-    let mut profile = [0.0_f32; COUNT];
-    for (value, step) in profile.iter_mut().zip(-REACH_PX..) {
-        *value = level(picture, place.at + place.normal * step as f32, view)?;
-    }
-    Some(profile)
-}
-
-fn profiles(place: &EdgeLocation, picture: &ColorPicture) -> [Profile; VIEWS] {
-    std::array::from_fn(|view| {
-        let mean = profile_of(place, picture, view).map(|profile| profile.iter().sum::<f32>() / COUNT as f32);
-        Profile { edge: edge(place, picture, view), mean }
-    })
-}
-
-fn edges(place: &EdgeLocation, picture: &ColorPicture) -> [Option<Edge>; VIEWS] {
-    std::array::from_fn(|view| edge(place, picture, view))
-}
-
-fn edge(place: &EdgeLocation, picture: &ColorPicture, view: usize) -> Option<Edge> {
-    let profile = profile_of(place, picture, view)?;
-    let steps: [f32; COUNT - 1] = std::array::from_fn(|i| profile[i + 1] - profile[i]);
-    let contrast = (profile[..4].iter().sum::<f32>() - profile[COUNT - 4..].iter().sum::<f32>()).abs() / 4.0;
-    let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));
-    if contrast < MIN_CONTRAST {
-        return None;
-    }
-    let (mut sum, mut weight) = (0.0, 0.0);
-    for (i, step) in steps.iter().enumerate() {
-        let height = (step.abs() - NOISE_SHARE * largest).max(0.0);
-        sum += height * (i as f32 + 0.5 - REACH_PX as f32);
-        weight += height;
-    }
-    Some(Edge { offset_px: sum / weight, sharpness: largest / contrast, contrast })
-}
-
-/// One view between four pixels; `None` beyond the picture.
-fn level(picture: &ColorPicture, at: Vector2<f32>, view: usize) -> Option<f32> {
-    let within = |at: f32, length: usize| at >= 0.0 && at < length as f32 - 1.0;
-    if !within(at.x, picture.width) || !within(at.y, picture.height) {
-        return None;
-    }
-    let (column, row) = (at.x as usize, at.y as usize);
-    let (across, down) = (at.x - column as f32, at.y - row as f32);
-    let value = |rgb: [u8; 3]| match view {
-        GRAY => f32::from(rgb.iter().map(|&level| u16::from(level)).sum::<u16>()) / 3.0,
-        _ => f32::from(rgb[view - 1]),
-    };
-    let mix = |row: usize| {
-        let pixels = &picture.rgb[row * picture.width + column..][..2];
-        value(pixels[0]) * (1.0 - across) + value(pixels[1]) * across
-    };
-    Some(mix(row) * (1.0 - down) + mix(row + 1) * down)
 }
 
 /// The median, 0 of none.
