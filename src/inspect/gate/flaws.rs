@@ -26,8 +26,12 @@ pub(super) fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings:
         Flaw::Frozen => (0.0, 0),
         Flaw::Outline => (LEAST_SEEN_PERCENT, 0),
     };
+    let disagrees = flaw == Flaw::Outline && worst >= limit;
     let [worst, limit] = apart(worst, limit, decimals);
     match flaw {
+        Flaw::Outline if disagrees => "what can be seen of the panel's outline does not agree on where it lies, so that nobody \
+                                       knows whether it moved; give it contrast to what lies beside it, in any colour"
+            .to_owned(),
         Flaw::Darker => {
             format!(
                 "the light is up to {worst} % less than the dry picture's (allowed {limit} %); keep the lamp steady"

@@ -115,8 +115,9 @@ impl Model {
         }
         let (block, at) = self.at(index);
         let beside = usize::from(self.past[block].beside_glint[at]);
-        let is_long = beside > 0 && self.times_s.len() > beside + usize::from(self.persist);
-        (kept & RUN > 0).then(|| self.since_s(index)).or_else(|| is_long.then(|| self.times_s[beside]))
+        // Half of what makes a break: that it belongs to one is told by the break it reaches.
+        let is_long = beside > 0 && 2 * (self.times_s.len() - beside) > usize::from(self.persist);
+        (kept & RUN > 0).then(|| self.since_s(index)).or_else(|| is_long.then(|| self.times_s[beside - 1]))
     }
 
     fn since_s(&self, index: usize) -> f32 {

@@ -54,7 +54,7 @@ pub struct Past {
     pub unseen: Block,
     /// … and in how many without a break until now.
     pub unseen_now: Block,
-    /// The picture since which it has looked dry beside a glint, without having been seen wet; 0 of none.
+    /// The second picture in a row in which it looked dry beside a glint, without having been seen wet since; 0 of none.
     pub beside_glint: Block,
 }
 
@@ -140,7 +140,8 @@ pub fn judge(seen: BlockObservation<'_>, kept: &mut Block, past: &mut Past, rule
         let change = ((away.wrapping_sub(off[i]) as i16) >> 2) as u16;
         let mean = choose(begins & where_(beside_glint[i] == 0), away, off[i].wrapping_add(change));
         off[i] = choose(looks_dry | as_dry & begins, mean, off[i]);
-        since[i] = choose(begins & up & where_(state[i] & BROKE == 0), rule.before, since[i]);
+        let first = choose(where_(beside_glint[i] == 0), rule.before, beside_glint[i].wrapping_sub(1));
+        since[i] = choose(begins & up & where_(state[i] & BROKE == 0), first, since[i]);
         until[i] = choose(where_(was == 1) & down, rule.now, until[i]);
         let untold = !wet & !looks_dry & counts;
         unseen[i] += untold;
@@ -265,8 +266,8 @@ mod tests {
         assert_eq!(one.past.unseen[0], 5);
     }
 
-    /// By hand, dry 100 and wet 60 levels, beside a glint: dry since picture 2 with a hidden one within, never a break; wet it is
-    /// none, and dry again it begins anew.
+    /// By hand, dry 100 and wet 60 levels, beside a glint: dry since picture 1 with a hidden one within, never a break; wet it is
+    /// none, and dry again it begins anew in picture 7. Once the glint is gone, in picture 9, it has been dry since then.
     #[test]
     fn since_when_it_looks_dry_beside_a_glint_is_kept() {
         let mut one = One { doubtful: 1, ..One::new(0) };
@@ -277,6 +278,9 @@ mod tests {
             one.past.beside_glint[0]
         });
         assert_eq!(since, [0, 2, 2, 2, 2, 0, 0, 8]);
+        one.doubtful = 0;
+        one.judge([100; 2], 4096, Rule { before: 8, now: 9, ..RULE });
+        assert_eq!(one.past.since[0], 7);
     }
 
     /// By hand, dry 100 and wet 60 levels: up to 60 + 40/3 = 73.3 it is wet beyond doubt.

@@ -77,15 +77,16 @@ fn one(seed: u64, reduction: usize, observed_s: f64, kind: Option<&str>, tally: 
         last = Some(picture);
     }
     let inspection = watch.finish().expect("wet pictures");
-    let truth = scene.broken(WET_FROM_S + observed_s);
+    // What broke by one time: the film is watched for a little longer, and a break may still grow then.
+    let (found, truth) = (inspection.mask_at(observed_s), scene.broken(WET_FROM_S + observed_s));
     if let Some(picture) = last {
-        save(&picture, seed, &inspection, &truth);
+        save(&picture, seed, &found, &truth, &inspection.footprint.region());
     }
-    tally.take(seed, &scene, &inspection, &truth);
+    tally.take(seed, &scene, &inspection, (&found, &truth));
 }
 
 impl Tally {
-    fn take(&mut self, seed: u64, scene: &Scene, inspection: &Inspection, truth: &Mask) {
+    fn take(&mut self, seed: u64, scene: &Scene, inspection: &Inspection, (found, truth): (&Mask, &Mask)) {
         let region = inspection.footprint.region();
         let contrast = scene.contrast();
         let faint = |index: usize| contrast[index] < MIN_CONTRAST_LEVELS;
@@ -93,7 +94,7 @@ impl Tally {
         let faint_share = (0..contrast.len()).filter(|&i| region.inside[i] && faint(i)).count() as f64 / all;
         let clear = Mask { inside: (0..contrast.len()).map(|i| region.inside[i] && !faint(i)).collect(), ..region };
         let valid = inspection.judgement.verdict != Verdict::Invalid;
-        let iou = score_within(&inspection.mask(), truth, &clear).expect("one size").iou;
+        let iou = score_within(found, truth, &clear).expect("one size").iou;
         let real_mm2 = inspection.footprint.broken_mm2(truth);
         let min_mm2 = inspection.observation.min_break_mm2;
         let [mut tf, mut ff, mut fp, mut tp] = [0; 4];
@@ -187,10 +188,9 @@ fn save_every(picture: &ColorPicture, seed: u64, time_s: f64) {
 }
 
 /// The last picture with what was found and what is true: green both, orange found alone, blue true alone.
-fn save(picture: &ColorPicture, seed: u64, inspection: &Inspection, truth: &Mask) {
+fn save(picture: &ColorPicture, seed: u64, found: &Mask, truth: &Mask, region: &Mask) {
     let Ok(folder) = std::env::var("PICTURES") else { return };
     let mut drawn = picture.clone();
-    let (found, region) = (inspection.mask(), inspection.footprint.region());
     for index in (0..drawn.rgb.len()).filter(|&index| region.inside[index]) {
         match (found.inside[index], truth.inside[index]) {
             (true, true) => drawn.rgb[index] = [0, 158, 115],

@@ -49,7 +49,11 @@ impl Spec {
             beat: kind == 4,
             projector: kind == 5 && (seed / 6).is_multiple_of(2),
             frames_per_second: if kind == 5 { slow } else { 5.0 },
-            spots: if (seed / 6 + seed).is_multiple_of(3) { 0 } else { 2 + (random.bits() % 4) as usize },
+            spots: if (seed / 18 + seed / 6 + seed).is_multiple_of(3) {
+                0
+            } else {
+                2 + (random.bits() % 4) as usize
+            },
         }
     }
 }
