@@ -22,6 +22,8 @@ mod fit;
 pub mod gate;
 mod grid;
 mod mark_edges;
+mod mark_search;
+mod mark_steps;
 mod model;
 mod outline_edges;
 mod pieces;
@@ -138,7 +140,7 @@ impl<'a> Prepared<'a> {
         if candidates.is_empty() {
             return Err(nothing_fits(model, pieces, inside.iter().filter(|inside| **inside).count()));
         }
-        let hypotheses = search::search(model, grid, &candidates);
+        let hypotheses = search::search(model, (grid, view.scan), &candidates);
         let inputs = self.inputs();
         let (best, rival) = choose(&hypotheses, inputs, view.base_from_camera)
             .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;

@@ -87,12 +87,15 @@ impl Border {
         for &block in &piece.blocks {
             inside[block as usize] = true;
         }
+        let blocks = piece.blocks.iter().map(|&block| block as usize);
+        Border::to_blocks(grid, blocks.filter(|&block| is_true_border(grid, &inside, block, may_have_holes)))
+    }
+
+    /// The nearest of these blocks in place of a piece's border.
+    pub fn to_blocks(grid: &Grid, blocks: impl Iterator<Item = usize>) -> Border {
+        let (columns, rows) = (grid.columns, grid.rows);
         let mut nearest = vec![NONE; columns * rows];
-        for &block in &piece.blocks {
-            if is_true_border(grid, &inside, block as usize, may_have_holes) {
-                nearest[block as usize] = block;
-            }
-        }
+        blocks.for_each(|block| nearest[block] = block as u32);
         let mut border = Border { columns, rows, nearest };
         border.sweep();
         border
@@ -143,13 +146,18 @@ impl Border {
     }
 
     /// From a place of the grid to the nearest true border, blocks; `None` outside of the picture, or without a border.
-    pub fn way(&self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
+    pub fn way(&self, place: [f64; 2]) -> Option<[f64; 2]> {
+        Some(self.nearest(place)?.1)
+    }
+
+    /// The same, and which block that is.
+    pub fn nearest(&self, [x, y]: [f64; 2]) -> Option<(usize, [f64; 2])> {
         let (column, row) = (x.round(), y.round());
         let inside = column >= 0.0 && row >= 0.0 && column < self.columns as f64 && row < self.rows as f64;
         let nearest = inside.then(|| self.nearest[row as usize * self.columns + column as usize])?;
         (nearest != NONE).then(|| {
             let nearest = nearest as usize;
-            [(nearest % self.columns) as f64 - x, (nearest / self.columns) as f64 - y]
+            (nearest, [(nearest % self.columns) as f64 - x, (nearest / self.columns) as f64 - y])
         })
     }
 }

@@ -4,19 +4,24 @@
 //! normal, and at some shifts, since part of the piece may be occluded. Each of these starts is moved by the surface and by
 //! the piece's true border to its local optimum. Its score counts in both directions: taught points that lie on the scan against
 //! those that the scan sees through; outline points on the border; the piece's points that the taught panel covers. No features
-//! are used: a smooth panel has none.
+//! are used, as a smooth panel has none; but where much of a panel with marks gives no points, the borders of marks take part (`mark_search`).
 
-use super::grid::{DepthReading, Grid, Motion, camera_point};
+use super::grid::{DepthReading, Grid, Motion, Scan, camera_point};
+use super::mark_search::{mark_at, marks_found, starts};
+use super::mark_steps::MarkSteps;
 use super::model::Model;
 use super::outline_edges::outward_px;
 use super::pieces::{Border, Piece, points, seen_from};
 use super::solve::{Constraint, ResidualWeighting, Sums, twisted};
+use super::taught_marks::LEAST_STEP;
 use crate::geometry::{Camera, Panel, Rigid};
 use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 /// Rotations about the normal.
 const TURNS: usize = 36;
+/// The same where marks are looked for.
+const MARK_TURNS: usize = 72;
 /// Shifts to each side along both axes, and their step as a share of the panel's reach.
 const SHIFTS: i32 = 2;
 const SHIFT_STEP: f64 = 0.13;
@@ -24,14 +29,16 @@ const SHIFT_STEP: f64 = 0.13;
 const LOOK_POINTS: usize = 110;
 const MOVE_POINTS: usize = 360;
 const SCORE_POINTS: usize = 900;
-/// Points of the outline for moving a start, and for its score.
-const MOVE_OUTLINE: usize = 160;
+/// Points of the outline, or of the marks, for moving a start, and of the outline for its score.
+const MOVE_LINES: usize = 160;
 const SCORE_OUTLINE: usize = 300;
 /// A first look lets the surfaces be this far apart, as a share of the panel's reach: the piece's normal is rough.
 const LOOK_NEAR: f64 = 0.09;
 /// Rounds of moving, each letting residuals be smaller.
 const ROUNDS: usize = 14;
 const SHRINK: f64 = 0.82;
+/// Starts by marks are near from the beginning: they leave the first rounds out.
+const FIRST_ROUND_BY_MARKS: usize = 6;
 const FIRST_REACH_MM: f64 = 20.0;
 const LAST_REACH_MM: f64 = 2.0;
 const FIRST_REACH_BLOCKS: f64 = 30.0;
@@ -43,7 +50,7 @@ const ON_BLOCKS: f64 = 1.8;
 const BESIDE_MM: f64 = 3.0;
 /// Hypotheses closer than this are the same, as a share of the panel's extent.
 const SAME: f64 = 0.06;
-/// A hypothesis whose score, of at most 3, is this much below the best is dropped.
+/// A hypothesis whose score, of at most 3, or 4 with marks, is this much below the best is dropped.
 const WORSE: f64 = 1.2;
 /// Pose hypotheses that are kept; and their number where much of the taught panel is missing, so that pieces and borders carry less information.
 const KEPT: usize = 5;
@@ -54,11 +61,26 @@ const PART: f64 = 0.05;
 /// A piece this many times as large as the panel is something else.
 const TOO_LARGE: f64 = 3.5;
 
-/// A pose hypothesis, and how well it explains the scan, −2…3.
+/// A pose hypothesis, and how well it explains the scan, −2…4.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PoseHypothesis {
     pub camera_from_panel: Rigid<Camera, Panel>,
     pub score: f64,
+}
+
+/// What holds a start in the panel's plane.
+#[derive(Clone, Copy)]
+enum By<'a> {
+    /// The piece's true border.
+    Border(&'a Border),
+    /// The borders of marks, which say more where much of the panel gives no points.
+    Marks(&'a MarkSteps),
+}
+
+/// A piece's true border, and the steps of brightness beside it where marks are looked for.
+struct Lines {
+    border: Border,
+    steps: Option<MarkSteps>,
 }
 
 /// How many hypotheses are fitted.
@@ -102,19 +124,27 @@ pub(super) fn reach_mm(model: &Model) -> f64 {
 }
 
 /// The pose hypotheses that these pieces allow, best first, no two alike.
-pub(super) fn search(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<PoseHypothesis> {
+pub(super) fn search(model: &Model, (grid, scan): (&Grid, &Scan), pieces: &[Piece]) -> Vec<PoseHypothesis> {
     let reach_mm = reach_mm(model);
     let mut found: Vec<PoseHypothesis> = Vec::new();
     for piece in pieces {
-        let border = Border::of(grid, piece, model.is_patchy());
-        let of_piece: Vec<Option<PoseHypothesis>> = (0..TURNS)
-            .into_par_iter()
-            .map(|turn| {
-                let start = best_shift(model, grid, piece, turn as f64 / TURNS as f64, reach_mm)?;
-                let moved = move_onto(start, model, grid, &border)?;
-                Some(PoseHypothesis { camera_from_panel: moved, score: score(&moved, model, grid, piece, &border) })
-            })
-            .collect();
+        let lines = Lines {
+            border: Border::of(grid, piece, model.is_patchy()),
+            steps: (model.is_patchy() && !model.marks.points.is_empty())
+                .then(|| MarkSteps::of(scan, grid, piece, LEAST_STEP)),
+        };
+        let begun = |turn: usize| best_shift(model, grid, piece, turn as f64 / TURNS as f64, reach_mm);
+        let ended = |start: Rigid<Camera, Panel>, by: By<'_>| {
+            let camera_from_panel = move_onto(start, model, grid, by)?;
+            Some(PoseHypothesis { camera_from_panel, score: score(&camera_from_panel, model, grid, piece, &lines) })
+        };
+        let by_border = (0..TURNS).into_par_iter().map(|turn| ended(begun(turn)?, By::Border(&lines.border)));
+        let mut of_piece: Vec<Option<PoseHypothesis>> = by_border.collect();
+        if let Some(steps) = &lines.steps {
+            let turns = (0..MARK_TURNS).map(|turn| turned(model, piece, turn as f64 / MARK_TURNS as f64));
+            let by_marks = starts(model, (grid, steps), piece, turns.collect()).into_iter();
+            of_piece.extend(by_marks.map(|(centre, turn)| ended(centred(model, centre, &turn), By::Marks(steps))));
+        }
         found.extend(of_piece.into_iter().flatten());
     }
     found.sort_by(|a, b| b.score.total_cmp(&a.score));
@@ -133,10 +163,7 @@ pub(super) fn search(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<PoseHy
 
 /// The panel at one turn about the piece's normal, at the shift whose points the scan shows best.
 fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f64) -> Option<Rigid<Camera, Panel>> {
-    let upright = Rotation3::rotation_between(&model.normal, &piece.normal)
-        .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
-    let about = Unit::new_normalize(piece.normal);
-    let rotation = Rotation3::from_axis_angle(&about, turn * std::f64::consts::TAU) * upright;
+    let rotation = turned(model, piece, turn);
     let right = rotation * any_across(&model.normal);
     let up = piece.normal.cross(&right);
     let chosen = spread_over(model.points.len(), LOOK_POINTS);
@@ -160,9 +187,20 @@ fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f6
         .map(|(i, j)| right * (i * step_mm) + up * (j * step_mm))
         .map(|shift| (look(shift), shift))
         .fold((f64::NEG_INFINITY, Vector3::zeros()), |best, next| if next.0 > best.0 { next } else { best });
-    let turn = UnitQuaternion::from_rotation_matrix(&rotation);
-    let origin = piece.centre + shift - rotation * model.centre;
-    Some(Rigid::claim(Isometry3::from_parts(Translation3::from(origin), turn)))
+    Some(centred(model, piece.centre + shift, &rotation))
+}
+
+/// The taught panel's normal along the piece's, and then this part of a turn about it.
+fn turned(model: &Model, piece: &Piece, turn: f64) -> Rotation3<f64> {
+    let upright = Rotation3::rotation_between(&model.normal, &piece.normal)
+        .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+    Rotation3::from_axis_angle(&Unit::new_normalize(piece.normal), turn * std::f64::consts::TAU) * upright
+}
+
+/// The pose that puts the panel's middle there, turned so.
+fn centred(model: &Model, centre: Vector3<f64>, rotation: &Rotation3<f64>) -> Rigid<Camera, Panel> {
+    let turn = UnitQuaternion::from_rotation_matrix(rotation);
+    Rigid::claim(Isometry3::from_parts(Translation3::from(centre - rotation * model.centre), turn))
 }
 
 /// Some direction across another.
@@ -173,28 +211,30 @@ fn any_across(direction: &Vector3<f64>) -> Vector3<f64> {
     direction.cross(&axis).normalize()
 }
 
-/// Moves a start by surface and border until residuals are small or not.
-fn move_onto(
-    start: Rigid<Camera, Panel>,
-    model: &Model,
-    grid: &Grid,
-    border: &Border,
-) -> Option<Rigid<Camera, Panel>> {
+/// Moves a start by surface and lines until residuals are small or not.
+fn move_onto(start: Rigid<Camera, Panel>, model: &Model, grid: &Grid, by: By<'_>) -> Option<Rigid<Camera, Panel>> {
     let on_surface = spread_over(model.points.len(), MOVE_POINTS);
-    let on_outline = spread_over(model.outline.len(), MOVE_OUTLINE);
+    let (count, first_round) = match by {
+        By::Border(_) => (model.outline.len(), 0),
+        By::Marks(_) => (model.marks.points.len(), FIRST_ROUND_BY_MARKS),
+    };
+    let on_lines = spread_over(count, MOVE_LINES);
     let mut placed = start;
-    for round in 0..ROUNDS {
+    for round in first_round..ROUNDS {
         let shrunk = SHRINK.powi(round as i32);
         let motion = Motion::of(&placed);
         let centre = motion.point(&model.centre);
         let surface = surface_at(&motion, model, grid, &on_surface);
-        let outline: Vec<Constraint> =
-            on_outline.iter().filter_map(|&k| border_at(&motion, model, grid, border, k)).collect();
+        let line_at = |&k: &usize| match by {
+            By::Border(border) => border_at(&motion, model, grid, border, k),
+            By::Marks(steps) => mark_at(&motion, model, grid, steps, k),
+        };
+        let lines: Vec<Constraint> = on_lines.iter().filter_map(line_at).collect();
         let reach_mm = (FIRST_REACH_MM * shrunk).max(LAST_REACH_MM);
         let reach_blocks = (FIRST_REACH_BLOCKS * shrunk).max(LAST_REACH_BLOCKS);
         let of_surface = ResidualWeighting { sigma: 1.0, correlated_count: 1.0, cutoff: reach_mm };
-        let of_outline = ResidualWeighting { sigma: 1.0, correlated_count: 1.0, cutoff: reach_blocks };
-        let sums = Sums::over(&surface, &of_surface, &centre).plus(Sums::over(&outline, &of_outline, &centre));
+        let of_lines = ResidualWeighting { sigma: 1.0, correlated_count: 1.0, cutoff: reach_blocks };
+        let sums = Sums::over(&surface, &of_surface, &centre).plus(Sums::over(&lines, &of_lines, &centre));
         placed = twisted(&placed, &centre, &sums.twist()?);
     }
     Some(placed)
@@ -241,7 +281,7 @@ fn is_unknown_beside(motion: &Motion, model: &Model, grid: &Grid, k: usize) -> b
 }
 
 /// How well a pose explains the scan, in both directions.
-fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piece, border: &Border) -> f64 {
+fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piece, lines: &Lines) -> f64 {
     let motion = Motion::of(placed);
     let chosen = spread_over(model.points.len(), SCORE_POINTS);
     let of_point = |&i: &usize| match observe_point(&motion, model, grid, i) {
@@ -252,7 +292,7 @@ fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piec
     let surface = chosen.iter().map(of_point).sum::<f64>() / chosen.len() as f64;
     let edges = spread_over(model.outline.len(), SCORE_OUTLINE);
     let of_edge = |&k: &usize| {
-        border_at(&motion, model, grid, border, k).map_or(0.0, |at| {
+        border_at(&motion, model, grid, &lines.border, k).map_or(0.0, |at| {
             if at.residual.abs() <= ON_BLOCKS {
                 1.0
             } else if model.is_patchy() && is_unknown_beside(&motion, model, grid, k) {
@@ -266,7 +306,7 @@ fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piec
     };
     let outline = edges.iter().map(of_edge).sum::<f64>() / edges.len() as f64;
     let covered = covered(&motion, model, grid, piece, 400);
-    surface + outline + covered
+    surface + outline + covered + marks_found(&motion, model, grid, lines.steps.as_ref())
 }
 
 /// What a scan shows of a taught point at a pose.

@@ -6,6 +6,7 @@
 //! little contrast to be a mark.
 
 use super::grid::{Grid, Motion};
+use super::mark_steps::steepest;
 use super::profile::{self, PLACES, REACH};
 use super::taught_surface::Surface;
 use crate::geometry::{Camera, Pixel, polygon};
@@ -18,11 +19,10 @@ use std::collections::BTreeSet;
 const CELL_PX: usize = 8;
 /// A mark's two sides differ by this much, grey levels: three times what an edge of the outline needs, and far beyond a weave.
 const MIN_CONTRAST: f64 = 40.0;
-/// Brightness is compared over this distance to find the steepest change, px, and only that pixels apart.
-const APART_PX: usize = 2;
-const EVERY_PX: usize = 2;
-/// Of a step's contrast this much lies between two pixels that far apart.
+/// Of a step's contrast this much lies between the two pixels that [`steepest`] compares.
 const STEEP: f64 = 0.35;
+/// The change of brightness at the border of a mark, grey levels.
+pub(super) const LEAST_STEP: f64 = STEEP * MIN_CONTRAST;
 /// A held place this near says nothing of the panel, px.
 const HELD_NEAR_PX: f64 = PLACES as f64;
 
@@ -85,20 +85,10 @@ impl MarkSearch<'_> {
         if !self.is_inside(left + CELL_PX / 2, top + CELL_PX / 2) {
             return None;
         }
-        let gray = |column: usize, row: usize| profile::gray(&self.panel.scan, column, row);
-        let (mut steepest, mut at) = (0.0, None);
-        for row in (top..top + CELL_PX).step_by(EVERY_PX) {
-            for column in (left..left + CELL_PX).step_by(EVERY_PX) {
-                let across = gray(column + APART_PX, row) - gray(column - APART_PX, row);
-                let down = gray(column, row + APART_PX) - gray(column, row - APART_PX);
-                let steep = across.hypot(down);
-                if steep > steepest {
-                    (steepest, at) = (steep, Some((column, row, Vector2::new(across, down) / steep)));
-                }
-            }
-        }
-        let (column, row, brighter) = at.filter(|_| steepest >= STEEP * MIN_CONTRAST)?;
-        self.mark_at(Pixel::at(column as f64, row as f64), brighter)
+        let step =
+            steepest(&self.panel.scan, [left, top], CELL_PX).filter(|steepest| steepest.levels >= LEAST_STEP)?;
+        let [column, row] = step.at;
+        self.mark_at(Pixel::at(column as f64, row as f64), step.brighter)
     }
 
     /// The step beside a pixel towards what is brighter.

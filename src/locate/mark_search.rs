@@ -1,0 +1,131 @@
+//! Starts by the marks of a panel of which much gives no points.
+//!
+//! Pieces and their borders say little then of where a flat panel lies in its plane; what is printed on it does. The scan's picture is
+//! searched for its steps of brightness, block by block, and each block knows the nearest of them. At each turn of the panel about the
+//! piece's normal the shift is taken that puts the most borders of marks on steps which become brighter in the same direction.
+//! Where it may be shifted to, the picture is taken as an affine map of the panel's plane about each mark.
+
+use super::grid::{Grid, Motion, camera_point};
+use super::mark_steps::MarkSteps;
+use super::model::Model;
+use super::outline_edges::outward_px;
+use super::pieces::Piece;
+use super::solve::Constraint;
+use nalgebra::{Rotation3, Vector2, Vector3};
+use rayon::prelude::*;
+
+/// Marks that are looked for at a shift, and for a score.
+const LOOK_MARKS: usize = 100;
+const SCORE_MARKS: usize = 300;
+/// How far the panel is shifted to each side, as a share of its reach, and from one shift to the next, blocks.
+const SHIFT_REACH: f64 = 0.35;
+const SHIFT_BLOCKS: f64 = 3.0;
+/// A mark is found at a shift within this of a step, and in the end within that, blocks.
+const NEAR_BLOCKS: f64 = 2.5;
+const ON_BLOCKS: f64 = 1.8;
+/// Starts that are kept: those of the turns at which the most marks are found.
+const KEPT: usize = 8;
+
+/// How far a mark lies from the nearest step of brightness, towards its brighter side, blocks.
+pub(super) fn mark_at(
+    motion: &Motion,
+    model: &Model,
+    grid: &Grid,
+    steps: &MarkSteps,
+    k: usize,
+) -> Option<Constraint> {
+    let mark = &model.marks.points[k];
+    let point = motion.point(&mark.point);
+    if (motion.turn * mark.normal).dot(&point) >= 0.0 {
+        return None;
+    }
+    let (pixel, slope) = grid.camera.project_with_slope(camera_point(&point))?;
+    let brighter = outward_px(&(slope * (motion.turn * mark.along)), &(slope * (motion.turn * mark.brighter)))?;
+    let way = steps.way(grid.place(pixel), &brighter)?;
+    let residual = -(way[0] * brighter.x + way[1] * brighter.y);
+    let gradient = slope.transpose() * brighter / grid.factor as f64;
+    Some(Constraint { point, gradient, residual, sample: k })
+}
+
+/// The share of the marks that lie on such a step; 0 where none are looked for.
+pub(super) fn marks_found(motion: &Motion, model: &Model, grid: &Grid, steps: Option<&MarkSteps>) -> f64 {
+    let Some(steps) = steps else { return 0.0 };
+    let is_on =
+        |k: &usize| mark_at(motion, model, grid, steps, *k).is_some_and(|mark| mark.residual.abs() <= ON_BLOCKS);
+    let chosen = || spread(model, SCORE_MARKS);
+    chosen().filter(is_on).count() as f64 / chosen().count().max(1) as f64
+}
+
+fn spread(model: &Model, wanted: usize) -> impl Iterator<Item = usize> {
+    let count = model.marks.points.len();
+    (0..count).step_by(count.div_ceil(wanted).max(1))
+}
+
+/// Where the panel's middle lies with the most marks found, and how the panel is turned there, for the best of these turns.
+pub(super) fn starts(
+    model: &Model,
+    (grid, steps): (&Grid, &MarkSteps),
+    piece: &Piece,
+    turns: Vec<Rotation3<f64>>,
+) -> Vec<(Vector3<f64>, Rotation3<f64>)> {
+    let mut found: Vec<(usize, Vector3<f64>, Rotation3<f64>)> = turns
+        .into_par_iter()
+        .map(|rotation| {
+            let (count, shift) = best_shift(model, (grid, steps), piece, &rotation);
+            (count, piece.centre + shift, rotation)
+        })
+        .collect();
+    found.sort_by_key(|(count, ..)| std::cmp::Reverse(*count));
+    found.truncate(KEPT);
+    found.into_iter().map(|(_, centre, rotation)| (centre, rotation)).collect()
+}
+
+/// A mark with the panel's middle on the piece's: its place, the way of a millimetre to the right and up, and where it becomes brighter.
+struct ShiftedMark {
+    place: Vector2<f64>,
+    right: Vector2<f64>,
+    up: Vector2<f64>,
+    brighter: Vector2<f64>,
+}
+
+/// How many marks are found at the best shift in the piece's plane, and that shift, mm.
+fn best_shift(
+    model: &Model,
+    (grid, steps): (&Grid, &MarkSteps),
+    piece: &Piece,
+    rotation: &Rotation3<f64>,
+) -> (usize, Vector3<f64>) {
+    let Some(right) = piece.normal.cross(&piece.centre.yzx()).try_normalize(1e-9) else {
+        return (0, Vector3::zeros());
+    };
+    let up = piece.normal.cross(&right);
+    let shifted = |k: usize| {
+        let mark = &model.marks.points[k];
+        let point = piece.centre + rotation * (mark.point - model.centre);
+        let (pixel, slope) = grid.camera.project_with_slope(camera_point(&point))?;
+        let brighter = outward_px(&(slope * (rotation * mark.along)), &(slope * (rotation * mark.brighter)))?;
+        let slope = slope / grid.factor as f64;
+        let [x, y] = grid.place(pixel);
+        Some(ShiftedMark { place: Vector2::new(x, y), right: slope * right, up: slope * up, brighter })
+    };
+    let marks: Vec<ShiftedMark> = spread(model, LOOK_MARKS).filter_map(shifted).collect();
+    let (px_per_mm, _) = grid.camera.px_per_mm_at(piece.centre.z);
+    let step_mm = SHIFT_BLOCKS * grid.factor as f64 / px_per_mm;
+    let most = (SHIFT_REACH * piece.reach_mm / step_mm) as i32;
+    let count_at = |across_mm: f64, up_mm: f64| {
+        let is_found = |mark: &&ShiftedMark| {
+            let place = mark.place + mark.right * across_mm + mark.up * up_mm;
+            steps.way([place.x, place.y], &mark.brighter).is_some_and(|way| way[0].hypot(way[1]) <= NEAR_BLOCKS)
+        };
+        marks.iter().filter(is_found).count()
+    };
+    let mut best = (0, Vector3::zeros());
+    for (i, j) in (-most..=most).flat_map(|i| (-most..=most).map(move |j| (i, j))) {
+        let (across_mm, up_mm) = (f64::from(i) * step_mm, f64::from(j) * step_mm);
+        let count = count_at(across_mm, up_mm);
+        if count > best.0 {
+            best = (count, right * across_mm + up * up_mm);
+        }
+    }
+    best
+}
