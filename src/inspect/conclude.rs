@@ -5,7 +5,7 @@ use super::alike::alike;
 use super::doubt::{Dryness, wet_when_dry};
 use super::film::NEVER;
 use super::footprint::Footprint;
-use super::gate::{Judged, judge};
+use super::gate::{Judged, MIN_CHANGE_LEVELS, judge};
 use super::observed::{GridInspection, Observation};
 use super::pieces::{Break, breaks};
 use super::settle::{FilmObservation, settled};
@@ -13,6 +13,8 @@ use super::watch::Watch;
 use crate::geometry::Mask;
 use crate::verdict::{Check, Judgement};
 
+/// Between the dry panel and the wet one the light is known to this share of itself, which is no change by a film.
+const LIGHT_SHARE: f64 = 0.02;
 /// A glint that lingers is at most this large where it is as bright as a dry place, mm² …
 const GLINT_MM2: f64 = 40.0;
 /// … and a bead of water on grease this large.
@@ -64,8 +66,9 @@ impl Watch {
             model.mirror().map_or_else(Vec::new, |mirror| alike(self.footprint.window(), &since_wet_s, mirror));
         let mut is_alike = vec![false; inside.len()];
         alike.into_iter().for_each(|index| (since_wet_s[index], is_alike[index]) = (NEVER, true));
-        let faint =
-            (0..inside.len()).filter(|&i| inside[i] && model.sees(i) && (is_alike[i] || !model.has_contrast(i)));
+        let is_clear = self.clear_tiles();
+        let has_contrast = |i: usize| model.has_contrast(i) && (model.broke_s(i).is_some() || is_clear(i));
+        let faint = (0..inside.len()).filter(|&i| inside[i] && model.sees(i) && (is_alike[i] || !has_contrast(i)));
         let mut faint_mm2 = vec![0.0; self.broken_mm2.len()];
         faint.for_each(|index| self.footprint.add_area(index, &mut faint_mm2));
         // What broke is known, whatever hid it at other times.
@@ -90,6 +93,17 @@ impl Watch {
         let closed = |index: usize| !is_thesis && !model.is_open(index) && model.broke_s(index).is_some();
         let breaks = breaks(&self.footprint, &since_wet_s, closed)?;
         Ok(Inspection { checks, judgement, observation, breaks, grids, footprint: self.footprint, since_wet_s })
+    }
+
+    /// Whether the film changes the tile of a pixel by enough, where it takes the same fraction everywhere.
+    fn clear_tiles(&self) -> impl Fn(usize) -> bool + use<> {
+        let tiles = self.model.tile_dry_levels();
+        let film = self.model.film();
+        let window = *self.footprint.window();
+        move |index: usize| {
+            let (Some(film), Some(levels)) = (film, tiles.at(&window, index)) else { return true };
+            levels * (1.0 - film) >= MIN_CHANGE_LEVELS + LIGHT_SHARE * levels
+        }
     }
 
     fn settled(&self, broke_s: Vec<f32>, inside: &[bool]) -> (Vec<f32>, Vec<usize>) {

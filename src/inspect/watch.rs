@@ -158,7 +158,7 @@ impl Watch {
         let usable = self.quality.take(&look, steady, &self.settings, since_wet_s);
         let before = self.time_to_break_s.clone();
         if usable {
-            let mut newly = self.model.follow(since_wet_s);
+            let mut newly = self.model.follow(picture, since_wet_s);
             let mut broke_s = since_wet_s;
             if let Some(thesis) = &mut self.thesis {
                 (newly, broke_s) = thesis.wet(picture, since_wet_s, &self.settings, &self.footprint)?;

@@ -1,12 +1,28 @@
 //! Queries of the model: the state of each pixel of the window.
 
 use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, OPEN, RUN};
+use super::light::TILE_PX;
 use super::unseen::was_seen;
 use super::{Mirror, Model};
+use crate::inspect::footprint::Window;
+
+/// A number of grey levels for each tile of the window; none outside of the region.
+pub struct TileLevels {
+    columns: usize,
+    levels: Vec<Option<f64>>,
+}
+
+impl TileLevels {
+    /// That of a pixel of the window.
+    pub fn at(&self, window: &Window, index: usize) -> Option<f64> {
+        let (row, column) = (index / window.width, index % window.width);
+        self.levels[row / TILE_PX * self.columns + column / TILE_PX]
+    }
+}
 
 impl Model {
     /// Block and place in it of a pixel of the window.
-    fn at(&self, index: usize) -> (usize, usize) {
+    pub(super) fn at(&self, index: usize) -> (usize, usize) {
         let (row, column) = (index / self.window.width, index % self.window.width);
         (row * self.columns + column / BLOCK_PX, column % BLOCK_PX)
     }
@@ -25,6 +41,20 @@ impl Model {
             self.kept.as_flattened().iter().zip(self.dry.as_flattened()).filter(|(kept, _)| **kept & INSIDE > 0);
         let (sum, count) = inside.fold((0_u64, 0_u64), |(sum, count), (_, dry)| (sum + u64::from(*dry), count + 1));
         sum as f64 / count.max(1) as f64 / f64::from(LEVEL)
+    }
+
+    /// How bright each tile of the region is when dry.
+    pub fn tile_dry_levels(&self) -> TileLevels {
+        let tiles = self.kept.len() / TILE_PX;
+        let mut sums = vec![(0_u64, 0_u64); tiles];
+        for (block, (kept, dry)) in self.kept.iter().zip(&self.dry).enumerate() {
+            let tile = &mut sums[block / self.columns / TILE_PX * self.columns + block % self.columns];
+            for (_, dry) in kept.iter().zip(dry).filter(|(kept, _)| **kept & INSIDE > 0) {
+                *tile = (tile.0 + u64::from(*dry), tile.1 + 1);
+            }
+        }
+        let mean = |(sum, count): (u64, u64)| (count > 0).then(|| sum as f64 / count as f64 / f64::from(LEVEL));
+        TileLevels { columns: self.columns, levels: sums.into_iter().map(mean).collect() }
     }
 
     /// A pixel's dry brightness, of any unit.

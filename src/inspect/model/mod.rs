@@ -13,6 +13,7 @@
 
 mod answers;
 mod band;
+mod colour;
 mod judging;
 mod kernel;
 mod light;
@@ -28,8 +29,9 @@ mod wetting;
 use super::footprint::Window;
 use crate::geometry::ColorPicture;
 use band::Band;
+use colour::is_of_dry_colour;
 use judging::{Past, Rule};
-use kernel::{Adding, BLOCK_PX, BROKE, Block, CELL_PX, CELLS, INSIDE, LEVEL, NEW, OPEN, Sum};
+use kernel::{Adding, BLOCK_PX, BROKE, Block, CELL_PX, CELLS, INSIDE, LEVEL, NEW, OPEN, RUN, Sum};
 use light::{Light, TILE_PX};
 pub use measurement::PictureMeasurement;
 use mirror::Lamp;
@@ -81,6 +83,8 @@ pub struct Model {
     /// The last dry picture in its channels, and what lies around the panel in it.
     dry_rgb: Vec<[u8; 3]>,
     lamp: Lamp,
+    /// By how much each channel of the lamp is brighter than when the panel was dry, where that is sure.
+    tint: [f64; 3],
     /// Where the film mirrors, all of this instead.
     mirror: Option<Box<Mirror>>,
     /// The times of the pictures that were judged, s; the first stands for the beginning.
@@ -115,6 +119,7 @@ impl Model {
             watching: false,
             dry_rgb: Vec::new(),
             lamp: Lamp::default(),
+            tint: [1.0; 3],
             mirror: None,
             times_s: vec![0.0],
         }
@@ -178,8 +183,9 @@ impl Model {
     }
 
     /// The light of this picture in what is looked at, as what lies around the panel has it; `None` where that is not sure.
-    fn lit_around(&self, picture: &ColorPicture) -> Option<f64> {
+    fn lit_around(&mut self, picture: &ColorPicture) -> Option<f64> {
         let around = self.lamp.at(picture);
+        self.tint = if around.agree >= MIN_AGREE { around.gains } else { [1.0; 3] };
         let weights = self.weights.map(f64::from);
         let lit = (0..3).map(|i| weights[i] * around.gains[i]).sum::<f64>() / f64::from(LEVEL);
         (around.agree >= MIN_AGREE).then_some(lit)
@@ -261,7 +267,7 @@ impl Model {
     }
 
     /// Judges the picture that was looked at last. The pixels that broke now come back, as indices of the window.
-    pub fn follow(&mut self, since_wet_s: f64) -> Vec<usize> {
+    pub fn follow(&mut self, picture: &ColorPicture, since_wet_s: f64) -> Vec<usize> {
         if let Some(mirror) = &mut self.mirror {
             return mirror.follow(since_wet_s);
         }
@@ -272,14 +278,34 @@ impl Model {
         self.light = light;
         let now = self.times_s.len() as u16;
         self.times_s.push(since_wet_s as f32);
-        self.judge(Rule {
+        let broke = self.judge(Rule {
             film_q16: self.film_q16(),
             persist: u16::from(self.persist),
             before: now - 1,
             now,
             brighter_q12: light::q12(brighter),
             notes: BROKE | NEW,
-        })
+        });
+        let (broke, mirrors): (Vec<usize>, Vec<usize>) =
+            broke.into_iter().partition(|&index| self.has_dry_colour(picture, index));
+        mirrors.into_iter().for_each(|index| self.take_back(index));
+        broke
+    }
+
+    /// Whether a pixel of the window has the dry panel's colour; without a dry picture nobody knows better.
+    fn has_dry_colour(&self, picture: &ColorPicture, index: usize) -> bool {
+        let (row, column) = (index / self.window.width, index % self.window.width);
+        let now = picture.rgb[(self.window.top + row) * picture.width + self.window.left + column];
+        self.dry_rgb.get(index).is_none_or(|dry| is_of_dry_colour(now, *dry, self.tint))
+    }
+
+    /// What looked dry was a reflection: it did not break, and in all these pictures it said nothing of its film.
+    fn take_back(&mut self, index: usize) {
+        let (block, at) = self.at(index);
+        self.kept[block][at] &= !(BROKE | NEW | OPEN | RUN);
+        let past = &mut self.past[block];
+        past.unseen[at] += u16::from(self.persist);
+        past.unseen_now[at] += u16::from(self.persist);
     }
 
     /// Each tile's sums, first over a wide band, then about their mean.

@@ -287,3 +287,26 @@ fn mirrored(levels: [[u8; 3]; 3], blocks: &[[usize; 4]]) -> Inspection {
     }
     watch.finish().expect("wet pictures")
 }
+
+/// By hand: the film leaves 55/105 = 0.524 of the dry brightness. Of 12 levels it takes 5.7, fewer than 6 and 2 % of the light; of 16
+/// it takes 7.6, which is enough. The rest of the panel has 105 levels, so that the mean says nothing of that part.
+#[test]
+fn a_part_that_the_film_hardly_changes_cannot_be_judged() {
+    let codes_with = |level: u8| {
+        let shown = |bright: u8, dark: u8| {
+            let mut picture = ColorPicture::filled(WIDTH, HEIGHT, [bright; 3]);
+            picture.rgb.chunks_mut(WIDTH).for_each(|row| row[100..].fill([dark; 3]));
+            picture
+        };
+        let mut watch = watch(0.0, FILM);
+        watch.push(&shown(105, level), 1.0, Phase::Dry).expect("first");
+        let wet = (f64::from(level) * 55.0 / 105.0) as u8;
+        for second in 0..6 {
+            watch.push(&exposed(shown(55, wet), second), 10.0 + second as f64, Phase::Wet).expect("in order");
+        }
+        let inspection = watch.finish().expect("wet pictures");
+        codes(&inspection).into_iter().map(str::to_owned).collect::<Vec<_>>()
+    };
+    assert_eq!(codes_with(12), ["no_contrast"]);
+    assert_eq!(codes_with(16), Vec::<String>::new());
+}

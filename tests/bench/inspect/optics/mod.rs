@@ -82,11 +82,12 @@ fn one(seed: u64, reduction: usize, observed_s: f64, kind: Option<&str>, tally: 
     if let Some(picture) = last {
         save(&picture, seed, &found, &truth, &inspection.footprint.region());
     }
-    tally.take(seed, &scene, &inspection, (&found, &truth));
+    let later = scene.broken(WET_FROM_S + demands.filmed_s());
+    tally.take(seed, &scene, &inspection, [&found, &truth, &later]);
 }
 
 impl Tally {
-    fn take(&mut self, seed: u64, scene: &Scene, inspection: &Inspection, (found, truth): (&Mask, &Mask)) {
+    fn take(&mut self, seed: u64, scene: &Scene, inspection: &Inspection, [found, truth, later]: [&Mask; 3]) {
         let region = inspection.footprint.region();
         let contrast = scene.contrast();
         let faint = |index: usize| contrast[index] < MIN_CONTRAST_LEVELS;
@@ -96,14 +97,18 @@ impl Tally {
         let valid = inspection.judgement.verdict != Verdict::Invalid;
         let iou = score_within(found, truth, &clear).expect("one size").iou;
         let real_mm2 = inspection.footprint.broken_mm2(truth);
+        let later_mm2 = inspection.footprint.broken_mm2(later);
         let min_mm2 = inspection.observation.min_break_mm2;
         let [mut tf, mut ff, mut fp, mut tp] = [0; 4];
-        for (grid, real_mm2) in inspection.grids.iter().zip(&real_mm2).filter(|_| valid) {
-            match (*real_mm2 >= min_mm2, grid.failed) {
-                (true, true) => tf += 1,
-                (false, true) => ff += 1,
-                (true, false) => fp += 1,
-                (false, false) => tp += 1,
+        // A grid is clean whose film holds until the film ends: what breaks after the window is no mistake, found or not.
+        let areas_mm2 = real_mm2.iter().zip(&later_mm2);
+        for (grid, (real_mm2, later_mm2)) in inspection.grids.iter().zip(areas_mm2).filter(|_| valid) {
+            match (*real_mm2 >= min_mm2, *later_mm2 >= min_mm2, grid.failed) {
+                (true, _, true) => tf += 1,
+                (false, false, true) => ff += 1,
+                (true, _, false) => fp += 1,
+                (false, false, false) => tp += 1,
+                (false, true, _) => {}
             }
         }
         let has_break = truth.inside.iter().zip(&clear.inside).any(|(open, clear)| *open && *clear);

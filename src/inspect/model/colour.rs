@@ -1,0 +1,38 @@
+//! Whether a place that is as bright as the dry panel has the dry panel's colour, too.
+//!
+//! A film that mirrors something white adds as much to each channel. On a coloured panel such a place may be as bright as the dry one
+//! and not have its colour. With the channels' levels s, the dry ones d, the lamp's tint t and the place's own light r,
+//!     e = s − r t d,  r = Σ s / Σ t d,        of the dry colour:  max e − min e ≤ 6 levels + max d / 16.       (1)
+//! The bound is four times a camera's noise. On a grey panel (1) always holds: there colour says nothing.
+
+/// What noise makes of (1), grey levels, and as a share of the brightest channel.
+const NOISE_LEVELS: f64 = 6.0;
+const NOISE_SHARE: f64 = 1.0 / 16.0;
+
+/// (1), for a place's channels now and when it was dry.
+pub(super) fn is_of_dry_colour(now: [u8; 3], dry: [u8; 3], tint: [f64; 3]) -> bool {
+    let [now, dry] = [now, dry].map(|rgb| rgb.map(f64::from));
+    let lit: [f64; 3] = std::array::from_fn(|i| tint[i] * dry[i]);
+    let light = now.iter().sum::<f64>() / lit.iter().sum::<f64>().max(1.0);
+    let off: [f64; 3] = std::array::from_fn(|i| now[i] - light * lit[i]);
+    let [most, least] = [f64::max, f64::min].map(|of| off.into_iter().reduce(of).unwrap_or(0.0));
+    most - least <= NOISE_LEVELS + NOISE_SHARE * dry.into_iter().fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand, a red primer of (100, 35, 35) that a film makes (58, 13, 13): with 25 levels of a white reflection it is (83, 38, 38),
+    /// r = 159/170, e = −10.5, 5.3, 5.3, which is 15.8 apart where 12.25 are allowed. On grey the same film is no other colour.
+    #[test]
+    fn a_white_reflection_on_red_has_not_the_dry_colour() {
+        let red = [100, 35, 35];
+        let none = [1.0; 3];
+        assert!(is_of_dry_colour([103, 34, 37], red, none) && is_of_dry_colour([80, 28, 28], red, none));
+        assert!(!is_of_dry_colour([83, 38, 38], red, none));
+        assert!(is_of_dry_colour([57; 3], [57; 3], none));
+        // A lamp that is a fifth redder now makes of dry red (120, 35, 35).
+        assert!(is_of_dry_colour([120, 35, 35], red, [1.2, 1.0, 1.0]));
+    }
+}
