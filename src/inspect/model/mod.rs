@@ -299,13 +299,15 @@ impl Model {
         self.dry_rgb.get(index).is_none_or(|dry| is_of_dry_colour(now, *dry, self.tint))
     }
 
-    /// What looked dry was a reflection: it did not break, and in all these pictures it said nothing of its film.
+    /// What looks dry is a reflection: it did not break, and since it looks dry it has said nothing of its film. Its run stays one picture
+    /// short, so that the next one is looked at as well.
     fn take_back(&mut self, index: usize) {
         let (block, at) = self.at(index);
-        self.kept[block][at] &= !(BROKE | NEW | OPEN | RUN);
-        let past = &mut self.past[block];
-        past.unseen[at] += u16::from(self.persist);
-        past.unseen_now[at] += u16::from(self.persist);
+        let now = self.times_s.len() as u16 - 1;
+        let (kept, past) = (&mut self.kept[block][at], &mut self.past[block]);
+        *kept = *kept & !(BROKE | NEW | OPEN | RUN) | u16::from(self.persist) - 1;
+        past.unseen[at] += 1;
+        past.unseen_now[at] = now - past.since[at];
     }
 
     /// Each tile's sums, first over a wide band, then about their mean.
