@@ -103,9 +103,10 @@ fn stated(words: &str, trials: impl Iterator<Item = Scanned>, range: RangeErrors
     }
     let told = format!(
         "{words}: {accepted} of {count} are accepted, {wrong} of them wrong, {kept} within what is stated ({:.1} %); error over stated {:.2} in \
-         the middle, largest error {:.3} mm",
+         the middle and {:.2} at 95 %, largest error {:.3} mm",
         100.0 * share(kept, accepted),
         quantile(&mut ratios, 0.5),
+        quantile(&mut ratios, 0.95),
         quantile(&mut largest, 1.0)
     );
     row(wrong == 0 && STATED.contains(&share(kept, accepted)), &told)
