@@ -6,7 +6,7 @@
 
 use super::LocateError;
 use super::camera_check::CameraCheck;
-use super::covariance::{PoseCovariance, Weakest, covariance, worst_mm};
+use super::covariance::{PoseCovariance, WITHIN_95_PERCENT, Weakest, covariance, worst_mm};
 use super::fit::{FitInputs, Fitted, Residuals, Samples};
 use super::grid::Motion;
 use super::model::Model;
@@ -16,9 +16,8 @@ use crate::geometry::{Base, Camera, Degrees, Panel, Rigid};
 use crate::panel::panel_from_base_at_teaching;
 use nalgebra::Matrix6;
 
-/// The worst point's error is smaller than this many of its stated standard deviations in 95 % of rendered scans (`make bench-locate`):
-/// of noise that was measured, and of noise that is assumed, which is a third larger than that of those scans.
-const WORST_95_PERCENT: f64 = 2.3;
+/// The worst point's error is smaller than this many of its stated standard deviations in 95 % of rendered scans (`make bench-locate`)
+/// where noise is assumed: that is a third larger than the noise of those scans. What was measured has no such margin.
 const WORST_95_PERCENT_ASSUMED: f64 = 1.7;
 
 /// A pose with its evidence.
@@ -155,7 +154,7 @@ pub(super) fn weigh(
             surface: residuals.surface.len(),
             outline: residuals.colour.len() + residuals.depth.len(),
         })?;
-    let within = if model.range.is_measured { WORST_95_PERCENT } else { WORST_95_PERCENT_ASSUMED };
+    let within = if model.range.is_measured { WITHIN_95_PERCENT } else { WORST_95_PERCENT_ASSUMED };
     let at_worst_mm = |covariance| within * worst_mm(covariance, model, &motion);
     let surface = SurfaceShares::of(&motion, inputs);
     let outline = OutlineShares::of(&residuals, model);

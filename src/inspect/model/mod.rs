@@ -305,7 +305,7 @@ impl Model {
         let (block, at) = self.at(index);
         let now = self.times_s.len() as u16 - 1;
         let (kept, past) = (&mut self.kept[block][at], &mut self.past[block]);
-        *kept = *kept & !(BROKE | NEW | OPEN | RUN) | u16::from(self.persist) - 1;
+        *kept = *kept & !(BROKE | NEW | OPEN | RUN) | (u16::from(self.persist) - 1);
         past.unseen[at] += 1;
         past.unseen_now[at] = now - past.since[at];
     }
