@@ -82,3 +82,36 @@ impl MarkSteps {
         self.brighter[block]?.dot(brighter).ge(&SAME_DIRECTION).then_some(way)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::pieces::pieces;
+    use super::*;
+    use crate::geometry::PinholeCamera;
+
+    const SIDE: usize = 64;
+
+    /// By hand: dark to column 31, bright from there on. Brightness is compared over two pixels to each side, so that columns 30 to 33 have
+    /// the step, and a place in column 20 is ten blocks from it, towards what is brighter and not the other way.
+    #[test]
+    fn the_nearest_step_is_found_where_it_becomes_brighter() {
+        let [fx_px, fy_px, cx_px, cy_px] = [60.0, 60.0, 31.5, 31.5];
+        let [k1, k2, p1, p2, k3] = [0.0; 5];
+        let camera =
+            PinholeCamera { width_px: SIDE, height_px: SIDE, fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3 };
+        let point = |i: usize| {
+            let [x, y] = [i % SIDE, i / SIDE].map(|at| (at as f32 - 31.5) / 60.0 * 700.0);
+            [x, y, 700.0]
+        };
+        let color = |i: usize| if i % SIDE < 32 { [40; 3] } else { [200; 3] };
+        let all = || 0..SIDE * SIDE;
+        let scan = Scan::new(SIDE, SIDE, all().map(point).collect(), all().map(color).collect()).expect("counts");
+        let grid = Grid::of(&scan, &camera);
+        let found = pieces(&grid, &[true; SIDE * SIDE]);
+        let steps = MarkSteps::of(&scan, &grid, &found[0], 14.0);
+        assert_eq!(steps.way([20.0, 30.0], &Vector2::new(1.0, 0.0)), Some([10.0, 0.0]));
+        assert_eq!(steps.way([20.0, 30.0], &Vector2::new(-1.0, 0.0)), None);
+        assert_eq!(steps.way([40.0, 30.0], &Vector2::new(1.0, 0.0)), Some([-7.0, 0.0]));
+        assert_eq!(MarkSteps::of(&scan, &grid, &found[0], 161.0).way([20.0, 30.0], &Vector2::new(1.0, 0.0)), None);
+    }
+}
