@@ -9,7 +9,7 @@ use super::covariance::{WITHIN_95_PERCENT, worst_mm};
 use super::grid::{self, DepthReading, Grid, Motion, Scan, camera_point};
 use super::model::Model;
 use super::profile;
-use super::search::spread_over;
+use super::sampling::spread_over;
 use super::solve::{Constraint, ResidualWeighting, Sums, spread, twisted};
 use super::taught_model::TaughtModel;
 use crate::geometry::{Camera, Frame, OrganizedCloud, Panel, Pixel, Rigid};

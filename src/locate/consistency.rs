@@ -6,7 +6,8 @@
 
 use super::fit::FitInputs;
 use super::grid::Motion;
-use super::search::{PointObservation, observe_point, spread_over};
+use super::sampling::spread_over;
+use super::search::{PointObservation, observe_point};
 use super::{mark_edges, model::Model, outline_edges};
 use crate::geometry::{Camera, Panel, Rigid};
 use rayon::prelude::*;

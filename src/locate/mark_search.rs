@@ -9,7 +9,8 @@ use super::grid::{Grid, Motion, camera_point};
 use super::mark_steps::MarkSteps;
 use super::model::Model;
 use super::outline_edges::outward_px;
-use super::pieces::Piece;
+use super::pieces::{ON_BLOCKS, Piece};
+use super::sampling::spread_over;
 use super::solve::Constraint;
 use nalgebra::{Rotation3, Vector2, Vector3};
 use rayon::prelude::*;
@@ -20,9 +21,8 @@ const SCORE_MARKS: usize = 300;
 /// How far the panel is shifted to each side, as a share of its reach, and from one shift to the next, blocks.
 const SHIFT_REACH: f64 = 0.35;
 const SHIFT_BLOCKS: f64 = 3.0;
-/// A mark is found at a shift within this of a step, and in the end within that, blocks.
+/// A mark is found at a shift within this of a step, blocks.
 const NEAR_BLOCKS: f64 = 2.5;
-const ON_BLOCKS: f64 = 1.8;
 /// Starts that are kept: those of the turns at which the most marks are found.
 const KEPT: usize = 8;
 
@@ -52,13 +52,8 @@ pub(super) fn marks_found(motion: &Motion, model: &Model, grid: &Grid, steps: Op
     let Some(steps) = steps else { return 0.0 };
     let is_on =
         |k: &usize| mark_at(motion, model, grid, steps, *k).is_some_and(|mark| mark.residual.abs() <= ON_BLOCKS);
-    let chosen = || spread(model, SCORE_MARKS);
-    chosen().filter(is_on).count() as f64 / chosen().count().max(1) as f64
-}
-
-fn spread(model: &Model, wanted: usize) -> impl Iterator<Item = usize> {
-    let count = model.marks.points.len();
-    (0..count).step_by(count.div_ceil(wanted).max(1))
+    let chosen = spread_over(model.marks.points.len(), SCORE_MARKS);
+    chosen.iter().filter(|k| is_on(k)).count() as f64 / chosen.len().max(1) as f64
 }
 
 /// Where the panel's middle lies with the most marks found, and how the panel is turned there, for the best of these turns.
@@ -108,7 +103,8 @@ fn best_shift(
         let [x, y] = grid.place(pixel);
         Some(ShiftedMark { place: Vector2::new(x, y), right: slope * right, up: slope * up, brighter })
     };
-    let marks: Vec<ShiftedMark> = spread(model, LOOK_MARKS).filter_map(shifted).collect();
+    let marks: Vec<ShiftedMark> =
+        spread_over(model.marks.points.len(), LOOK_MARKS).into_iter().filter_map(shifted).collect();
     let (px_per_mm, _) = grid.camera.px_per_mm_at(piece.centre.z);
     let step_mm = SHIFT_BLOCKS * grid.factor as f64 / px_per_mm;
     let most = (SHIFT_REACH * piece.reach_mm / step_mm) as i32;

@@ -56,11 +56,11 @@ pub(super) struct MarkSteps {
 }
 
 impl MarkSteps {
-    /// Those of at least so many grey levels in the rectangle that a piece spans.
-    pub fn of(scan: &Scan, grid: &Grid, piece: &Piece, least_levels: f64) -> MarkSteps {
+    /// Those of at least so many grey levels in the rectangle that these pieces span.
+    pub fn of(scan: &Scan, grid: &Grid, pieces: &[Piece], least_levels: f64) -> MarkSteps {
         let place = |block: &u32| [*block as usize % grid.columns, *block as usize / grid.columns];
         let spans = |axis: usize| {
-            let along = || piece.blocks.iter().map(|block| place(block)[axis]);
+            let along = || pieces.iter().flat_map(|piece| &piece.blocks).map(|block| place(block)[axis]);
             along().min().zip(along().max())
         };
         let mut brighter = vec![None; grid.columns * grid.rows];
@@ -108,10 +108,10 @@ mod tests {
         let scan = Scan::new(SIDE, SIDE, all().map(point).collect(), all().map(color).collect()).expect("counts");
         let grid = Grid::of(&scan, &camera);
         let found = pieces(&grid, &[true; SIDE * SIDE]);
-        let steps = MarkSteps::of(&scan, &grid, &found[0], 14.0);
+        let steps = MarkSteps::of(&scan, &grid, &found, 14.0);
         assert_eq!(steps.way([20.0, 30.0], &Vector2::new(1.0, 0.0)), Some([10.0, 0.0]));
         assert_eq!(steps.way([20.0, 30.0], &Vector2::new(-1.0, 0.0)), None);
         assert_eq!(steps.way([40.0, 30.0], &Vector2::new(1.0, 0.0)), Some([-7.0, 0.0]));
-        assert_eq!(MarkSteps::of(&scan, &grid, &found[0], 161.0).way([20.0, 30.0], &Vector2::new(1.0, 0.0)), None);
+        assert_eq!(MarkSteps::of(&scan, &grid, &found, 161.0).way([20.0, 30.0], &Vector2::new(1.0, 0.0)), None);
     }
 }

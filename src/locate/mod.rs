@@ -30,6 +30,7 @@ mod pieces;
 mod point_to_point;
 mod profile;
 pub mod refine;
+mod sampling;
 mod scan_errors;
 mod scatter;
 mod search;

@@ -15,6 +15,8 @@ use nalgebra::Vector3;
 pub(super) const MIN_BLOCKS: usize = 40;
 /// Depth is compared this far beyond the border, blocks: between, pixels have no depth or a flying one.
 const BEYOND: isize = 3;
+/// A line lies on a border, or on a step of brightness, within this, blocks.
+pub(super) const ON_BLOCKS: f64 = 1.8;
 /// Patches of missing points are no wider than this, blocks.
 const WIDEST_HOLE: isize = 80;
 const NONE: u32 = u32::MAX;

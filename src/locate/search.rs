@@ -4,14 +4,16 @@
 //! normal, and at some shifts, since part of the piece may be occluded. Each of these starts is moved by the surface and by
 //! the piece's true border to its local optimum. Its score counts in both directions: taught points that lie on the scan against
 //! those that the scan sees through; outline points on the border; the piece's points that the taught panel covers. No features
-//! are used, as a smooth panel has none; but where much of a panel with marks gives no points, the borders of marks take part (`mark_search`).
+//! are used, as a smooth panel has none; but where much of a panel with marks gives no points, the borders of marks take part
+//! (`mark_search`).
 
 use super::grid::{DepthReading, Grid, Motion, Scan, camera_point};
 use super::mark_search::{mark_at, marks_found, starts};
 use super::mark_steps::MarkSteps;
 use super::model::Model;
 use super::outline_edges::outward_px;
-use super::pieces::{Border, Piece, points, seen_from};
+use super::pieces::{Border, ON_BLOCKS, Piece, points, seen_from};
+use super::sampling::spread_over;
 use super::solve::{Constraint, ResidualWeighting, Sums, twisted};
 use super::taught_marks::LEAST_STEP;
 use crate::geometry::{Camera, Panel, Rigid};
@@ -43,9 +45,8 @@ const FIRST_REACH_MM: f64 = 20.0;
 const LAST_REACH_MM: f64 = 2.0;
 const FIRST_REACH_BLOCKS: f64 = 30.0;
 const LAST_REACH_BLOCKS: f64 = 3.0;
-/// A taught point lies on the scan within this, mm; a point of the outline on a border within this, blocks.
+/// A taught point lies on the scan within this, mm.
 const ON_MM: f64 = 1.5;
-const ON_BLOCKS: f64 = 1.8;
 /// Distance from the outline at which missing points are looked for, mm.
 const BESIDE_MM: f64 = 3.0;
 /// Hypotheses closer than this are the same, as a share of the panel's extent.
@@ -78,27 +79,14 @@ enum By<'a> {
 }
 
 /// A piece's true border, and the steps of brightness beside it where marks are looked for.
-struct Lines {
+struct Lines<'a> {
     border: Border,
-    steps: Option<MarkSteps>,
+    steps: Option<&'a MarkSteps>,
 }
 
 /// How many hypotheses are fitted.
 pub(super) fn kept(model: &Model) -> usize {
     if model.is_patchy() { KEPT_OF_PATCHES } else { KEPT }
-}
-
-/// Evenly spread places of a list: multiples of the golden section, which leave no rows out.
-pub(super) fn spread_over(count: usize, wanted: usize) -> Vec<usize> {
-    if wanted >= count {
-        return (0..count).collect();
-    }
-    const GOLDEN: f64 = 0.618_033_988_749_895;
-    let mut places: Vec<usize> =
-        (0..wanted).map(|k| ((k as f64 * GOLDEN).fract() * count as f64) as usize).collect();
-    places.sort_unstable();
-    places.dedup();
-    places
 }
 
 /// Starts: single pieces, and several as one where something parts the panel.
@@ -127,12 +115,10 @@ pub(super) fn reach_mm(model: &Model) -> f64 {
 pub(super) fn search(model: &Model, (grid, scan): (&Grid, &Scan), pieces: &[Piece]) -> Vec<PoseHypothesis> {
     let reach_mm = reach_mm(model);
     let mut found: Vec<PoseHypothesis> = Vec::new();
+    let by_marks = model.is_patchy() && !model.marks.points.is_empty();
+    let steps = by_marks.then(|| MarkSteps::of(scan, grid, pieces, LEAST_STEP));
     for piece in pieces {
-        let lines = Lines {
-            border: Border::of(grid, piece, model.is_patchy()),
-            steps: (model.is_patchy() && !model.marks.points.is_empty())
-                .then(|| MarkSteps::of(scan, grid, piece, LEAST_STEP)),
-        };
+        let lines = Lines { border: Border::of(grid, piece, model.is_patchy()), steps: steps.as_ref() };
         let begun = |turn: usize| best_shift(model, grid, piece, turn as f64 / TURNS as f64, reach_mm);
         let ended = |start: Rigid<Camera, Panel>, by: By<'_>| {
             let camera_from_panel = move_onto(start, model, grid, by)?;
@@ -140,7 +126,7 @@ pub(super) fn search(model: &Model, (grid, scan): (&Grid, &Scan), pieces: &[Piec
         };
         let by_border = (0..TURNS).into_par_iter().map(|turn| ended(begun(turn)?, By::Border(&lines.border)));
         let mut of_piece: Vec<Option<PoseHypothesis>> = by_border.collect();
-        if let Some(steps) = &lines.steps {
+        if let Some(steps) = lines.steps {
             let turns = (0..MARK_TURNS).map(|turn| turned(model, piece, turn as f64 / MARK_TURNS as f64));
             let by_marks = starts(model, (grid, steps), piece, turns.collect()).into_iter();
             of_piece.extend(by_marks.map(|(centre, turn)| ended(centred(model, centre, &turn), By::Marks(steps))));
@@ -281,7 +267,7 @@ fn is_unknown_beside(motion: &Motion, model: &Model, grid: &Grid, k: usize) -> b
 }
 
 /// How well a pose explains the scan, in both directions.
-fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piece, lines: &Lines) -> f64 {
+fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piece, lines: &Lines<'_>) -> f64 {
     let motion = Motion::of(placed);
     let chosen = spread_over(model.points.len(), SCORE_POINTS);
     let of_point = |&i: &usize| match observe_point(&motion, model, grid, i) {
@@ -306,7 +292,7 @@ fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piec
     };
     let outline = edges.iter().map(of_edge).sum::<f64>() / edges.len() as f64;
     let covered = covered(&motion, model, grid, piece, 400);
-    surface + outline + covered + marks_found(&motion, model, grid, lines.steps.as_ref())
+    surface + outline + covered + marks_found(&motion, model, grid, lines.steps)
 }
 
 /// What a scan shows of a taught point at a pose.

@@ -1,0 +1,14 @@
+//! Which of many points are looked at.
+
+/// Evenly spread places of a list: multiples of the golden section, which leave no rows out.
+pub(super) fn spread_over(count: usize, wanted: usize) -> Vec<usize> {
+    if wanted >= count {
+        return (0..count).collect();
+    }
+    const GOLDEN: f64 = 0.618_033_988_749_895;
+    let mut places: Vec<usize> =
+        (0..wanted).map(|k| ((k as f64 * GOLDEN).fract() * count as f64) as usize).collect();
+    places.sort_unstable();
+    places.dedup();
+    places
+}
