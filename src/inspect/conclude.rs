@@ -66,7 +66,12 @@ impl Watch {
             model.mirror().map_or_else(Vec::new, |mirror| alike(self.footprint.window(), &since_wet_s, mirror));
         let mut is_alike = vec![false; inside.len()];
         alike.into_iter().for_each(|index| (since_wet_s[index], is_alike[index]) = (NEVER, true));
-        let is_clear = self.clear_tiles();
+        // A film that takes the same fraction everywhere takes too little where the panel is dark.
+        let (film, tiles) = (model.film(), model.tile_dry_levels());
+        let is_clear = |i: usize| {
+            film.zip(tiles[model.tile_of(i)])
+                .is_none_or(|(film, levels)| levels * (1.0 - film) >= MIN_CHANGE_LEVELS + LIGHT_SHARE * levels)
+        };
         let has_contrast = |i: usize| model.has_contrast(i) && (model.broke_s(i).is_some() || is_clear(i));
         let faint = (0..inside.len()).filter(|&i| inside[i] && model.sees(i) && (is_alike[i] || !has_contrast(i)));
         let mut faint_mm2 = vec![0.0; self.broken_mm2.len()];
@@ -93,17 +98,6 @@ impl Watch {
         let closed = |index: usize| !is_thesis && !model.is_open(index) && model.broke_s(index).is_some();
         let breaks = breaks(&self.footprint, &since_wet_s, closed)?;
         Ok(Inspection { checks, judgement, observation, breaks, grids, footprint: self.footprint, since_wet_s })
-    }
-
-    /// Whether the film changes the tile of a pixel by enough, where it takes the same fraction everywhere.
-    fn clear_tiles(&self) -> impl Fn(usize) -> bool + use<> {
-        let tiles = self.model.tile_dry_levels();
-        let film = self.model.film();
-        let window = *self.footprint.window();
-        move |index: usize| {
-            let (Some(film), Some(levels)) = (film, tiles.at(&window, index)) else { return true };
-            levels * (1.0 - film) >= MIN_CHANGE_LEVELS + LIGHT_SHARE * levels
-        }
     }
 
     fn settled(&self, broke_s: Vec<f32>, inside: &[bool]) -> (Vec<f32>, Vec<usize>) {

@@ -387,14 +387,18 @@ mod tests {
     /// As much is seen as is needed, but not in one place: that is no matter of how much is seen.
     #[test]
     fn an_outline_that_does_not_agree_is_told_from_one_that_is_not_seen() {
-        let told = |worst: f64| {
+        let told = |flaw: Flaw, worst: f64| {
             let mut observation = good();
             (observation.quality.usable, observation.quality.longest_unseen_s) = (7, 6.0);
-            observation.quality.flawed[Flaw::Outline as usize] = Flawed { pictures: 3, worst };
+            observation.quality.flawed[flaw as usize] = Flawed { pictures: 3, worst };
             let judgement = judge(&observation, &[], &DEMANDS, &inspect_table("")).judgement;
             judgement.reasons[0].message.clone()
         };
-        assert!(told(24.0).contains("as little as 24 % of the panel's outline can be seen (needed 25 %)"));
-        assert!(told(25.0).contains("what can be seen of the panel's outline does not agree on where it lies"));
+        assert!(
+            told(Flaw::Outline, 24.0)
+                .contains("as little as 24 % of the panel's outline can be seen (needed 25 %)")
+        );
+        let disagrees = told(Flaw::OutlineDisagrees, 0.0);
+        assert!(disagrees.contains("what can be seen of the panel's outline does not agree on where it lies"));
     }
 }

@@ -31,6 +31,8 @@ pub enum Flaw {
     Frozen,
     /// Too little of the outline is seen to tell whether the panel moved.
     Outline,
+    /// What is seen of it does not agree on where the panel lies.
+    OutlineDisagrees,
 }
 
 impl Flaw {
@@ -45,7 +47,7 @@ impl Flaw {
             Flaw::Moved => "moved",
             Flaw::Focus => "focus",
             Flaw::Frozen => "frozen",
-            Flaw::Outline => "outline",
+            Flaw::Outline | Flaw::OutlineDisagrees => "outline",
         }
     }
 }
@@ -151,7 +153,7 @@ fn flaw(look: &PictureMeasurement, outline: OutlineMeasurement, settings: &recip
     let (blurred, moved_px, seen_percent) = match outline {
         OutlineMeasurement::Measured(steady) => (Some(steady.sharpness), steady.moved_px, None),
         OutlineMeasurement::Lost(seen_percent) => (None, 0.0, Some(seen_percent)),
-        OutlineMeasurement::NoContrast => (None, 0.0, None),
+        OutlineMeasurement::Disagrees | OutlineMeasurement::NoContrast => (None, 0.0, None),
     };
     let tests = [
         (look.frozen, Flaw::Frozen, 0.0),
@@ -162,6 +164,7 @@ fn flaw(look: &PictureMeasurement, outline: OutlineMeasurement, settings: &recip
         (look.told < MIN_TOLD, Flaw::Untold, look.told * 100.0),
         (moved_px > settings.max_moved_px(), Flaw::Moved, moved_px),
         (seen_percent.is_some(), Flaw::Outline, seen_percent.unwrap_or(0.0)),
+        (outline == OutlineMeasurement::Disagrees, Flaw::OutlineDisagrees, 0.0),
     ];
     tests.into_iter().find(|(has, ..)| *has).map(|(_, flaw, measured)| (flaw, measured))
 }
@@ -208,6 +211,8 @@ mod tests {
             [Some(Flaw::Focus), Some(Flaw::Outline)],
             "gone, neither blurred nor moved"
         );
+        let disagrees = flaw(&GOOD, OutlineMeasurement::Disagrees, &settings).map(|(flaw, _)| flaw);
+        assert_eq!(disagrees, Some(Flaw::OutlineDisagrees));
         assert_eq!(
             flaw(
                 &PictureMeasurement { film_left: 0.5, light: 1.41, ..GOOD },

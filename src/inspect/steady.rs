@@ -59,6 +59,8 @@ pub enum OutlineMeasurement {
     NoContrast,
     /// Too little of the first picture's outline is seen to say whether it moved: so many percent of it.
     Lost(f64),
+    /// Enough of it is seen, and what is seen does not lie as one panel that moved would.
+    Disagrees,
     /// The outline is seen.
     Measured(Steadiness),
 }
@@ -192,8 +194,7 @@ impl Outline {
         if is_held && agree.len() as f64 >= MIN_AGREE * shifts.len() as f64 {
             OutlineMeasurement::Measured(steadiness(&seen))
         } else {
-            // What agrees is what is seen of it.
-            OutlineMeasurement::Lost(percent(agree.len(), pairs.len()).min(MIN_SEEN_PERCENT[1]))
+            OutlineMeasurement::Disagrees
         }
     }
 }

@@ -23,15 +23,11 @@ pub(super) fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings:
         Flaw::Bright => (settings.max_bright_percent(), 1),
         Flaw::Moved => (settings.max_moved_px(), 1),
         Flaw::Focus => (MIN_SHARPNESS, 2),
-        Flaw::Frozen => (0.0, 0),
+        Flaw::Frozen | Flaw::OutlineDisagrees => (0.0, 0),
         Flaw::Outline => (LEAST_SEEN_PERCENT, 0),
     };
-    let disagrees = flaw == Flaw::Outline && worst >= limit;
     let [worst, limit] = apart(worst, limit, decimals);
     match flaw {
-        Flaw::Outline if disagrees => "what can be seen of the panel's outline does not agree on where it lies, so that nobody \
-                                       knows whether it moved; give it contrast to what lies beside it, in any colour"
-            .to_owned(),
         Flaw::Darker => {
             format!(
                 "the light is up to {worst} % less than the dry picture's (allowed {limit} %); keep the lamp steady"
@@ -54,6 +50,11 @@ pub(super) fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings:
             "as little as {worst} % of the panel's outline can be seen (needed {limit} %), so that nobody knows whether it moved; \
              give it contrast to what lies beside it, in any colour"
         ),
+        Flaw::OutlineDisagrees => {
+            "what can be seen of the panel's outline does not agree on where it lies, so that nobody \
+                                   knows whether it moved; give it contrast to what lies beside it, in any colour"
+                .to_owned()
+        }
         Flaw::Frozen => "they are bit for bit the picture before; the camera stands still".to_owned(),
     }
 }

@@ -4,21 +4,6 @@ use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, OPEN, RUN};
 use super::light::TILE_PX;
 use super::unseen::was_seen;
 use super::{Mirror, Model};
-use crate::inspect::footprint::Window;
-
-/// A number of grey levels for each tile of the window; none outside of the region.
-pub struct TileLevels {
-    columns: usize,
-    levels: Vec<Option<f64>>,
-}
-
-impl TileLevels {
-    /// That of a pixel of the window.
-    pub fn at(&self, window: &Window, index: usize) -> Option<f64> {
-        let (row, column) = (index / window.width, index % window.width);
-        self.levels[row / TILE_PX * self.columns + column / TILE_PX]
-    }
-}
 
 impl Model {
     /// Block and place in it of a pixel of the window.
@@ -43,10 +28,15 @@ impl Model {
         sum as f64 / count.max(1) as f64 / f64::from(LEVEL)
     }
 
-    /// How bright each tile of the region is when dry.
-    pub fn tile_dry_levels(&self) -> TileLevels {
-        let tiles = self.kept.len() / TILE_PX;
-        let mut sums = vec![(0_u64, 0_u64); tiles];
+    /// The tile of a pixel of the window, as [`Model::tile_dry_levels`] has them.
+    pub fn tile_of(&self, index: usize) -> usize {
+        let (row, column) = (index / self.window.width, index % self.window.width);
+        row / TILE_PX * self.columns + column / TILE_PX
+    }
+
+    /// How bright each tile of the region is when dry, grey levels; `None` where none of the region lies in it.
+    pub fn tile_dry_levels(&self) -> Vec<Option<f64>> {
+        let mut sums = vec![(0_u64, 0_u64); self.kept.len() / TILE_PX];
         for (block, (kept, dry)) in self.kept.iter().zip(&self.dry).enumerate() {
             let tile = &mut sums[block / self.columns / TILE_PX * self.columns + block % self.columns];
             for (_, dry) in kept.iter().zip(dry).filter(|(kept, _)| **kept & INSIDE > 0) {
@@ -54,7 +44,7 @@ impl Model {
             }
         }
         let mean = |(sum, count): (u64, u64)| (count > 0).then(|| sum as f64 / count as f64 / f64::from(LEVEL));
-        TileLevels { columns: self.columns, levels: sums.into_iter().map(mean).collect() }
+        sums.into_iter().map(mean).collect()
     }
 
     /// A pixel's dry brightness, of any unit.

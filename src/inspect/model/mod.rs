@@ -169,7 +169,10 @@ impl Model {
             frozen,
             film_left: self.wetting.film,
         };
-        let around = self.lit_around(picture);
+        let around = self.lamp.at(picture);
+        let gains = (around.agree >= MIN_AGREE).then_some(around.gains);
+        self.tint = gains.unwrap_or([1.0; 3]);
+        let around = gains.map(|gains| self.lit_by(gains));
         if is_first && self.is_mirror(&light, around) {
             let place = (self.window, self.columns);
             let lamp = (std::mem::take(&mut self.lamp), self.persist);
@@ -182,13 +185,9 @@ impl Model {
         look
     }
 
-    /// The light of this picture in what is looked at, as what lies around the panel has it; `None` where that is not sure.
-    fn lit_around(&mut self, picture: &ColorPicture) -> Option<f64> {
-        let around = self.lamp.at(picture);
-        self.tint = if around.agree >= MIN_AGREE { around.gains } else { [1.0; 3] };
-        let weights = self.weights.map(f64::from);
-        let lit = (0..3).map(|i| weights[i] * around.gains[i]).sum::<f64>() / f64::from(LEVEL);
-        (around.agree >= MIN_AGREE).then_some(lit)
+    /// The light in what is looked at, of a lamp whose channels are so bright.
+    fn lit_by(&self, gains: [f64; 3]) -> f64 {
+        (0..3).map(|i| f64::from(self.weights[i]) * gains[i]).sum::<f64>() / f64::from(LEVEL)
     }
 
     /// Whether the first wet picture shows places that are neither dry nor as much darker as the film makes the others.
