@@ -21,17 +21,28 @@ pub(super) async fn connect(address: &Address) -> Result<(TcpStream, TcpStream),
 
 async fn open(channel: Channel, host: &str, port: u16) -> Result<TcpStream, LinkLoss> {
     let address = format!("{host}:{port}");
-    let waited_ms = CONNECT.as_millis() as u64;
     let stream = match tokio::time::timeout(CONNECT, TcpStream::connect((host, port))).await {
         Ok(Ok(stream)) => stream,
-        Ok(Err(error)) if error.kind() == ErrorKind::ConnectionRefused => {
-            return Err(LinkLoss::Refused { channel, address });
-        }
-        Ok(Err(error)) if error.kind() != ErrorKind::TimedOut => return Err(failed(channel, &error)),
-        Ok(Err(_)) | Err(_) => return Err(LinkLoss::NoAnswer { channel, address, waited_ms }),
+        Ok(Err(error)) => return Err(refused_by(&error, channel, address)),
+        Err(_) => return Err(no_answer(channel, address)),
     };
     set_up(&stream).map_err(|error| failed(channel, &error))?;
     Ok(stream)
+}
+
+/// Why there is no connection. Where a cable is out, the next host or the system itself says that there is no way, and nobody answers.
+fn refused_by(error: &IoError, channel: Channel, address: String) -> LinkLoss {
+    match error.kind() {
+        ErrorKind::ConnectionRefused => LinkLoss::Refused { channel, address },
+        ErrorKind::TimedOut | ErrorKind::HostUnreachable | ErrorKind::NetworkUnreachable => {
+            no_answer(channel, address)
+        }
+        _ => failed(channel, error),
+    }
+}
+
+fn no_answer(channel: Channel, address: String) -> LinkLoss {
+    LinkLoss::NoAnswer { channel, address, waited_ms: CONNECT.as_millis() as u64 }
 }
 
 fn set_up(stream: &TcpStream) -> Result<(), IoError> {
@@ -67,5 +78,20 @@ mod tests {
         let other =
             failed(Channel::Command, &IoError::from_raw_os_error(rustix::io::Errno::NETUNREACH.raw_os_error()));
         assert!(!other.to_string().contains("network.conf"), "{other}");
+    }
+
+    /// As the kernel says it where a cable is out, and where nothing listens.
+    #[test]
+    fn a_host_that_cannot_be_reached_does_not_answer() {
+        let loss = |errno: rustix::io::Errno| {
+            let error = IoError::from_raw_os_error(errno.raw_os_error());
+            refused_by(&error, Channel::Command, "192.0.2.7:54600".to_owned())
+        };
+        for errno in [rustix::io::Errno::HOSTUNREACH, rustix::io::Errno::NETUNREACH, rustix::io::Errno::TIMEDOUT] {
+            let said = loss(errno).to_string();
+            assert!(said.contains("192.0.2.7:54600 does not answer") && said.contains("the cable in"), "{said}");
+        }
+        assert!(matches!(loss(rustix::io::Errno::CONNREFUSED), LinkLoss::Refused { .. }));
+        assert!(matches!(loss(rustix::io::Errno::PERM), LinkLoss::System { .. }));
     }
 }
