@@ -19,6 +19,8 @@ pub enum Flaw {
     Darker,
     /// There is more; or is it a film that broke all over?
     Brighter,
+    /// The lamp flickers, and whether it or water darkened what lies around the panel cannot be told.
+    Flicker,
     /// What is brighter or darker is no light: too little of the region is as one light would have it.
     Untold,
     /// Glints or overexposure hide too much.
@@ -42,7 +44,7 @@ impl Flaw {
     /// Its stable word.
     pub fn word(self) -> &'static str {
         match self {
-            Flaw::Darker | Flaw::Brighter | Flaw::Untold => "light",
+            Flaw::Darker | Flaw::Brighter | Flaw::Flicker | Flaw::Untold => "light",
             Flaw::Bright => "bright",
             Flaw::Moved => "moved",
             Flaw::Focus => "focus",
@@ -161,6 +163,7 @@ fn flaw(look: &PictureMeasurement, outline: OutlineMeasurement, settings: &recip
         (hidden > settings.max_bright_percent(), Flaw::Bright, hidden),
         (darker > settings.max_light_change_percent(), Flaw::Darker, darker),
         (brighter > most_brighter_percent(look.film_left, settings), Flaw::Brighter, brighter),
+        (look.flicker_percent > 0.0, Flaw::Flicker, look.flicker_percent),
         (look.told < MIN_TOLD, Flaw::Untold, look.told * 100.0),
         (moved_px > settings.max_moved_px(), Flaw::Moved, moved_px),
         (seen_percent.is_some(), Flaw::Outline, seen_percent.unwrap_or(0.0)),
@@ -175,8 +178,14 @@ mod tests {
     use super::super::tests::inspect_table;
     use super::*;
 
-    const GOOD: PictureMeasurement =
-        PictureMeasurement { light: 1.0, told: 1.0, hidden: 0.0, frozen: false, film_left: 0.6 };
+    const GOOD: PictureMeasurement = PictureMeasurement {
+        light: 1.0,
+        told: 1.0,
+        hidden: 0.0,
+        frozen: false,
+        film_left: 0.6,
+        flicker_percent: 0.0,
+    };
     const STEADY: Steadiness = Steadiness { moved_px: 0.0, sharpness: 1.0 };
 
     /// By hand, at both sides of each limit of the recipe's defaults; (1/0.6 − 1)/2 = 33.3 % more light.
@@ -193,6 +202,7 @@ mod tests {
                 PictureMeasurement { light: 1.34, ..GOOD },
                 Flaw::Brighter,
             ),
+            (GOOD, PictureMeasurement { flicker_percent: 2.0, ..GOOD }, Flaw::Flicker),
             (PictureMeasurement { told: 0.5, ..GOOD }, PictureMeasurement { told: 0.49, ..GOOD }, Flaw::Untold),
             (
                 PictureMeasurement { hidden: 0.049, ..GOOD },

@@ -23,6 +23,7 @@ pub(super) fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings:
         Flaw::Bright => (settings.max_bright_percent(), 1),
         Flaw::Moved => (settings.max_moved_px(), 1),
         Flaw::Focus => (MIN_SHARPNESS, 2),
+        Flaw::Flicker => (0.0, 1),
         Flaw::Frozen | Flaw::OutlineDisagrees => (0.0, 0),
         Flaw::Outline => (LEAST_SEEN_PERCENT, 0),
     };
@@ -36,6 +37,11 @@ pub(super) fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings:
         Flaw::Brighter => format!(
             "the light is up to {worst} % more than the dry picture's (allowed {limit} %, beyond which it could be a film that \
              broke all over); keep the lamp steady and other light away"
+        ),
+        Flaw::Flicker => format!(
+            "the light goes up and down by {worst} % from picture to picture while what lies around the panel became much \
+             darker or brighter, so that nobody knows which of lamp and water made it so; set the exposure to a multiple of 10 ms where the \
+             mains have 50 Hz and of 8.33 ms at 60 Hz, or use a lamp that does not flicker"
         ),
         Flaw::Untold => format!(
             "as little as {worst} % of the region is as bright as wet and dry places are in one light (needed {limit} %); keep \

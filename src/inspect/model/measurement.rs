@@ -13,4 +13,6 @@ pub struct PictureMeasurement {
     pub frozen: bool,
     /// τ, read from the clip or assumed.
     pub film_left: f64,
+    /// By how much the lamp flickers, where it or water changed the surroundings and nobody knows which; else 0. Percent.
+    pub flicker_percent: f64,
 }

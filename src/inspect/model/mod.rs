@@ -34,8 +34,8 @@ use judging::{Past, Rule};
 use kernel::{Adding, BLOCK_PX, BROKE, Block, CELL_PX, CELLS, INSIDE, LEVEL, NEW, OPEN, RUN, Sum};
 use light::{Light, TILE_PX};
 pub use measurement::PictureMeasurement;
-use mirror::Lamp;
 pub use mirror::Mirror;
+use mirror::{Lamp, MIN_AGREE};
 use rayon::prelude::*;
 use region::{HIDDEN_EVERY, LIGHT_EVERY, Region};
 use std::ops::Range;
@@ -55,8 +55,6 @@ const MOST_ODD: f64 = 0.03;
 const MOST_WRONG_DRY: f64 = 0.005;
 const WRONG_DRY: f64 = 0.04;
 
-/// So much of what lies around the panel must agree on the light.
-const MIN_AGREE: f64 = 0.7;
 /// More pictures than these are not counted.
 pub const MOST_PICTURES: usize = u16::MAX as usize;
 
@@ -162,14 +160,15 @@ impl Model {
             (false, self.sums(WIDE_Q10))
         };
         let light = self.light.found(&sums, &self.region.inside);
+        let around = self.lamp.at(picture);
         let look = PictureMeasurement {
             light: light.global,
             told: light.share,
             hidden: self.hidden_under(light.global),
             frozen,
             film_left: self.wetting.film,
+            flicker_percent: around.flicker_percent,
         };
-        let around = self.lamp.at(picture);
         let gains = (around.agree >= MIN_AGREE).then_some(around.gains);
         self.tint = gains.unwrap_or([1.0; 3]);
         let around = gains.map(|gains| self.lit_by(gains));

@@ -2,7 +2,6 @@
 
 use super::judging::Rule;
 use super::kernel::{HIDDEN, INSIDE, LEVEL, OPEN, RUN};
-use super::mirror::Lamp;
 use super::region::Region;
 use super::wetting::{FILM_ASSUMED, FILM_BINS};
 use super::{Model, WIDE_Q10};
@@ -46,7 +45,7 @@ impl Model {
         let rows = (window.top..window.top + window.height).map(|row| row * picture.width + window.left);
         self.dry_rgb.clear();
         rows.for_each(|first| self.dry_rgb.extend_from_slice(&picture.rgb[first..first + window.width]));
-        self.lamp = Lamp::around(&window, picture);
+        self.lamp.and_around(&window, picture);
     }
 
     /// Whether a dry picture was taken.
@@ -59,6 +58,7 @@ impl Model {
         if !self.has_dry() {
             return;
         }
+        self.lamp.at(picture);
         self.read_and_settle(picture);
     }
 

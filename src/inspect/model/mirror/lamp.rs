@@ -3,6 +3,12 @@
 //! There nothing mirrors and little becomes wet, so that each channel's median of brightness over dry brightness is its light.
 //! Lamps on the mains tint pictures whose exposure is no multiple of half of the mains' period, each channel by its own share:
 //! phosphors are slow, the diode that feeds them is not. Taken channel by channel, that beat is light like any other.
+//!
+//! What became wet around the panel is darker, too, as if the lamp were. Water changes it slowly, in one direction, or once; a lamp that
+//! beats changes to and fro. With the light g of a channel in picture k and its change Δₖ = ln gₖ − ln gₖ₋₁, a swing is
+//!     sₖ = min(|Δₖ|, |Δₖ₋₁|)  where Δₖ Δₖ₋₁ < 0,                                                                       (1)
+//! and a lamp flickers where a quarter of the pictures has a swing of [`MIN_SWING`] and more. Nobody knows of it whether it or water
+//! made the surroundings darker.
 
 use crate::geometry::{ColorPicture, median};
 use crate::inspect::footprint::Window;
@@ -18,11 +24,32 @@ const LEVELS: std::ops::RangeInclusive<u8> = 16..=235;
 const PLAUSIBLE: std::ops::Range<f64> = 0.77..1.3;
 /// A place agrees where it is this near to the median.
 const NEAR: f64 = 0.08;
+/// A lamp that flickers changes by so much from picture to picture and back, so often.
+const MIN_SWING: f64 = 0.02;
+const MIN_SWINGS: u32 = 3;
+/// So much of what lies around the panel must agree on the light.
+pub const MIN_AGREE: f64 = 0.7;
 
 /// What lies around the panel, in the dry picture.
 #[derive(Debug, Clone, Default)]
 pub struct Lamp {
     places: Vec<(usize, [f64; 3])>,
+    flicker: Flicker,
+}
+
+/// How the light of each channel changed from picture to picture, with its swings (1).
+#[derive(Debug, Clone, Copy, Default)]
+struct Flicker {
+    pictures: u32,
+    channels: [Swings; 3],
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Swings {
+    last: f64,
+    change: f64,
+    count: u32,
+    sum: f64,
 }
 
 /// The light of one picture.
@@ -32,6 +59,8 @@ pub struct Lit {
     pub gains: [f64; 3],
     /// The share of the places that agree; 0 of too few, and where no lamp is like that.
     pub agree: f64,
+    /// The mean swing of a lamp that flickers, where the places agree on a light that no lamp has; else 0. Percent.
+    pub flicker_percent: f64,
 }
 
 impl Lamp {
@@ -55,13 +84,21 @@ impl Lamp {
                 }
             }
         }
-        Lamp { places }
+        Lamp { places, flicker: Flicker::default() }
     }
 
-    /// The light of this picture.
-    pub fn at(&self, picture: &ColorPicture) -> Lit {
+    /// Around this window in the next dry picture.
+    pub fn and_around(&mut self, window: &Window, dry: &ColorPicture) {
+        self.at(dry);
+        let mut flicker = self.flicker;
+        flicker.channels.iter_mut().for_each(|swings| swings.last = 0.0);
+        *self = Lamp { flicker, ..Lamp::around(window, dry) };
+    }
+
+    /// The light of the next picture.
+    pub fn at(&mut self, picture: &ColorPicture) -> Lit {
         if self.places.len() < MIN_PLACES {
-            return Lit { gains: [1.0; 3], agree: 0.0 };
+            return Lit { gains: [1.0; 3], agree: 0.0, flicker_percent: 0.0 };
         }
         let mut ratios = [0, 1, 2].map(|i| -> Vec<f64> {
             self.places.iter().map(|(index, dry)| (f64::from(picture.rgb[*index][i]) + 0.01) / dry[i]).collect()
@@ -71,10 +108,29 @@ impl Lamp {
             .iter()
             .zip(gains)
             .flat_map(|(ratios, gain)| ratios.iter().map(move |ratio| (ratio / gain - 1.0).abs() < NEAR));
-        if !gains.iter().all(|gain| PLAUSIBLE.contains(gain)) {
-            return Lit { gains, agree: 0.0 };
+        let agree = near.filter(|near| *near).count() as f64 / (3 * self.places.len()) as f64;
+        let flicker_percent = self.flicker.and(gains);
+        if gains.iter().all(|gain| PLAUSIBLE.contains(gain)) {
+            return Lit { gains, agree, flicker_percent: 0.0 };
         }
-        Lit { gains, agree: near.filter(|near| *near).count() as f64 / (3 * self.places.len()) as f64 }
+        Lit { gains, agree: 0.0, flicker_percent: if agree < MIN_AGREE { 0.0 } else { flicker_percent } }
+    }
+}
+
+impl Flicker {
+    /// By how much the lamp flickers with this picture, in the channel in which it does most, percent; 0 where it does not.
+    fn and(&mut self, gains: [f64; 3]) -> f64 {
+        self.pictures += 1;
+        for (swings, gain) in self.channels.iter_mut().zip(gains) {
+            let change = gain.ln() - swings.last;
+            let swing = if change * swings.change < 0.0 { change.abs().min(swings.change.abs()) } else { 0.0 };
+            swings.count += u32::from(swing >= MIN_SWING);
+            swings.sum += if swing >= MIN_SWING { swing } else { 0.0 };
+            (swings.last, swings.change) = (gain.ln(), change);
+        }
+        let flickers = |swings: &&Swings| swings.count >= MIN_SWINGS.max(self.pictures / 4);
+        let means = self.channels.iter().filter(flickers).map(|swings| swings.sum / f64::from(swings.count));
+        100.0 * means.fold(0.0, f64::max)
     }
 }
 
@@ -87,7 +143,7 @@ mod tests {
     #[test]
     fn a_tint_is_told_by_what_lies_around_the_panel() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };
-        let lamp = Lamp::around(&window, &ColorPicture::filled(160, 120, [100; 3]));
+        let mut lamp = Lamp::around(&window, &ColorPicture::filled(160, 120, [100; 3]));
         let mut now = ColorPicture::filled(160, 120, [110, 100, 90]);
         for row in 0..120 {
             let wet = if row < 20 { 0..160 } else { 40..120 };
@@ -100,6 +156,27 @@ mod tests {
         assert_eq!(wet.agree, 0.0, "all around became wet: no lamp");
         let whole = Window { left: 0, top: 0, width: 160, height: 120 };
         let none = Lamp::around(&whole, &ColorPicture::filled(160, 120, [100; 3])).at(&now);
-        assert_eq!(none, Lit { gains: [1.0; 3], agree: 0.0 }, "nothing lies around the panel");
+        assert_eq!(
+            none,
+            Lit { gains: [1.0; 3], agree: 0.0, flicker_percent: 0.0 },
+            "nothing lies around the panel"
+        );
+    }
+
+    /// By hand: from 200 to 140 levels and back are ln(200/140) = 36 %; five pictures have three such swings.
+    #[test]
+    fn a_lamp_that_flickers_is_told_from_what_becomes_wet() {
+        let window = Window { left: 40, top: 30, width: 80, height: 60 };
+        let shown = |levels: [u8; 5]| {
+            let mut lamp = Lamp::around(&window, &ColorPicture::filled(160, 120, [200; 3]));
+            levels.map(|level| lamp.at(&ColorPicture::filled(160, 120, [level; 3])))[4]
+        };
+        for wet in [[180, 160, 150, 142, 140], [100, 130, 130, 130, 130], [140, 142, 140, 142, 140]] {
+            let lit = shown(wet);
+            assert_eq!((lit.agree, lit.flicker_percent), (0.0, 0.0), "{wet:?}");
+        }
+        let flickers = shown([140, 200, 140, 200, 140]).flicker_percent;
+        assert!((flickers - 100.0 * (200.0_f64 / 140.0).ln()).abs() < 0.1, "{flickers}");
+        assert_eq!(shown([140, 200, 140, 200, 190]).flicker_percent, 0.0, "light that a lamp may have");
     }
 }

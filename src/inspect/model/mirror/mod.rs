@@ -21,7 +21,7 @@ use crate::geometry::ColorPicture;
 use crate::inspect::footprint::Window;
 use judging::MIN_CONTRAST;
 use judging::{Past, Rule, judge};
-pub use lamp::Lamp;
+pub use lamp::{Lamp, MIN_AGREE};
 use rayon::prelude::*;
 
 /// Weights of the channels in what may be looked at, and how much less noise the mean of all has.
@@ -73,7 +73,7 @@ impl Mirror {
         (window, columns): (Window, usize),
         dry_rgb: &[[u8; 3]],
         inside: &[Block],
-        (lamp, persist): (Lamp, u8),
+        (mut lamp, persist): (Lamp, u8),
         wet: &ColorPicture,
     ) -> Self {
         let blocks = inside.len();
@@ -173,6 +173,7 @@ impl Mirror {
             // The first picture stands for the one before it.
             frozen: frozen && self.times_s.len() > 1,
             film_left: super::FILM_ASSUMED,
+            flicker_percent: lit.flicker_percent,
         }
     }
 

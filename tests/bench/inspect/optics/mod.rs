@@ -103,10 +103,17 @@ impl Tally {
         // A grid is clean whose film holds until the film ends: what breaks after the window is no mistake, found or not.
         let areas_mm2 = real_mm2.iter().zip(&later_mm2);
         for (grid, (real_mm2, later_mm2)) in inspection.grids.iter().zip(areas_mm2).filter(|_| valid) {
+            let tell = || {
+                let (id, found_mm2) = (grid.id, grid.broken_mm2);
+                println!(
+                    "      {id}: {found_mm2:.1} mm² found, {real_mm2:.1} mm² broken; a grid fails from {min_mm2:.1} mm²"
+                );
+                1
+            };
             match (*real_mm2 >= min_mm2, *later_mm2 >= min_mm2, grid.failed) {
                 (true, _, true) => tf += 1,
-                (false, false, true) => ff += 1,
-                (true, _, false) => fp += 1,
+                (false, false, true) => ff += tell(),
+                (true, _, false) => fp += tell(),
                 (false, false, false) => tp += 1,
                 (false, true, _) => {}
             }
