@@ -66,11 +66,12 @@ impl Watch {
             model.mirror().map_or_else(Vec::new, |mirror| alike(self.footprint.window(), &since_wet_s, mirror));
         let mut is_alike = vec![false; inside.len()];
         alike.into_iter().for_each(|index| (since_wet_s[index], is_alike[index]) = (NEVER, true));
-        // A film that takes the same fraction everywhere takes too little where the panel is dark.
-        let (film, tiles) = (model.film(), model.tile_dry_levels());
+        // A film takes too little where the panel is dark, or where it mirrors something bright.
+        let (changes, tiles) = (model.tile_change_levels(), model.tile_dry_levels());
         let is_clear = |i: usize| {
-            film.zip(tiles[model.tile_of(i)])
-                .is_none_or(|(film, levels)| levels * (1.0 - film) >= MIN_CHANGE_LEVELS + LIGHT_SHARE * levels)
+            let tile = model.tile_of(i);
+            let change = changes.as_ref().and_then(|changes| changes[tile]);
+            change.zip(tiles[tile]).is_none_or(|(change, dry)| change >= MIN_CHANGE_LEVELS + LIGHT_SHARE * dry)
         };
         let has_contrast = |i: usize| model.has_contrast(i) && (model.broke_s(i).is_some() || is_clear(i));
         let faint = (0..inside.len()).filter(|&i| inside[i] && model.sees(i) && (is_alike[i] || !has_contrast(i)));

@@ -47,6 +47,17 @@ impl Model {
         sums.into_iter().map(mean).collect()
     }
 
+    /// By how much the film changes each tile, levels, where the clip determined what it leaves: where it mirrors more than elsewhere it
+    /// takes less away.
+    pub fn tile_change_levels(&self) -> Option<Vec<Option<f64>>> {
+        let film = self.film()?;
+        let change = |(levels, (sum, count)): (Option<f64>, &(f64, u32))| {
+            let beyond = if *count > 0 { (sum / f64::from(*count)).max(1.0) } else { 1.0 };
+            levels.map(|levels| levels * (1.0 - film * beyond))
+        };
+        Some(self.tile_dry_levels().into_iter().zip(&self.beyond).map(change).collect())
+    }
+
     /// A pixel's dry brightness, of any unit.
     pub fn dry_brightness(&self, index: usize) -> f64 {
         let (block, at) = self.at(index);

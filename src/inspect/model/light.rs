@@ -21,6 +21,9 @@ const MIN_SHARE: f64 = 0.25;
 /// How much brighter or darker than the region's median a tile may be.
 const LOCALLY: [f64; 2] = [0.55, 1.08];
 
+/// The panel's light against that of its surroundings, where both nearly agree.
+const AGREES: std::ops::RangeInclusive<f64> = 0.95..=1.05;
+
 /// The light of one picture.
 #[derive(Debug, Clone)]
 pub struct Light {
@@ -33,12 +36,21 @@ pub struct Light {
     pub ceiling: f64,
     /// The share of the region that contributed to it.
     pub share: f64,
+    /// Of each tile that says anything by how much it is brighter than the region's median.
+    pub beyond: Vec<Option<f64>>,
 }
 
 impl Light {
     /// The dry picture's own light on a lattice of tiles.
     pub fn even(columns: usize, rows: usize) -> Self {
-        Light { columns, tiles: vec![1.0; columns * rows], global: 1.0, ceiling: 1.0, share: 1.0 }
+        Light {
+            columns,
+            tiles: vec![1.0; columns * rows],
+            global: 1.0,
+            ceiling: 1.0,
+            share: 1.0,
+            beyond: vec![None; columns * rows],
+        }
     }
 
     /// The light by the tiles' sums, each with its pixels in the region.
@@ -76,6 +88,7 @@ impl Light {
             global,
             ceiling: global,
             share: told as f64 / all.max(1) as f64,
+            beyond: (0..sums.len()).map(|i| (inside[i] > 0 && known(i)).then(|| ratio(i) / global)).collect(),
         }
     }
 
@@ -84,9 +97,14 @@ impl Light {
         Light { tiles: vec![global; self.tiles.len()], global, ceiling: global, ..self.clone() }
     }
 
-    /// Where what lies around the panel is in brighter light than this, the panel may be so, too.
+    /// Where what lies around the panel is in brighter light than this, the panel may be so, too. Where both nearly agree it knows the
+    /// light better: the panel's median takes a film that leaves a little more for a little more light.
     pub fn beside(self, around: Option<f64>) -> Light {
-        Light { ceiling: around.map_or(self.ceiling, |around| self.ceiling.max(around)), ..self }
+        let Some(around) = around else { return self };
+        let share = self.global / around;
+        let share = if AGREES.contains(&share) { share } else { 1.0 };
+        let beyond = self.beyond.iter().map(|beyond| beyond.map(|beyond| share * beyond)).collect();
+        Light { ceiling: self.ceiling.max(around), beyond, ..self }
     }
 
     /// The light on the blocks of one row of tiles, 1/4096, each row of cells once: it goes from tile centre to tile centre.
@@ -159,6 +177,17 @@ mod tests {
         assert!((light.tiles[4] - (8.0 * 1.1 + 0.8) / 9.0).abs() < 1e-9);
     }
 
+    /// By hand: a tile that is 1.21/1.1 times as bright as the median; where the lamp is known to be 1.06 as bright it is 1.21/1.06.
+    #[test]
+    fn a_tile_that_is_brighter_is_so_against_the_lamp() {
+        let mut sums = vec![sum(1_100); 9];
+        sums[4] = sum(1_210);
+        for (around, expected) in [(None, 1.1), (Some(1.06), 1.21 / 1.06), (Some(0.9), 1.1)] {
+            let light = Light::even(3, 3).found(&sums, &[100; 9]).beside(around);
+            assert!((light.beyond[4].expect("it says something") - expected).abs() < 1e-9, "{around:?} {light:?}");
+        }
+    }
+
     #[test]
     fn a_tile_that_tells_nothing_takes_its_neighbours_light() {
         let mut sums = vec![sum(900); 9];
@@ -172,7 +201,7 @@ mod tests {
     /// By hand: the first cell's centre lies before the first tile's; the cells between two tiles' centres go from one to the other.
     #[test]
     fn light_goes_smoothly_from_tile_to_tile() {
-        let light = Light { columns: 2, tiles: vec![1.0, 2.0], global: 1.0, ceiling: 1.0, share: 1.0 };
+        let light = Light { tiles: vec![1.0, 2.0], ..Light::even(2, 1) };
         let blocks = light.blocks_q12(0);
         let cells = blocks[..2].as_flattened().iter().step_by(CELL_PX).map(|gain| gain / 64);
         assert_eq!(cells.collect::<Vec<u16>>(), [64, 64, 72, 88, 104, 120, 128, 128]);

@@ -76,6 +76,8 @@ pub struct Model {
     light: Light,
     /// The light of the picture that was looked at last.
     next_light: Option<Light>,
+    /// Of each tile the sum over the pictures of by how much it is brighter than the region's median, and their number.
+    beyond: Vec<(f64, u32)>,
     wetting: Wetting,
     watching: bool,
     /// The last dry picture in its channels, and what lies around the panel in it.
@@ -113,6 +115,7 @@ impl Model {
             past: vec![Past::NONE; blocks],
             light: Light::even(columns, tile_rows),
             next_light: None,
+            beyond: vec![(0.0, 0); columns * tile_rows],
             wetting: Wetting::new(blocks * BLOCK_PX),
             watching: false,
             dry_rgb: Vec::new(),
@@ -272,6 +275,9 @@ impl Model {
         let Some(light) = self.next_light.take().filter(|_| self.times_s.len() < MOST_PICTURES) else {
             return Vec::new();
         };
+        for ((sum, count), beyond) in self.beyond.iter_mut().zip(&light.beyond) {
+            (*sum, *count) = (*sum + beyond.unwrap_or(0.0), *count + u32::from(beyond.is_some()));
+        }
         let brighter = light.global / self.light.global.max(f64::MIN_POSITIVE);
         self.light = light;
         let now = self.times_s.len() as u16;

@@ -28,7 +28,7 @@ const NEAR: f64 = 0.08;
 const MIN_SWING: f64 = 0.02;
 const MIN_SWINGS: u32 = 3;
 /// So much of what lies around the panel must agree on the light.
-pub const MIN_AGREE: f64 = 0.7;
+pub const MIN_AGREE: f64 = 0.5;
 
 /// What lies around the panel, in the dry picture.
 #[derive(Debug, Clone, Default)]
@@ -103,18 +103,31 @@ impl Lamp {
         let mut ratios = [0, 1, 2].map(|i| -> Vec<f64> {
             self.places.iter().map(|(index, dry)| (f64::from(picture.rgb[*index][i]) + 0.01) / dry[i]).collect()
         });
-        let gains = ratios.each_mut().map(|ratios| median(ratios).unwrap_or(1.0).clamp(0.25, 4.0));
+        let gains = ratios.each_mut().map(|ratios| most(ratios));
         let near = ratios
             .iter()
             .zip(gains)
-            .flat_map(|(ratios, gain)| ratios.iter().map(move |ratio| (ratio / gain - 1.0).abs() < NEAR));
-        let agree = near.filter(|near| *near).count() as f64 / (3 * self.places.len()) as f64;
+            .map(|(ratios, gain)| ratios.iter().filter(|ratio| is_near(**ratio, gain)).count());
+        let agree = near.sum::<usize>() as f64 / (3 * self.places.len()) as f64;
         let flicker_percent = self.flicker.and(gains);
         if gains.iter().all(|gain| PLAUSIBLE.contains(gain)) {
             return Lit { gains, agree, flicker_percent: 0.0 };
         }
         Lit { gains, agree: 0.0, flicker_percent: if agree < MIN_AGREE { 0.0 } else { flicker_percent } }
     }
+}
+
+/// The ratio that most places have: the median of those near to the median of all, and to that one. What became wet is beyond.
+fn most(ratios: &mut [f64]) -> f64 {
+    let first = median(ratios).unwrap_or(1.0).clamp(0.25, 4.0);
+    (0..2).fold(first, |gain, _| {
+        let mut near: Vec<f64> = ratios.iter().copied().filter(|ratio| is_near(*ratio, gain)).collect();
+        median(&mut near).unwrap_or(gain)
+    })
+}
+
+fn is_near(ratio: f64, gain: f64) -> bool {
+    (ratio / gain - 1.0).abs() < NEAR
 }
 
 impl Flicker {
