@@ -53,8 +53,9 @@ impl Light {
         }
     }
 
-    /// The light by the tiles' sums, each with its pixels in the region.
-    pub fn found(&self, sums: &[Sum], inside: &[u32]) -> Light {
+    /// The light by the tiles' sums, each with its pixels in the region; beside what lies around the panel in so much light, where that
+    /// is known.
+    pub fn found(&self, sums: &[Sum], inside: &[u32], around: Option<f64>) -> Light {
         let known =
             |i: usize| f64::from(sums[i].pixels) >= MIN_SHARE * f64::from(inside[i]) && sums[i].expected > 0;
         let ratio = |i: usize| f64::from(sums[i].found) / f64::from(sums[i].expected);
@@ -63,18 +64,20 @@ impl Light {
         ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
         let global = weighted_median(&ratios).unwrap_or(self.global);
         let rows = self.tiles.len() / self.columns;
-        let around = |i: usize| {
+        // A shadow may lie on more than half of the region.
+        let bounds = [LOCALLY[0] * global, (LOCALLY[1] * global).max(around.unwrap_or(0.0))];
+        let neighbours = |i: usize| {
             let (column, row) = (i % self.columns, i / self.columns);
             let columns = column.saturating_sub(1)..(column + 2).min(self.columns);
             (row.saturating_sub(1)..(row + 2).min(rows)).flat_map(move |r| columns.clone().map(move |c| (c, r)))
         };
         let smooth = |i: usize| {
             let (mut sum, mut weight) = (0.0, 0.0);
-            for (column, row) in around(i) {
+            for (column, row) in neighbours(i) {
                 let tile = row * self.columns + column;
                 if inside[tile] > 0 && known(tile) {
                     let expected = f64::from(sums[tile].expected);
-                    sum += expected * ratio(tile).clamp(LOCALLY[0] * global, LOCALLY[1] * global);
+                    sum += expected * ratio(tile).clamp(bounds[0], bounds[1]);
                     weight += expected;
                 }
             }
@@ -82,14 +85,15 @@ impl Light {
         };
         let told: u64 = sums.iter().map(|sum| u64::from(sum.pixels)).sum();
         let all: u64 = inside.iter().copied().map(u64::from).sum();
-        Light {
+        let light = Light {
             columns: self.columns,
             tiles: (0..sums.len()).map(smooth).collect(),
             global,
             ceiling: global,
             share: told as f64 / all.max(1) as f64,
             beyond: (0..sums.len()).map(|i| (inside[i] > 0 && known(i)).then(|| ratio(i) / global)).collect(),
-        }
+        };
+        light.beside(around)
     }
 
     /// The same light everywhere.
@@ -99,7 +103,7 @@ impl Light {
 
     /// Where what lies around the panel is in brighter light than this, the panel may be so, too. Where both nearly agree it knows the
     /// light better: the panel's median takes a film that leaves a little more for a little more light.
-    pub fn beside(self, around: Option<f64>) -> Light {
+    fn beside(self, around: Option<f64>) -> Light {
         let Some(around) = around else { return self };
         let share = self.global / around;
         let share = if AGREES.contains(&share) { share } else { 1.0 };
@@ -169,11 +173,11 @@ mod tests {
     fn a_part_may_be_darker_and_not_brighter() {
         let mut sums = vec![sum(1_100); 9];
         sums[4] = sum(1_300);
-        let light = Light::even(3, 3).found(&sums, &[100; 9]);
+        let light = Light::even(3, 3).found(&sums, &[100; 9], None);
         assert!((light.global - 1.1).abs() < 1e-12);
         assert!((light.tiles[4] - (8.0 * 1.1 + 1.188) / 9.0).abs() < 1e-9, "{}", light.tiles[4]);
         sums[4] = sum(800);
-        let light = Light::even(3, 3).found(&sums, &[100; 9]);
+        let light = Light::even(3, 3).found(&sums, &[100; 9], None);
         assert!((light.tiles[4] - (8.0 * 1.1 + 0.8) / 9.0).abs() < 1e-9);
     }
 
@@ -183,18 +187,28 @@ mod tests {
         let mut sums = vec![sum(1_100); 9];
         sums[4] = sum(1_210);
         for (around, expected) in [(None, 1.1), (Some(1.06), 1.21 / 1.06), (Some(0.9), 1.1)] {
-            let light = Light::even(3, 3).found(&sums, &[100; 9]).beside(around);
+            let light = Light::even(3, 3).found(&sums, &[100; 9], around);
             assert!((light.beyond[4].expect("it says something") - expected).abs() < 1e-9, "{around:?} {light:?}");
         }
+    }
+
+    /// By hand: of 4 × 5 tiles the upper two rows lie in full light and the others in a shadow of 0.7. A corner has full light where the
+    /// lamp is known to be as it was, and else 1.08 · 0.7.
+    #[test]
+    fn a_shadow_may_lie_on_more_than_half() {
+        let mut sums = vec![sum(700); 20];
+        (0..8).for_each(|i| sums[i] = sum(1_000));
+        let corner = |around| Light::even(4, 5).found(&sums, &[100; 20], around).tiles[0];
+        assert!((corner(Some(1.0)) - 1.0).abs() < 1e-9 && (corner(None) - 0.756).abs() < 1e-9);
     }
 
     #[test]
     fn a_tile_that_tells_nothing_takes_its_neighbours_light() {
         let mut sums = vec![sum(900); 9];
         sums[4] = Sum { pixels: 20, ..sum(1_600) };
-        let light = Light::even(3, 3).found(&sums, &[100; 9]);
+        let light = Light::even(3, 3).found(&sums, &[100; 9], None);
         assert!((light.tiles[4] - 0.9).abs() < 1e-12 && (light.share - 820.0 / 900.0).abs() < 1e-12);
-        let nothing = light.found(&[Sum::default(); 9], &[100; 9]);
+        let nothing = light.found(&[Sum::default(); 9], &[100; 9], None);
         assert!((nothing.global - 0.9).abs() < 1e-12, "the light of before");
     }
 

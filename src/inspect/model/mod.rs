@@ -162,19 +162,19 @@ impl Model {
             self.before.clone_from(&self.brightness);
             (false, self.sums(WIDE_Q10))
         };
-        let light = self.light.found(&sums, &self.region.inside);
-        let around = self.lamp.at(picture);
+        let lit = self.lamp.at(picture);
+        let gains = (lit.agree >= MIN_AGREE).then_some(lit.gains);
+        self.tint = gains.unwrap_or([1.0; 3]);
+        let around = gains.map(|gains| self.lit_by(gains));
+        let light = self.light.found(&sums, &self.region.inside, around);
         let look = PictureMeasurement {
             light: light.global,
             told: light.share,
             hidden: self.hidden_under(light.global),
             frozen,
             film_left: self.wetting.film,
-            flicker_percent: around.flicker_percent,
+            flicker_percent: lit.flicker_percent,
         };
-        let gains = (around.agree >= MIN_AGREE).then_some(around.gains);
-        self.tint = gains.unwrap_or([1.0; 3]);
-        let around = gains.map(|gains| self.lit_by(gains));
         if is_first && self.is_mirror(&light, around) {
             let place = (self.window, self.columns);
             let lamp = (std::mem::take(&mut self.lamp), self.persist);
@@ -183,7 +183,7 @@ impl Model {
             self.mirror = Some(mirror);
             return look;
         }
-        self.next_light = Some(light.beside(around));
+        self.next_light = Some(light);
         look
     }
 

@@ -79,7 +79,7 @@ impl Model {
     fn read_and_settle(&mut self, picture: &ColorPicture) {
         let g = self.light.global;
         let (_, sums) = self.read(picture, NARROW_Q10.map(|bound| (bound * g).min(2_047.0) as u16));
-        let found = self.light.found(&sums, &self.region.inside);
+        let found = self.light.found(&sums, &self.region.inside, None);
         self.light = self.light.flat(if found.share > MIN_SHARE_TOLD { found.global } else { g });
         if let Some(film) = self.film_left() {
             (self.wetting.film, self.wetting.film_known) = (film, true);
