@@ -28,10 +28,11 @@ const POINT: f64 = 1.5;
 
 impl Default for RangeErrors {
     /// Without a measurement: what a Zivid Two's scans of a smooth panel show, 0.06 mm of local planarity by its maker; who
-    /// also states 0.2 % of dimension trueness, which is taken as two standard deviations that all scans share.
+    /// also states 0.2 % of dimension trueness, which is taken as two standard deviations that all scans share. No maker states over
+    /// which length errors are alike: with 85 mm what is stated holds up to 120 mm (`make bench-locate`, `correlated`).
     fn default() -> Self {
         RangeErrors {
-            correlation_mm: 65.0,
+            correlation_mm: 85.0,
             between_scans_mm: 0.085,
             of_taught_mm: 0.09,
             scale: 0.001,

@@ -37,7 +37,7 @@ const WET_SEEDS: u64 = 100;
 const PEER_SCANS: u64 = 20;
 /// What must be reached.
 const RIGHT_MM: f64 = 0.3;
-const ACCEPTED: f64 = 0.99;
+const ACCEPTED: f64 = 0.97;
 const LARGE_MM: [f64; 2] = [250.0, 180.0];
 const LITTLE_HIDDEN: f64 = 0.05;
 const MEAN_MM: f64 = 0.07;
