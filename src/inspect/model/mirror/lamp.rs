@@ -176,6 +176,20 @@ mod tests {
         );
     }
 
+    /// By hand: of five places two became wet, and the others are 3 % darker, as bright, and 3 % brighter: the median of all is 0.97, that
+    /// of those near to it 1, with which three of five agree.
+    #[test]
+    fn what_became_wet_does_not_count_for_light() {
+        let window = Window { left: 0, top: 40, width: 100, height: 20 };
+        let mut lamp = Lamp::around(&window, &ColorPicture::filled(100, 100, [100; 3]));
+        let mut now = ColorPicture::filled(100, 100, [60; 3]);
+        let shown = [60, 60, 60, 60, 97, 97, 100, 100, 103, 103].map(|level| [level; 3]);
+        now.rgb.chunks_mut(10).for_each(|places| places.copy_from_slice(&shown));
+        let lit = lamp.at(&now);
+        assert!(lit.gains.iter().all(|gain| (gain - 1.0).abs() < 1e-3), "{lit:?}");
+        assert!((lit.agree - 0.6).abs() < 1e-9, "{lit:?}");
+    }
+
     /// By hand: from 200 to 140 levels and back are ln(200/140) = 36 %; five pictures have three such swings.
     #[test]
     fn a_lamp_that_flickers_is_told_from_what_becomes_wet() {
