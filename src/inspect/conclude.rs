@@ -67,11 +67,10 @@ impl Watch {
         let mut is_alike = vec![false; inside.len()];
         alike.into_iter().for_each(|index| (since_wet_s[index], is_alike[index]) = (NEVER, true));
         // A film takes too little where the panel is dark, or where it mirrors something bright.
-        let (changes, tiles) = (model.tile_change_levels(), model.tile_dry_levels());
+        let tiles = model.tiles();
         let is_clear = |i: usize| {
-            let tile = model.tile_of(i);
-            let change = changes.as_ref().and_then(|changes| changes[tile]);
-            change.zip(tiles[tile]).is_none_or(|(change, dry)| change >= MIN_CHANGE_LEVELS + LIGHT_SHARE * dry)
+            let tile = tiles.as_ref().and_then(|tiles| tiles[model.tile_of(i)].as_ref());
+            tile.is_none_or(|tile| tile.change_levels >= MIN_CHANGE_LEVELS + LIGHT_SHARE * tile.dry_levels)
         };
         let has_contrast = |i: usize| model.has_contrast(i) && (model.broke_s(i).is_some() || is_clear(i));
         let faint = (0..inside.len()).filter(|&i| inside[i] && model.sees(i) && (is_alike[i] || !has_contrast(i)));

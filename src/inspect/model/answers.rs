@@ -5,6 +5,14 @@ use super::light::TILE_PX;
 use super::unseen::was_seen;
 use super::{Mirror, Model};
 
+/// A tile of the region under a film that takes the same fraction everywhere.
+pub struct TileFilm {
+    /// How bright it is when dry, grey levels.
+    pub dry_levels: f64,
+    /// By how much the film changes it, grey levels.
+    pub change_levels: f64,
+}
+
 impl Model {
     /// Block and place in it of a pixel of the window.
     pub(super) fn at(&self, index: usize) -> (usize, usize) {
@@ -28,14 +36,16 @@ impl Model {
         sum as f64 / count.max(1) as f64 / f64::from(LEVEL)
     }
 
-    /// The tile of a pixel of the window, as [`Model::tile_dry_levels`] has them.
+    /// The tile of a pixel of the window, as [`Model::tiles`] has them.
     pub fn tile_of(&self, index: usize) -> usize {
         let (row, column) = (index / self.window.width, index % self.window.width);
         row / TILE_PX * self.columns + column / TILE_PX
     }
 
-    /// How bright each tile of the region is when dry, grey levels; `None` where none of the region lies in it.
-    pub fn tile_dry_levels(&self) -> Vec<Option<f64>> {
+    /// Each tile of the region, where the clip determined what the film leaves; `None` where none of the region lies in it. Where a
+    /// film mirrors more than elsewhere it takes less away.
+    pub fn tiles(&self) -> Option<Vec<Option<TileFilm>>> {
+        let film = self.film()?;
         let mut sums = vec![(0_u64, 0_u64); self.kept.len() / TILE_PX];
         for (block, (kept, dry)) in self.kept.iter().zip(&self.dry).enumerate() {
             let tile = &mut sums[block / self.columns / TILE_PX * self.columns + block % self.columns];
@@ -43,19 +53,12 @@ impl Model {
                 *tile = (tile.0 + u64::from(*dry), tile.1 + 1);
             }
         }
-        let mean = |(sum, count): (u64, u64)| (count > 0).then(|| sum as f64 / count as f64 / f64::from(LEVEL));
-        sums.into_iter().map(mean).collect()
-    }
-
-    /// By how much the film changes each tile, levels, where the clip determined what it leaves: where it mirrors more than elsewhere it
-    /// takes less away.
-    pub fn tile_change_levels(&self) -> Option<Vec<Option<f64>>> {
-        let film = self.film()?;
-        let change = |(levels, (sum, count)): (Option<f64>, &(f64, u32))| {
-            let beyond = if *count > 0 { (sum / f64::from(*count)).max(1.0) } else { 1.0 };
-            levels.map(|levels| levels * (1.0 - film * beyond))
+        let tile = |((sum, count), (beyond, pictures)): ((u64, u64), &(f64, u32))| {
+            let dry_levels = (count > 0).then(|| sum as f64 / count as f64 / f64::from(LEVEL))?;
+            let beyond = if *pictures > 0 { (beyond / f64::from(*pictures)).max(1.0) } else { 1.0 };
+            Some(TileFilm { dry_levels, change_levels: dry_levels * (1.0 - film * beyond) })
         };
-        Some(self.tile_dry_levels().into_iter().zip(&self.beyond).map(change).collect())
+        Some(sums.into_iter().zip(&self.beyond).map(tile).collect())
     }
 
     /// A pixel's dry brightness, of any unit.

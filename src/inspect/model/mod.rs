@@ -14,8 +14,10 @@
 mod answers;
 mod band;
 mod colour;
+mod flicker;
 mod judging;
 mod kernel;
+mod lamp;
 mod light;
 mod measurement;
 mod mirror;
@@ -32,10 +34,10 @@ use band::Band;
 use colour::is_of_dry_colour;
 use judging::{Past, Rule};
 use kernel::{Adding, BLOCK_PX, BROKE, Block, CELL_PX, CELLS, INSIDE, LEVEL, NEW, OPEN, RUN, Sum};
+use lamp::Lamp;
 use light::{Light, TILE_PX};
 pub use measurement::PictureMeasurement;
 pub use mirror::Mirror;
-use mirror::{Lamp, MIN_AGREE};
 use rayon::prelude::*;
 use region::{HIDDEN_EVERY, LIGHT_EVERY, Region};
 use std::ops::Range;
@@ -150,8 +152,9 @@ impl Model {
 
     /// Looks at a picture of the wet panel, and judges nothing yet.
     pub fn look(&mut self, picture: &ColorPicture) -> PictureMeasurement {
+        let lit = self.lamp.at(picture);
         if let Some(mirror) = &mut self.mirror {
-            return mirror.look(picture);
+            return mirror.look(picture, &lit);
         }
         let is_first = !self.watching;
         let (frozen, sums) = if self.watching {
@@ -162,10 +165,8 @@ impl Model {
             self.before.clone_from(&self.brightness);
             (false, self.sums(WIDE_Q10))
         };
-        let lit = self.lamp.at(picture);
-        let gains = (lit.agree >= MIN_AGREE).then_some(lit.gains);
-        self.tint = gains.unwrap_or([1.0; 3]);
-        let around = gains.map(|gains| self.lit_by(gains));
+        self.tint = lit.sure().unwrap_or([1.0; 3]);
+        let around = lit.sure().map(|gains| self.lit_by(gains));
         let light = self.light.found(&sums, &self.region.inside, around);
         let look = PictureMeasurement {
             light: light.global,
@@ -177,9 +178,9 @@ impl Model {
         };
         if is_first && self.is_mirror(&light, around) {
             let place = (self.window, self.columns);
-            let lamp = (std::mem::take(&mut self.lamp), self.persist);
-            let mut mirror = Box::new(Mirror::new(place, &self.dry_rgb, &self.kept, lamp, picture));
-            let look = mirror.look(picture);
+            let wet = (picture, &lit);
+            let mut mirror = Box::new(Mirror::new(place, &self.dry_rgb, &self.kept, self.persist, wet));
+            let look = mirror.look(picture, &lit);
             self.mirror = Some(mirror);
             return look;
         }

@@ -3,7 +3,7 @@
 //! On dark composite a whole film mirrors what is above it, and a place that broke is as dull as the dry panel. So the film is
 //! darker or brighter than the dry panel, by place and by channel, or not at all different; it moves with the water's waves,
 //! and nothing tells what it must look like. What a break looks like is known: as the dry picture has it, in the light of
-//! now, and steadily. With the brightness s, the light taken out by what lies around the panel ([`lamp`]), and the dry d,
+//! now, and steadily. With the brightness s, the light taken out by what lies around the panel (`lamp`), and the dry d,
 //!     dry    |s − d| ≤ b,  b = half of the contrast c within its bounds,       wet    beyond it, to either side,        (1)
 //! and c the mean of |s − d| while it is wet, which forgets. What looks dry long enough has broken since it first did; only
 //! where c told film from dry by then, at least [`MIN_CONTRAST`]. A place without it tells nothing, and no grid passes by it.
@@ -11,9 +11,9 @@
 //! s is one channel or their mean: in each tile the one that tells dry from wet best against its noise.
 
 mod judging;
-mod lamp;
 
 use super::kernel::{self, BLOCK_PX, BROKE, Block, EVER_WET, INSIDE, LEVEL, NEW, OPEN, RUN};
+use super::lamp::Lit;
 use super::light::TILE_PX;
 use super::measurement::PictureMeasurement;
 use super::unseen::was_seen;
@@ -21,7 +21,6 @@ use crate::geometry::ColorPicture;
 use crate::inspect::footprint::Window;
 use judging::MIN_CONTRAST;
 use judging::{Past, Rule, judge};
-pub use lamp::{Lamp, MIN_AGREE};
 use rayon::prelude::*;
 
 /// Weights of the channels in what may be looked at, and how much less noise the mean of all has.
@@ -45,7 +44,6 @@ pub struct Mirror {
     /// Blocks of a row, which are the columns of tiles, too.
     columns: usize,
     persist: u8,
-    lamp: Lamp,
     /// What each tile looks at.
     views: Vec<usize>,
     dry: Vec<Block>,
@@ -73,16 +71,14 @@ impl Mirror {
         (window, columns): (Window, usize),
         dry_rgb: &[[u8; 3]],
         inside: &[Block],
-        (mut lamp, persist): (Lamp, u8),
-        wet: &ColorPicture,
+        persist: u8,
+        (wet, lit): (&ColorPicture, &Lit),
     ) -> Self {
         let blocks = inside.len();
-        let gains = lamp.at(wet).gains;
         let mut mirror = Mirror {
             window,
             columns,
             persist,
-            lamp,
             views: vec![0; blocks / TILE_PX],
             dry: vec![[0; BLOCK_PX]; blocks],
             brightness: vec![[0; BLOCK_PX]; blocks],
@@ -90,7 +86,7 @@ impl Mirror {
             kept: inside.iter().map(|block| block.map(|kept| kept & INSIDE)).collect(),
             past: vec![Past::NONE; blocks],
             times_s: vec![0.0],
-            gains,
+            gains: lit.gains,
         };
         mirror.choose_views(dry_rgb, wet);
         for index in 0..dry_rgb.len() {
@@ -149,9 +145,8 @@ impl Mirror {
         });
     }
 
-    /// Looks at a picture, and judges nothing yet.
-    pub fn look(&mut self, picture: &ColorPicture) -> PictureMeasurement {
-        let lit = self.lamp.at(picture);
+    /// Looks at a picture in this light, and judges nothing yet.
+    pub fn look(&mut self, picture: &ColorPicture, lit: &Lit) -> PictureMeasurement {
         let same_light = lit.gains == self.gains;
         self.gains = lit.gains;
         self.read(picture);

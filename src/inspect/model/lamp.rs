@@ -4,12 +4,10 @@
 //! Lamps on the mains tint pictures whose exposure is no multiple of half of the mains' period, each channel by its own share:
 //! phosphors are slow, the diode that feeds them is not. Taken channel by channel, that beat is light like any other.
 //!
-//! What became wet around the panel is darker, too, as if the lamp were. Water changes it slowly, in one direction, or once; a lamp that
-//! beats changes to and fro. With the light g of a channel in picture k and its change Δₖ = ln gₖ − ln gₖ₋₁, a swing is
-//!     sₖ = min(|Δₖ|, |Δₖ₋₁|)  where Δₖ Δₖ₋₁ < 0,                                                                       (1)
-//! and a lamp flickers where a quarter of the pictures has a swing of [`MIN_SWING`] and more. Nobody knows of it whether it or water
-//! made the surroundings darker.
+//! What became wet around the panel is darker, too, as if the lamp were: no lamp is told to be as dark, and of one that [`Flicker`]s as
+//! much nobody knows whether it or water made the surroundings darker.
 
+use super::flicker::Flicker;
 use crate::geometry::{ColorPicture, median};
 use crate::inspect::footprint::Window;
 
@@ -24,32 +22,14 @@ const LEVELS: std::ops::RangeInclusive<u8> = 16..=235;
 const PLAUSIBLE: std::ops::Range<f64> = 0.77..1.3;
 /// A place agrees where it is this near to the median.
 const NEAR: f64 = 0.08;
-/// A lamp that flickers changes by so much from picture to picture and back, so often.
-const MIN_SWING: f64 = 0.02;
-const MIN_SWINGS: u32 = 3;
 /// So much of what lies around the panel must agree on the light.
-pub const MIN_AGREE: f64 = 0.5;
+const MIN_AGREE: f64 = 0.5;
 
 /// What lies around the panel, in the dry picture.
 #[derive(Debug, Clone, Default)]
 pub struct Lamp {
     places: Vec<(usize, [f64; 3])>,
     flicker: Flicker,
-}
-
-/// How the light of each channel changed from picture to picture, with its swings (1).
-#[derive(Debug, Clone, Copy, Default)]
-struct Flicker {
-    pictures: u32,
-    channels: [Swings; 3],
-}
-
-#[derive(Debug, Clone, Copy, Default)]
-struct Swings {
-    last: f64,
-    change: f64,
-    count: u32,
-    sum: f64,
 }
 
 /// The light of one picture.
@@ -61,6 +41,13 @@ pub struct Lit {
     pub agree: f64,
     /// The mean swing of a lamp that flickers, where the places agree on a light that no lamp has; else 0. Percent.
     pub flicker_percent: f64,
+}
+
+impl Lit {
+    /// Of each channel, where enough of the places agree.
+    pub fn sure(&self) -> Option<[f64; 3]> {
+        (self.agree >= MIN_AGREE).then_some(self.gains)
+    }
 }
 
 impl Lamp {
@@ -90,9 +77,7 @@ impl Lamp {
     /// Around this window in the next dry picture.
     pub fn and_around(&mut self, window: &Window, dry: &ColorPicture) {
         self.at(dry);
-        let mut flicker = self.flicker;
-        flicker.channels.iter_mut().for_each(|swings| swings.last = 0.0);
-        *self = Lamp { flicker, ..Lamp::around(window, dry) };
+        *self = Lamp { flicker: self.flicker.against_this(), ..Lamp::around(window, dry) };
     }
 
     /// The light of the next picture.
@@ -109,7 +94,7 @@ impl Lamp {
             .zip(gains)
             .map(|(ratios, gain)| ratios.iter().filter(|ratio| is_near(**ratio, gain)).count());
         let agree = near.sum::<usize>() as f64 / (3 * self.places.len()) as f64;
-        let flicker_percent = self.flicker.and(gains);
+        let flicker_percent = self.flicker.percent_with(gains);
         if gains.iter().all(|gain| PLAUSIBLE.contains(gain)) {
             return Lit { gains, agree, flicker_percent: 0.0 };
         }
@@ -128,23 +113,6 @@ fn most(ratios: &mut [f64]) -> f64 {
 
 fn is_near(ratio: f64, gain: f64) -> bool {
     (ratio / gain - 1.0).abs() < NEAR
-}
-
-impl Flicker {
-    /// By how much the lamp flickers with this picture, in the channel in which it does most, percent; 0 where it does not.
-    fn and(&mut self, gains: [f64; 3]) -> f64 {
-        self.pictures += 1;
-        for (swings, gain) in self.channels.iter_mut().zip(gains) {
-            let change = gain.ln() - swings.last;
-            let swing = if change * swings.change < 0.0 { change.abs().min(swings.change.abs()) } else { 0.0 };
-            swings.count += u32::from(swing >= MIN_SWING);
-            swings.sum += if swing >= MIN_SWING { swing } else { 0.0 };
-            (swings.last, swings.change) = (gain.ln(), change);
-        }
-        let flickers = |swings: &&Swings| swings.count >= MIN_SWINGS.max(self.pictures / 4);
-        let means = self.channels.iter().filter(flickers).map(|swings| swings.sum / f64::from(swings.count));
-        100.0 * means.fold(0.0, f64::max)
-    }
 }
 
 #[cfg(test)]
@@ -190,7 +158,7 @@ mod tests {
         assert!((lit.agree - 0.6).abs() < 1e-9, "{lit:?}");
     }
 
-    /// By hand: from 200 to 140 levels and back are ln(200/140) = 36 %; five pictures have three such swings.
+    /// By hand: five pictures that go from 200 to 140 levels and back have three swings.
     #[test]
     fn a_lamp_that_flickers_is_told_from_what_becomes_wet() {
         let window = Window { left: 40, top: 30, width: 80, height: 60 };
