@@ -187,7 +187,7 @@ fn inputs(shots: &[Shot], begins_s: Option<f64>) -> String {
 /// A number that other pictures do not have. It names pictures within one process, where nobody forges any.
 fn picture_hash(picture: &ColorPicture) -> u64 {
     let mut hasher = DefaultHasher::new();
-    (picture.width, picture.height, &picture.rgb).hash(&mut hasher);
+    (picture.width, picture.height, picture.rgb.as_flattened()).hash(&mut hasher);
     hasher.finish()
 }
 

@@ -60,15 +60,17 @@ pub(super) fn painted(
         let [low, high] = region.unit_box(*id);
         let rows = samples / (*columns).max(1);
         let start = |low: f64, size: usize| (low * size as f64).round() as usize;
+        let index = |at: usize, size: usize, low: f64, high: f64, count: usize| {
+            let share = ((at as f64 + 0.5) / size as f64 - low) / (high - low);
+            ((share * count as f64).max(0.0) as usize).min(count.saturating_sub(1))
+        };
+        let across = start(low.x, width)..start(high.x, width).min(width);
+        let columns_of: Vec<usize> = across.clone().map(|x| index(x, width, low.x, high.x, *columns)).collect();
         for y in start(low.y, height)..start(high.y, height).min(height) {
-            for x in start(low.x, width)..start(high.x, width).min(width) {
-                let index = |at: usize, size: usize, low: f64, high: f64, count: usize| {
-                    let share = ((at as f64 + 0.5) / size as f64 - low) / (high - low);
-                    ((share * count as f64).max(0.0) as usize).min(count.saturating_sub(1))
-                };
-                let row = index(y, height, low.y, high.y, rows);
-                let sample = row * columns + index(x, width, low.x, high.x, *columns);
-                picture.rgb[y * width + x] = color(number, sample, (x, y)).0;
+            let row = index(y, height, low.y, high.y, rows);
+            let pixels = &mut picture.rgb[y * width + across.start..y * width + across.end];
+            for ((x, column), pixel) in across.clone().zip(&columns_of).zip(pixels) {
+                *pixel = color(number, row * columns + column, (x, y)).0;
             }
         }
     }

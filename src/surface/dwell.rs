@@ -119,6 +119,8 @@ pub struct Dwell {
 struct Step {
     at: Parameter,
     point: Point<Panel>,
+    /// How far the disc's radius reaches in the parameters, and a tenth more.
+    reach: [f64; 2],
     seconds: f64,
 }
 
@@ -130,7 +132,7 @@ pub fn simulate(
     executed: &[Executed],
     radius_mm: f64,
 ) -> Dwell {
-    let steps = steps(surface, executed);
+    let steps = steps(surface, executed, radius_mm);
     let known = grids.iter().filter_map(|id| Patch::of_grid(region, *id).map(|patch| (*id, patch)));
     let known: Vec<(GridId, Patch)> = known.collect();
     let of_grid = |(id, patch): &(GridId, Patch)| grid_dwell(surface, (*id, patch), &steps, radius_mm);
@@ -138,7 +140,7 @@ pub fn simulate(
 }
 
 /// The path in contact, step by step, each on the surface below.
-fn steps(surface: &BSplineSurface, executed: &[Executed]) -> Vec<Step> {
+fn steps(surface: &BSplineSurface, executed: &[Executed], radius_mm: f64) -> Vec<Step> {
     let mut steps = Vec::new();
     let mut guess = Parameter { u: 0.5, v: 0.5 };
     for pair in executed.windows(2).filter(|pair| pair[1].contact) {
@@ -155,7 +157,11 @@ fn steps(surface: &BSplineSurface, executed: &[Executed]) -> Vec<Step> {
             }
             // Each end stands for half a step.
             let share = if step == 0 || step == count { 0.5 } else { 1.0 } / count as f64;
-            steps.push(Step { at, point: tangents.point, seconds: pair[1].seconds * share });
+            // Slanted parameters reach farther than the radius: the height of a rhombus is its side times the sine.
+            let lengths = [tangents.s_u.mm.norm(), tangents.s_v.mm.norm()];
+            let sine = tangents.area_mm2() / (lengths[0] * lengths[1]);
+            let reach = lengths.map(|per_unit| 1.1 * radius_mm / (per_unit * sine));
+            steps.push(Step { at, point: tangents.point, reach, seconds: pair[1].seconds * share });
         }
     }
     steps
@@ -204,17 +210,13 @@ fn grid_dwell(
         found.area_mm2.push((tangents.area_mm2() * net.cell()) as f32);
     }
     let mut last_step = vec![usize::MAX - 1; net.count()];
-    for (index, step) in steps.iter().enumerate() {
-        let tangents = surface.tangents(step.at);
-        // Slanted parameters reach farther than the radius: the height of a rhombus is its side times the sine.
-        let sine = tangents.area_mm2() / (tangents.s_u.mm.norm() * tangents.s_v.mm.norm());
-        let reach = |per_unit: f64| 1.1 * radius_mm / (per_unit * sine);
-        let (reach_u, reach_v) = (reach(tangents.s_u.mm.norm()), reach(tangents.s_v.mm.norm()));
-        let least = Parameter { u: step.at.u - reach_u, v: step.at.v - reach_v };
-        let most = Parameter { u: step.at.u + reach_u, v: step.at.v + reach_v };
-        for sample in net.around(least, most) {
-            if points[sample].distance_mm(step.point) <= radius_mm {
-                found.dwell_s[sample] += step.seconds as f32;
+    for (index, Step { at, point, reach: [reach_u, reach_v], seconds }) in steps.iter().enumerate() {
+        let least = Parameter { u: at.u - reach_u, v: at.v - reach_v };
+        let most = Parameter { u: at.u + reach_u, v: at.v + reach_v };
+        for row in net.rows_around(least, most) {
+            let under = points[row.clone()].iter().map(|sample| sample.distance_mm(*point) <= radius_mm);
+            for (sample, _) in row.zip(under).filter(|(_, under)| *under) {
+                found.dwell_s[sample] += *seconds as f32;
                 found.passes[sample] += u16::from(last_step[sample].wrapping_add(1) != index);
                 last_step[sample] = index;
             }
