@@ -245,10 +245,12 @@ bench-office: setup
 	cargo bench --locked --bench office
 
 # One simulation of everything, with faults of every kind at every moment: `WORLDS` seeds in one thread. One seed again:
-# cargo bench --locked --bench world -- seed=N, or seed=N script='[…]' as a failing one prints it.
+# cargo bench --locked --bench world -- seed=N, or seed=N script='[…]' as a failing one prints it. Then `KILLS` processes that are killed.
 WORLDS := 20000
+KILLS := 10000
 bench-world: setup
 	RAYON_NUM_THREADS=1 cargo bench --locked --bench world -- seeds=$(WORLDS)
+	RAYON_NUM_THREADS=1 cargo bench --locked --bench world -- kills=$(KILLS)
 
 # Ten minutes of full-size pictures over GigE Vision loopback, every one compared; a shorter run: make bench-cameras CAMERA_SECONDS=60.
 CAMERA_SECONDS := 600

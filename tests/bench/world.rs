@@ -1,7 +1,7 @@
 //! Worlds of many seeds: see `tests/world`. A table of what was counted, and exit code 1 where a judge found something.
 //! `cargo bench --bench world -- [seeds=N] [from=N]`, one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`;
-//! mistakes that are put in: `-- sabotage [seeds=N]`, one of them
-//! with `-- mistake='NAME' …`.
+//! mistakes that are put in: `-- sabotage [seeds=N]`, one of them with `-- mistake='NAME' …`; processes of the system that are killed
+//! at any moment: `-- kills=N [from=N]`.
 
 #[allow(dead_code, reason = "the link's tests use the rest")]
 mod link {
@@ -16,7 +16,7 @@ mod world;
 
 use std::process::ExitCode;
 use std::time::Instant;
-use world::{Counts, SABOTAGES, World};
+use world::{Counts, SABOTAGES, Sabotage, World};
 
 /// An argument of this name.
 fn argument(name: &str) -> Option<String> {
@@ -25,6 +25,12 @@ fn argument(name: &str) -> Option<String> {
 
 fn number(name: &str) -> Option<u64> {
     argument(name).map(|text| text.parse().unwrap_or_else(|error| panic!("{name}={text}: {error}")))
+}
+
+/// The mistake that is to be put in.
+fn mistake() -> Option<Sabotage> {
+    let name = argument("mistake")?;
+    SABOTAGES.iter().find(|(known, _)| *known == name).map(|(_, sabotage)| *sabotage)
 }
 
 fn main() -> ExitCode {
@@ -38,6 +44,9 @@ fn main() -> ExitCode {
     };
     if std::env::args().any(|argument| argument == "sabotage") {
         return sabotage(from, number("seeds").unwrap_or(400));
+    }
+    if let Some(count) = number("kills") {
+        return kills(from, count);
     }
     let begun = Instant::now();
     let mut counts = Counts::default();
@@ -53,10 +62,7 @@ fn main() -> ExitCode {
             Some(text) => World::with(seed, world::parse(&text).unwrap_or_else(|error| panic!("{error}"))),
             None => World::of(seed),
         };
-        let world = match argument("mistake").and_then(|name| SABOTAGES.iter().find(|(known, _)| *known == name)) {
-            Some((_, sabotage)) => world.sabotaged(*sabotage),
-            None => world,
-        };
+        let world = mistake().map_or(world.clone(), |sabotage| world.sabotaged(sabotage));
         let since = Instant::now();
         let outcome = world.run();
         if argument("times").is_some() {
@@ -115,6 +121,33 @@ fn held() -> (u64, usize) {
         status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.trim().strip_suffix("kB")?.trim().parse().ok());
     let descriptors = std::fs::read_dir("/proc/self/fd").map_or(0, Iterator::count);
     (kb.unwrap_or(0), descriptors)
+}
+
+/// Worlds whose pictures and results are kept before the first process is copied.
+const KEPT_WORLDS: u64 = 200;
+
+/// Processes that are killed at any moment.
+fn kills(from: u64, count: u64) -> ExitCode {
+    // Its loops would run in threads, which a copy of the process has not.
+    opencv::core::set_num_threads(0).unwrap_or_else(|error| panic!("{error}"));
+    for seed in 0..KEPT_WORLDS.min(count) {
+        World::of(seed).run();
+    }
+    let begun = Instant::now();
+    let killed = world::kills(from, count, mistake());
+    for (seed, violation) in &killed.violations {
+        println!("seed {seed}: {}: {}", violation.judge, violation.what);
+    }
+    println!(
+        "{} kills, {} processes that ended before; {} stores, {} acknowledgements; {:.1} s; {} wrong",
+        killed.kills,
+        killed.ended,
+        killed.stores,
+        killed.acknowledged,
+        begun.elapsed().as_secs_f64(),
+        killed.violations.len()
+    );
+    if killed.violations.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
 /// Each mistake with the seeds that it took to find it.

@@ -65,6 +65,10 @@ struct Watched {
     is_over: bool,
     had_io_error: bool,
     sabotage: Option<Sabotage>,
+    /// One writing in so many is imagined to be the last one before a power cut; what that would leave is put beside the folder.
+    imagined: Option<(u32, Pcg64)>,
+    imagines: bool,
+    left: Vec<PathBuf>,
 }
 
 #[derive(Debug, Clone)]
@@ -91,11 +95,33 @@ pub fn watch(root: &Path, sabotage: Option<Sabotage>) {
         is_over: false,
         had_io_error: false,
         sabotage,
+        imagined: None,
+        imagines: false,
+        left: Vec::new(),
     };
     watched.take(root);
     watched.kept_names = watched.names.clone();
     WATCHED.with_borrow_mut(|slot| *slot = Some(watched));
     libc_calls::listen(true);
+}
+
+/// One in so many of the writings between [`imagine`] and [`imagined`] is imagined to be the last one before a power cut.
+pub fn imagine_one_in(count: u32, seed: u64) {
+    with(|watched| watched.imagined = Some((count, Pcg64::seed_from_u64(seed))));
+}
+
+/// From now on writings may be imagined to be the last ones.
+pub fn imagine() {
+    with(|watched| watched.imagines = true);
+}
+
+/// What power cuts would have left since [`imagine`]: a folder for each.
+pub fn imagined() -> Vec<PathBuf> {
+    let left = with(|watched| {
+        watched.imagines = false;
+        std::mem::take(&mut watched.left)
+    });
+    left.unwrap_or_default()
 }
 
 /// Another process writes to the same folder: what the last one has not flushed is still in the system's memory.
@@ -210,6 +236,7 @@ impl Watched {
             return None;
         }
         self.writings += 1;
+        self.imagine_cut();
         let now = self.writings;
         let gives_up =
             matches!(call, Call::Remove { path } if path.file_name().is_some_and(|name| name == RESERVE));
@@ -241,6 +268,18 @@ impl Watched {
                 Some(libc::EIO)
             }
         }
+    }
+
+    fn imagine_cut(&mut self) {
+        let Some((count, draw)) = self.imagined.as_mut().filter(|_| self.imagines) else { return };
+        if draw.random_range(0..*count) > 0 {
+            return;
+        }
+        let mut draw = Pcg64::seed_from_u64(draw.random());
+        let folder = self.root.with_file_name(format!("cut-{}", self.left.len()));
+        let _ = std::fs::remove_dir_all(&folder);
+        self.image(&folder, &mut draw);
+        self.left.push(folder);
     }
 
     fn after(&mut self, call: &Call<'_>, result: i64) {

@@ -11,7 +11,7 @@ use super::script::{self, CameraHarm, DiskHarm, Entry, Fault, Power, Press};
 use super::tamper::Tampering;
 use super::terminals::{Around, Terminals};
 use panelprep::cycle::At;
-use panelprep::devices::mock::{Clock, Controller, Sample, Setup};
+use panelprep::devices::mock::{Clock, Controller, Programs, Sample, Setup};
 use panelprep::devices::robot::link_limits;
 use panelprep::eki::{Channel, CommandId, Epoch, LinkLimits, MoveLin, Pace, Session};
 use panelprep::geometry::{Base, Joints, Panel, Rigid, Tool};
@@ -52,6 +52,8 @@ pub struct Counts {
     pub lives: u64,
     /// Power cuts.
     pub cuts: u64,
+    /// Moments at which a power cut was imagined: what it would have left was started on, and the world went on.
+    pub imagined_cuts: u64,
     /// Kills of the process.
     pub kills: u64,
     /// Virtual time, ms.
@@ -68,6 +70,7 @@ impl Counts {
         self.cycles += other.cycles;
         self.lives += other.lives;
         self.cuts += other.cuts;
+        self.imagined_cuts += other.imagined_cuts;
         self.kills += other.kills;
         self.time_ms += other.time_ms;
     }
@@ -134,8 +137,13 @@ pub struct Shared(Arc<Mutex<Inside>>);
 
 impl Shared {
     /// A world in which this script is to strike.
-    pub fn new(stands: Stands, delay_ms: (u64, u64), script: Vec<Entry>, sabotage: Option<Sabotage>) -> Self {
-        Shared(Arc::new(Mutex::new(Inside::new(stands, delay_ms, script, sabotage))))
+    pub fn new(
+        stands: Stands,
+        link: ((u64, u64), Option<Programs>),
+        script: Vec<Entry>,
+        sabotage: Option<Sabotage>,
+    ) -> Self {
+        Shared(Arc::new(Mutex::new(Inside::new(stands, link, script, sabotage))))
     }
 
     /// The world, for the moment of a call.
@@ -164,14 +172,19 @@ pub fn session(sabotage: Option<Sabotage>) -> Session {
 }
 
 impl Inside {
-    fn new(stands: Stands, delay_ms: (u64, u64), script: Vec<Entry>, sabotage: Option<Sabotage>) -> Self {
+    fn new(
+        stands: Stands,
+        (delay_ms, programs): ((u64, u64), Option<Programs>),
+        script: Vec<Entry>,
+        sabotage: Option<Sabotage>,
+    ) -> Self {
         let around = Arc::new(Mutex::new(Around::default()));
         let left_out = match sabotage {
             Some(Sabotage::Controller(rule)) => Some(rule),
             _ => None,
         };
         let (inputs, outputs) = ((1..=5).collect(), (1..=5).collect());
-        let setup = Setup { start: START, inputs, outputs, left_out, ..setup(Clock::Free) };
+        let setup = Setup { start: START, inputs, outputs, programs, left_out, ..setup(Clock::Free) };
         let mut cell = Cell::within(setup, limits(sabotage), 1, Box::new(Terminals(around.clone())));
         cell.delay_ms = delay_ms;
         let tampering = Arc::new(Mutex::new(Tampering::default()));

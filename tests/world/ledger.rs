@@ -4,14 +4,18 @@ use panelprep::cycle::{At, Event, Motion, State};
 use panelprep::daemon::{Note, RecordAnswer, RecordCommand};
 use panelprep::record::CycleId;
 use panelprep::report::cycle_page;
-use panelprep::store::Store;
+use panelprep::store::{Store, StoreError};
 use panelprep::verdict::Verdict;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
 
 /// What was acknowledged.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Ledger {
     /// The journal's events.
     events: Vec<Event>,
@@ -22,9 +26,12 @@ pub struct Ledger {
     open: Option<Motion>,
     /// The cycle at hand.
     pub cycle: Option<CycleId>,
+    /// Where each acknowledgement is told as well, for whoever outlives this process.
+    pub told_to: Option<Arc<File>>,
 }
 
 /// What of a command is remembered until its answer comes.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub enum Told {
     Event(Event),
     Verdict(Verdict),
@@ -57,6 +64,25 @@ impl Told {
 impl Ledger {
     /// The store has acknowledged it.
     pub fn acknowledged(&mut self, told: Told, answer: &RecordAnswer) {
+        let begun = if let RecordAnswer::Cycle(cycle) = answer { Some(*cycle) } else { None };
+        if let Some(mut file) = self.told_to.as_deref() {
+            let line = format!("{}\n", serde_json::to_string(&(told, begun)).expect("plain data"));
+            file.write_all(line.as_bytes()).expect("a pipe that somebody reads");
+        }
+        self.take(told, begun);
+    }
+
+    /// The same as a line of `told_to`.
+    ///
+    /// # Errors
+    /// Where it is none.
+    pub fn take_line(&mut self, line: &str) -> Result<(), String> {
+        let (told, begun) = serde_json::from_str(line).map_err(|error| format!("{line}: {error}"))?;
+        self.take(told, begun);
+        Ok(())
+    }
+
+    fn take(&mut self, told: Told, begun: Option<CycleId>) {
         match (told, self.cycle) {
             (Told::Event(event), _) => self.events.push(event),
             (Told::Verdict(verdict), Some(cycle)) => drop(self.verdicts.insert(cycle, verdict)),
@@ -65,13 +91,22 @@ impl Ledger {
             (Told::Open(motion), _) => self.open = Some(motion),
             (Told::Close, _) => self.open = None,
             (Told::Between, _) => self.cycle = None,
-            (Told::Begin, _) => {
-                if let RecordAnswer::Cycle(cycle) = answer {
-                    self.cycle = Some(*cycle);
-                }
-            }
+            (Told::Begin, _) => self.cycle = begun.or(self.cycle),
             _ => {}
         }
+    }
+
+    /// Starts on this store as a process would, and looks whether it holds what was acknowledged.
+    ///
+    /// # Errors
+    /// In words, why it cannot start, or what is not held.
+    pub fn check_start(&mut self, folder: &Path) -> Result<(), String> {
+        let words = |error: StoreError| error.to_string();
+        let mut store = Store::create(folder).map_err(words)?;
+        let rested = store.recover().map_err(words)?;
+        self.check(&store, &rested)?;
+        self.cycle = store.open_cycles().map_err(words)?.pop();
+        Ok(())
     }
 
     /// A hash of the journal.

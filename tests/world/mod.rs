@@ -11,8 +11,8 @@
 //! - `inside`: link, controller, arm and terminals in one time, and the faults that strike · `tamper`: bytes and meanings ·
 //!   `terminals`: light, water, lens, extraction, tool · `clock`: the wall clock
 //! - `robot`, `record`, `cameras`, `people`: the loop's ports in it · `judges`: what must hold at every moment · `ledger`: what the store
-//!   has acknowledged
-//! - `disk`: the disk, what it may do, and what a power cut leaves · `libc_calls`: how it sees what is written
+//!   has acknowledged · `killing`: real processes that are killed
+//! - `disk`: the disk, what it may do, and what a power cut leaves, or would have left · `libc_calls`: how it sees what is written
 //!
 //! - `sabotage`: mistakes that are put in, to see that a world finds them
 //!
@@ -26,6 +26,7 @@ mod disk;
 mod fixture;
 mod inside;
 mod judges;
+mod killing;
 mod ledger;
 mod libc_calls;
 mod people;
@@ -38,6 +39,7 @@ mod terminals;
 
 pub use cameras::kept;
 pub use inside::{Counts, Violation};
+pub use killing::{Killed, kills};
 pub use sabotage::{ALL as SABOTAGES, Sabotage};
 pub use script::{Entry, parse, print};
 
@@ -47,6 +49,7 @@ use fixture::{Fixture, Stands};
 use inside::Shared;
 use ledger::Ledger;
 use panelprep::daemon::{self, Computing, LoopStart, Memory, Ports, StoreRecord};
+use panelprep::devices::mock::Programs;
 use panelprep::store::{Store, StoreError};
 use panelprep::tape::Begin;
 use people::{Aim, People};
@@ -62,6 +65,10 @@ use std::sync::LazyLock;
 const LONGEST_MS: u64 = 120_000;
 /// From the end of a process to the begin of the next, ms.
 const AWAY_MS: u64 = 2_000;
+/// Worlds whose controller executes its programs: seeds with this remainder.
+const INTERPRETED: (u64, u64) = (8, 5);
+/// A power cut is imagined at one in so many writings.
+const IMAGINES_ONE_IN: u32 = 300;
 /// Processes that a world sees at most.
 const MOST_LIVES: u64 = 60;
 
@@ -94,7 +101,7 @@ impl World {
     /// The world of a seed.
     pub fn of(seed: u64) -> Self {
         let odds = Odds { most: 6, disk: !seed.is_multiple_of(3) };
-        World { seed, script: script::draw(seed, odds), sabotage: None }
+        World::with(seed, script::draw(seed, odds))
     }
 
     /// The same world with this script.
@@ -109,19 +116,9 @@ impl World {
 
     /// Runs it.
     pub fn run(&self) -> Outcome {
-        let mut draw = Pcg64::seed_from_u64(self.seed ^ 0x5eed);
-        let stands = [Stands::Greasy, Stands::Greasy, Stands::Greasy, Stands::Clean, Stands::Nothing]
-            [draw.random_range(0..5)];
-        let delay_ms = [(0, 0), (1, 3), (2, 25), (10, 10)][draw.random_range(0..4)];
         clock::right();
-        let world = Shared::new(stands, delay_ms, self.script.clone(), self.sabotage);
         let folder = fixture::folder(&format!("world-{:?}", std::thread::current().id()));
-        // Most worlds see one cycle and the begin of another one.
-        let cycles = if self.seed.is_multiple_of(3) { 2 } else { 1 };
-        let people = People::new(world.clone(), (cycles, self.seed.is_multiple_of(4)), LONGEST_MS);
-        let (seed, sabotage) = (self.seed, self.sabotage);
-        let ledger = Ledger::default();
-        let mut running = Running { people, world, seed, folder, sabotage, stores: 0, ledger };
+        let mut running = self.begin(folder, Ledger::default());
         running.whole();
         clock::right();
         let Running { world, ledger, .. } = running;
@@ -129,6 +126,32 @@ impl World {
         let trace = ledger.trace();
         let counts = Counts { time_ms: world.now_ms(), ..world.counts.clone() };
         Outcome { counts, violation: world.violation.clone(), trace }
+    }
+
+    /// The controller's programs as they ship, which some worlds execute in place of their model; the turns of the two interpreters
+    /// are drawn from the seed.
+    fn programs(&self) -> Option<Programs> {
+        static SHIPPED: LazyLock<Programs> = LazyLock::new(|| Programs::shipped().expect("right programs"));
+        if self.seed % INTERPRETED.0 != INTERPRETED.1 || matches!(self.sabotage, Some(Sabotage::Controller(_))) {
+            return None;
+        }
+        let mut programs = SHIPPED.clone();
+        (programs.seed, programs.adverse) = (self.seed, true);
+        Some(programs)
+    }
+
+    /// The world before its first process, whose store is or will be in this folder.
+    fn begin(&self, folder: PathBuf, ledger: Ledger) -> Running {
+        let mut draw = Pcg64::seed_from_u64(self.seed ^ 0x5eed);
+        let stands = [Stands::Greasy, Stands::Greasy, Stands::Greasy, Stands::Clean, Stands::Nothing]
+            [draw.random_range(0..5)];
+        let delay_ms = [(0, 0), (1, 3), (2, 25), (10, 10)][draw.random_range(0..4)];
+        let link = (delay_ms, self.programs());
+        let world = Shared::new(stands, link, self.script.clone(), self.sabotage);
+        // Most worlds see one cycle and the begin of another one.
+        let cycles = if self.seed.is_multiple_of(3) { 2 } else { 1 };
+        let people = People::new(world.clone(), (cycles, self.seed.is_multiple_of(4)), LONGEST_MS);
+        Running { people, world, seed: self.seed, folder, sabotage: self.sabotage, stores: 0, ledger }
     }
 }
 
@@ -168,11 +191,16 @@ impl Running {
         self.folder.join(format!("store-{}", self.stores))
     }
 
+    fn watch(&self) {
+        disk::watch(&self.store(), self.sabotage);
+        disk::imagine_one_in(IMAGINES_ONE_IN, self.seed ^ (u64::from(self.stores) << 32));
+    }
+
     fn whole(&mut self) {
         // What an earlier world of this thread left.
         let _ = std::fs::remove_dir_all(&self.folder);
         Fixture::get().put_store(&self.store());
-        disk::watch(&self.store(), self.sabotage);
+        self.watch();
         loop {
             let lives = {
                 let mut world = self.world.lock();
@@ -252,7 +280,7 @@ impl Running {
                 drop(world);
                 self.stores += 1;
                 disk::after_power_cut(&self.store(), seed);
-                disk::watch(&self.store(), self.sabotage);
+                self.watch();
             }
             Some(Power::Kill) => {
                 world.counts.kills += 1;

@@ -1,6 +1,7 @@
 //! The record of a world: the product's own, on the real store. Pictures are kept as small ones, since packing them would take most
 //! of a world's time; each is still a file of its own content that a row names.
 
+use super::disk;
 use super::inside::{Permit, Shared};
 use super::ledger::{Ledger, Told};
 use super::sabotage::Sabotage;
@@ -27,6 +28,22 @@ impl<'s> Record<'s> {
     }
 }
 
+impl Record<'_> {
+    /// Each power cut that was imagined while the last command was performed leaves a store that holds all that was acknowledged before.
+    fn judge_imagined_cuts(&mut self) {
+        for folder in disk::imagined() {
+            let held = self.ledger.clone().check_start(&folder);
+            let _ = std::fs::remove_dir_all(&folder);
+            let mut world = self.world.lock();
+            world.counts.imagined_cuts += 1;
+            world.counts.judged("an imagined power cut");
+            if let Err(problem) = held {
+                world.wrong("an imagined power cut", problem);
+            }
+        }
+    }
+}
+
 impl Port<RecordCommand> for Record<'_> {
     fn perform(&mut self, command: RecordCommand) -> Result<RecordAnswer, RecordError> {
         let told = Told::of(&command);
@@ -44,7 +61,10 @@ impl Port<RecordCommand> for Record<'_> {
             self.world.lock().writes();
         }
         let is_skipped = self.sabotage.is_some_and(|sabotage| sabotage.skips(&command));
-        let answer = if is_skipped { RecordAnswer::Done } else { self.store.perform(command)? };
+        disk::imagine();
+        let answer = if is_skipped { Ok(RecordAnswer::Done) } else { self.store.perform(command) };
+        self.judge_imagined_cuts();
+        let answer = answer?;
         self.ledger.acknowledged(told, &answer);
         if let Some(permit) = permit {
             self.world.lock().permits(permit);

@@ -1,0 +1,149 @@
+//! Processes of the system that are killed at any moment: the loop of a world runs in a process of its own, which is killed (SIGKILL)
+//! somewhere in its work, also within a call of the system. What the store acknowledged to it comes through a pipe. Then the
+//! store is started on, and must hold it; the next process goes on with the same store, until one of them comes to its end.
+//!
+//! The disk is the system's own and not `disk`'s, so no power is lost here, and a world's own kills and faults of the disk are left out.
+//! A process is a copy of this one (`fork`), so that pictures and results that are kept for all worlds need not be made again. This
+//! process must have one thread.
+#![allow(unsafe_code, reason = "a copy of the process is made by the system's own call")]
+
+use super::fixture::{self, Fixture};
+use super::inside::Violation;
+use super::ledger::Ledger;
+use super::sabotage::Sabotage;
+use super::script::{self, Fault, Odds};
+use super::{World, disk};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use std::fs::File;
+use std::io::{Read, Write};
+use std::os::fd::{FromRawFd, RawFd};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A process is killed within so long; most worlds take less.
+const LONGEST: Duration = Duration::from_millis(45);
+/// Processes on one store, at most.
+const MOST_PROCESSES: u64 = 12;
+/// Before what a process says of itself.
+const WRONG: &str = "wrong ";
+const END: &str = "end";
+
+/// What came of killing.
+#[derive(Debug, Default)]
+pub struct Killed {
+    /// Processes that were killed.
+    pub kills: u64,
+    /// Processes that came to their end before.
+    pub ended: u64,
+    /// What their stores acknowledged.
+    pub acknowledged: u64,
+    /// Stores that were looked at to the end.
+    pub stores: u64,
+    /// What was wrong, with the seed.
+    pub violations: Vec<(u64, Violation)>,
+}
+
+/// Kills processes of these seeds' worlds, until so many are killed; with a mistake in them, where one is given.
+pub fn kills(from: u64, count: u64, sabotage: Option<Sabotage>) -> Killed {
+    let mut killed = Killed::default();
+    let mut seed = from;
+    while killed.kills < count {
+        if let Err(violation) = one_store(seed, sabotage, &mut killed) {
+            killed.violations.push((seed, violation));
+        }
+        seed += 1;
+    }
+    killed
+}
+
+fn wrong(judge: &'static str, what: String) -> Violation {
+    Violation { judge, what }
+}
+
+/// Processes on one store, one after the other, until one of them ends by itself.
+fn one_store(seed: u64, sabotage: Option<Sabotage>, killed: &mut Killed) -> Result<(), Violation> {
+    let folder = fixture::folder("killed");
+    let _ = std::fs::remove_dir_all(&folder);
+    let store = folder.join("store-0");
+    Fixture::get().put_store(&store);
+    let mut draw = Pcg64::seed_from_u64(seed);
+    let mut ledger = Ledger::default();
+    for process in 0..MOST_PROCESSES {
+        let world_seed = seed * MOST_PROCESSES + process;
+        let mut script = script::draw(world_seed, Odds { most: 3, disk: false });
+        script.retain(|entry| !matches!(entry.fault, Fault::Power { .. } | Fault::Disk { .. }));
+        let world = World { sabotage, ..World::with(world_seed, script) };
+        let patience = LONGEST.mul_f64(draw.random());
+        let told = run_and_kill(&world, &folder, &ledger, patience);
+        let mut has_ended = false;
+        for line in told.lines() {
+            match line.strip_prefix(WRONG) {
+                Some(what) => return Err(wrong("a process that is killed later", what.to_owned())),
+                None if line == END => has_ended = true,
+                None => {
+                    killed.acknowledged += 1;
+                    ledger.take_line(line).map_err(|what| wrong("the pipe", what))?;
+                }
+            }
+        }
+        *if has_ended { &mut killed.ended } else { &mut killed.kills } += 1;
+        ledger.check_start(&store).map_err(|what| wrong("nothing acknowledged is lost by a kill", what))?;
+        if has_ended {
+            break;
+        }
+    }
+    killed.stores += 1;
+    let closed = ledger.close(&store).map_err(|what| wrong("record and page", what));
+    let _ = std::fs::remove_dir_all(&folder);
+    closed
+}
+
+/// What a process tells until it is killed.
+fn run_and_kill(world: &World, folder: &Path, ledger: &Ledger, patience: Duration) -> String {
+    assert_eq!(std::fs::read_dir("/proc/self/task").map_or(1, Iterator::count), 1, "a copy has one thread only");
+    let mut ends: [RawFd; 2] = [0; 2];
+    // SAFETY: the call writes two descriptors there.
+    assert_eq!(unsafe { libc::pipe(ends.as_mut_ptr()) }, 0, "a pipe");
+    // SAFETY: both are new and nobody else's. The pipe takes all that a world tells.
+    let (mut reads, writes) = unsafe {
+        libc::fcntl(ends[1], libc::F_SETPIPE_SZ, 1 << 20);
+        (File::from_raw_fd(ends[0]), File::from_raw_fd(ends[1]))
+    };
+    // SAFETY: this process has one thread, so nothing is locked in its copy by another one.
+    match unsafe { libc::fork() } {
+        0 => in_the_copy(world, folder, ledger, writes),
+        copy => {
+            assert!(copy > 0, "a copy of the process");
+            drop(writes);
+            std::thread::sleep(patience);
+            // SAFETY: the copy is this process's own child, and not yet waited for.
+            unsafe {
+                libc::kill(copy, libc::SIGKILL);
+                libc::waitpid(copy, std::ptr::null_mut(), 0);
+            }
+            let mut told = String::new();
+            reads.read_to_string(&mut told).expect("lines");
+            told
+        }
+    }
+}
+
+fn in_the_copy(world: &World, folder: &Path, ledger: &Ledger, writes: File) -> ! {
+    let writes = Arc::new(writes);
+    let mut ledger = ledger.clone();
+    ledger.told_to = Some(writes.clone());
+    let mut running = world.begin(folder.to_owned(), ledger);
+    let ended = running.life();
+    let violation = running.world.lock().violation.clone();
+    let line = match (ended, violation) {
+        (_, Some(Violation { judge, what })) => format!("{WRONG}{judge}: {what}\n"),
+        (Err((judge, what)), None) => format!("{WRONG}{judge}: {what}\n"),
+        (Ok(()), None) => format!("{END}\n"),
+    };
+    let _ = (&*writes).write_all(line.as_bytes());
+    disk::leave();
+    // SAFETY: ends the copy at once; what it shares with the process it was made of is not closed twice.
+    unsafe { libc::_exit(0) }
+}
