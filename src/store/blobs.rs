@@ -61,7 +61,8 @@ impl Blobs {
         let hash = content_hash(bytes);
         let path = self.folder.join(&hash);
         match self.get(&hash) {
-            Ok(_) => return Ok(hash),
+            // Whoever put it there may not have come to flush its name.
+            Ok(_) => return flush_names(&self.folder).map(|()| hash),
             Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::NotFound => {}
             Err(error) => return Err(error),
         }
@@ -76,8 +77,16 @@ impl Blobs {
             let _ = fs::remove_file(&part);
         }
         renamed?;
-        File::open(&self.folder).and_then(|folder| folder.sync_all()).map_err(at("flush", &self.folder))?;
-        Ok(hash)
+        flush_names(&self.folder).map(|()| hash)
+    }
+
+    /// Makes the disk keep the names of all files of the store: a process that was killed may not have come to it.
+    ///
+    /// # Errors
+    /// Where the disk refuses.
+    pub(super) fn flush_names(&self) -> Result<(), StoreError> {
+        flush_names(&self.folder)?;
+        flush_names(self.store())
     }
 
     fn part(&self, name: &str) -> PathBuf {
@@ -129,6 +138,10 @@ fn write_flushed(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let mut file = File::create(path)?;
     file.write_all(bytes)?;
     file.sync_all()
+}
+
+fn flush_names(folder: &Path) -> Result<(), StoreError> {
+    File::open(folder).and_then(|folder| folder.sync_all()).map_err(at("flush", folder))
 }
 
 fn at<'p>(doing: &'static str, path: &'p Path) -> impl Fn(std::io::Error) -> StoreError + 'p {

@@ -3,7 +3,7 @@
 use super::blobs::Blobs;
 use super::chain::{self, ChainPosition};
 use super::database::{DATABASE, Store};
-use super::database_files::{file_hash, log_of};
+use super::database_files::{file_hash, flush_log, log_of};
 use super::error::StoreError;
 use super::fullness::Fullness;
 use super::head::{self, Head, HeadFile};
@@ -75,8 +75,10 @@ impl Store {
     fn begin(folder: &Path) -> Result<Self, StoreError> {
         let blobs = Blobs::create(folder)?;
         let lease = Lease::take(folder)?;
-        let told = head::read(folder);
+        blobs.flush_names()?;
         let path = folder.join(DATABASE);
+        flush_log(&path)?;
+        let told = head::read(folder);
         let failed = |error: rusqlite::Error| StoreError::database("open", &path, &error);
         let connection = Connection::open(&path).map_err(failed)?;
         let version = schema::version(&connection, &path)?;

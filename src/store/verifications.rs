@@ -2,6 +2,7 @@
 //! who did so and why.
 
 use super::database::{DATABASE, Store};
+use super::database_files::flush_log;
 use super::error::StoreError;
 use super::head::HeadFile;
 use super::outbox;
@@ -89,8 +90,9 @@ impl Store {
     }
 
     pub(super) fn beside_the_writer(folder: &Path) -> Result<Self, StoreError> {
-        let mut store = Store::open(folder)?;
         let path = folder.join(DATABASE);
+        flush_log(&path)?;
+        let mut store = Store::open(folder)?;
         let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let failed = |error: rusqlite::Error| StoreError::database("open", &path, &error);
         store.connection = Connection::open_with_flags(&path, flags).map_err(failed)?;

@@ -108,7 +108,11 @@ impl Oracles {
 
     /// How long a retract that begins then may take.
     fn retract_ms(&self, from_ms: u64) -> u64 {
-        if from_ms < self.slowed_until_ms { SLOW_RETRACT_MS } else { RETRACT_MS }
+        match self.slowed_until_ms.saturating_sub(from_ms) {
+            0 => RETRACT_MS,
+            // At the least speed it has hardly begun when the arm is as fast as before.
+            slowed_ms => SLOW_RETRACT_MS.max(slowed_ms + RETRACT_MS),
+        }
     }
 
     fn wrong(&mut self, now_ms: u64, what: String) {

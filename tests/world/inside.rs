@@ -413,8 +413,8 @@ impl Inside {
             Fault::Stall(ms) => self.cell.client_stalls_until_ms = now_ms + ms,
             Fault::Controller(text) => {
                 if let Ok(fault) = script::controller_fault(&text) {
-                    if text.starts_with("slow") {
-                        self.oracles.slowed_until_ms = now_ms + 6_000;
+                    if let Some(for_ms) = script::slowed_ms(&text) {
+                        self.oracles.slowed_until_ms = now_ms + for_ms;
                     }
                     self.cell.controller.inject(fault);
                 }

@@ -10,7 +10,7 @@
 //! - `fixture`: the cell, its recipe, what was taught · `script`: what goes wrong and when, drawn from a seed, printed and read
 //! - `inside`: link, controller, arm and terminals in one time, and the faults that strike · `tamper`: bytes and meanings ·
 //!   `terminals`: light, water, lens, extraction, tool · `clock`: the wall clock
-//! - `robot`, `record`, `cameras`, `people`: the loop's ports in it · `judges`: what must hold at every moment · `ledger`: what the store
+//! - `robot`, `record`, `cameras`, `people`: the loop's ports in it · `desk`: the service's queue and request handler before them · `judges`: what must hold at every moment · `ledger`: what the store
 //!   has acknowledged · `killing`: real processes that are killed
 //! - `disk`: the disk, what it may do, and what a power cut leaves, or would have left · `libc_calls`: how it sees what is written
 //!
@@ -22,6 +22,7 @@
 
 mod cameras;
 mod clock;
+mod desk;
 mod disk;
 mod fixture;
 mod inside;
@@ -306,6 +307,7 @@ impl Running {
         checked.map_err(|problem| ("nothing acknowledged is lost", problem))?;
         let left_open = store.open_cycles().map_err(start)?.pop();
         self.ledger.cycle = left_open;
+        self.people.begin(&self.store(), left_open);
         let store = StoreRecord::new(&mut store, left_open);
         let mut record = Record::new(store, &mut self.ledger, self.world.clone());
         let mut robot = Robot::new(self.world.clone());

@@ -2,6 +2,7 @@
 //!
 //! This is also where a world looks at the table: each time the loop asks for a request it shows its state.
 
+use super::desk::{Desk, OPERATOR, SOMEBODY};
 use super::disk;
 use super::fixture::Fixture;
 use super::inside::{Inside, Shared};
@@ -9,9 +10,9 @@ use super::judges;
 use super::script::{self, Press};
 use panelprep::cycle::{self, At, Id, Robot, State, Why};
 use panelprep::daemon::{News, Port, Request, RequestAnswer, RequestCommand, What};
-use panelprep::record::{Front, Who};
+use panelprep::record::CycleId;
 use panelprep::supervision::{Failure, ThreadFault};
-use std::collections::VecDeque;
+use std::path::Path;
 
 /// Somebody looks at the cell so often, ms.
 const LOOKS_MS: u64 = 200;
@@ -53,7 +54,10 @@ pub struct People {
     ended: u64,
     /// Cycles that began when the trouble was over.
     begun_before: u64,
-    asked: VecDeque<What>,
+    /// The queue and the handler of the process at hand.
+    desk: Option<Desk>,
+    /// Somebody has asked this process to leave.
+    has_left: bool,
     working: Option<(Id, u64)>,
     /// The cycle at hand began when nothing went wrong any more.
     is_untroubled: bool,
@@ -74,7 +78,8 @@ impl People {
             held: 0,
             ended: 0,
             begun_before: 0,
-            asked: VecDeque::new(),
+            desk: None,
+            has_left: false,
             working: None,
             is_untroubled: false,
             stopping: None,
@@ -83,11 +88,23 @@ impl People {
 
     /// A new process knows nothing of what was asked.
     pub fn forget(&mut self) {
-        self.asked.clear();
+        (self.desk, self.has_left) = (None, false);
         (self.working, self.stopping) = (None, None);
     }
 
-    fn next(&mut self, state: &State) -> Option<What> {
+    /// A process begins on this store; `left` is the cycle that an earlier one did not end.
+    pub fn begin(&mut self, store: &Path, left: Option<CycleId>) {
+        self.desk = Some(Desk::new(store, left));
+    }
+
+    fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
+        let Some(mut desk) = self.desk.take() else { return Ok(None) };
+        let request = self.next_at(&mut desk, state);
+        self.desk = Some(desk);
+        request
+    }
+
+    fn next_at(&mut self, desk: &mut Desk, state: &State) -> Result<Option<Request>, ThreadFault> {
         let mut world = self.world.lock();
         world.comes_to(state.at);
         judges::look(&mut world, state, &mut self.stopping);
@@ -106,20 +123,29 @@ impl People {
             world.wrong("end", format!("the world does not end: {at:?}, {aim:?}, troubled {troubled}"));
         }
         while let Some(press) = world.pressed.pop_front() {
-            self.asked.extend(whats(press));
+            whats(press).into_iter().for_each(|what| desk.ask(SOMEBODY, what));
         }
         drop(world);
-        if let Some(what) = self.asked.pop_front() {
-            self.notes(&what, state, now_ms);
-            return Some(what);
+        if desk.is_free() && now_ms >= self.looked_ms + LOOKS_MS {
+            self.looked_ms = now_ms;
+            if let Some(what) = self.usual(state) {
+                let is_leave = matches!(what, What::Leave);
+                // A second one would abort.
+                if !(is_leave && std::mem::replace(&mut self.has_left, true)) {
+                    desk.ask(OPERATOR, what);
+                }
+            }
         }
-        if now_ms < self.looked_ms + LOOKS_MS {
-            return None;
+        let request = desk.next(state)?;
+        if let Some(request) = &request {
+            self.notes(&request.what, state, now_ms);
         }
-        self.looked_ms = now_ms;
-        let what = self.usual(state)?;
-        self.notes(&what, state, now_ms);
-        Some(what)
+        let mut world = self.world.lock();
+        world.counts.judged("requests");
+        if let Some(wrong) = desk.wrong.take() {
+            world.wrong("requests", wrong);
+        }
+        Ok(request)
     }
 
     /// When nothing goes wrong any more, clear, reset and start lead to a new cycle within a bound.
@@ -195,7 +221,7 @@ impl People {
         }
     }
 
-    fn hear(&mut self, news: News) {
+    fn hear(&mut self, news: &News) {
         match news {
             News::Begun(..) => {
                 let mut world = self.world.lock();
@@ -209,10 +235,10 @@ impl People {
                 self.ended += 1;
                 let mut world = self.world.lock();
                 if std::mem::take(&mut self.is_untroubled) {
-                    judges::ends_by_itself(&mut world, verdict);
+                    judges::ends_by_itself(&mut world, *verdict);
                 }
                 *world.counts.verdicts.entry(verdict.word()).or_default() += 1;
-                judges::concluded(&mut world, verdict);
+                judges::concluded(&mut world, *verdict);
             }
             News::Unable(reasons) => tracing::debug!("unable: {reasons:?}"),
             _ => {}
@@ -255,13 +281,13 @@ impl Port<RequestCommand> for People {
                 let thread = "the process".to_owned();
                 RequestAnswer::Next(Err(ThreadFault { thread, what: Failure::Ended }))
             }
-            RequestCommand::Next(state) => {
-                let what = self.next(&state);
-                RequestAnswer::Next(Ok(what.map(|what| Request::new(what, Who::by(Front::Socket)))))
-            }
+            RequestCommand::Next(state) => RequestAnswer::Next(self.next(&state)),
             RequestCommand::LetsIn(id) => RequestAnswer::LetsIn(self.lets_in(id).then_some(id)),
             RequestCommand::Tell(news) => {
-                self.hear(news);
+                self.hear(&news);
+                if let Some(desk) = &mut self.desk {
+                    desk.hear(news);
+                }
                 RequestAnswer::Told
             }
         }

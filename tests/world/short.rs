@@ -6,7 +6,17 @@ use crate::world::{Counts, World, parse, print};
 const SEEDS: u64 = 120;
 
 /// Worlds in which something was found once: the seed, the script, and what was found.
-const FOUND_ONCE: [(u64, &str, &str); 5] = [
+const FOUND_ONCE: [(u64, &str, &str); 7] = [
+    (
+        504171,
+        r#"[{"place":"abrade","visit":1,"after_ms":2261,"fault":{"Controller":"slow=5/3835ms"}}]"#,
+        "a retract that a twentieth of the speed had held up was taken for a motion without a command",
+    ),
+    (
+        507142,
+        r#"[{"place":"resetting","visit":1,"after_ms":0,"fault":{"Power":{"writing":39,"power":"Kill"}}},{"place":"stopped","visit":1,"after_ms":0,"fault":{"Press":"Stop"}}]"#,
+        "a process was killed after a commit's writing and before its flush; the next one read that row, told the head of it, and a power cut took the row",
+    ),
     (
         1433,
         r#"[{"place":"idle","visit":1,"after_ms":2464,"fault":{"Disk":{"writing":9,"harm":"Io","times":2}}}]"#,

@@ -1,0 +1,188 @@
+//! Between the people of a world and its loop: the service's own queue and request handler, with several users who ask at once.
+//!
+//! What can be asked by the socket goes through its line of text and back. Beside what people want, the state is asked for in
+//! every round of the loop, as a page does, so that the handler never waits. A mirror of the queue says what must find a place, what
+//! must not, and what is taken next; each request that found one is answered, in as many rounds as there are requests before it.
+
+use panelprep::cycle::{self, State};
+use panelprep::daemon::{
+    EndedCycle, News, NotTaken, RecordingSwitch, Reply, Request, RequestHandler, RequestSender, Requester,
+    ServiceParts, What, WrittenPage, read_request, request_line, request_queue,
+};
+use panelprep::record::{CycleId, Front, Who};
+use panelprep::supervision::{Supervisor, ThreadFault};
+use std::path::Path;
+use std::sync::mpsc::{Receiver, channel};
+use tokio::sync::oneshot;
+use tokio::sync::oneshot::error::TryRecvError;
+
+/// Whoever runs the cycles, people who press whatever they like, and a page that asks for the state.
+pub const OPERATOR: u32 = 1_000;
+pub const SOMEBODY: u32 = 1_001;
+const PAGE: u32 = 33;
+
+/// Requests of one user, and of all, that may wait.
+const MOST_OF_USER: usize = 8;
+const MOST: usize = 32;
+/// Rounds of the loop until the answer to a request that was taken.
+const ANSWERED_IN: u32 = 2;
+
+/// A request that found a place.
+struct Waiting {
+    uid: u32,
+    words: String,
+    urgent: bool,
+    /// It is still in the queue.
+    queued: bool,
+    rounds: u32,
+    /// Rounds in which its answer must come.
+    at_most: u32,
+    reply: oneshot::Receiver<Reply>,
+}
+
+/// The queue and the handler of one process.
+pub struct Desk {
+    handler: RequestHandler,
+    sender: RequestSender,
+    waiting: Vec<Waiting>,
+    /// Somebody wants the process to end: what else waits may be dropped.
+    leaves: bool,
+    _pages: Receiver<EndedCycle>,
+    /// What was wrong.
+    pub wrong: Option<String>,
+    /// Answers that came.
+    pub answered: u64,
+}
+
+impl Desk {
+    /// Of a process that begins; `left` is the cycle that an earlier one did not end.
+    pub fn new(store: &Path, left: Option<CycleId>) -> Self {
+        let (sender, queue) = request_queue();
+        let (pages, _pages) = channel();
+        let parts = ServiceParts {
+            recording: RecordingSwitch::new(store, false),
+            supervisor: Supervisor::default(),
+            pages,
+            written: WrittenPage::default(),
+            cameras: None,
+        };
+        let handler = RequestHandler::new(queue, left, parts);
+        Desk { handler, sender, waiting: Vec::new(), leaves: false, _pages, wrong: None, answered: 0 }
+    }
+
+    /// Whether nothing but the page's question waits.
+    pub fn is_free(&self) -> bool {
+        !self.waiting.iter().any(|waiting| waiting.queued && waiting.uid != PAGE)
+    }
+
+    /// This user asks for it.
+    pub fn ask(&mut self, uid: u32, what: What) {
+        let what = self.through_the_socket(what);
+        let (words, urgent) = (format!("{what:?}"), is_urgent(&what));
+        self.leaves |= matches!(what, What::Leave);
+        let (reply, answer) = oneshot::channel();
+        let who = Who { front: Front::Socket, uid: Some(uid), user: None };
+        let others = || self.waiting.iter().filter(|waiting| waiting.queued && !waiting.urgent);
+        let (of_user, of_all) = (others().filter(|waiting| waiting.uid == uid).count(), others().count());
+        let has_place = urgent || (of_user < MOST_OF_USER && of_all < MOST);
+        let before =
+            if urgent { self.waiting.iter().filter(|waiting| waiting.urgent).count() } else { self.waiting.len() };
+        match (self.sender.send(Request { what, who, reply: Some(reply) }), has_place) {
+            (Ok(()), true) => self.waiting.push(Waiting {
+                uid,
+                words,
+                urgent,
+                queued: true,
+                rounds: 0,
+                at_most: before as u32 + ANSWERED_IN,
+                reply: answer,
+            }),
+            (Err(NotTaken::Full { .. }), false) => {}
+            (sent, _) => {
+                self.is_wrong(format!("{words} of user {uid}, where {of_user} of {of_all} wait: {sent:?}"))
+            }
+        }
+        if urgent {
+            // It goes before these.
+            self.waiting.iter_mut().filter(|waiting| waiting.queued).for_each(|waiting| waiting.at_most += 1);
+        }
+    }
+
+    /// What can be asked by the socket is the same behind it.
+    fn through_the_socket(&mut self, what: What) -> What {
+        let Ok(line) = request_line(&what) else { return what };
+        match read_request(line.as_bytes()) {
+            Ok(read) if format!("{read:?}") == format!("{what:?}") => read,
+            read => {
+                self.is_wrong(format!("{what:?} is {line:?} on the socket, and read as {read:?}"));
+                what
+            }
+        }
+    }
+
+    /// What the loop takes now.
+    pub fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
+        if !self.waiting.iter().any(|waiting| waiting.uid == PAGE) {
+            self.ask(PAGE, What::State);
+        }
+        let request = self.handler.next_request(state)?;
+        self.waiting.iter_mut().for_each(|waiting| waiting.rounds += 1);
+        self.answers();
+        if let Some(request) = &request
+            && request.who.front == Front::Socket
+        {
+            let queued = |waiting: &&mut Waiting| waiting.queued;
+            let first = self.waiting.iter_mut().filter(queued).min_by_key(|waiting| !waiting.urgent);
+            match first {
+                Some(first) if first.words == format!("{:?}", request.what) => first.queued = false,
+                first => {
+                    let first = first.map(|first| first.words.clone());
+                    self.is_wrong(format!("{:?} was taken, and {first:?} was the first", request.what));
+                }
+            }
+        }
+        Ok(request)
+    }
+
+    fn answers(&mut self) {
+        let mut late = None;
+        let (answered, leaves) = (&mut self.answered, self.leaves);
+        self.waiting.retain_mut(|waiting| match waiting.reply.try_recv() {
+            Ok(reply) => {
+                if reply.state.is_none() {
+                    late = Some(format!("{} was answered without a state", waiting.words));
+                }
+                *answered += 1;
+                false
+            }
+            Err(TryRecvError::Closed) if leaves => false,
+            Err(TryRecvError::Closed) => {
+                late = Some(format!("{} was dropped", waiting.words));
+                false
+            }
+            Err(TryRecvError::Empty) => {
+                if waiting.rounds > waiting.at_most {
+                    late = Some(format!("{} has no answer after {} rounds", waiting.words, waiting.rounds));
+                }
+                true
+            }
+        });
+        if let Some(what) = late {
+            self.is_wrong(what);
+        }
+    }
+
+    /// The loop tells something.
+    pub fn hear(&mut self, news: News) {
+        self.handler.hear(news);
+        self.answers();
+    }
+
+    fn is_wrong(&mut self, what: String) {
+        self.wrong.get_or_insert(what);
+    }
+}
+
+fn is_urgent(what: &What) -> bool {
+    matches!(what, What::Leave | What::Table(cycle::Request::Stop | cycle::Request::Abort))
+}
