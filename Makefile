@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-rest test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
+.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-rest test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office bench-soak
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
@@ -12,7 +12,7 @@ help:
 	@echo 'make test-rest  the tests of tests/long.txt, which make test leaves out for their length; CI runs both'
 	@echo 'make test-long  test-rest, more random walks, and the tests that take minutes'
 	@echo 'make package a Debian package for the system that this machine has; make package-test installs, upgrades and purges it in a folder'
-	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-office'
+	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-office; longer than an hour and not among them: make bench-soak'
 	@echo 'make deny    licences, duplicates, sources and known faults of all crates; make mutants: changes of the code that no test notices'
 	@echo 'make fuzz    search for bytes over which a reader falls, SECONDS=60 each; one alone: make fuzz-krl SECONDS=600'
 	@echo 'make zivid   build the Zivid camera library where the SDK is installed'
@@ -251,6 +251,12 @@ KILLS := 10000
 bench-world: setup
 	RAYON_NUM_THREADS=1 cargo bench --locked --bench world -- seeds=$(WORLDS)
 	RAYON_NUM_THREADS=1 cargo bench --locked --bench world -- kills=$(KILLS)
+
+# A service with page, clients and recordings for two hours by the wall clock, so it is not in `bench`; a shorter run:
+# make bench-soak SOAK='minutes=10 report_s=30'.
+SOAK :=
+bench-soak: setup
+	cargo bench --locked --bench soak -- $(SOAK)
 
 # Ten minutes of full-size pictures over GigE Vision loopback, every one compared; a shorter run: make bench-cameras CAMERA_SECONDS=60.
 CAMERA_SECONDS := 600

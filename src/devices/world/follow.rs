@@ -2,7 +2,8 @@
 //! about ten times a second.
 //!
 //! The arm is at the pose of the last message until the next one; in between, time passes by the wall clock. Outputs act
-//! on the world when a message first shows them, up to 100 ms late. Messages do not state contact: where the tool's
+//! on the world from the message before the one that first shows them, up to 100 ms early: later, a message could show the feedback of
+//! a shutter that is not open here yet. Messages do not state contact: where the tool's
 //! output is on, the tip is assumed to move in a straight line from one message's position to the next, and to sand where
 //! it is within a pad's reach of the true surface. Corners of the path are therefore cut by the distance that the arm moves in 100 ms, a
 //! few millimetres under a disc of 20 mm and more. Where messages were late nothing is interpolated: only the reported positions
@@ -16,7 +17,7 @@ use crate::geometry::{Base, Flange, Rigid, Tool};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// Farther apart than this, the way between two messages is not known, ms.
+/// Farther apart than this, what was between two messages is not known, ms.
 const STRAIGHT_MS: u64 = 350;
 /// Distance of the interpolated positions between two messages, mm.
 const STEP_MM: f64 = 1.0;
@@ -89,8 +90,10 @@ impl Follower {
                 let way = told.last.map_or(vec![], |last| way(&last, &heard, self.tool_is_on(&last.state)));
                 told.trace.extend(way);
             }
+            let earliest_ms = heard.time_ms().saturating_sub(STRAIGHT_MS);
+            let since_ms = told.last.map_or(heard.time_ms(), |last| last.time_ms().max(earliest_ms));
             told.last = Some(heard);
-            changed.into_iter().map(|(number, on)| (number, on, heard.time_ms())).collect::<Vec<_>>()
+            changed.into_iter().map(|(number, on)| (number, on, since_ms)).collect::<Vec<_>>()
         };
         let mut terminals = self.world.terminals();
         outputs.into_iter().for_each(|(number, on, time_ms)| terminals.on_output(number, on, time_ms));

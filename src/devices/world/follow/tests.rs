@@ -50,6 +50,9 @@ fn at(x_mm: f64) -> KukaPose {
 
 const TOOL: u32 = 0b1_0000;
 const SPRAY: u32 = 0b10;
+const SHUTTER: u32 = 0b100;
+/// As `lens_shut` of the cell's file.
+const SHUT_INPUT: u16 = 2;
 
 /// By hand: base at X 100, the tip 10 to 16 mm before it and the flange 120 mm behind; 6 mm in steps of 1 mm.
 #[test]
@@ -79,7 +82,7 @@ fn outputs_act_on_the_world_and_time_goes_on() {
     assert!(follower.moment().is_none());
     follower.hear(&told(1_000, 0, at(0.0)));
     follower.hear(&told(1_100, SPRAY, at(0.0)));
-    assert_eq!(follower.world.violations(), [(1_100, Violation::SprayOnLens)]);
+    assert_eq!(follower.world.violations(), [(1_000, Violation::SprayOnLens)]);
     follower.hear(&told(1_200, SPRAY, at(0.0)));
     assert_eq!(follower.world.violations().len(), 1, "told once");
     std::thread::sleep(std::time::Duration::from_millis(20));
@@ -87,6 +90,23 @@ fn outputs_act_on_the_world_and_time_goes_on() {
     // The controller starts again and counts from zero: for the world time never goes back.
     follower.hear(&told(50, 0, at(0.0)));
     assert!((1_250..2_000).contains(&follower.moment().expect("told").time_ms()));
+}
+
+/// By hand: the shutter takes 250 ms. It opened at 2.050 s, so the controller reads its feedback at 2.300 s, and a scan that the feedback
+/// in that message allows sees the panel.
+#[test]
+fn a_lens_whose_feedback_is_told_is_open() {
+    let follower = follower();
+    let is_shut = |time_ms: u32| follower.world.terminals().input(SHUT_INPUT, u64::from(time_ms)) == Some(true);
+    follower.hear(&told(1_000, 0, at(0.0)));
+    follower.hear(&told(1_100, SHUTTER, at(0.0)));
+    assert!(is_shut(2_000));
+    follower.hear(&told(2_000, SHUTTER, at(0.0)));
+    [2_100, 2_200, 2_300].into_iter().for_each(|time_ms| follower.hear(&told(time_ms, 0, at(0.0))));
+    assert!(!is_shut(2_300));
+    // Where messages were late, nobody knows since when.
+    follower.hear(&told(9_000, SHUTTER, at(0.0)));
+    assert!(!is_shut(8_899) && is_shut(8_900));
 }
 
 /// A pass along a spot in messages of 100 ms heals it, and one 3 mm above does not.

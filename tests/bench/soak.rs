@@ -1,0 +1,114 @@
+//! A service that runs for hours under everything at once: cycles one after the other, each recorded, an operator who holds, stops and
+//! aborts some, readers of the page and its events, programs that poll the socket, and connections that say nothing or half a
+//! request. Its memory and its descriptors stay as they are, and systemd's watchdog hears from it at least twice as often as it must.
+//! Exit code 1 where one of that is not so, a request was never answered, or the service ended by itself.
+//! `cargo bench --bench soak -- [minutes=120] [report_s=60] [pace=wall|line] [program=FILE]`
+//!
+//! By the wall clock (`pace=wall`) the robot's controller is another process (`panelprep mock-robot`), and its panel is greasy in the
+//! first cycle alone. With `pace=line` a simulated line brings greasy parts in lock step, so that there are many more cycles, each
+//! with an abrasion; those cannot be recorded. `program` is another build of the program than this bench's own.
+
+#[path = "soak/cell.rs"]
+mod cell;
+#[path = "soak/clients.rs"]
+mod clients;
+#[path = "soak/http.rs"]
+mod http;
+#[path = "soak/numbers.rs"]
+mod numbers;
+#[path = "soak/operator.rs"]
+mod operator;
+#[path = "soak/watchdog.rs"]
+mod watchdog;
+
+use cell::{Pace, Running};
+use clients::Counts;
+use numbers::{Growth, Period, Sample};
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+/// From one sample of the process to the next.
+const SAMPLE: Duration = Duration::from_secs(1);
+/// What the process holds on to may grow by so much of its size in an hour. A leak of one picture a cycle (300 kB) is ten times as
+/// much; the store's page cache and the allocator's free lists are full after the first half, which is not looked at.
+const MOST_GROWTH_AN_HOUR: f64 = 0.01;
+/// Slopes below so many of their standard errors are none.
+const SURE: f64 = 3.0;
+
+fn argument(name: &str) -> Option<String> {
+    std::env::args().skip(1).find_map(|argument| Some(argument.strip_prefix(name)?.strip_prefix('=')?.to_owned()))
+}
+
+fn number(name: &str, usual: u64) -> u64 {
+    argument(name).map_or(usual, |text| text.parse().unwrap_or_else(|error| panic!("{name}={text}: {error}")))
+}
+
+fn main() -> ExitCode {
+    let (minutes, report_s) = (number("minutes", 120), number("report_s", 60).max(1));
+    let program = argument("program").unwrap_or_else(|| env!("CARGO_BIN_EXE_panelprep").to_owned());
+    let pace = match argument("pace").as_deref() {
+        None | Some("wall") => Pace::Wall,
+        Some("line") => Pace::Line,
+        Some(other) => panic!("pace={other}: allowed are wall and line"),
+    };
+    let prepared = cell::prepare(program.as_ref(), pace);
+    let counts = Counts::default();
+    let (mut running, watchdog) = Running::start(&prepared);
+    println!("{minutes} minutes; the watchdog allows {:.1} s without a sign", watchdog::ALLOWED.as_secs_f64());
+    let periods = std::thread::scope(|scope| {
+        let _ends = counts.ends_with_this();
+        operator::spawn(scope, &prepared, &counts);
+        clients::spawn(scope, &prepared, &counts);
+        let begun = Instant::now();
+        let mut periods = Vec::new();
+        while begun.elapsed() < Duration::from_secs(minutes * 60) && running.is_alive() {
+            let since = Instant::now();
+            let mut samples = Vec::new();
+            while since.elapsed() < Duration::from_secs(report_s) && running.is_alive() {
+                samples.extend(Sample::of(running.id()));
+                std::thread::sleep(SAMPLE);
+            }
+            let Some(period) = Period::of(begun.elapsed(), &samples) else { break };
+            println!(
+                "{period}, {} cycles, largest watchdog gap {:.2} s, store {:.0} MB",
+                counts.cycles(),
+                watchdog.largest_gap().as_secs_f64(),
+                prepared.store_bytes() as f64 / 1e6
+            );
+            periods.push(period);
+        }
+        periods
+    });
+    judge(&periods, &counts, &watchdog, running.ended_by_itself())
+}
+
+/// Prints what was found, each with what is allowed.
+fn judge(periods: &[Period], counts: &Counts, watchdog: &watchdog::Watchdog, ended: Option<String>) -> ExitCode {
+    println!("{counts}");
+    let settled = &periods[periods.len() / 2..];
+    let mut holds = true;
+    let mut told = |is_met: bool, text: String| {
+        holds &= is_met;
+        println!("{text}{}", if is_met { "" } else { "  NOT MET" });
+    };
+    for (name, unit, least, value) in Period::LOWEST {
+        let Some(growth) = Growth::of(settled, value) else {
+            told(false, format!("{name}: there are too few periods for a slope"));
+            continue;
+        };
+        // Memory by its size; a descriptor or a thread that is kept is one too many.
+        let most = least.unwrap_or(MOST_GROWTH_AN_HOUR * growth.mean);
+        let grows = growth.an_hour > most && growth.an_hour > SURE * growth.standard_error;
+        let text = format!(
+            "{name}, the least of each period of the second half: {:.0} {unit}, slope {:+.2} ± {:.2} {unit} an hour (most {most:.2})",
+            growth.mean, growth.an_hour, growth.standard_error
+        );
+        told(!grows, text);
+    }
+    let (gap, half) = (watchdog.largest_gap().as_secs_f64(), watchdog::ALLOWED.as_secs_f64() / 2.0);
+    told(watchdog.signs() > 0 && gap <= half, format!("largest watchdog gap {gap:.3} s (most {half:.3} s)"));
+    told(counts.unanswered() == 0, format!("requests that were never answered: {}", counts.unanswered()));
+    told(ended.is_none(), ended.unwrap_or_else(|| "the service ran until the end".to_owned()));
+    told(counts.cycles() > 0, format!("cycles: {}", counts.cycles()));
+    if holds { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}

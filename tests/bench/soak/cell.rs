@@ -1,0 +1,216 @@
+//! A taught cell in a folder of its own, and its service as systemd runs it.
+
+use super::watchdog::{ALLOWED, Watchdog};
+use std::fs;
+use std::io::Write;
+use std::net::{SocketAddr, TcpListener};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// Of the sixteen that a controller's firewall leaves open; no test has them.
+const PORTS: [u16; 2] = [54_606, 54_607];
+/// The account of those who read the page.
+pub const VIEWER: (&str, &str) = ("viewer", "correct horse");
+
+const LINE_SIGNALS: &str = "[io.line_outputs]
+ready = 40
+cycle_done = 41
+pass = 42
+fail = 43
+review = 44
+fault = 45
+
+[line]
+recipe = 'recipe.toml'
+";
+
+/// How the cell's time passes, and who starts cycles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pace {
+    /// By the wall clock; a person.
+    Wall,
+    /// In lock step; a simulated line.
+    Line,
+}
+
+/// A cell that is ready for a service.
+pub struct Prepared {
+    folder: TempDir,
+    program: PathBuf,
+    pub pace: Pace,
+    pub page: SocketAddr,
+}
+
+impl Prepared {
+    pub fn socket(&self) -> PathBuf {
+        self.store().join("panelprep.sock")
+    }
+
+    pub fn recipe(&self) -> PathBuf {
+        self.folder.path().join("cell/recipe.toml")
+    }
+
+    /// A file that the service names as seen from its own folder.
+    pub fn in_folder(&self, file: &str) -> PathBuf {
+        self.folder.path().join(file)
+    }
+
+    pub fn log(&self) -> String {
+        fs::read_to_string(self.folder.path().join("run.log")).unwrap_or_default()
+    }
+
+    fn store(&self) -> PathBuf {
+        self.folder.path().join("cell/store")
+    }
+
+    pub fn store_bytes(&self) -> u64 {
+        bytes_of(&self.store())
+    }
+
+    fn command(&self, arguments: &str) -> Command {
+        let mut command = Command::new(&self.program);
+        command.args(arguments.split_whitespace()).current_dir(self.folder.path()).stdout(Stdio::null());
+        command
+    }
+
+    fn run(&self, arguments: &str) {
+        let output = self.command(arguments).output().expect("the program starts");
+        assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
+fn bytes_of(folder: &Path) -> u64 {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    // A file may go between the two looks.
+    let bytes = entries.map(|entry| match entry.metadata() {
+        Ok(found) if found.is_dir() => bytes_of(&entry.path()),
+        found => found.map_or(0, |found| found.len()),
+    });
+    bytes.sum()
+}
+
+/// Changes a file of the cell.
+fn replaced(file: &Path, changes: &[(&str, &str)]) {
+    let mut text = fs::read_to_string(file).expect("rendered");
+    for (from, to) in changes {
+        assert!(text.contains(from), "{from}: {text}");
+        text = text.replacen(from, to, 1);
+    }
+    fs::write(file, text).expect("written");
+}
+
+/// Renders, teaches and verifies a cell of small pictures and short films.
+pub fn prepare(program: &Path, pace: Pace) -> Prepared {
+    let folder = tempfile::tempdir().expect("a folder");
+    let page = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr()).expect("a free port");
+    let program = fs::canonicalize(program).expect("the program is there");
+    let prepared = Prepared { folder, program, pace, page };
+    prepared.run("render --seed 3 --reduction 4 --seconds 10 --out cell");
+    let folder = prepared.folder.path();
+    let file = folder.join("cell/cell.toml");
+    match pace {
+        Pace::Wall => {
+            let ports = format!("command_port = {}\nstate_port = {}", PORTS[0], PORTS[1]);
+            let robot = format!("kind = \"eki\"\nhost = \"127.0.0.1\"\n{ports}");
+            replaced(&file, &[("kind = \"mock\"", &robot)]);
+        }
+        Pace::Line => {
+            let inputs = "[io.feedbacks]\npart_present = 30\nstart_request = 31\n";
+            replaced(&file, &[("[io.feedbacks]\n", inputs)]);
+        }
+    }
+    let mut cell = fs::OpenOptions::new().append(true).open(&file).expect("the cell's file");
+    let signals = if pace == Pace::Line { LINE_SIGNALS } else { "" };
+    write!(cell, "\n{signals}\n[page]\nlisten = \"{page}\"\n").expect("written");
+    let short = "frames_per_second = 2.0\nspray_s = 4.0\nrinse_s = 1.0\ndrain_s = 0.5";
+    replaced(&folder.join("cell/recipe.toml"), &[("frames_per_second = 5.0", short)]);
+    prepared.run(
+        "teach --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/taught_scan.pcd \
+         --corner cell/taught_corner.png --flange cell/taught_flange.json",
+    );
+    let verify = "calibrate verify --cell cell/cell.toml --board 5x4 --square-mm 40";
+    prepared.run(&format!(
+        "{verify} --camera scanner --target cell/target/scanner.toml --image cell/target/scanner.png"
+    ));
+    prepared.run(&format!(
+        "{verify} --camera flange-camera --target cell/target/flange_camera.toml \
+         --image cell/target/flange_camera.png --flange cell/target/flange.json"
+    ));
+    let (name, password) = VIEWER;
+    let mut child = prepared
+        .command(&format!("user add {name} --role viewer --cell cell/cell.toml"))
+        .stdin(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    writeln!(child.stdin.take().expect("its input"), "{password}").expect("it reads");
+    assert!(child.wait().expect("it ends").success(), "an account");
+    prepared
+}
+
+/// A process that is killed when this is dropped.
+struct Killed(Child);
+
+impl Drop for Killed {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// The service, and the controller where it is a process of its own.
+pub struct Running<'p> {
+    prepared: &'p Prepared,
+    service: Killed,
+    _controller: Option<Killed>,
+}
+
+impl<'p> Running<'p> {
+    /// Starts both and waits until the service listens.
+    pub fn start(prepared: &'p Prepared) -> (Self, Watchdog) {
+        let folder = prepared.folder.path();
+        let notify = folder.join("notify");
+        let watchdog = Watchdog::listen(&notify);
+        let controller = (prepared.pace == Pace::Wall).then(|| {
+            let mut command = prepared.command("mock-robot --cell cell/cell.toml");
+            Killed(command.stderr(Stdio::null()).spawn().expect("the program starts"))
+        });
+        let log = fs::File::create(folder.join("run.log")).expect("a log");
+        let parts = if prepared.pace == Pace::Line { "--line-parts 1000000" } else { "" };
+        let service = prepared
+            .command(&format!("run --cell cell/cell.toml --seed 3 {parts}"))
+            .env("NOTIFY_SOCKET", notify)
+            .env("WATCHDOG_USEC", ALLOWED.as_micros().to_string())
+            .stderr(log)
+            .spawn()
+            .expect("the program starts");
+        let mut running = Running { prepared, service: Killed(service), _controller: controller };
+        let since = Instant::now();
+        while watchdog.signs() == 0 {
+            let is_patient = running.is_alive() && since.elapsed() < Duration::from_secs(120);
+            assert!(is_patient, "the service does not get ready\n{}", prepared.log());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        (running, watchdog)
+    }
+
+    pub fn id(&self) -> u32 {
+        self.service.0.id()
+    }
+
+    pub fn is_alive(&mut self) -> bool {
+        matches!(self.service.0.try_wait(), Ok(None))
+    }
+
+    /// How it ended, with its last words, where nobody told it to.
+    pub fn ended_by_itself(&mut self) -> Option<String> {
+        let status = self.service.0.try_wait().expect("its status")?;
+        let log = self.prepared.log();
+        let lines: Vec<&str> = log.lines().rev().take(20).collect();
+        Some(format!(
+            "the service ended by itself with {status}\n{}",
+            lines.into_iter().rev().collect::<Vec<_>>().join("\n")
+        ))
+    }
+}

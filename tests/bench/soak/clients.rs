@@ -1,0 +1,275 @@
+//! Everybody who asks something of the service, or nothing, as long as it runs.
+
+use super::cell::{Prepared, VIEWER};
+use super::http::{self, PATIENCE};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::io::{self, BufRead, BufReader, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::thread::{self, Scope};
+use std::time::{Duration, Instant};
+
+/// Programs that poll the socket.
+const POLLERS: usize = 3;
+/// Pages whose events are read, and pages that people open and leave.
+const FOLLOWERS: usize = 4;
+const READERS: usize = 2;
+/// Connections of each kind that say nothing, or half a request.
+const SILENT: usize = 6;
+/// The service says at least once a second how the cell stands; without an event for so long it does not.
+const LONGEST_WITHOUT_EVENT: Duration = Duration::from_secs(20);
+
+/// What everybody counts together.
+#[derive(Debug, Default)]
+pub struct Counts {
+    ends: AtomicBool,
+    pub states: AtomicU64,
+    pub orders: AtomicU64,
+    pub pages: AtomicU64,
+    pub refused_pages: AtomicU64,
+    pub events: AtomicU64,
+    pub silent: AtomicU64,
+    pub refused_connections: AtomicU64,
+    pub recordings: AtomicU64,
+    unanswered: AtomicU64,
+    verdicts: Mutex<BTreeMap<String, u64>>,
+    orders_by_word: Mutex<BTreeMap<String, u64>>,
+}
+
+/// Tells everybody to leave when it is dropped.
+pub struct Ends<'c>(&'c Counts);
+
+impl Drop for Ends<'_> {
+    fn drop(&mut self) {
+        self.0.ends.store(true, Ordering::SeqCst);
+    }
+}
+
+pub fn count(number: &AtomicU64) {
+    number.fetch_add(1, Ordering::Relaxed);
+}
+
+impl Counts {
+    pub fn ends_with_this(&self) -> Ends<'_> {
+        Ends(self)
+    }
+
+    pub fn goes_on(&self) -> bool {
+        !self.ends.load(Ordering::SeqCst)
+    }
+
+    /// Waits, but not beyond the end.
+    pub fn rest(&self, time: Duration) {
+        let since = Instant::now();
+        while self.goes_on() && since.elapsed() < time {
+            thread::sleep(Duration::from_millis(50).min(time));
+        }
+    }
+
+    pub fn unanswered(&self) -> u64 {
+        self.unanswered.load(Ordering::Relaxed)
+    }
+
+    pub fn cycles(&self) -> u64 {
+        self.verdicts.lock().unwrap_or_else(PoisonError::into_inner).values().sum()
+    }
+
+    pub fn ended(&self, verdict: &str) {
+        *self.verdicts.lock().unwrap_or_else(PoisonError::into_inner).entry(verdict.to_owned()).or_default() += 1;
+    }
+
+    pub fn ordered(&self, word: &str) {
+        count(&self.orders);
+        *self.orders_by_word.lock().unwrap_or_else(PoisonError::into_inner).entry(word.to_owned()).or_default() +=
+            1;
+    }
+
+    /// A request that was sent and not answered, or a connection that was not had.
+    pub fn failed(&self, what: &str, error: &io::Error) {
+        let is_refused = matches!(
+            error.kind(),
+            io::ErrorKind::ConnectionRefused | io::ErrorKind::NotFound | io::ErrorKind::AddrNotAvailable
+        );
+        count(if is_refused { &self.refused_connections } else { &self.unanswered });
+        println!("{what}: {error}");
+        self.rest(Duration::from_secs(1));
+    }
+}
+
+impl fmt::Display for Counts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let number = |number: &AtomicU64| number.load(Ordering::Relaxed);
+        let table = |table: &Mutex<BTreeMap<String, u64>>| {
+            let table = table.lock().unwrap_or_else(PoisonError::into_inner);
+            table.iter().map(|(word, count)| format!("{word} {count}")).collect::<Vec<_>>().join(", ")
+        };
+        writeln!(f, "cycles by verdict: {}; recordings {}", table(&self.verdicts), number(&self.recordings))?;
+        writeln!(f, "what the operator asked for: {} ({})", number(&self.orders), table(&self.orders_by_word))?;
+        write!(
+            f,
+            "answers of the socket {}, pages {} and {} that were refused, events {}, connections that said nothing or half a request {}, \
+             connections that were not had {}",
+            number(&self.states),
+            number(&self.pages),
+            number(&self.refused_pages),
+            number(&self.events),
+            number(&self.silent),
+            number(&self.refused_connections)
+        )
+    }
+}
+
+/// One line to the socket, and its answer.
+pub fn ask(socket: &Path, line: &str) -> io::Result<Value> {
+    let mut stream = UnixStream::connect(socket)?;
+    stream.set_read_timeout(Some(PATIENCE))?;
+    stream.write_all(line.as_bytes())?;
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer)?;
+    serde_json::from_str(&answer).map_err(|error| io::Error::other(format!("{error}: {answer}")))
+}
+
+/// Begins all of them.
+pub fn spawn<'s>(scope: &'s Scope<'s, '_>, cell: &'s Prepared, counts: &'s Counts) {
+    let repeat = move |many: usize, each: fn(&Prepared, &Counts)| {
+        for _ in 0..many {
+            scope.spawn(move || {
+                while counts.goes_on() {
+                    each(cell, counts);
+                }
+            });
+        }
+    };
+    repeat(POLLERS, poll);
+    repeat(FOLLOWERS, follow);
+    repeat(READERS, read_pages);
+    repeat(1, does_not_read);
+    repeat(1, come_and_go);
+    repeat(SILENT, |cell, counts| silent_at_socket(cell, counts, b""));
+    repeat(SILENT, |cell, counts| silent_at_socket(cell, counts, b"{\"ask\":\"st"));
+    repeat(SILENT, |cell, counts| silent_at_page(cell, counts, ""));
+    repeat(SILENT, |cell, counts| silent_at_page(cell, counts, "x: "));
+}
+
+fn poll(cell: &Prepared, counts: &Counts) {
+    match ask(&cell.socket(), "{\"ask\":\"state\"}\n") {
+        Ok(_) => count(&counts.states),
+        Err(error) => counts.failed("state", &error),
+    }
+    counts.rest(Duration::from_millis(200));
+}
+
+/// A page that is left open for some time; its events are read as they come.
+fn follow(cell: &Prepared, counts: &Counts) {
+    let (since, stays) = (Instant::now(), Duration::from_secs(5 + counts.events.load(Ordering::Relaxed) % 60));
+    let read = || {
+        let mut stream = http::connect(cell.page)?;
+        stream.set_read_timeout(Some(LONGEST_WITHOUT_EVENT))?;
+        stream.write_all(format!("{}\r\n", http::head(cell.page, "GET /events", None)).as_bytes())?;
+        let mut lines = BufReader::new(stream).lines();
+        while counts.goes_on() && since.elapsed() < stays {
+            let line = lines.next().unwrap_or_else(|| Err(io::Error::other("the events ended")))?;
+            if line.starts_with("data:") {
+                count(&counts.events);
+            }
+        }
+        Ok(())
+    };
+    if let Err(error) = read() {
+        counts.failed("events", &error);
+    }
+}
+
+/// A browser that takes nothing of what it asked for.
+fn does_not_read(cell: &Prepared, counts: &Counts) {
+    let asked = http::connect(cell.page).and_then(|mut stream| {
+        stream.write_all(format!("{}\r\n", http::head(cell.page, "GET /events", None)).as_bytes())?;
+        Ok(stream)
+    });
+    match asked {
+        Ok(_stream) => counts.rest(Duration::from_secs(60)),
+        Err(error) => counts.failed("a browser that does not read", &error),
+    }
+    count(&counts.silent);
+}
+
+/// A person logs in, looks at everything some times, and logs in anew: the session that was left is forgotten by the service.
+fn read_pages(cell: &Prepared, counts: &Counts) {
+    let (name, password) = VIEWER;
+    let words = format!("{{\"name\":\"{name}\",\"password\":\"{password}\"}}");
+    let session = match http::post(cell.page, "/login", &words) {
+        Ok(answer) => answer.session,
+        Err(error) => return counts.failed("log in", &error),
+    };
+    count(&counts.pages);
+    for _ in 0..20 {
+        let last = format!("/cycle/{}", counts.cycles().max(1));
+        let of_last =
+            ["", "/record.json", "/record.pdf", "/scene.json", "/scene.bin"].map(|part| format!("{last}{part}"));
+        let others = ["/", "/now.json", "/frame.jpg", "/history", "/history.json", "/trends", "/alarms", "/setup"];
+        let paths = others.iter().map(|path| (*path).to_owned()).chain(of_last);
+        for path in paths {
+            match http::get(cell.page, &path, session.as_deref()) {
+                Ok(answer) if answer.status == 200 => count(&counts.pages),
+                // A picture or a cycle that is not there yet.
+                Ok(_) => count(&counts.refused_pages),
+                Err(error) => counts.failed(&path, &error),
+            }
+            counts.rest(Duration::from_secs(2));
+            if !counts.goes_on() {
+                return;
+            }
+        }
+    }
+}
+
+/// Connections that are closed as soon as they are open, and lines that are nothing.
+fn come_and_go(cell: &Prepared, counts: &Counts) {
+    for _ in 0..5 {
+        drop(UnixStream::connect(cell.socket()));
+        drop(http::connect(cell.page));
+        count(&counts.silent);
+    }
+    match ask(&cell.socket(), "abort\n") {
+        Ok(_) => count(&counts.states),
+        Err(error) => counts.failed("a line that is no request", &error),
+    }
+    counts.rest(Duration::from_secs(1));
+}
+
+/// It is told in words that it was too slow, and sent away.
+fn silent_at_socket(cell: &Prepared, counts: &Counts, begins: &[u8]) {
+    let hears = || {
+        let mut stream = UnixStream::connect(cell.socket())?;
+        stream.set_read_timeout(Some(PATIENCE))?;
+        stream.write_all(begins)?;
+        stream.read_to_end(&mut Vec::new())
+    };
+    match hears() {
+        Ok(_) => count(&counts.silent),
+        Err(error) => counts.failed("silent at the socket", &error),
+    }
+}
+
+/// The page closes a connection whose request does not come.
+fn silent_at_page(cell: &Prepared, counts: &Counts, begins: &str) {
+    let hears = || {
+        let mut stream = http::connect(cell.page)?;
+        if !begins.is_empty() {
+            stream.write_all(format!("{}{begins}", http::head(cell.page, "GET /", None)).as_bytes())?;
+        }
+        match stream.read_to_end(&mut Vec::new()) {
+            // Closed with bytes unread.
+            Err(error) if error.kind() == io::ErrorKind::ConnectionReset => Ok(0),
+            read => read,
+        }
+    };
+    match hears() {
+        Ok(_) => count(&counts.silent),
+        Err(error) => counts.failed("silent at the page", &error),
+    }
+}

@@ -1,0 +1,141 @@
+//! The person at the cell: starts cycles, answers what they are asked, and now and then holds, stops or aborts one.
+
+use super::cell::{Pace, Prepared};
+use super::clients::{Counts, ask, count};
+use serde_json::{Value, json};
+use std::fs;
+use std::thread::Scope;
+use std::time::{Duration, Instant};
+
+/// From one look at the cell to the next.
+const LOOKS: Duration = Duration::from_millis(100);
+/// A line resets the cell itself; a person does where it stays complete for longer.
+const LINE_RESETS: Duration = Duration::from_secs(10);
+/// A held cell rests so long. It leaves the simulated line's cycles, which take no time, some.
+const HOLDS: Duration = Duration::from_secs(3);
+
+/// What becomes of a cycle whose number leaves these remainders.
+const DISTURBS: [(i64, i64, &str); 3] = [(7, 3, "stop"), (11, 5, "abort"), (3, 1, "hold")];
+
+pub fn spawn<'s>(scope: &'s Scope<'s, '_>, cell: &'s Prepared, counts: &'s Counts) {
+    scope.spawn(move || {
+        let mut operator = Operator { cell, counts, started: 0, ended: 0, disturbed: 0, since: Instant::now() };
+        while counts.goes_on() {
+            if let Some(state) = operator.order(&json!({ "ask": "state" })) {
+                operator.act(&state);
+            }
+            counts.rest(LOOKS);
+        }
+    });
+}
+
+struct Operator<'s> {
+    cell: &'s Prepared,
+    counts: &'s Counts,
+    started: u64,
+    /// The last cycle whose end was seen, and the last one that was disturbed.
+    ended: i64,
+    disturbed: i64,
+    /// Since when the cell is in its state.
+    since: Instant,
+}
+
+impl Operator<'_> {
+    /// Asks for it; the answer, also where it is refused.
+    fn order(&self, what: &Value) -> Option<Value> {
+        let word = what["ask"].as_str().unwrap_or_default();
+        match ask(&self.cell.socket(), &format!("{what}\n")) {
+            Ok(answer) => {
+                match word {
+                    "state" => count(&self.counts.states),
+                    word => self.counts.ordered(word),
+                }
+                Some(answer)
+            }
+            Err(error) => {
+                self.counts.failed(word, &error);
+                None
+            }
+        }
+    }
+
+    fn say(&self, word: &str) -> bool {
+        self.order(&json!({ "ask": word })).is_some_and(|answer| answer["answer"] == "done")
+    }
+
+    fn act(&mut self, state: &Value) {
+        let cycle = state["cycle_id"].as_i64().unwrap_or(0);
+        let word = state["state"].as_str().unwrap_or_default();
+        if word != "complete" {
+            self.since = Instant::now();
+        }
+        if matches!(word, "complete" | "stopped" | "aborted" | "idle") && cycle > self.ended {
+            if state["recording"]["is"] == "under_way" {
+                return;
+            }
+            self.end(cycle, state);
+        }
+        let is_line = self.cell.pace == Pace::Line;
+        match word {
+            "idle" if !is_line => self.start(),
+            "complete" if is_line && self.since.elapsed() < LINE_RESETS => {}
+            "complete" | "stopped" => {
+                self.say("reset");
+            }
+            "aborted" => {
+                self.say("clear");
+            }
+            "held" => self.answer(state),
+            "execute" if cycle > self.disturbed => self.disturb(cycle, state),
+            _ => {}
+        }
+    }
+
+    fn start(&mut self) {
+        self.started += 1;
+        let recipe = self.cell.recipe();
+        let text = fs::read_to_string(&recipe).expect("the recipe");
+        let part = json!({ "serial": format!("SN-{:05}", self.started), "operator": "Soak" });
+        let start = json!({ "ask": "start", "recipe": recipe, "text": text, "record": "store", "part": part });
+        self.order(&start);
+    }
+
+    /// Counts it, and removes its recording, of which nobody but a person would.
+    fn end(&mut self, cycle: i64, state: &Value) {
+        self.ended = cycle;
+        let verdict = state["verdict"].as_str().unwrap_or("none");
+        self.counts.ended(verdict);
+        if verdict != "pass" {
+            println!("cycle {cycle}: {verdict}: {}; {}", state["reasons"], state["recording"]);
+        }
+        let file = state["recording"]["file"].as_str().map(|file| self.cell.in_folder(file));
+        if file.is_some_and(|file| fs::remove_file(file).is_ok()) && state["recording"]["is"] == "whole" {
+            count(&self.counts.recordings);
+        }
+    }
+
+    /// A result that is for a person, or a hold of their own.
+    fn answer(&self, state: &Value) {
+        if state["reasons"].to_string().contains("disc") {
+            self.say("new-disc");
+        }
+        if !self.say("accept") {
+            self.counts.rest(HOLDS);
+            self.order(&json!({ "ask": "unhold", "dried": true }));
+        }
+    }
+
+    /// In the midst of the film or of the abrasion, as its number has it.
+    fn disturb(&mut self, cycle: i64, state: &Value) {
+        let phase = if cycle % 2 == 0 { "inspect" } else { "abrade" };
+        let is_line = self.cell.pace == Pace::Line;
+        let wanted = DISTURBS.iter().find(|(every, left, _)| cycle % every == *left);
+        let wanted = wanted.map(|(.., word)| *word).or(is_line.then_some("hold"));
+        if state["phase"] == phase || (state["phase"] == "inspect" && !is_line) {
+            self.disturbed = cycle;
+            if let Some(word) = wanted {
+                self.say(word);
+            }
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! systemd's side of the watchdog: a datagram socket, and the largest time from one sign of life to the next.
+
+use std::os::unix::net::UnixDatagram;
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// As `WatchdogSec` of `config/panelprep.service`.
+pub const ALLOWED: Duration = Duration::from_secs(10);
+
+#[derive(Debug, Default)]
+struct Heard {
+    signs: u64,
+    last: Option<Instant>,
+    largest_gap: Duration,
+}
+
+/// What was heard so far.
+#[derive(Debug, Clone, Default)]
+pub struct Watchdog(Arc<Mutex<Heard>>);
+
+impl Watchdog {
+    /// Listens at this path until the program ends. The time is taken where a datagram is read, so a late reader only makes a gap
+    /// longer or the next one shorter.
+    pub fn listen(path: &Path) -> Self {
+        let socket = UnixDatagram::bind(path).expect("a socket");
+        let watchdog = Watchdog::default();
+        let heard = watchdog.clone();
+        std::thread::spawn(move || {
+            let mut bytes = [0; 4_096];
+            while let Ok(count) = socket.recv(&mut bytes) {
+                let text = String::from_utf8_lossy(&bytes[..count]);
+                // systemd counts from the moment when the service is ready.
+                if text.lines().any(|line| line == "WATCHDOG=1" || line == "READY=1") {
+                    heard.heard(Instant::now());
+                }
+            }
+        });
+        watchdog
+    }
+
+    fn heard(&self, now: Instant) {
+        let mut heard = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        heard.signs += 1;
+        heard.largest_gap = heard.largest_gap.max(heard.last.map_or(Duration::ZERO, |last| now - last));
+        heard.last = Some(now);
+    }
+
+    pub fn signs(&self) -> u64 {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).signs
+    }
+
+    /// The one that has not ended yet is one of them.
+    pub fn largest_gap(&self) -> Duration {
+        let heard = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        heard.largest_gap.max(heard.last.map_or(Duration::ZERO, |last| last.elapsed()))
+    }
+}
