@@ -6,7 +6,8 @@
 //!
 //! By the wall clock (`pace=wall`) the robot's controller is another process (`panelprep mock-robot`), and its panel is greasy in the
 //! first cycle alone. With `pace=line` a simulated line brings greasy parts in lock step, so that there are many more cycles, each
-//! with an abrasion; those cannot be recorded. `program` is another build of the program than this bench's own.
+//! with an abrasion; those cannot be recorded, and the simulated controller, a part of the service then, keeps the log of all its
+//! motions (0.3 MB a cycle), so that its memory is looked at and not judged. `program` is another build of the program than this bench's own.
 
 #[path = "soak/cell.rs"]
 mod cell;
@@ -29,8 +30,9 @@ use std::time::{Duration, Instant};
 
 /// From one sample of the process to the next.
 const SAMPLE: Duration = Duration::from_secs(1);
-/// What the process holds on to may grow by so much of its size in an hour. A leak of one picture a cycle (300 kB) is ten times as
-/// much; the store's page cache and the allocator's free lists are full after the first half, which is not looked at.
+/// What the process holds on to may grow by so much of its size in an hour. A picture of 400 kB that is kept of each of some 180 cycles
+/// is more than thirty times as much; the store's page cache and the allocator's free lists are full after the first half, which is not
+/// looked at.
 const MOST_GROWTH_AN_HOUR: f64 = 0.01;
 /// Slopes below so many of their standard errors are none.
 const SURE: f64 = 3.0;
@@ -79,11 +81,16 @@ fn main() -> ExitCode {
         }
         periods
     });
-    judge(&periods, &counts, &watchdog, running.ended_by_itself())
+    judge((&periods, pace), &counts, &watchdog, running.ended_by_itself())
 }
 
 /// Prints what was found, each with what is allowed.
-fn judge(periods: &[Period], counts: &Counts, watchdog: &watchdog::Watchdog, ended: Option<String>) -> ExitCode {
+fn judge(
+    (periods, pace): (&[Period], Pace),
+    counts: &Counts,
+    watchdog: &watchdog::Watchdog,
+    ended: Option<String>,
+) -> ExitCode {
     println!("{counts}");
     let settled = &periods[periods.len() / 2..];
     let mut holds = true;
@@ -103,7 +110,7 @@ fn judge(periods: &[Period], counts: &Counts, watchdog: &watchdog::Watchdog, end
             "{name}, the least of each period of the second half: {:.0} {unit}, slope {:+.2} ± {:.2} {unit} an hour (most {most:.2})",
             growth.mean, growth.an_hour, growth.standard_error
         );
-        told(!grows, text);
+        told(!grows || (least.is_none() && pace == Pace::Line), text);
     }
     let (gap, half) = (watchdog.largest_gap().as_secs_f64(), watchdog::ALLOWED.as_secs_f64() / 2.0);
     told(watchdog.signs() > 0 && gap <= half, format!("largest watchdog gap {gap:.3} s (most {half:.3} s)"));

@@ -164,7 +164,7 @@ impl SimulatedWorld {
         self.fixed.greasy(&self.lock().healed.1)
     }
 
-    /// Truth: for each wetting that was watched, in order, the pixels whose film was broken in its last picture.
+    /// Truth: for each wetting of this part that was watched, in order, the pixels whose film was broken in its last picture.
     pub fn broken(&self) -> Vec<Mask> {
         let watched = self.lock().watched.clone();
         watched.iter().map(|(_, film, film_s)| film.broken(*film_s)).collect()

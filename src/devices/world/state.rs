@@ -32,7 +32,7 @@ pub(super) struct State {
     pub healed: (Option<u64>, Vec<bool>),
     /// The film with these spots gone.
     pub film: Option<(Vec<bool>, Arc<Film>)>,
-    /// Each wetting that was watched: when its water came on, its film, and the film's time in the last picture, s.
+    /// Each wetting of this part that was watched: when its water came on, its film, and the film's time in the last picture, s.
     pub watched: Vec<(u64, Arc<Film>, f64)>,
     pub shots: u64,
     pub disc_diameter_mm: f64,
@@ -63,9 +63,11 @@ impl State {
         &self.signals[place(output)]
     }
 
-    /// A part that is dry and as greasy as the first one takes its place.
+    /// A part that is dry and as greasy as the first one takes its place. The films of the one before are let go: a line brings parts
+    /// for days.
     fn bring_part(&mut self, now_ms: u64) {
         (self.part_since_ms, self.wetting) = (now_ms, None);
+        self.watched.clear();
         self.healed = (None, vec![false; self.healed.1.len()]);
     }
 

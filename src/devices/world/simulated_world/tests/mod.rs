@@ -364,3 +364,33 @@ fn what_the_cells_file_does_not_name_is_told() {
     let outputs = "io.outputs = {light = 1, spray = 2, lens_shutter = 3, extraction = 4, tool = 5}";
     assert_eq!(told(outputs), "[io.feedbacks] light_on is missing; the simulated world needs its number");
 }
+
+/// A third part does not come: its film is the second film of the part before.
+#[test]
+fn the_films_of_a_part_go_with_it() {
+    const READY: u16 = 40;
+    let text = include_str!("../../../../../config/cell.toml")
+        .replace("water_off = 1\n", "water_off = 1\npart_present = 30\nstart_request = 31\n");
+    let line = "[io.line_outputs]\nready = 40\ncycle_done = 41\npass = 42\nfail = 43\nreview = 44\nfault = 45\n[line]\nrecipe = 'a.toml'\n";
+    let cell =
+        cell::Cell::check("config/cell.toml", &(text + line)).unwrap_or_else(|problems| panic!("{problems}"));
+    let world = SimulatedWorld::new(sim::Cell::new(1, Scene::Good, 8), &cell).expect("all names");
+    world.bring_parts(2, &cell).expect("all signals");
+    let spray = cell.io().output(Output::Spray).expect("named");
+    let moment = |time_ms| Moment {
+        time_ms,
+        joints: cell.park().expect("named"),
+        base_from_flange: KukaPose::default().to_rigid(),
+        moving: false,
+    };
+    let films = [0, 100_000, 200_000].map(|begins_ms| {
+        for (number, on, after_ms) in
+            [(READY, true, 0), (spray, true, 2_000), (spray, false, 6_000), (READY, false, 7_000)]
+        {
+            world.terminals().on_output(number, on, begins_ms + after_ms);
+        }
+        world.picture(&moment(begins_ms + 10_000));
+        world.broken().len()
+    });
+    assert_eq!(films, [1, 1, 2]);
+}
