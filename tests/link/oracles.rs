@@ -43,6 +43,10 @@ pub struct Oracles {
     pub delay_ms: u64,
     /// Whether the tool is on the panel, where that is another one than these tests have.
     pub is_low: Option<fn(&Controller) -> bool>,
+    /// Bits of the state's outputs while one of which is on silence counts as while something is queued.
+    pub harmful_outputs: u32,
+    /// One of them was on when the client heard of it last.
+    is_harmful: bool,
     points: BTreeMap<(u32, u32), MoveLin>,
     /// How long each point lasts, ms.
     lasts_ms: BTreeMap<(u32, u32), f64>,
@@ -287,7 +291,7 @@ impl Oracles {
         let Some(epoch) = open else { return };
         let sent = self.sent.get(&epoch.0).copied().unwrap_or(0);
         let silence_ms = cell.now_ms - cell.heard_ms;
-        if sent > self.told_done.0 && silence_ms > 405 && !cell.stalled {
+        if (sent > self.told_done.0 || self.is_harmful) && silence_ms > 405 && !cell.stalled {
             self.wrong(cell.now_ms, format!("nothing was heard for {silence_ms} ms and the epoch is open"));
         }
     }
@@ -327,6 +331,9 @@ impl Watch for Oracles {
     fn told(&mut self, report: &Report, cell: &Insides<'_>) {
         match report {
             Report::EpochOpened { .. } => self.told_done = CommandId(0),
+            Report::Connected { state } | Report::State(state) => {
+                self.is_harmful = state.outputs & self.harmful_outputs != 0;
+            }
             Report::Progress { done } => {
                 if *done < self.told_done {
                     self.wrong(cell.now_ms, format!("progress went back from {} to {done}", self.told_done));

@@ -2,6 +2,7 @@
 //!
 //! The loop's ports share it. Time passes where the loop waits for the robot, and nowhere else.
 
+use super::aims::Aims;
 use super::disk;
 use super::fixture::{Fixture, Stands};
 use super::link_cell::{Cell, Side, TICK_MS, setup, wire};
@@ -25,6 +26,8 @@ const START: Joints =
 const LOW_MM: f64 = 1.0;
 /// After somebody worked with another program the cell's own is selected again.
 const HOME_MS: u64 = 3_000;
+/// The controller's watchdog, a message that was on its way, and what its program takes, ms.
+const UNHEARD_MS: u64 = 400 + 300;
 
 /// What was wrong, and which judge says so.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -127,6 +130,10 @@ pub struct Inside {
     permitted: Option<(usize, u32)>,
     /// The epoch and the first command of that path.
     contact: Option<(Epoch, CommandId)>,
+    /// Where lines should end.
+    pub aims: Aims,
+    /// Since when nothing of the client arrives, ms.
+    deaf_since_ms: u64,
     /// The mistake that is put in.
     pub sabotage: Option<Sabotage>,
 }
@@ -191,6 +198,7 @@ impl Inside {
         cell.tamper = Some(Tampering::port(tampering.clone()));
         let mut oracles = Oracles::new(delay_ms.1);
         oracles.is_low = Some(is_low);
+        oracles.harmful_outputs = limits(sabotage).harmful_outputs;
         Inside {
             cell,
             oracles,
@@ -211,6 +219,8 @@ impl Inside {
             violation: None,
             permitted: None,
             contact: None,
+            aims: Aims::default(),
+            deaf_since_ms: 0,
             sabotage,
         }
     }
@@ -279,6 +289,7 @@ impl Inside {
         }
         self.strike_due();
         self.work_with_another_program();
+        self.judge_watchdog();
         self.take_violation();
     }
 
@@ -298,6 +309,7 @@ impl Inside {
     pub fn queued(&mut self, points: &[MoveLin], last: CommandId, speed_m_s: f64) {
         let Some(epoch) = self.open_epoch() else { return };
         self.oracles.lasts(epoch, last, points, speed_m_s);
+        self.aims.queued(epoch, last, points);
         if self.permitted.is_some() && self.contact.is_none() {
             self.contact = Some((epoch, CommandId(last.0 + 1 - points.len() as u32)));
         }
@@ -338,8 +350,30 @@ impl Inside {
         }
     }
 
+    /// Motions that were executed since the contact path at hand was opened; none where somebody else has said something.
+    pub fn executed_on_path(&self) -> Option<usize> {
+        let (before, _) = self.permitted.filter(|_| !self.is_strange())?;
+        Some(self.cell.controller.executed().len().saturating_sub(before))
+    }
+
+    /// Tool and water go off when the controller has heard nothing of its client for the watchdog's time.
+    fn judge_watchdog(&mut self) {
+        let now_ms = self.now_ms();
+        let is_silent = now_ms < self.cell.deaf_until_ms && now_ms > self.deaf_since_ms + UNHEARD_MS;
+        if is_silent && !self.is_strange() {
+            self.counts.judged("watchdog");
+            if self.is_on(2) || self.is_on(5) {
+                let since_ms = self.deaf_since_ms;
+                self.wrong("watchdog", format!("tool or water is on, nothing was heard since {since_ms} ms"));
+            }
+        }
+    }
+
     fn take_violation(&mut self) {
         self.judge_permits();
+        if let Some(what) = self.aims.look(self.cell.controller.executed()).filter(|_| !self.is_strange()) {
+            self.wrong("aim", what);
+        }
         if let Some(what) = self.oracles.violation.take() {
             self.violation.get_or_insert(Violation { judge: "link and arm", what });
         }
@@ -409,7 +443,12 @@ impl Inside {
                 let side = if by_robot { Side::Robot } else { Side::Client };
                 self.cell.cut([Channel::Command, Channel::State][channel.min(1)], side, loses);
             }
-            Fault::Deaf(ms) => self.cell.deaf_until_ms = now_ms + ms,
+            Fault::Deaf(ms) => {
+                if now_ms >= self.cell.deaf_until_ms {
+                    self.deaf_since_ms = now_ms;
+                }
+                self.cell.deaf_until_ms = now_ms + ms;
+            }
             Fault::Stall(ms) => self.cell.client_stalls_until_ms = now_ms + ms,
             Fault::Controller(text) => {
                 if let Ok(fault) = script::controller_fault(&text) {

@@ -17,6 +17,7 @@ const PARKED_DEG: f64 = 0.2;
 pub fn look(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Request, u64)>) {
     stops(world, state, stopping);
     agrees(world, state);
+    keeps_rules(world, state);
     let wrong = world.lock_around().wrong.pop();
     world.counts.judged("interlocks");
     if let Some(what) = wrong.filter(|_| !world.is_strange()) {
@@ -40,6 +41,17 @@ fn stops(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Reques
     }
 }
 
+/// What the table never does, whatever the cell says.
+fn keeps_rules(world: &mut Inside, state: &State) {
+    let (pass, most) = (state.job.pass, state.job.max_passes);
+    if pass > most && state.job.running {
+        world.wrong("table", format!("pass {pass} of {most}"));
+    }
+    if matches!(state.at, At::Held(_)) && state.facts.token.is_some() {
+        world.wrong("table", "the cell is held, and the localization is taken for live".to_owned());
+    }
+}
+
 /// What the loop takes for facts is so at the controller.
 fn agrees(world: &mut Inside, state: &State) {
     let facts = &state.facts;
@@ -55,6 +67,9 @@ fn agrees(world: &mut Inside, state: &State) {
     let open = world.open_epoch().map(|epoch| epoch.0);
     if (facts.epoch == Epoch::Open) != open.is_some() && facts.epoch != Epoch::Changing {
         world.wrong("facts", format!("the table's epoch is {:?}, the session's is {open:?}", facts.epoch));
+    }
+    if open.is_some() && world.cell.controller.is_stopped() {
+        world.wrong("facts", format!("the session's epoch {open:?} is open, the controller has ended it"));
     }
     let [light_on, water_on, lens_shut, _, tool_on] = [1, 2, 3, 4, 5].map(|output| world.is_on(output));
     if facts.tool == Tool::Off && tool_on {

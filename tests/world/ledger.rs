@@ -2,7 +2,7 @@
 
 use panelprep::cycle::{At, Event, Motion, State};
 use panelprep::daemon::{Note, RecordAnswer, RecordCommand};
-use panelprep::record::CycleId;
+use panelprep::record::{CycleId, MotionRecord};
 use panelprep::report::cycle_page;
 use panelprep::store::{Store, StoreError};
 use panelprep::verdict::Verdict;
@@ -22,6 +22,8 @@ pub struct Ledger {
     verdicts: BTreeMap<CycleId, Verdict>,
     findings: BTreeMap<CycleId, usize>,
     asked: BTreeMap<CycleId, usize>,
+    /// Waypoints of the motions that were closed.
+    done: BTreeMap<CycleId, u32>,
     /// A motion that is open.
     open: Option<Motion>,
     /// The cycle at hand.
@@ -38,7 +40,7 @@ pub enum Told {
     Finding,
     Asked,
     Open(Motion),
-    Close,
+    Close(u32),
     Between,
     Begin,
     Nothing,
@@ -53,7 +55,7 @@ impl Told {
             RecordCommand::Note(Note::Finding(_)) => Told::Finding,
             RecordCommand::Asked(_) => Told::Asked,
             RecordCommand::OpenIntent(motion) | RecordCommand::OpenContact { motion, .. } => Told::Open(*motion),
-            RecordCommand::CloseIntent { .. } => Told::Close,
+            RecordCommand::CloseIntent { done, .. } => Told::Close(*done),
             RecordCommand::BetweenCycles => Told::Between,
             RecordCommand::Begin(_) => Told::Begin,
             _ => Told::Nothing,
@@ -89,7 +91,12 @@ impl Ledger {
             (Told::Finding, Some(cycle)) => *self.findings.entry(cycle).or_default() += 1,
             (Told::Asked, Some(cycle)) => *self.asked.entry(cycle).or_default() += 1,
             (Told::Open(motion), _) => self.open = Some(motion),
-            (Told::Close, _) => self.open = None,
+            (Told::Close(done), cycle) => {
+                self.open = None;
+                if let Some(cycle) = cycle {
+                    *self.done.entry(cycle).or_default() += done;
+                }
+            }
             (Told::Between, _) => self.cycle = None,
             (Told::Begin, _) => self.cycle = begun.or(self.cycle),
             _ => {}
@@ -146,6 +153,12 @@ impl Ledger {
         if !at_rest || (self.open.is_some() && rested.at == At::Stopped && rested.intent.is_some()) {
             return Err(format!("a start in {:?}, with the motion {:?}", rested.at, self.open));
         }
+        let left = store.state().map_err(|error| words(&error))?;
+        let may_run = left.facts.tool_may_run || left.facts.water_may_run;
+        let is_aborted = matches!(left.at, At::Aborting { .. } | At::Aborted { .. } | At::Clearing { .. });
+        if (may_run || is_aborted) && rested.at == At::Stopped {
+            return Err(format!("a start in Stopped after {:?}, tool or water may run {may_run}", left.at));
+        }
         self.cycles(store)
     }
 
@@ -165,6 +178,13 @@ impl Ledger {
                     "cycle {cycle} has {} findings, {findings} were acknowledged",
                     record.findings.len()
                 ));
+            }
+        }
+        for (cycle, done) in &self.done {
+            let record = store.cycle(*cycle).map_err(|error| words(&error))?;
+            let kept: u32 = record.motions.iter().map(|motion| motion.done).sum();
+            if kept < *done {
+                return Err(format!("motions of cycle {cycle} were closed with {done} waypoints, kept are {kept}"));
             }
         }
         for (cycle, asked) in &self.asked {
@@ -191,8 +211,17 @@ impl Ledger {
         }
         let store = Store::open(folder).map_err(|error| words(&error))?;
         self.cycles(&store)?;
+        if let Some(open) = store.open_cycles().map_err(|error| words(&error))?.first() {
+            return Err(format!("cycle {open} has no end"));
+        }
         for cycle in store.ended_cycles().map_err(|error| words(&error))? {
             let record = store.cycle(cycle).map_err(|error| words(&error))?;
+            let beyond = |motion: &&MotionRecord| {
+                motion.contact.as_ref().is_some_and(|contact| motion.done > contact.permitted)
+            };
+            if let Some(motion) = record.motions.iter().find(beyond) {
+                return Err(format!("cycle {cycle} has a contact path beyond its permit: {motion:?}"));
+            }
             let page = cycle_page(&record, &BTreeMap::new()).html();
             let Some(judgement) = &record.judgement else {
                 return Err(format!("cycle {cycle} ended without a verdict"));

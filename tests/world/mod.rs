@@ -10,8 +10,9 @@
 //! - `fixture`: the cell, its recipe, what was taught · `script`: what goes wrong and when, drawn from a seed, printed and read
 //! - `inside`: link, controller, arm and terminals in one time, and the faults that strike · `tamper`: bytes and meanings ·
 //!   `terminals`: light, water, lens, extraction, tool · `clock`: the wall clock
-//! - `robot`, `record`, `cameras`, `people`: the loop's ports in it · `desk`: the service's queue and request handler before them · `judges`: what must hold at every moment · `ledger`: what the store
-//!   has acknowledged · `killing`: real processes that are killed
+//! - `robot`, `record`, `cameras`, `people`: the loop's ports in it · `desk`: the service's queue and request handler before them ·
+//!   `judges`: what must hold at every moment · `ledger`: what the store has acknowledged · `wear`, `aims`: what is said of contact, where
+//!   lines end · `killing`: real processes that are killed
 //! - `disk`: the disk, what it may do, and what a power cut leaves, or would have left · `libc_calls`: how it sees what is written
 //!
 //! - `sabotage`: mistakes that are put in, to see that a world finds them
@@ -20,6 +21,7 @@
 //! deadlines are those of the service. Results of computing come to the loop after some virtual time, and what happens
 //! meanwhile happens to the loop.
 
+mod aims;
 mod cameras;
 mod clock;
 mod desk;
@@ -37,6 +39,7 @@ mod sabotage;
 mod script;
 mod tamper;
 mod terminals;
+mod wear;
 
 pub use cameras::kept;
 pub use inside::{Counts, Violation};
@@ -49,6 +52,7 @@ use cameras::Cameras;
 use fixture::{Fixture, Stands};
 use inside::Shared;
 use ledger::Ledger;
+use panelprep::cycle::At;
 use panelprep::daemon::{self, Computing, LoopStart, Memory, Ports, StoreRecord};
 use panelprep::devices::mock::Programs;
 use panelprep::store::{Store, StoreError};
@@ -152,7 +156,16 @@ impl World {
         // Most worlds see one cycle and the begin of another one.
         let cycles = if self.seed.is_multiple_of(3) { 2 } else { 1 };
         let people = People::new(world.clone(), (cycles, self.seed.is_multiple_of(4)), LONGEST_MS);
-        Running { people, world, seed: self.seed, folder, sabotage: self.sabotage, stores: 0, ledger }
+        Running {
+            people,
+            world,
+            seed: self.seed,
+            folder,
+            sabotage: self.sabotage,
+            stores: 0,
+            ledger,
+            left_on: false,
+        }
     }
 }
 
@@ -185,6 +198,8 @@ struct Running {
     folder: PathBuf,
     stores: u32,
     ledger: Ledger,
+    /// Tool or water was on when the last process ended.
+    left_on: bool,
 }
 
 impl Running {
@@ -272,6 +287,8 @@ impl Running {
     fn ends(&mut self) {
         let mut world = self.world.lock();
         let power = world.power.take().filter(|_| disk::is_over());
+        self.left_on =
+            (world.is_on(2) || world.is_on(5)) && !world.is_strange() && world.lock_around().stuck.is_none();
         world.cell.restart_client(inside::session(self.sabotage), matches!(power, Some(Power::Cut { .. })));
         world.without_process(AWAY_MS);
         match power {
@@ -302,6 +319,9 @@ impl Running {
         let mut store = Store::create(&self.store()).map_err(start)?;
         let rested = store.recover().map_err(start)?;
         let state = store.state().map_err(start)?;
+        if std::mem::take(&mut self.left_on) && rested.at == At::Stopped {
+            return Err(("off at a start", "Stopped, tool or water was on when the last process ended".to_owned()));
+        }
         self.world.lock().counts.judged("nothing acknowledged is lost");
         let checked = self.ledger.check(&store, &rested);
         checked.map_err(|problem| ("nothing acknowledged is lost", problem))?;
@@ -323,6 +343,7 @@ impl Running {
             lock_step: false,
         };
         let start = LoopStart { cell: Fixture::get().setup.clone(), cycle: None, state, before: Begin::Boot };
-        daemon::run(start, ports).map(drop).map_err(|error| ("the loop goes on", error.to_string()))
+        let left = daemon::run(start, ports).map_err(|error| ("the loop goes on", error.to_string()))?.state;
+        if left.at.rests() { Ok(()) } else { Err(("the loop goes on", format!("it was left in {:?}", left.at))) }
     }
 }

@@ -5,6 +5,7 @@ use super::disk;
 use super::inside::{Permit, Shared};
 use super::ledger::{Ledger, Told};
 use super::sabotage::Sabotage;
+use super::wear::Wear;
 use panelprep::daemon::{Figure, Note, Port, RecordAnswer, RecordCommand, RecordError, StoreRecord};
 use panelprep::geometry::ColorPicture;
 use std::sync::Arc;
@@ -18,13 +19,14 @@ pub struct Record<'s> {
     ledger: &'s mut Ledger,
     world: Shared,
     sabotage: Option<Sabotage>,
+    wear: Wear,
 }
 
 impl<'s> Record<'s> {
     /// Before this record; what it acknowledges is kept in the ledger too.
     pub fn new(store: StoreRecord<'s>, ledger: &'s mut Ledger, world: Shared) -> Self {
         let sabotage = world.lock().sabotage;
-        Record { store, ledger, world, sabotage }
+        Record { store, ledger, world, sabotage, wear: Wear::default() }
     }
 }
 
@@ -62,15 +64,42 @@ impl Port<RecordCommand> for Record<'_> {
         }
         let is_skipped = self.sabotage.is_some_and(|sabotage| sabotage.skips(&command));
         disk::imagine();
+        let told_of_contact = of_contact(&command);
         let answer = if is_skipped { Ok(RecordAnswer::Done) } else { self.store.perform(command) };
         self.judge_imagined_cuts();
         let answer = answer?;
+        if let Some(command) = told_of_contact {
+            let mut world = self.world.lock();
+            let executed = world.executed_on_path();
+            if let Some(problem) = self.wear.acknowledged(&command, &answer, executed) {
+                world.wrong("contact on the record", problem);
+            }
+            world.counts.judged("contact on the record");
+        }
         self.ledger.acknowledged(told, &answer);
         if let Some(permit) = permit {
             self.world.lock().permits(permit);
         }
         Ok(answer)
     }
+}
+
+/// A copy of a command that says something of contact.
+fn of_contact(command: &RecordCommand) -> Option<RecordCommand> {
+    use panelprep::cycle::{Event, Report};
+    Some(match command {
+        RecordCommand::DiscWorn => RecordCommand::DiscWorn,
+        RecordCommand::WearDisc(mm2) => RecordCommand::WearDisc(*mm2),
+        RecordCommand::MountDisc => RecordCommand::MountDisc,
+        RecordCommand::OpenContact { motion, path, permitted } => {
+            RecordCommand::OpenContact { motion: *motion, path: path.clone(), permitted: *permitted }
+        }
+        RecordCommand::Event(event @ Event::Told(Report::Progress { .. })) => RecordCommand::Event(*event),
+        RecordCommand::CloseIntent { motion, outcome, done } => {
+            RecordCommand::CloseIntent { motion: *motion, outcome: *outcome, done: *done }
+        }
+        _ => return None,
+    })
 }
 
 /// A note with small pictures.

@@ -61,27 +61,29 @@ impl Port<RobotCommand> for Robot {
         };
         let Some(command) = command else { return RobotAnswer::Done(Ok(())) };
         let now = Time::at_ms(world.now_ms());
-        let session = &mut world.cell.session;
         match command {
             RobotCommand::Send(command) => {
-                if let Command::SetAccSpeed(speeds) = &command {
-                    self.speed_m_s = speeds.speed_m_s;
+                match &command {
+                    Command::SetAccSpeed(speeds) => self.speed_m_s = speeds.speed_m_s,
+                    Command::SetBase(base) => world.aims.base = Some(*base),
+                    Command::SetTcp(tool) => world.aims.tool = Some(tool.flange_from_tool),
+                    _ => {}
                 }
-                RobotAnswer::Queued(session.queue(command))
+                RobotAnswer::Queued(world.cell.session.queue(command))
             }
             RobotCommand::Path { points, permitted } => {
                 let queued = match permitted {
-                    None => session.queue_path(&points),
-                    Some(permitted) => session.queue_path_within(&points, permitted),
+                    None => world.cell.session.queue_path(&points),
+                    Some(permitted) => world.cell.session.queue_path_within(&points, permitted),
                 };
                 if let Ok(last) = &queued {
                     world.queued(&points, *last, self.speed_m_s);
                 }
                 RobotAnswer::Queued(queued)
             }
-            RobotCommand::Permit(last) => RobotAnswer::Done(session.permit(last)),
-            RobotCommand::OpenEpoch(above) => RobotAnswer::Epoch(session.open_epoch_above(above)),
-            RobotCommand::Abort => RobotAnswer::Done(session.abort()),
+            RobotCommand::Permit(last) => RobotAnswer::Done(world.cell.session.permit(last)),
+            RobotCommand::OpenEpoch(above) => RobotAnswer::Epoch(world.cell.session.open_epoch_above(above)),
+            RobotCommand::Abort => RobotAnswer::Done(world.cell.session.abort()),
             RobotCommand::Next | RobotCommand::Now => RobotAnswer::Time(now),
         }
     }

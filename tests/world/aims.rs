@@ -1,0 +1,48 @@
+//! Where the lines of a path should end: the base and the tool that were sent in their epoch, and the point. Whatever base and tool
+//! the controller has, and whatever it says of them, the arm ends there.
+
+use panelprep::devices::mock::Executed;
+use panelprep::eki::{CommandId, Epoch, MoveLin};
+use panelprep::geometry::{Base, Flange, KukaPose, Panel, Rigid, Tool};
+use std::collections::BTreeMap;
+
+/// Single precision, and the turn of the controller's own frames, mm.
+const OFF_MM: f64 = 0.05;
+
+/// The flange at the end of a line, the tool there, and how far it may be rounded, mm.
+type Aim = (Rigid<Base, Tool>, Rigid<Flange, Tool>, f64);
+
+/// What was sent, and how much of what was executed was looked at.
+#[derive(Debug, Default)]
+pub struct Aims {
+    pub base: Option<KukaPose>,
+    pub tool: Option<KukaPose>,
+    aims: BTreeMap<(u32, u32), Aim>,
+    looked: usize,
+}
+
+impl Aims {
+    /// A path was queued, its last point with this id.
+    pub fn queued(&mut self, epoch: Epoch, last: CommandId, points: &[MoveLin]) {
+        let (Some(base), Some(tool)) = (self.base, self.tool) else { return };
+        let first = last.0 + 1 - points.len() as u32;
+        for (point, id) in points.iter().zip(first..) {
+            let target = base.to_rigid::<Base, Panel>() * point.pose.to_rigid::<Panel, Tool>();
+            self.aims.insert((epoch.0, id), (target, tool.to_rigid(), point.blend_mm));
+        }
+    }
+
+    /// What of the lines executed since the last look ended elsewhere.
+    pub fn look(&mut self, executed: &[Executed]) -> Option<String> {
+        let fresh = executed.get(self.looked..).unwrap_or_default();
+        self.looked = executed.len();
+        fresh.iter().find_map(|step| {
+            let key = (step.epoch.cast_unsigned(), step.id.cast_unsigned());
+            let (target, tool, blend_mm) = self.aims.get(&key)?;
+            let off_mm = (step.base_from_flange * *tool).origin().distance_mm(target.origin());
+            let (epoch, id) = key;
+            (off_mm > blend_mm + OFF_MM)
+                .then(|| format!("command {id} of epoch {epoch} ended {off_mm:.3} mm off its point"))
+        })
+    }
+}

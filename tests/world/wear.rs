@@ -1,0 +1,77 @@
+//! What the record says of contact, against what this process told it and what the arm did: the disc's wear, counted before a path
+//! begins and put right at its end, and the waypoints that were executed.
+
+use panelprep::cycle::{Event, Outcome, Path, Report};
+use panelprep::daemon::{RecordAnswer, RecordCommand};
+
+/// A path that is cut short, or whose ends are turned, may sweep so much more than was planned.
+const MORE: f64 = 1.2;
+const EXACT_MM2: f64 = 0.01;
+
+/// What this process told the record.
+#[derive(Debug, Default)]
+pub struct Wear {
+    /// What the disc has swept, mm², once the record has said so.
+    worn_mm2: Option<f64>,
+    /// The same before the contact path at hand, and what the path was counted as.
+    before_mm2: Option<f64>,
+    path_mm2: f64,
+    /// Waypoints of the contact path at hand that were told as executed.
+    told: u32,
+}
+
+impl Wear {
+    /// The record has acknowledged it; what is wrong with it, where the arm has executed so many motions since the path was opened.
+    pub fn acknowledged(
+        &mut self,
+        command: &RecordCommand,
+        answer: &RecordAnswer,
+        executed: Option<usize>,
+    ) -> Option<String> {
+        match (command, answer) {
+            (RecordCommand::DiscWorn, RecordAnswer::Worn(worn_mm2)) => {
+                let known_mm2 = *self.worn_mm2.get_or_insert(*worn_mm2);
+                self.before_mm2.get_or_insert(*worn_mm2);
+                let off = (known_mm2 - worn_mm2).abs() > EXACT_MM2;
+                off.then(|| format!("the disc has swept {worn_mm2} mm² by the record, {known_mm2} mm² were told"))
+            }
+            (RecordCommand::WearDisc(mm2), _) => {
+                self.worn_mm2 = self.worn_mm2.map(|worn_mm2| worn_mm2 + mm2);
+                None
+            }
+            (RecordCommand::MountDisc, _) => {
+                (self.worn_mm2, self.before_mm2) = (Some(0.0), Some(0.0));
+                None
+            }
+            (RecordCommand::OpenContact { path, .. }, _) => {
+                (self.path_mm2, self.told) = (path.wears_mm2, 0);
+                let counted_mm2 = self.worn_mm2? - self.before_mm2?;
+                let is_less = counted_mm2 < path.wears_mm2 - EXACT_MM2;
+                let wears_mm2 = path.wears_mm2;
+                is_less.then(|| format!("a path that wears {wears_mm2} mm² begins, counted are {counted_mm2} mm²"))
+            }
+            (RecordCommand::Event(Event::Told(Report::Progress { done, .. })), _) => {
+                self.told = self.told.max(*done);
+                None
+            }
+            (RecordCommand::CloseIntent { motion, outcome, done }, _) => {
+                let told = std::mem::take(&mut self.told);
+                let before_mm2 = std::mem::replace(&mut self.before_mm2, self.worn_mm2);
+                if motion.path != Path::Contact || *outcome == Outcome::Cleared {
+                    return None;
+                }
+                if *done < told {
+                    return Some(format!("{told} waypoints were told, the motion is closed with {done}"));
+                }
+                if executed.is_some_and(|executed| *done as usize > executed) {
+                    return Some(format!("{done} waypoints are on the record, {executed:?} were executed"));
+                }
+                let counted_mm2 = self.worn_mm2? - before_mm2?;
+                let most_mm2 = MORE * self.path_mm2 + EXACT_MM2;
+                let is_wrong = !(-EXACT_MM2..=most_mm2).contains(&counted_mm2);
+                is_wrong.then(|| format!("a path of {} mm² is counted as {counted_mm2} mm²", self.path_mm2))
+            }
+            _ => None,
+        }
+    }
+}
