@@ -1,7 +1,8 @@
 //! Worlds of many seeds: see `tests/world`. A table of what was counted, and exit code 1 where a judge found something.
 //! `cargo bench --bench world -- [seeds=N] [from=N]`, one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`;
 //! mistakes that are put in: `-- sabotage [seeds=N]`, one of them with `-- mistake='NAME' …`; processes of the system that are killed
-//! at any moment: `-- kills=N [from=N]`.
+//! at any moment: `-- kills=N [from=N]`; each nth seed until a judge finds something or the time is over, without a search for the
+//! shortest script, as `tests/bench/mutations.rs` asks: `-- until-wrong [seeds=N] [from=N] [step=N] [limit_s=N]`.
 
 #[allow(dead_code, reason = "the link's tests use the rest")]
 mod link {
@@ -47,6 +48,9 @@ fn main() -> ExitCode {
     }
     if let Some(count) = number("kills") {
         return kills(from, count);
+    }
+    if std::env::args().any(|argument| argument == "until-wrong") {
+        return until_wrong((from, count), number("step").unwrap_or(1), number("limit_s"));
     }
     let begun = Instant::now();
     let mut counts = Counts::default();
@@ -98,6 +102,20 @@ fn main() -> ExitCode {
         cycles as f64 / cpu_s
     );
     if wrong == 0 && !grows { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// So many seeds, each a step above the one before, until a judge finds something or the time is over.
+fn until_wrong((from, count): (u64, u64), step: u64, limit_s: Option<u64>) -> ExitCode {
+    let begun = Instant::now();
+    let is_over = || limit_s.is_some_and(|limit_s| begun.elapsed().as_secs() >= limit_s);
+    for seed in (0..count).map(|n| from + n * step).take_while(|_| !is_over()) {
+        println!("seed {seed}");
+        if let Some(violation) = World::of(seed).run().violation {
+            println!("wrong: {}: {}", violation.judge, violation.what);
+            return ExitCode::FAILURE;
+        }
+    }
+    ExitCode::SUCCESS
 }
 
 /// Loops over data run in this thread too, so that a world is one thread, and what it takes can be told.
