@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-rest test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office bench-soak
+.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-rest test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office bench-soak bench-mutations
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
@@ -12,7 +12,7 @@ help:
 	@echo 'make test-rest  the tests of tests/long.txt, which make test leaves out for their length; CI runs both'
 	@echo 'make test-long  test-rest, more random walks, and the tests that take minutes'
 	@echo 'make package a Debian package for the system that this machine has; make package-test installs, upgrades and purges it in a folder'
-	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-office; longer than an hour and not among them: make bench-soak'
+	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-office; longer than an hour and not among them: make bench-soak, bench-mutations'
 	@echo 'make deny    licences, duplicates, sources and known faults of all crates; make mutants: changes of the code that no test notices'
 	@echo 'make fuzz    search for bytes over which a reader falls, SECONDS=60 each; one alone: make fuzz-krl SECONDS=600'
 	@echo 'make zivid   build the Zivid camera library where the SDK is installed'
@@ -257,6 +257,12 @@ bench-world: setup
 SOAK :=
 bench-soak: setup
 	cargo bench --locked --bench soak -- $(SOAK)
+
+# Changes of the product's sources, each built and run until a world finds it. Not part of `make bench`: two minutes or more for each of
+# them, three hours for all on two idle cores. Some of them: make bench-mutations MUTATED='only=epoch seeds=10000 limit_s=1800'.
+MUTATED :=
+bench-mutations: setup
+	cargo bench --locked --profile dev --bench mutations -- $(MUTATED)
 
 # Ten minutes of full-size pictures over GigE Vision loopback, every one compared; a shorter run: make bench-cameras CAMERA_SECONDS=60.
 CAMERA_SECONDS := 600

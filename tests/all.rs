@@ -53,6 +53,11 @@ mod without_plant;
 mod words;
 #[allow(dead_code, unused_imports, reason = "the bench uses the rest")]
 mod world;
+#[allow(dead_code, reason = "the bench uses the rest")]
+#[path = "world/mutations/mod.rs"]
+mod world_mutations;
+#[path = "world/mutations/list.rs"]
+mod world_mutations_list;
 #[path = "world/short.rs"]
 mod world_short;
 mod zivid;

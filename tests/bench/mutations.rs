@@ -1,0 +1,220 @@
+//! Changes of the product's sources, each until a world finds it: see `tests/world/mutations`. In a copy of the repository below
+//! `target/mutations` each change is made, the world is built and run, and the change is undone; the next one is built meanwhile.
+//! `cargo bench --profile dev --bench mutations -- [seeds=N] [limit_s=N] [from=N] [only=TEXT] [tree=FOLDER]`: seeds and seconds for each change, the
+//! number of the first one, what its name contains, and where the copy is; what an earlier run built there is used again.
+
+#[path = "../world/mutations/mod.rs"]
+mod mutations;
+
+use mutations::Mutation;
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitCode, Stdio};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// A world that ends so much later than it was told to hangs, s.
+const LATE_S: u64 = 60;
+
+/// What came of a change.
+enum Outcome {
+    /// After so many seeds, and what the judge says.
+    Found(u64, String),
+    NotFound(u64),
+    /// In this seed.
+    Hangs(String),
+    DoesNotBuild,
+}
+
+/// An argument of this name.
+fn argument(name: &str) -> Option<String> {
+    std::env::args().skip(1).find_map(|argument| Some(argument.strip_prefix(name)?.strip_prefix('=')?.to_owned()))
+}
+
+fn number(name: &str, or: u64) -> u64 {
+    argument(name).map_or(or, |text| text.parse().unwrap_or_else(|error| panic!("{name}={text}: {error}")))
+}
+
+fn main() -> ExitCode {
+    let repository = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let bench = Bench {
+        tree: argument("tree").map_or(repository.join("target/mutations/tree"), PathBuf::from),
+        target: std::env::var_os("CARGO_TARGET_DIR")
+            .map_or(repository.join("target"), |folder| repository.join(folder)),
+        seeds: number("seeds", 2_000),
+        limit_s: number("limit_s", 120),
+    };
+    copy(repository, &bench.tree).unwrap_or_else(|error| panic!("{}: {error}", bench.tree.display()));
+    let only = argument("only").unwrap_or_default();
+    let chosen: Vec<&Mutation> = mutations::all()
+        .skip(usize::try_from(number("from", 0)).unwrap_or(0))
+        .filter(|mutation| mutation.name.contains(&only))
+        .collect();
+    let mut tally = [0_usize; 4];
+    let mut running: Option<(&Mutation, JoinHandle<Outcome>)> = None;
+    for mutation in &chosen {
+        let built = bench.built(mutation);
+        // One world at a time: the bench's two cores build and run.
+        tell(running.take(), &mut tally);
+        match built {
+            Some(world) => running = Some((mutation, bench.run(mutation, world))),
+            None => tell(Some((mutation, std::thread::spawn(|| Outcome::DoesNotBuild))), &mut tally),
+        }
+    }
+    tell(running, &mut tally);
+    let [found, not_found, hangs, not_built] = tally;
+    println!("{found} of {} found; not found {not_found}, hang {hangs}, do not build {not_built}", chosen.len());
+    ExitCode::SUCCESS
+}
+
+/// Waits for a world and prints what came of it.
+fn tell(running: Option<(&Mutation, JoinHandle<Outcome>)>, tally: &mut [usize; 4]) {
+    let Some((Mutation { name, not_found, .. }, outcome)) = running else { return };
+    let outcome = outcome.join().unwrap_or_else(|_| panic!("{name}: its world could not be run"));
+    let kind = match &outcome {
+        Outcome::Found(seeds, what) => {
+            println!("found after {seeds} seeds: {name} ({what})");
+            0
+        }
+        Outcome::NotFound(seeds) => {
+            let why = not_found.map(|why| format!(" ({why})")).unwrap_or_default();
+            println!("not found in {seeds} seeds: {name}{why}");
+            1
+        }
+        Outcome::Hangs(seed) => {
+            println!("hangs in {seed}: {name}");
+            2
+        }
+        Outcome::DoesNotBuild => {
+            println!("does not build: {name}");
+            3
+        }
+    };
+    tally[kind] += 1;
+}
+
+/// Copies what git keeps of the repository. A file that is the same already keeps its time, so that it is not compiled again.
+fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
+    let listed = Command::new("git").args(["ls-files", "-z"]).current_dir(from).output()?;
+    for name in String::from_utf8_lossy(&listed.stdout).split_terminator('\0') {
+        let (source, copied) = (from.join(name), to.join(name));
+        if !source.is_file() {
+            continue;
+        }
+        let bytes = std::fs::read(&source)?;
+        if std::fs::read(&copied).is_ok_and(|known| known == bytes) {
+            continue;
+        }
+        std::fs::create_dir_all(copied.parent().unwrap_or(to))?;
+        std::fs::write(&copied, bytes)?;
+    }
+    Ok(())
+}
+
+fn text_of(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+fn put(path: &Path, text: &str) {
+    std::fs::write(path, text).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+}
+
+/// Where changes are built and run, and for how long.
+struct Bench {
+    tree: PathBuf,
+    target: PathBuf,
+    seeds: u64,
+    limit_s: u64,
+}
+
+impl Bench {
+    /// The world with this change, as a file of its own; `None` where the compiler refuses it. The change is undone then.
+    fn built(&self, mutation: &Mutation) -> Option<PathBuf> {
+        let shipped: BTreeMap<PathBuf, String> = mutation
+            .edits()
+            .map(|edit| self.tree.join(edit.file))
+            .map(|path| (path.clone(), text_of(&path)))
+            .collect();
+        for edit in mutation.edits() {
+            let path = self.tree.join(edit.file);
+            put(&path, &text_of(&path).replacen(edit.ships, edit.changed, 1));
+        }
+        let executable = self.build();
+        shipped.iter().for_each(|(path, text)| put(path, text));
+        let world = self.tree.with_file_name("world");
+        // One that runs still goes on with its file, which only loses its name.
+        let _ = std::fs::remove_file(&world);
+        std::fs::copy(executable?, &world).unwrap_or_else(|error| panic!("{}: {error}", world.display()));
+        Some(world)
+    }
+
+    fn build(&self) -> Option<PathBuf> {
+        let built = Command::new("cargo")
+            .args(["build", "--locked", "--quiet", "--bench", "world", "--message-format", "json"])
+            .current_dir(&self.tree)
+            .env("CARGO_TARGET_DIR", &self.target)
+            .stderr(Stdio::null())
+            .output()
+            .unwrap_or_else(|error| panic!("cargo: {error}"));
+        let lines = String::from_utf8_lossy(&built.stdout).into_owned();
+        let messages = lines.lines().filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
+        let executable = |message: serde_json::Value| {
+            let is_world = message["target"]["name"] == "world";
+            message["executable"].as_str().filter(|_| is_world).map(PathBuf::from)
+        };
+        let executables = messages.filter_map(executable).last();
+        executables.filter(|_| built.status.success())
+    }
+
+    /// Runs it in a thread.
+    fn run(&self, mutation: &Mutation, world: PathBuf) -> JoinHandle<Outcome> {
+        let (first, step) = mutation.seeds;
+        let child = Command::new(world)
+            .args(["until-wrong".to_owned(), format!("from={first}"), format!("step={step}")])
+            .args([format!("seeds={}", self.seeds), format!("limit_s={}", self.limit_s)])
+            .current_dir(&self.tree)
+            .env("RAYON_NUM_THREADS", "1")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap_or_else(|error| panic!("the world: {error}"));
+        let latest = Instant::now() + Duration::from_secs(self.limit_s + LATE_S);
+        std::thread::spawn(move || outcome(child, latest))
+    }
+}
+
+/// What a world printed until its end, or until it is killed.
+fn outcome(mut child: Child, latest: Instant) -> Outcome {
+    let (printed, errors) = (child.stdout.take().map(read), child.stderr.take().map(read));
+    let mut hangs = false;
+    while matches!(child.try_wait(), Ok(None)) {
+        if Instant::now() > latest {
+            hangs = true;
+            child.kill().unwrap_or_else(|error| panic!("the world: {error}"));
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let text =
+        |reader: Option<JoinHandle<String>>| reader.and_then(|reader| reader.join().ok()).unwrap_or_default();
+    let (printed, errors) = (text(printed), text(errors));
+    let seeds: Vec<&str> = printed.lines().filter(|line| line.starts_with("seed ")).collect();
+    let count = seeds.len() as u64;
+    let panic =
+        errors.split_once("panicked at ").map(|(_, message)| message.lines().take(2).collect::<Vec<_>>().join(" "));
+    match (printed.lines().find_map(|line| line.strip_prefix("wrong: ")), panic) {
+        (Some(what), _) => Outcome::Found(count, what.to_owned()),
+        (None, Some(message)) => Outcome::Found(count, format!("panic: {message}")),
+        (None, None) if hangs => Outcome::Hangs(seeds.last().copied().unwrap_or("no seed").to_owned()),
+        (None, None) => Outcome::NotFound(count),
+    }
+}
+
+fn read(mut from: impl Read + Send + 'static) -> JoinHandle<String> {
+    std::thread::spawn(move || {
+        let mut bytes = Vec::new();
+        // What was read before an end that is none is what there is.
+        let _ = from.read_to_end(&mut bytes);
+        String::from_utf8_lossy(&bytes).into_owned()
+    })
+}

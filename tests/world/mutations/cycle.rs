@@ -1,0 +1,115 @@
+//! Of the table of the cycle.
+
+use super::{Mutation, change};
+
+const EXECUTE: &str = "src/cycle/execute.rs";
+const FACTS: &str = "src/cycle/facts.rs";
+const INTERLOCKS: &str = "src/cycle/interlocks.rs";
+const REST: &str = "src/cycle/rest.rs";
+const STEP: &str = "src/cycle/step.rs";
+const TURN: &str = "src/cycle/turn.rs";
+
+pub(super) const ALL: [Mutation; 17] = [
+    change(
+        "an epoch that the link ends while the cell is reset or cleared is taken for open",
+        STEP,
+        "if self.rules.keep(Rule::LinkEndsEpoch) {",
+        "if self.rules.keep(Rule::LinkEndsEpoch) && !matches!(self.state.at, At::Resetting | At::Clearing { .. }) {",
+    ),
+    change(
+        "a start with tool or water that may run is Stopped",
+        REST,
+        "(None, _) if before.facts.tool_may_run || before.facts.water_may_run => {",
+        "(None, _) if before.facts.tool_may_run && before.facts.water_may_run => {",
+    ),
+    change(
+        "a start with an open motion is Stopped",
+        REST,
+        "(Some(_), _) => At::Aborted { cause: Cause::Interrupted },",
+        "(Some(_), _) => At::Stopped,",
+    ),
+    change(
+        "a start forgets an abort that nobody cleared",
+        REST,
+        "(_, At::Aborting { cause, .. } | At::Aborted { cause } | At::Clearing { cause }) => At::Aborted { cause },",
+        "(_, At::Aborting { cause, .. }) => At::Aborted { cause },",
+    ),
+    change(
+        "the tool is switched on without extraction",
+        INTERLOCKS,
+        "vec![epoch, drained, extraction, at_approach],",
+        "vec![epoch, drained, at_approach],",
+    ),
+    change(
+        "water runs while the lens is open",
+        INTERLOCKS,
+        "tool_off, (R::LensGuarded, N::LensGuarded)]",
+        "tool_off]",
+    ),
+    change(
+        "a 3D shot does not ask for a parked arm",
+        INTERLOCKS,
+        "vec![dry_air, parked, dark, clear],",
+        "vec![dry_air, dark, clear],",
+    ),
+    change(
+        "a 3D shot does not ask for the light to be off",
+        INTERLOCKS,
+        "Act::Locate => vec![dry_air, parked, dark, clear],",
+        "Act::Locate => vec![dry_air, parked, clear],",
+    ),
+    change(
+        "what is known of the cell outlives a robot that is not ready",
+        STEP,
+        "self.state.facts.forget();",
+        "self.state.facts.standing = false;",
+    ),
+    change(
+        "a robot that is not ready does not end what is going on",
+        STEP,
+        "_ => self.abort(Cause::Robot(robot)),",
+        "_ => {}",
+    ),
+    change(
+        "an abort does not conclude the cycle",
+        STEP,
+        "pub fn abort(&mut self, cause: Cause) {\n        self.conclude(Verdict::Aborted);",
+        "pub fn abort(&mut self, cause: Cause) {",
+    ),
+    change(
+        "a localization outlives a hold",
+        EXECUTE,
+        "self.state.job.verified = 0;\n        self.facts().token = None;",
+        "self.state.job.verified = 0;",
+    ),
+    change(
+        "water that was switched on is not remembered as what may run",
+        FACTS,
+        "(self.water, self.water_may_run) = (Water::Unknown, true),",
+        "self.water = Water::Unknown,",
+    ),
+    change(
+        "a cycle makes one pass more than it may",
+        EXECUTE,
+        "self.state.job.pass < self.state.job.max_passes ||",
+        "self.state.job.pass <= self.state.job.max_passes ||",
+    ),
+    change(
+        "the arm does not retract behind a contact path",
+        EXECUTE,
+        "Path::Contact | Path::Air) => self.state.at = At::Execute(Phase::Retract),",
+        "Path::Contact | Path::Air) => self.state.at = At::Execute(Phase::Rinse),",
+    ),
+    change(
+        "a motion begins before it is on the record",
+        TURN,
+        "self.effects.push(Effect::OpenIntent(motion));",
+        "",
+    ),
+    change(
+        "a stop leaves the cycle without its end",
+        STEP,
+        "self.conclude(if review { Verdict::Review } else { Verdict::Aborted });",
+        "if review {\n            self.conclude(Verdict::Review);\n        }",
+    ),
+];

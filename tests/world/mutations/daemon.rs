@@ -1,0 +1,92 @@
+//! Of the service's loop.
+
+use super::{Mutation, change};
+
+const ACTS: &str = "src/daemon/acts.rs";
+const CONTACTS: &str = "src/daemon/contacts.rs";
+const JUDGEMENT: &str = "src/verdict/judgement.rs";
+const MOVES: &str = "src/daemon/moves.rs";
+const REPORTS: &str = "src/daemon/robot_reports.rs";
+const RUN: &str = "src/daemon/run.rs";
+const SENT: &str = "src/daemon/sent.rs";
+
+pub(super) const ALL: [Mutation; 13] = [
+    change(
+        "a contact path is not counted as wear before it begins",
+        CONTACTS,
+        "self.ports.record.keep(RecordCommand::WearDisc(wears_mm2))?;",
+        "",
+    ),
+    change(
+        "a contact path is counted as wear twice",
+        CONTACTS,
+        "RecordCommand::WearDisc(worn_mm2 - reserved_mm2)",
+        "RecordCommand::WearDisc(worn_mm2 + 0.0 * reserved_mm2)",
+    ),
+    change(
+        "the end of a path is not waited for until the arm stands",
+        ACTS,
+        "Waits::PathEnd if stands => self.path_end(id, act, state)?,",
+        "Waits::PathEnd => self.path_end(id, act, state)?,",
+    ),
+    change(
+        "a switch is taken for done before its feedback says so",
+        ACTS,
+        "if state.done >= last && feedback.is_none_or(|(bit, on)| reads(state, bit) == on) =>",
+        "if state.done >= last && feedback.is_none_or(|(bit, on)| reads(state, bit) == on || state.done >= last) =>",
+    ),
+    change(
+        "an event is done before it is on the journal",
+        RUN,
+        "self.ports.record.keep(RecordCommand::Event(event))?;",
+        "",
+    )
+    .and(
+        RUN,
+        "self.keep_request(event, refused)?;",
+        "self.ports.record.keep(RecordCommand::Event(event))?;\n        self.keep_request(event, refused)?;",
+    ),
+    change(
+        "an answer that does not come is waited for 5 hours",
+        RUN,
+        "const FEEDBACK_S: f64 = 5.0;",
+        "const FEEDBACK_S: f64 = 18_000.0;",
+    ),
+    change("a lost link is not told to the table", REPORTS, "self.becomes(cycle::Robot::LinkLost);", ""),
+    change(
+        "a controller that has started anew is taken for the same",
+        REPORTS,
+        "self.becomes(cycle::Robot::Restarted);",
+        "",
+    ),
+    change(
+        "the end of an epoch forgets which waypoints were executed",
+        MOVES,
+        "|sent| sent.waypoints(done).max(sent.told));",
+        "|sent| sent.waypoints(done).min(0));",
+    ),
+    change(
+        "a reason to reject is one to review",
+        JUDGEMENT,
+        "(false, _) => Verdict::Reject,",
+        "(false, _) => Verdict::Review,",
+    ),
+    change(
+        "the program leaves while the cell works",
+        RUN,
+        "TakenUp::Leave if self.state.at.rests() => return Ok(None),",
+        "TakenUp::Leave if self.state.at.rests() || self.state.due.is_some() => return Ok(None),",
+    ),
+    change(
+        "a full disk does not hold the cell",
+        RUN,
+        "if let Some(why) = self.ports.record.filled() {",
+        "if let Some(why) = self.ports.record.filled().filter(|_| self.is_single) {",
+    ),
+    change(
+        "one waypoint more is taken for executed than was",
+        SENT,
+        "(done.0 + 1).saturating_sub(self.first.0)",
+        "(done.0 + 2).saturating_sub(self.first.0)",
+    ),
+];

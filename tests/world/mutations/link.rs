@@ -1,0 +1,109 @@
+//! Of the client's side of the link.
+
+use super::{Mutation, change};
+
+const ECHO: &str = "src/eki/session/echo.rs";
+const EPOCHS: &str = "src/eki/session/epochs.rs";
+const FLOW: &str = "src/eki/session/flow.rs";
+const LIMITS: &str = "src/devices/robot/link.rs";
+const RECEIVE: &str = "src/eki/session/receive.rs";
+const TIMING: &str = "src/eki/session/timing.rs";
+
+pub(super) const ALL: [Mutation; 15] = [
+    change(
+        "an abort is not sent where no number of an epoch is left, and any number is believed",
+        EPOCHS,
+        "let next = Epoch(self.known_epoch().0.saturating_add(1).min(LAST_NUMBER));",
+        "let next = Epoch(self.known_epoch().0.saturating_add(1));\n        if next.0 > LAST_NUMBER {\n            return;\n        }",
+    )
+    .and(
+        RECEIVE,
+        "let follows = found.0 <= known.0.saturating_add(EPOCH_STEP) && !goes_back;",
+        "let follows = found.0 <= LAST_NUMBER && !(goes_back && found.0 > LAST_NUMBER) && EPOCH_STEP > 0;",
+    ),
+    change(
+        "any jump of the controller's epoch is believed",
+        RECEIVE,
+        "found.0 <= known.0.saturating_add(EPOCH_STEP) && !goes_back;",
+        "!goes_back;",
+    ),
+    change(
+        "an ended epoch may be opened again",
+        EPOCHS,
+        "let highest = self.known_epoch().max(self.opened_epoch).max(above);",
+        "let highest = self.known_epoch().max(above.min(Epoch(0)));",
+    ),
+    change(
+        "a silent connection is never given up",
+        TIMING,
+        "const SILENCE: Duration = Duration::from_secs(1);",
+        "const SILENCE: Duration = Duration::from_secs(18_000);",
+    ),
+    change(
+        "silence of the states does not end the epoch",
+        TIMING,
+        "let both = [self.is_at_stake().then_some(state), unreceived];",
+        "let both = [(self.is_at_stake() && self.stale == u64::MAX).then_some(state), unreceived];",
+    ),
+    change(
+        "silence while tool or water is on does not end the epoch",
+        EPOCHS,
+        "if flow.is_busy() || self.harmful_on)",
+        "if flow.is_busy())",
+    ),
+    change(
+        "the window is not kept by time",
+        FLOW,
+        "few || self.motion + motion <= limits.window",
+        "few || motion <= limits.window",
+    ),
+    change(
+        "waypoints are sent that are not permitted",
+        FLOW,
+        "if self.permitted.is_some_and(|last| next.id > last) {",
+        "if self.permitted.is_some_and(|last| next.id > CommandId(last.0 + 1_000)) {",
+    )
+    .not_found("the paths of the world's panel are permitted whole before they begin"),
+    change(
+        "lines are sent before base and tool were seen at the controller",
+        FLOW,
+        "if !(self.base.is_confirmed(part.base) && self.tool.is_confirmed(part.tool)) {\n            return false;\n        }",
+        "",
+    ),
+    change(
+        "a base that differs from the one that was set is taken",
+        ECHO,
+        "if distance_mm <= TOLERANCE && turn_deg <= TOLERANCE {\n            self.confirmed = id;",
+        "if distance_mm <= 1e6 && turn_deg <= 360.0 {\n            self.confirmed = id;",
+    ),
+    change(
+        "an abort that the controller did not obey is taken for obeyed",
+        RECEIVE,
+        "if stopping.ended == Some(state.epoch) && !state.stopped {",
+        "if stopping.ended == Some(state.epoch) && !state.stopped && stopping.obeyed {",
+    ),
+    change(
+        "a stop of the controller is not noticed while nothing is queued",
+        RECEIVE,
+        "let ends = state.stopped || matches!",
+        "let ends = matches!",
+    ),
+    change(
+        "a connection that swallows commands is kept for ever",
+        TIMING,
+        "const MOST_UNACKNOWLEDGED: u32 = 2;",
+        "const MOST_UNACKNOWLEDGED: u32 = 1_000_000;",
+    ),
+    change(
+        "heartbeats come each second",
+        LIMITS,
+        "heartbeat: ms(limits.heartbeat_ms()),",
+        "heartbeat: 10 * ms(limits.heartbeat_ms()),",
+    ),
+    change(
+        "an acknowledgement frees places of commands that were not executed",
+        FLOW,
+        "let done = self.done();\n        while let Some(queued) = self.in_flight",
+        "let done = self.received;\n        while let Some(queued) = self.in_flight",
+    ),
+];

@@ -1,0 +1,71 @@
+//! Changes of the product's sources that a world must find: mistakes that somebody who works on them might make. The bench
+//! `mutations` makes each, builds the world and runs it. Each names text that its file holds exactly once, which `list.rs` looks at.
+//!
+//! Not here: what no world has (the socket, pages, the names of recordings, inputs, supervision, a compliant tool), and what is put in
+//! while a world runs (`sabotage`).
+
+mod controller;
+mod cycle;
+mod daemon;
+mod link;
+mod programs;
+mod store;
+
+/// A change of the sources.
+#[derive(Debug, Clone, Copy)]
+pub struct Mutation {
+    /// The rule that is broken.
+    pub name: &'static str,
+    /// What is changed.
+    pub edit: Edit,
+    /// What else is.
+    pub beside: Option<Edit>,
+    /// The first seed, and the step to the next: some worlds alone execute the controller's programs.
+    pub seeds: (u64, u64),
+    /// Why no world finds it, where that is known.
+    pub not_found: Option<&'static str>,
+}
+
+/// Text in place of other text.
+#[derive(Debug, Clone, Copy)]
+pub struct Edit {
+    /// The file, from the repository's folder on.
+    pub file: &'static str,
+    /// What it holds, exactly once.
+    pub ships: &'static str,
+    /// What is put in its place.
+    pub changed: &'static str,
+}
+
+/// All of them.
+pub fn all() -> impl Iterator<Item = &'static Mutation> {
+    let lists: [&'static [Mutation]; 6] =
+        [&store::ALL, &cycle::ALL, &link::ALL, &daemon::ALL, &controller::ALL, &programs::ALL];
+    lists.into_iter().flatten()
+}
+
+const fn change(name: &'static str, file: &'static str, ships: &'static str, changed: &'static str) -> Mutation {
+    Mutation { name, edit: Edit { file, ships, changed }, beside: None, seeds: (0, 1), not_found: None }
+}
+
+impl Mutation {
+    /// With a second change.
+    const fn and(self, file: &'static str, ships: &'static str, changed: &'static str) -> Self {
+        Mutation { beside: Some(Edit { file, ships, changed }), ..self }
+    }
+
+    /// Of the controller's programs, which one world of eight executes.
+    const fn of_programs(self) -> Self {
+        Mutation { seeds: (5, 8), ..self }
+    }
+
+    /// That no world finds it, and why.
+    const fn not_found(self, why: &'static str) -> Self {
+        Mutation { not_found: Some(why), ..self }
+    }
+
+    /// What is changed.
+    pub fn edits(&self) -> impl Iterator<Item = &Edit> {
+        std::iter::once(&self.edit).chain(&self.beside)
+    }
+}

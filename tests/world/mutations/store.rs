@@ -1,0 +1,102 @@
+//! Of the store.
+
+use super::{Mutation, change};
+
+const BLOBS: &str = "src/store/blobs.rs";
+const COMMIT: &str = "src/store/commit.rs";
+const CONTACTS: &str = "src/store/contacts.rs";
+const DISCS: &str = "src/store/discs.rs";
+const FULLNESS: &str = "src/store/fullness.rs";
+const HEAD: &str = "src/store/head.rs";
+const JOURNAL: &str = "src/store/journal.rs";
+const MOTIONS: &str = "src/store/motions.rs";
+const SCHEMA: &str = "src/store/schema.rs";
+
+pub(super) const ALL: [Mutation; 15] = [
+    change(
+        "the log of the database is not flushed at a commit",
+        SCHEMA,
+        r#"connection.pragma_update(None, "synchronous", "FULL")?;"#,
+        r#"connection.pragma_update(None, "synchronous", "NORMAL")?;"#,
+    ),
+    change(
+        "the head is not flushed before a commit",
+        HEAD,
+        "self.write(Head { at, next: Some(next), database: None })?;\n        self.file.sync_data()",
+        "self.write(Head { at, next: Some(next), database: None })",
+    ),
+    change(
+        "a file of the store is not flushed before it has its name",
+        BLOBS,
+        "file.write_all(bytes)?;\n    file.sync_all()",
+        "file.write_all(bytes)",
+    ),
+    change(
+        "the folder of the store's files is not flushed",
+        BLOBS,
+        r#"File::open(&self.folder).and_then(|folder| folder.sync_all()).map_err(at("flush", &self.folder))?;"#,
+        "",
+    ),
+    change(
+        "a file of the store is written under its name",
+        BLOBS,
+        "let part = self.part(&hash);",
+        "let part = path.clone();",
+    ),
+    change(
+        "the head does not say where the chain will be",
+        COMMIT,
+        "head.prepare(before, last).map_err(Failed::Head)?;",
+        "",
+    ),
+    change(
+        "the reserve is not given up on a full disk",
+        COMMIT,
+        "if self.reserve.release() {",
+        "if self.fullness.take_dropped() == u64::MAX && self.reserve.release() {",
+    ),
+    change(
+        "a picture for which the disk has no place ends the work",
+        FULLNESS,
+        "if source.kind() == ErrorKind::StorageFull => {",
+        "if source.kind() == ErrorKind::NotFound => {",
+    ),
+    change("a start does not write what the last process did not come to", JOURNAL, "self.settle(&settled)?;", ""),
+    change(
+        "a start leaves a cycle open whose end was not written",
+        MOTIONS,
+        "self.conclude(id, judgement.verdict, &judgement.reasons)?;",
+        "tracing::warn!(?id, ?judgement);",
+    ),
+    change(
+        "a start concludes a cycle as aborted, whatever the journal says",
+        MOTIONS,
+        "told.map_or(Verdict::Aborted, |(_, verdict)| verdict)",
+        "told.map_or(Verdict::Aborted, |_| Verdict::Aborted)",
+    ),
+    change(
+        "the first permit of a contact path is not written",
+        CONTACTS,
+        r#"            writing.execute(PERMIT, params![id, unix_ms, permitted])?;
+            writing.chain("permits", writing.last_insert_rowid())"#,
+        "            let _ = (unix_ms, permitted);\n            Ok(())",
+    ),
+    change(
+        "the end of a motion is kept without its waypoints",
+        MOTIONS,
+        "params![text, outcome, done]",
+        "params![text, outcome, done.min(0)]",
+    ),
+    change(
+        "the wear of the disc is not in the chain",
+        DISCS,
+        r#"writing.chain("discs", writing.last_insert_rowid())"#,
+        "Ok(())",
+    ),
+    change(
+        "a new disc goes on from the wear of the old one",
+        DISCS,
+        "FROM discs WHERE is_new)",
+        "FROM discs WHERE id < 0)",
+    ),
+];
