@@ -39,6 +39,11 @@ pub(super) const ALL: [Mutation; 17] = [
         INTERLOCKS,
         "vec![epoch, drained, extraction, at_approach],",
         "vec![epoch, drained, at_approach],",
+    )
+    .and(
+        INTERLOCKS,
+        "vec![epoch, drained, extraction, token, at_approach, pad, running]",
+        "vec![epoch, drained, token, at_approach, pad, running]",
     ),
     change(
         "water runs while the lens is open",
