@@ -163,8 +163,8 @@ impl Bench {
             let is_world = message["target"]["name"] == "world";
             message["executable"].as_str().filter(|_| is_world).map(PathBuf::from)
         };
-        let executables = messages.filter_map(executable).last();
-        executables.filter(|_| built.status.success())
+        let executable = messages.filter_map(executable).next_back();
+        executable.filter(|_| built.status.success())
     }
 
     /// Runs it in a thread.
