@@ -63,7 +63,7 @@ pub(super) const ALL: [Mutation; 15] = [
         "if self.permitted.is_some_and(|last| next.id > last) {",
         "if self.permitted.is_some_and(|last| next.id > CommandId(last.0 + 1_000)) {",
     )
-    .not_found("the paths of the world's panel are permitted whole before they begin"),
+    .not_found("the record permits more than the window lets go, unless a writing lasts longer than two windows"),
     change(
         "lines are sent before base and tool were seen at the controller",
         FLOW,
