@@ -1,20 +1,26 @@
 //! What is inside of a world: link, controller, arm and terminals in one virtual time, and the faults that strike them.
 //!
-//! The loop's ports share it. Time passes where the loop waits for the robot, and nowhere else.
+//! The loop's ports share it. Time passes where the loop waits for the robot, and nowhere else. `counts`: what is found · `striking`: the
+//! faults.
+
+mod counts;
+mod striking;
+
+pub use counts::{Counts, Violation};
 
 use super::aims::Aims;
 use super::disk;
 use super::fixture::{Fixture, Stands};
-use super::link_cell::{Cell, Side, TICK_MS, setup, wire};
+use super::link_cell::{Cell, TICK_MS, setup, wire};
 use super::oracles::Oracles;
 use super::sabotage::Sabotage;
-use super::script::{self, CameraHarm, DiskHarm, Entry, Fault, Power, Press};
+use super::script::{self, CameraHarm, Entry, Power, Press};
 use super::tamper::Tampering;
 use super::terminals::{Around, Terminals};
 use panelprep::cycle::At;
 use panelprep::devices::mock::{Clock, Controller, Programs, Sample, Setup};
 use panelprep::devices::robot::link_limits;
-use panelprep::eki::{Channel, CommandId, Epoch, LinkLimits, MoveLin, Pace, Session};
+use panelprep::eki::{CommandId, Epoch, LinkLimits, MoveLin, Pace, Session};
 use panelprep::geometry::{Base, Joints, Panel, Rigid, Tool};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -24,65 +30,8 @@ const START: Joints =
     Joints { a1_deg: 0.0, a2_deg: -120.0, a3_deg: 145.0, a4_deg: 0.0, a5_deg: -25.0, a6_deg: 90.0 };
 /// The tool is on the panel where its tip is so near to the surface, mm.
 const LOW_MM: f64 = 1.0;
-/// After somebody worked with another program the cell's own is selected again.
-const HOME_MS: u64 = 3_000;
 /// The controller's watchdog, a message that was on its way, and what its program takes, ms.
 const UNHEARD_MS: u64 = 400 + 300;
-
-/// What was wrong, and which judge says so.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Violation {
-    /// The judge, by which two violations are the same one.
-    pub judge: &'static str,
-    /// What it saw.
-    pub what: String,
-}
-
-/// What was counted in a world.
-#[derive(Debug, Clone, Default)]
-pub struct Counts {
-    /// Faults that struck, by kind and place.
-    pub faults: BTreeMap<(&'static str, &'static str), u64>,
-    /// How often each judge judged.
-    pub judged: BTreeMap<&'static str, u64>,
-    /// Visits of each place.
-    pub places: BTreeMap<&'static str, u64>,
-    /// Verdicts.
-    pub verdicts: BTreeMap<&'static str, u64>,
-    /// Cycles that began.
-    pub cycles: u64,
-    /// Processes that began.
-    pub lives: u64,
-    /// Power cuts.
-    pub cuts: u64,
-    /// Moments at which a power cut was imagined: what it would have left was started on, and the world went on.
-    pub imagined_cuts: u64,
-    /// Kills of the process.
-    pub kills: u64,
-    /// Virtual time, ms.
-    pub time_ms: u64,
-}
-
-impl Counts {
-    /// Adds those of another world.
-    pub fn add(&mut self, other: &Counts) {
-        other.faults.iter().for_each(|(key, count)| *self.faults.entry(*key).or_default() += count);
-        other.judged.iter().for_each(|(key, count)| *self.judged.entry(key).or_default() += count);
-        other.places.iter().for_each(|(key, count)| *self.places.entry(key).or_default() += count);
-        other.verdicts.iter().for_each(|(key, count)| *self.verdicts.entry(key).or_default() += count);
-        self.cycles += other.cycles;
-        self.lives += other.lives;
-        self.cuts += other.cuts;
-        self.imagined_cuts += other.imagined_cuts;
-        self.kills += other.kills;
-        self.time_ms += other.time_ms;
-    }
-
-    /// This judge judged once more.
-    pub fn judged(&mut self, judge: &'static str) {
-        *self.judged.entry(judge).or_default() += 1;
-    }
-}
 
 /// What the record permits of a contact path.
 #[derive(Debug, Clone, Copy)]
@@ -392,112 +341,6 @@ impl Inside {
         self.counts.judged("off without a client");
         if tool_ms > 1_500 {
             self.wrong("off without a client", format!("tool or water is on {tool_ms} ms after the process ended"));
-        }
-    }
-
-    fn strike_due(&mut self) {
-        let now_ms = self.now_ms();
-        let due: Vec<Entry> = self
-            .script
-            .extract_if(.., |pending| pending.due_ms.is_some_and(|due_ms| due_ms <= now_ms))
-            .map(|pending| pending.entry)
-            .collect();
-        for entry in due {
-            self.strike(entry.fault);
-        }
-    }
-
-    fn distrust(&mut self) {
-        // What somebody else has said or changed may have moved the count of epochs by a step.
-        let known =
-            self.cell.controller.epoch().max(self.cell.session.epoch().map_or(0, |epoch| epoch.0.cast_signed()));
-        self.oracles.strange_epoch = self.oracles.strange_epoch.max(known.saturating_add(2));
-    }
-
-    fn strike(&mut self, fault: Fault) {
-        *self.counts.faults.entry((fault.kind(), self.place)).or_default() += 1;
-        let now_ms = self.now_ms();
-        self.lasts_until_ms = self.lasts_until_ms.max(now_ms + fault.lasts_ms());
-        self.lingers |= matches!(fault, Fault::Bytes { .. } | Fault::Lie { .. } | Fault::Controller(_));
-        let mut tampering = self.tampering.lock().unwrap_or_else(PoisonError::into_inner);
-        match fault {
-            Fault::Bytes { to_robot, channel, harm } => tampering.harms.push((to_robot, channel, harm)),
-            Fault::Lie { channel, name, value, times } => tampering.lies.push((channel, name, value, times)),
-            // A good controller drops them: there is nothing to distrust.
-            Fault::Replay(count) => {
-                tampering.replays = count;
-                return;
-            }
-            _ => {
-                drop(tampering);
-                return self.strike_cell(fault, now_ms);
-            }
-        }
-        drop(tampering);
-        self.distrust();
-    }
-
-    fn strike_cell(&mut self, fault: Fault, now_ms: u64) {
-        match fault {
-            Fault::Cut { channel, by_robot, loses } => {
-                let side = if by_robot { Side::Robot } else { Side::Client };
-                self.cell.cut([Channel::Command, Channel::State][channel.min(1)], side, loses);
-            }
-            Fault::Deaf(ms) => {
-                if now_ms >= self.cell.deaf_until_ms {
-                    self.deaf_since_ms = now_ms;
-                }
-                self.cell.deaf_until_ms = now_ms + ms;
-            }
-            Fault::Stall(ms) => self.cell.client_stalls_until_ms = now_ms + ms,
-            Fault::Controller(text) => {
-                if let Ok(fault) = script::controller_fault(&text) {
-                    if let Some(for_ms) = script::slowed_ms(&text) {
-                        self.oracles.slowed_until_ms = now_ms + for_ms;
-                    }
-                    self.cell.controller.inject(fault);
-                }
-            }
-            Fault::Foreign { operation, number } => {
-                self.cell.foreign_request(operation, number);
-                self.distrust();
-            }
-            Fault::ForeignProgram(ms) => {
-                self.home_at_ms = Some(now_ms + ms + HOME_MS);
-                self.cell.controller.deselect();
-            }
-            Fault::Feedback { input, on, for_ms } => {
-                self.lock_around().stuck = Some((input, on, now_ms + for_ms));
-            }
-            Fault::Press(press) => self.pressed.push_back(press),
-            Fault::Camera { flange, harm, for_ms } => {
-                self.cameras[usize::from(flange)] = Some((harm, now_ms + for_ms))
-            }
-            Fault::Clock(jump_s) => super::clock::jump(jump_s),
-            Fault::Power { writing, power } => {
-                self.power = Some(power);
-                disk::at_writing(writing, disk::Event::End);
-            }
-            Fault::Disk { writing, harm, times } => {
-                disk::at_writing(
-                    writing,
-                    match harm {
-                        DiskHarm::Full => disk::Event::Full(times),
-                        DiskHarm::Io => disk::Event::Io(times),
-                    },
-                );
-            }
-            Fault::SlowDisk { late_ms, for_ms } => self.slow_disk = Some((late_ms, now_ms + for_ms)),
-            Fault::Bytes { .. } | Fault::Lie { .. } | Fault::Replay(_) => {}
-        }
-    }
-
-    /// Somebody is done with another program, and selects the cell's own again.
-    fn work_with_another_program(&mut self) {
-        if self.home_at_ms.is_some_and(|home_at_ms| self.now_ms() >= home_at_ms) {
-            self.home_at_ms = None;
-            self.cell.controller.deselect();
-            self.cell.controller.select();
         }
     }
 

@@ -1,0 +1,58 @@
+//! What a world found and counted.
+
+use std::collections::BTreeMap;
+
+/// What was wrong, and which judge says so.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Violation {
+    /// The judge, by which two violations are the same one.
+    pub judge: &'static str,
+    /// What it saw.
+    pub what: String,
+}
+
+/// What was counted in a world.
+#[derive(Debug, Clone, Default)]
+pub struct Counts {
+    /// Faults that struck, by kind and place.
+    pub faults: BTreeMap<(&'static str, &'static str), u64>,
+    /// How often each judge judged.
+    pub judged: BTreeMap<&'static str, u64>,
+    /// Visits of each place.
+    pub places: BTreeMap<&'static str, u64>,
+    /// Verdicts.
+    pub verdicts: BTreeMap<&'static str, u64>,
+    /// Cycles that began.
+    pub cycles: u64,
+    /// Processes that began.
+    pub lives: u64,
+    /// Power cuts.
+    pub cuts: u64,
+    /// Moments at which a power cut was imagined: what it would have left was started on, and the world went on.
+    pub imagined_cuts: u64,
+    /// Kills of the process.
+    pub kills: u64,
+    /// Virtual time, ms.
+    pub time_ms: u64,
+}
+
+impl Counts {
+    /// Adds those of another world.
+    pub fn add(&mut self, other: &Counts) {
+        other.faults.iter().for_each(|(key, count)| *self.faults.entry(*key).or_default() += count);
+        other.judged.iter().for_each(|(key, count)| *self.judged.entry(key).or_default() += count);
+        other.places.iter().for_each(|(key, count)| *self.places.entry(key).or_default() += count);
+        other.verdicts.iter().for_each(|(key, count)| *self.verdicts.entry(key).or_default() += count);
+        self.cycles += other.cycles;
+        self.lives += other.lives;
+        self.cuts += other.cuts;
+        self.imagined_cuts += other.imagined_cuts;
+        self.kills += other.kills;
+        self.time_ms += other.time_ms;
+    }
+
+    /// This judge judged once more.
+    pub fn judged(&mut self, judge: &'static str) {
+        *self.judged.entry(judge).or_default() += 1;
+    }
+}

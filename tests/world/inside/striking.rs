@@ -1,0 +1,119 @@
+//! Faults strike: each where it belongs, in the link, at the controller, among people, at cameras, disk and clock.
+
+use super::super::disk;
+use super::super::link_cell::Side;
+use super::super::script::{self, DiskHarm, Entry, Fault};
+use super::Inside;
+use panelprep::eki::Channel;
+use std::sync::PoisonError;
+
+/// After somebody worked with another program the cell's own is selected again.
+const HOME_MS: u64 = 3_000;
+
+impl Inside {
+    pub(super) fn strike_due(&mut self) {
+        let now_ms = self.now_ms();
+        let due: Vec<Entry> = self
+            .script
+            .extract_if(.., |pending| pending.due_ms.is_some_and(|due_ms| due_ms <= now_ms))
+            .map(|pending| pending.entry)
+            .collect();
+        for entry in due {
+            self.strike(entry.fault);
+        }
+    }
+
+    pub(super) fn distrust(&mut self) {
+        // What somebody else has said or changed may have moved the count of epochs by a step.
+        let known =
+            self.cell.controller.epoch().max(self.cell.session.epoch().map_or(0, |epoch| epoch.0.cast_signed()));
+        self.oracles.strange_epoch = self.oracles.strange_epoch.max(known.saturating_add(2));
+    }
+
+    fn strike(&mut self, fault: Fault) {
+        *self.counts.faults.entry((fault.kind(), self.place)).or_default() += 1;
+        let now_ms = self.now_ms();
+        self.lasts_until_ms = self.lasts_until_ms.max(now_ms + fault.lasts_ms());
+        self.lingers |= matches!(fault, Fault::Bytes { .. } | Fault::Lie { .. } | Fault::Controller(_));
+        let mut tampering = self.tampering.lock().unwrap_or_else(PoisonError::into_inner);
+        match fault {
+            Fault::Bytes { to_robot, channel, harm } => tampering.harms.push((to_robot, channel, harm)),
+            Fault::Lie { channel, name, value, times } => tampering.lies.push((channel, name, value, times)),
+            // A good controller drops them: there is nothing to distrust.
+            Fault::Replay(count) => {
+                tampering.replays = count;
+                return;
+            }
+            _ => {
+                drop(tampering);
+                return self.strike_cell(fault, now_ms);
+            }
+        }
+        drop(tampering);
+        self.distrust();
+    }
+
+    fn strike_cell(&mut self, fault: Fault, now_ms: u64) {
+        match fault {
+            Fault::Cut { channel, by_robot, loses } => {
+                let side = if by_robot { Side::Robot } else { Side::Client };
+                self.cell.cut([Channel::Command, Channel::State][channel.min(1)], side, loses);
+            }
+            Fault::Deaf(ms) => {
+                if now_ms >= self.cell.deaf_until_ms {
+                    self.deaf_since_ms = now_ms;
+                }
+                self.cell.deaf_until_ms = now_ms + ms;
+            }
+            Fault::Stall(ms) => self.cell.client_stalls_until_ms = now_ms + ms,
+            Fault::Controller(text) => {
+                if let Ok(fault) = script::controller_fault(&text) {
+                    if let Some(for_ms) = script::slowed_ms(&text) {
+                        self.oracles.slowed_until_ms = now_ms + for_ms;
+                    }
+                    self.cell.controller.inject(fault);
+                }
+            }
+            Fault::Foreign { operation, number } => {
+                self.cell.foreign_request(operation, number);
+                self.distrust();
+            }
+            Fault::ForeignProgram(ms) => {
+                self.home_at_ms = Some(now_ms + ms + HOME_MS);
+                self.cell.controller.deselect();
+            }
+            Fault::Feedback { input, on, for_ms } => {
+                self.lock_around().stuck = Some((input, on, now_ms + for_ms));
+            }
+            Fault::Press(press) => self.pressed.push_back(press),
+            Fault::Camera { flange, harm, for_ms } => {
+                self.cameras[usize::from(flange)] = Some((harm, now_ms + for_ms))
+            }
+            Fault::Clock(jump_s) => super::super::clock::jump(jump_s),
+            Fault::Power { writing, power } => {
+                self.power = Some(power);
+                disk::at_writing(writing, disk::Event::End);
+            }
+            Fault::Disk { writing, harm, times } => {
+                disk::at_writing(
+                    writing,
+                    match harm {
+                        DiskHarm::Full => disk::Event::Full(times),
+                        DiskHarm::Io => disk::Event::Io(times),
+                    },
+                );
+            }
+            Fault::SlowDisk { late_ms, for_ms } => self.slow_disk = Some((late_ms, now_ms + for_ms)),
+            Fault::Bytes { .. } | Fault::Lie { .. } | Fault::Replay(_) => {}
+        }
+    }
+
+    /// Somebody is done with another program, and selects the cell's own again.
+    pub(super) fn work_with_another_program(&mut self) {
+        if self.home_at_ms.is_some_and(|home_at_ms| self.now_ms() >= home_at_ms) {
+            self.home_at_ms = None;
+            self.cell.controller.deselect();
+            self.cell.controller.select();
+        }
+    }
+}
