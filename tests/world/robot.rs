@@ -7,6 +7,8 @@ use std::mem::discriminant;
 
 /// How long the loop waits for a report before it looks elsewhere, ms.
 const PATIENCE_MS: u64 = 20;
+/// So many reports in one moment are a loop that does not let time go on.
+const MOST_AT_ONCE: u32 = 10_000;
 
 /// The robot's port.
 pub struct Robot {
@@ -15,12 +17,23 @@ pub struct Robot {
     told_loss: Option<LinkLoss>,
     /// Of the paths that follow, m/s.
     speed_m_s: f64,
+    /// When it last gave a report, and how many it gave in that moment.
+    told: (u64, u32),
 }
 
 impl Robot {
     /// The robot of this world.
     pub fn new(world: Shared) -> Self {
-        Robot { world, told_loss: None, speed_m_s: 0.1 }
+        Robot { world, told_loss: None, speed_m_s: 0.1, told: (0, 0) }
+    }
+
+    fn judge_time(&mut self) {
+        let mut world = self.world.lock();
+        let (now_ms, (told_ms, count)) = (world.now_ms(), self.told);
+        self.told = (now_ms, if told_ms == now_ms { count + 1 } else { 0 });
+        if self.told.1 == MOST_AT_ONCE {
+            world.wrong("time goes on", format!("{MOST_AT_ONCE} reports in one moment"));
+        }
     }
 
     fn next(&mut self) -> Option<Report> {
@@ -52,7 +65,9 @@ impl Robot {
 impl Port<RobotCommand> for Robot {
     fn perform(&mut self, command: RobotCommand) -> RobotAnswer {
         if matches!(command, RobotCommand::Next) {
-            return RobotAnswer::Report(Ok(self.next()));
+            let report = self.next();
+            self.judge_time();
+            return RobotAnswer::Report(Ok(report));
         }
         let mut world = self.world.lock();
         let command = match world.sabotage {
