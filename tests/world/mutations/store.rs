@@ -12,7 +12,7 @@ const JOURNAL: &str = "src/store/journal.rs";
 const MOTIONS: &str = "src/store/motions.rs";
 const SCHEMA: &str = "src/store/schema.rs";
 
-pub(super) const ALL: [Mutation; 15] = [
+pub(super) const ALL: [Mutation; 16] = [
     change(
         "the log of the database is not flushed at a commit",
         SCHEMA,
@@ -34,8 +34,14 @@ pub(super) const ALL: [Mutation; 15] = [
     change(
         "the folder of the store's files is not flushed",
         BLOBS,
-        r#"File::open(&self.folder).and_then(|folder| folder.sync_all()).map_err(at("flush", &self.folder))?;"#,
-        "",
+        r#"File::open(folder).and_then(|folder| folder.sync_all()).map_err(at("flush", folder))"#,
+        "File::open(folder).map(drop).map_err(at(\"flush\", folder))",
+    ),
+    change(
+        "a start leaves the log of a killed process as it is",
+        "src/store/opening.rs",
+        "flush_log(&path)?;\n        let told",
+        "let told",
     ),
     change(
         "a file of the store is written under its name",
