@@ -69,7 +69,7 @@ fn one_store(seed: u64, sabotage: Option<Sabotage>, killed: &mut Killed) -> Resu
     let store = folder.join("store-0");
     Fixture::get().put_store(&store);
     let mut draw = Pcg64::seed_from_u64(seed);
-    let mut ledger = Ledger::default();
+    let (mut ledger, mut was_killed) = (Ledger::default(), true);
     for process in 0..MOST_PROCESSES {
         let world_seed = seed * MOST_PROCESSES + process;
         let mut script = script::draw(world_seed, Odds { most: 3, disk: false });
@@ -91,11 +91,12 @@ fn one_store(seed: u64, sabotage: Option<Sabotage>, killed: &mut Killed) -> Resu
         *if has_ended { &mut killed.ended } else { &mut killed.kills } += 1;
         ledger.check_start(&store).map_err(|what| wrong("nothing acknowledged is lost by a kill", what))?;
         if has_ended {
+            was_killed = false;
             break;
         }
     }
     killed.stores += 1;
-    let closed = ledger.close(&store).map_err(|what| wrong("record and page", what));
+    let closed = ledger.close(&store, was_killed).map_err(|what| wrong("record and page", what));
     let _ = std::fs::remove_dir_all(&folder);
     closed
 }

@@ -199,11 +199,12 @@ impl Ledger {
         Ok(())
     }
 
-    /// At the end of a world: every verdict has its record and its page, and both say the same; the store is what was written.
+    /// At the end of a world: every verdict has its record and its page, and both say the same; the store is what was written. No cycle
+    /// is without an end, unless the last process `was_killed`.
     ///
     /// # Errors
     /// In words.
-    pub fn close(&self, folder: &Path) -> Result<(), String> {
+    pub fn close(&self, folder: &Path, was_killed: bool) -> Result<(), String> {
         let words = |error: &dyn std::error::Error| error.to_string();
         let verified = Store::verify(folder, true).map_err(|error| words(&error))?;
         if let Some(found) = verified.found.first() {
@@ -211,7 +212,9 @@ impl Ledger {
         }
         let store = Store::open(folder).map_err(|error| words(&error))?;
         self.cycles(&store)?;
-        if let Some(open) = store.open_cycles().map_err(|error| words(&error))?.first() {
+        if let Some(open) = store.open_cycles().map_err(|error| words(&error))?.first()
+            && !was_killed
+        {
             return Err(format!("cycle {open} has no end"));
         }
         for cycle in store.ended_cycles().map_err(|error| words(&error))? {
