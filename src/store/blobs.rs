@@ -1,6 +1,7 @@
 //! Files named by their content.
 
 use super::error::StoreError;
+use super::flush;
 use crate::files::content_hash;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
@@ -62,7 +63,7 @@ impl Blobs {
         let path = self.folder.join(&hash);
         match self.get(&hash) {
             // Whoever put it there may not have come to flush its name.
-            Ok(_) => return flush_names(&self.folder).map(|()| hash),
+            Ok(_) => return self.flush_names().map(|()| hash),
             Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::NotFound => {}
             Err(error) => return Err(error),
         }
@@ -77,16 +78,11 @@ impl Blobs {
             let _ = fs::remove_file(&part);
         }
         renamed?;
-        flush_names(&self.folder).map(|()| hash)
+        self.flush_names().map(|()| hash)
     }
 
-    /// Makes the disk keep the names of all files of the store: a process that was killed may not have come to it.
-    ///
-    /// # Errors
-    /// Where the disk refuses.
-    pub(super) fn flush_names(&self) -> Result<(), StoreError> {
-        flush_names(&self.folder)?;
-        flush_names(self.store())
+    fn flush_names(&self) -> Result<(), StoreError> {
+        flush::names(&self.folder).map_err(at("flush", &self.folder))
     }
 
     fn part(&self, name: &str) -> PathBuf {
@@ -138,10 +134,6 @@ fn write_flushed(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let mut file = File::create(path)?;
     file.write_all(bytes)?;
     file.sync_all()
-}
-
-fn flush_names(folder: &Path) -> Result<(), StoreError> {
-    File::open(folder).and_then(|folder| folder.sync_all()).map_err(at("flush", folder))
 }
 
 fn at<'p>(doing: &'static str, path: &'p Path) -> impl Fn(std::io::Error) -> StoreError + 'p {

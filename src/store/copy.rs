@@ -5,6 +5,7 @@ use super::chain::{self, ChainPosition};
 use super::database::{DATABASE, Store};
 use super::database_files::file_hash;
 use super::error::StoreError;
+use super::flush;
 use super::head::{self, HeadFile};
 use super::{prune, schema};
 use rusqlite::Connection;
@@ -157,7 +158,7 @@ fn kept_at_a_free_name(
     }
     let renamed = renameat_with(CWD, part, CWD, &database, RenameFlags::NOREPLACE);
     renamed.map_err(|error| at("rename", part)(error.into()))?;
-    File::open(folder).and_then(|folder| folder.sync_all()).map_err(at("flush", folder))?;
+    flush::names(folder).map_err(at("flush", folder))?;
     Ok(database)
 }
 

@@ -7,6 +7,7 @@
 //! database's file.
 
 use super::chain::{ChainPosition, Hash};
+use super::flush;
 use crate::files::{content_hash, hex};
 use std::fmt::Write as _;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -94,7 +95,7 @@ impl HeadFile {
             // Its blocks are taken before a disk can be full.
             file.write_all_at(&[b'\n'; 2 * SLOT_BYTES], 0)?;
             file.sync_all()?;
-            File::open(store)?.sync_all()?;
+            flush::names(store)?;
         }
         Ok(HeadFile { file })
     }

@@ -1,9 +1,10 @@
 //! The file of the key by which a cell signs its records: made at its first use, and read by its owner alone.
 
 use super::error::StoreError;
+use super::flush;
 use crate::random;
 use crate::signing::{CellKey, PublicKey, SigningError};
-use std::fs::{self, File, Permissions};
+use std::fs::{self, Permissions};
 use std::io::{self, ErrorKind, Write};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
@@ -80,7 +81,7 @@ fn made(file: &Path) -> Result<CellKey, StoreError> {
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(folder).map_err(at("create", folder))?;
     match written(folder, &pem).map_err(at("make", file))?.persist_noclobber(file) {
-        Ok(_) => File::open(folder).and_then(|folder| folder.sync_all()).map(|()| key).map_err(at("make", file)),
+        Ok(_) => flush::names(folder).map(|()| key).map_err(at("make", file)),
         Err(error) if error.error.kind() == ErrorKind::AlreadyExists => {
             let pem = fs::read_to_string(file).map_err(at("read", file))?;
             CellKey::read(&pem).map_err(|source| signing(file, source))

@@ -27,6 +27,7 @@ mod database_files;
 mod discs;
 mod error;
 mod finding_times;
+mod flush;
 mod fold;
 mod full_disk;
 mod fullness;

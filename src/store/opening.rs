@@ -3,14 +3,14 @@
 use super::blobs::Blobs;
 use super::chain::{self, ChainPosition};
 use super::database::{DATABASE, Store};
-use super::database_files::{file_hash, flush_log, log_of};
+use super::database_files::{file_hash, log_of};
 use super::error::StoreError;
 use super::fullness::Fullness;
 use super::head::{self, Head, HeadFile};
 use super::lease::Lease;
 use super::reserve::{self, Reserve};
 use super::steps::Steps;
-use super::{copy, parts, schema};
+use super::{copy, flush, parts, schema};
 use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use std::path::Path;
 use std::time::SystemTime;
@@ -75,9 +75,8 @@ impl Store {
     fn begin(folder: &Path) -> Result<Self, StoreError> {
         let blobs = Blobs::create(folder)?;
         let lease = Lease::take(folder)?;
-        blobs.flush_names()?;
         let path = folder.join(DATABASE);
-        flush_log(&path)?;
+        flush::left_behind(&path)?;
         let told = head::read(folder);
         let failed = |error: rusqlite::Error| StoreError::database("open", &path, &error);
         let connection = Connection::open(&path).map_err(failed)?;

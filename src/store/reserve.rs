@@ -2,8 +2,9 @@
 
 use super::blobs;
 use super::error::StoreError;
+use super::flush;
 use rusqlite::ErrorCode;
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, OpenOptions};
 use std::path::{Path, PathBuf};
 
 /// The file's name.
@@ -52,7 +53,7 @@ impl Reserve {
                 clippy::let_underscore_must_use,
                 reason = "the blocks are free once the folder is on the disk; where that fails, the next writing tells"
             )]
-            let _ = File::open(folder).and_then(|folder| folder.sync_all());
+            let _ = flush::names(folder);
         }
         released
     }

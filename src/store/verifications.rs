@@ -2,10 +2,9 @@
 //! who did so and why.
 
 use super::database::{DATABASE, Store};
-use super::database_files::flush_log;
 use super::error::StoreError;
 use super::head::HeadFile;
-use super::outbox;
+use super::{flush, outbox};
 use crate::calib::health::{Strike, Verification};
 use crate::files::content_hash;
 use crate::office::Kind;
@@ -91,7 +90,7 @@ impl Store {
 
     pub(super) fn beside_the_writer(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join(DATABASE);
-        flush_log(&path)?;
+        flush::left_behind(&path)?;
         let mut store = Store::open(folder)?;
         let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let failed = |error: rusqlite::Error| StoreError::database("open", &path, &error);

@@ -34,13 +34,13 @@ pub(super) const ALL: [Mutation; 16] = [
     change(
         "the folder of the store's files is not flushed",
         BLOBS,
-        r#"File::open(folder).and_then(|folder| folder.sync_all()).map_err(at("flush", folder))"#,
-        "File::open(folder).map(drop).map_err(at(\"flush\", folder))",
+        r#"flush::names(&self.folder).map_err(at("flush", &self.folder))"#,
+        "Ok(())",
     ),
     change(
         "a start leaves the log of a killed process as it is",
         "src/store/opening.rs",
-        "flush_log(&path)?;\n        let told",
+        "flush::left_behind(&path)?;\n        let told",
         "let told",
     ),
     change(

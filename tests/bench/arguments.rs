@@ -1,0 +1,14 @@
+//! Arguments of a bench: `name=value`.
+
+/// The value of this name, as text.
+pub fn argument(name: &str) -> Option<String> {
+    std::env::args().skip(1).find_map(|argument| Some(argument.strip_prefix(name)?.strip_prefix('=')?.to_owned()))
+}
+
+/// The same as a number.
+///
+/// # Panics
+/// Where it is none, with the argument.
+pub fn number(name: &str) -> Option<u64> {
+    argument(name).map(|text| text.parse().unwrap_or_else(|error| panic!("{name}={text}: {error}")))
+}

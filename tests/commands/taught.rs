@@ -1,0 +1,25 @@
+//! The command lines after which a rendered cell may run, and what it has where a line asks for its cycles. Benches take this file in, too.
+
+/// Learns the panel of the rendered cell.
+pub const TEACH: &str = "teach --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/taught_scan.pcd \
+                     --corner cell/taught_corner.png --flange cell/taught_flange.json";
+
+/// Looks at the boards that stand still, as every morning: the scanner's and the flange camera's.
+pub const VERIFY: [&str; 2] = [
+    "calibrate verify --cell cell/cell.toml --camera scanner --board 5x4 --square-mm 40 \
+     --target cell/target/scanner.toml --image cell/target/scanner.png",
+    "calibrate verify --cell cell/cell.toml --camera flange-camera --board 5x4 --square-mm 40 \
+     --target cell/target/flange_camera.toml --image cell/target/flange_camera.png --flange cell/target/flange.json",
+];
+
+/// The signals of a simulated line, as a part of the cell's file.
+pub const LINE_OUTPUTS: &str = "[io.line_outputs]
+ready = 40
+cycle_done = 41
+pass = 42
+fail = 43
+review = 44
+fault = 45
+";
+/// The same of its inputs, in place of the first line of this table.
+pub const LINE_INPUTS: [&str; 2] = ["[io.feedbacks]\n", "[io.feedbacks]\npart_present = 30\nstart_request = 31\n"];
