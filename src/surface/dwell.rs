@@ -213,9 +213,8 @@ fn grid_dwell(
     for (index, Step { at, point, reach: [reach_u, reach_v], seconds }) in steps.iter().enumerate() {
         let least = Parameter { u: at.u - reach_u, v: at.v - reach_v };
         let most = Parameter { u: at.u + reach_u, v: at.v + reach_v };
-        for row in net.rows_around(least, most) {
-            let under = points[row.clone()].iter().map(|sample| sample.distance_mm(*point) <= radius_mm);
-            for (sample, _) in row.zip(under).filter(|(_, under)| *under) {
+        for sample in net.around(least, most) {
+            if points[sample].distance_mm(*point) <= radius_mm {
                 found.dwell_s[sample] += *seconds as f32;
                 found.passes[sample] += u16::from(last_step[sample].wrapping_add(1) != index);
                 last_step[sample] = index;

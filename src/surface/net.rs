@@ -3,7 +3,6 @@
 use super::bspline::BSplineSurface;
 use super::derivatives::Parameter;
 use super::patch::Patch;
-use std::ops::Range;
 
 /// Places in rows and columns, each in the middle of its part of the patch.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,11 +47,6 @@ impl Net {
 
     /// The places around this box of parameters: all in it, and at most one more on each side.
     pub fn around(&self, least: Parameter, most: Parameter) -> impl Iterator<Item = usize> + use<> {
-        self.rows_around(least, most).flatten()
-    }
-
-    /// The same, row by row.
-    pub fn rows_around(&self, least: Parameter, most: Parameter) -> impl Iterator<Item = Range<usize>> + use<> {
         let range = |[least, most]: [f64; 2], [low, high]: [f64; 2], count: usize| {
             let index = |at: f64| ((at - low) / (high - low) * count as f64).clamp(0.0, count as f64) as usize;
             if most < low || least > high { 0..0 } else { index(least)..(index(most) + 1).min(count) }
@@ -60,7 +54,7 @@ impl Net {
         let (low, high, columns) = (self.patch.low, self.patch.high, self.columns);
         let across = range([least.u, most.u], [low.u, high.u], columns);
         let down = range([least.v, most.v], [low.v, high.v], self.rows);
-        down.map(move |row| row * columns + across.start..row * columns + across.end)
+        down.flat_map(move |row| across.clone().map(move |column| row * columns + column))
     }
 }
 
