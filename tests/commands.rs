@@ -1,11 +1,15 @@
 //! The commands as a user runs them: the program itself, on files, with exit codes and JSON.
 //!
-//! `plans`, `clips` and `cycles` look closer at what these commands do, `refused` at what they do not take.
+//! `plans`, `clips` and `cycles` look closer at what these commands do, `refused` at what they do not take; `taught` are the command
+//! lines after which a rendered cell may run.
 
 mod clips;
 mod cycles;
 mod plans;
 mod refused;
+pub mod taught;
+
+pub use taught::{TEACH, VERIFY};
 
 use panelprep::geometry::{Base, Flange, FlangeCamera, KukaPose, Panel, Point, Rigid};
 use serde_json::Value;
@@ -51,17 +55,6 @@ pub fn rendered(scene: &str) -> TempDir {
     assert_eq!(exit, 0, "{files}");
     folder
 }
-
-pub const TEACH: &str = "teach --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/taught_scan.pcd \
-                     --corner cell/taught_corner.png --flange cell/taught_flange.json";
-
-/// Looks at the boards that stand still, as every morning: the scanner's and the flange camera's.
-pub const VERIFY: [&str; 2] = [
-    "calibrate verify --cell cell/cell.toml --camera scanner --board 5x4 --square-mm 40 \
-     --target cell/target/scanner.toml --image cell/target/scanner.png",
-    "calibrate verify --cell cell/cell.toml --camera flange-camera --board 5x4 --square-mm 40 \
-     --target cell/target/flange_camera.toml --image cell/target/flange_camera.png --flange cell/target/flange.json",
-];
 
 const LOCATE: &str = "locate --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/scan.pcd";
 

@@ -1,20 +1,14 @@
 //! Whole cycles that a line asks for: a simulated line beside the simulated cell, which knows the controller's signals alone.
 
 use super::commands::json;
+use super::commands::taught::{LINE_INPUTS, LINE_OUTPUTS};
 use super::service::{Service, taught};
 use panelprep::record::{Kind, PartNames};
 use panelprep::store::Store;
 use panelprep::verdict::Verdict;
 use std::path::Path;
 
-const SIGNALS: &str = "[io.line_outputs]
-ready = 40
-cycle_done = 41
-pass = 42
-fail = 43
-review = 44
-fault = 45
-
+const LINE: &str = "
 [line]
 recipe = 'recipe.toml'
 order = 'WO 7'
@@ -24,8 +18,8 @@ operator = 'Line 2'
 fn with_line(folder: &Path) {
     let file = folder.join("cell/cell.toml");
     let text = std::fs::read_to_string(&file).expect("a cell");
-    let text = text.replace("[io.feedbacks]\n", "[io.feedbacks]\npart_present = 30\nstart_request = 31\n");
-    std::fs::write(file, text + SIGNALS).expect("written");
+    let text = text.replace(LINE_INPUTS[0], LINE_INPUTS[1]);
+    std::fs::write(file, text + LINE_OUTPUTS + LINE).expect("written");
 }
 
 /// After one reset by a person the line has two parts prepared, each greasy when it comes; nobody does anything. A third start, while

@@ -3,9 +3,12 @@
 //! `cargo bench --profile dev --bench mutations -- [seeds=N] [limit_s=N] [from=N] [only=TEXT] [tree=FOLDER]`: seeds and seconds for each change, the
 //! number of the first one, what its name contains, and where the copy is; what an earlier run built there is used again.
 
+#[path = "arguments.rs"]
+mod arguments;
 #[path = "../world/mutations/mod.rs"]
 mod mutations;
 
+use arguments::{argument, number};
 use mutations::Mutation;
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -27,28 +30,19 @@ enum Outcome {
     DoesNotBuild,
 }
 
-/// An argument of this name.
-fn argument(name: &str) -> Option<String> {
-    std::env::args().skip(1).find_map(|argument| Some(argument.strip_prefix(name)?.strip_prefix('=')?.to_owned()))
-}
-
-fn number(name: &str, or: u64) -> u64 {
-    argument(name).map_or(or, |text| text.parse().unwrap_or_else(|error| panic!("{name}={text}: {error}")))
-}
-
 fn main() -> ExitCode {
     let repository = Path::new(env!("CARGO_MANIFEST_DIR"));
     let bench = Bench {
         tree: argument("tree").map_or(repository.join("target/mutations/tree"), PathBuf::from),
         target: std::env::var_os("CARGO_TARGET_DIR")
             .map_or(repository.join("target"), |folder| repository.join(folder)),
-        seeds: number("seeds", 2_000),
-        limit_s: number("limit_s", 120),
+        seeds: number("seeds").unwrap_or(2_000),
+        limit_s: number("limit_s").unwrap_or(120),
     };
     copy(repository, &bench.tree).unwrap_or_else(|error| panic!("{}: {error}", bench.tree.display()));
     let only = argument("only").unwrap_or_default();
     let chosen: Vec<&Mutation> = mutations::all()
-        .skip(usize::try_from(number("from", 0)).unwrap_or(0))
+        .skip(usize::try_from(number("from").unwrap_or(0)).unwrap_or(0))
         .filter(|mutation| mutation.name.contains(&only))
         .collect();
     let mut tally = [0_usize; 4];
@@ -150,7 +144,14 @@ impl Bench {
     }
 
     fn build(&self) -> Option<PathBuf> {
-        let built = Command::new("cargo")
+        let mut cargo = Command::new("cargo");
+        // What cargo tells this bench of its own package would have build scripts run anew, and all above them built.
+        let of_package = std::env::vars_os().map(|(name, _)| name).filter(|name| {
+            let name = name.to_string_lossy();
+            name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_")
+        });
+        of_package.for_each(|name| drop(cargo.env_remove(name)));
+        let built = cargo
             .args(["build", "--locked", "--quiet", "--bench", "world", "--message-format", "json"])
             .current_dir(&self.tree)
             .env("CARGO_TARGET_DIR", &self.target)

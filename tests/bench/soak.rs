@@ -9,6 +9,8 @@
 //! with an abrasion; those cannot be recorded, and the simulated controller, a part of the service then, keeps the log of all its
 //! motions (0.3 MB a cycle), so that its memory is looked at and not judged. `program` is another build of the program than this bench's own.
 
+#[path = "arguments.rs"]
+mod arguments;
 #[path = "soak/cell.rs"]
 mod cell;
 #[path = "soak/clients.rs"]
@@ -19,9 +21,12 @@ mod http;
 mod numbers;
 #[path = "soak/operator.rs"]
 mod operator;
+#[path = "../commands/taught.rs"]
+mod taught;
 #[path = "soak/watchdog.rs"]
 mod watchdog;
 
+use arguments::{argument, number};
 use cell::{Pace, Running};
 use clients::Counts;
 use numbers::{Growth, Period, Sample};
@@ -37,16 +42,8 @@ const MOST_GROWTH_AN_HOUR: f64 = 0.01;
 /// Slopes below so many of their standard errors are none.
 const SURE: f64 = 3.0;
 
-fn argument(name: &str) -> Option<String> {
-    std::env::args().skip(1).find_map(|argument| Some(argument.strip_prefix(name)?.strip_prefix('=')?.to_owned()))
-}
-
-fn number(name: &str, usual: u64) -> u64 {
-    argument(name).map_or(usual, |text| text.parse().unwrap_or_else(|error| panic!("{name}={text}: {error}")))
-}
-
 fn main() -> ExitCode {
-    let (minutes, report_s) = (number("minutes", 120), number("report_s", 60).max(1));
+    let (minutes, report_s) = (number("minutes").unwrap_or(120), number("report_s").unwrap_or(60).max(1));
     let program = argument("program").unwrap_or_else(|| env!("CARGO_BIN_EXE_panelprep").to_owned());
     let pace = match argument("pace").as_deref() {
         None | Some("wall") => Pace::Wall,

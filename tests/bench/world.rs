@@ -4,6 +4,8 @@
 //! at any moment: `-- kills=N [from=N]`; each nth seed until a judge finds something or the time is over, without a search for the
 //! shortest script, as `tests/bench/mutations.rs` asks: `-- until-wrong [seeds=N] [from=N] [step=N] [limit_s=N]`.
 
+#[path = "arguments.rs"]
+mod arguments;
 #[allow(dead_code, reason = "the link's tests use the rest")]
 mod link {
     #[path = "../../link/cell.rs"]
@@ -15,23 +17,18 @@ mod link {
 #[allow(dead_code, unused_imports, reason = "the tests use the rest")]
 mod world;
 
+use arguments::{argument, number};
 use std::process::ExitCode;
 use std::time::Instant;
 use world::{Counts, SABOTAGES, Sabotage, World};
 
-/// An argument of this name.
-fn argument(name: &str) -> Option<String> {
-    std::env::args().skip(1).find_map(|argument| Some(argument.strip_prefix(name)?.strip_prefix('=')?.to_owned()))
-}
-
-fn number(name: &str) -> Option<u64> {
-    argument(name).map(|text| text.parse().unwrap_or_else(|error| panic!("{name}={text}: {error}")))
-}
-
 /// The mistake that is to be put in.
 fn mistake() -> Option<Sabotage> {
     let name = argument("mistake")?;
-    SABOTAGES.iter().find(|(known, _)| *known == name).map(|(_, sabotage)| *sabotage)
+    let known = SABOTAGES.iter().find(|(known, _)| *known == name);
+    let (_, sabotage) =
+        known.unwrap_or_else(|| panic!("mistake={name}: known are {:?}", SABOTAGES.map(|(known, _)| known)));
+    Some(*sabotage)
 }
 
 fn main() -> ExitCode {
@@ -55,6 +52,7 @@ fn main() -> ExitCode {
     let begun = Instant::now();
     let mut counts = Counts::default();
     let mut wrong = 0;
+    let sabotage = mistake();
     // Pictures and results that are kept for all worlds are there after some of them.
     let warm = from + count / 2;
     let mut before = held();
@@ -66,7 +64,7 @@ fn main() -> ExitCode {
             Some(text) => World::with(seed, world::parse(&text).unwrap_or_else(|error| panic!("{error}"))),
             None => World::of(seed),
         };
-        let world = mistake().map_or(world.clone(), |sabotage| world.sabotaged(sabotage));
+        let world = World { sabotage, ..world };
         let since = Instant::now();
         let outcome = world.run();
         if argument("times").is_some() {

@@ -1,5 +1,6 @@
 //! A taught cell in a folder of its own, and its service as systemd runs it.
 
+use super::taught::{LINE_INPUTS, LINE_OUTPUTS, TEACH, VERIFY};
 use super::watchdog::{ALLOWED, Watchdog};
 use std::fs;
 use std::io::Write;
@@ -14,17 +15,7 @@ const PORTS: [u16; 2] = [54_606, 54_607];
 /// The account of those who read the page.
 pub const VIEWER: (&str, &str) = ("viewer", "correct horse");
 
-const LINE_SIGNALS: &str = "[io.line_outputs]
-ready = 40
-cycle_done = 41
-pass = 42
-fail = 43
-review = 44
-fault = 45
-
-[line]
-recipe = 'recipe.toml'
-";
+const LINE: &str = "\n[line]\nrecipe = 'recipe.toml'\n";
 
 /// How the cell's time passes, and who starts cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -117,27 +108,15 @@ pub fn prepare(program: &Path, pace: Pace) -> Prepared {
             replaced(&file, &[("kind = \"mock\"", &robot)]);
         }
         Pace::Line => {
-            let inputs = "[io.feedbacks]\npart_present = 30\nstart_request = 31\n";
-            replaced(&file, &[("[io.feedbacks]\n", inputs)]);
+            replaced(&file, &[LINE_INPUTS.into()]);
         }
     }
     let mut cell = fs::OpenOptions::new().append(true).open(&file).expect("the cell's file");
-    let signals = if pace == Pace::Line { LINE_SIGNALS } else { "" };
+    let signals = if pace == Pace::Line { [LINE_OUTPUTS, LINE].concat() } else { String::new() };
     write!(cell, "\n{signals}\n[page]\nlisten = \"{page}\"\n").expect("written");
     let short = "frames_per_second = 2.0\nspray_s = 4.0\nrinse_s = 1.0\ndrain_s = 0.5";
     replaced(&folder.join("cell/recipe.toml"), &[("frames_per_second = 5.0", short)]);
-    prepared.run(
-        "teach --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/taught_scan.pcd \
-         --corner cell/taught_corner.png --flange cell/taught_flange.json",
-    );
-    let verify = "calibrate verify --cell cell/cell.toml --board 5x4 --square-mm 40";
-    prepared.run(&format!(
-        "{verify} --camera scanner --target cell/target/scanner.toml --image cell/target/scanner.png"
-    ));
-    prepared.run(&format!(
-        "{verify} --camera flange-camera --target cell/target/flange_camera.toml \
-         --image cell/target/flange_camera.png --flange cell/target/flange.json"
-    ));
+    [TEACH, VERIFY[0], VERIFY[1]].into_iter().for_each(|arguments| prepared.run(arguments));
     let (name, password) = VIEWER;
     let mut child = prepared
         .command(&format!("user add {name} --role viewer --cell cell/cell.toml"))
