@@ -6,13 +6,13 @@
 
 use panelprep::cycle::{self, State};
 use panelprep::daemon::{
-    EndedCycle, News, NotTaken, RecordingSwitch, Reply, Request, RequestHandler, RequestSender, Requester,
-    ServiceParts, What, WrittenPage, read_request, request_line, request_queue,
+    News, NotTaken, RecordingSwitch, Reply, Request, RequestHandler, RequestSender, Requester, ServiceParts, What,
+    WrittenPage, read_request, request_line, request_queue,
 };
 use panelprep::record::{CycleId, Front, Who};
 use panelprep::supervision::{Supervisor, ThreadFault};
 use std::path::Path;
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::channel;
 use tokio::sync::oneshot;
 use tokio::sync::oneshot::error::TryRecvError;
 
@@ -47,27 +47,24 @@ pub struct Desk {
     waiting: Vec<Waiting>,
     /// Somebody wants the process to end: what else waits may be dropped.
     leaves: bool,
-    _pages: Receiver<EndedCycle>,
     /// What was wrong.
     pub wrong: Option<String>,
-    /// Answers that came.
-    pub answered: u64,
 }
 
 impl Desk {
     /// Of a process that begins; `left` is the cycle that an earlier one did not end.
     pub fn new(store: &Path, left: Option<CycleId>) -> Self {
         let (sender, queue) = request_queue();
-        let (pages, _pages) = channel();
         let parts = ServiceParts {
             recording: RecordingSwitch::new(store, false),
             supervisor: Supervisor::default(),
-            pages,
+            // Nobody writes pages here; the store is looked at for them at the end.
+            pages: channel().0,
             written: WrittenPage::default(),
             cameras: None,
         };
         let handler = RequestHandler::new(queue, left, parts);
-        Desk { handler, sender, waiting: Vec::new(), leaves: false, _pages, wrong: None, answered: 0 }
+        Desk { handler, sender, waiting: Vec::new(), leaves: false, wrong: None }
     }
 
     /// Whether nothing but the page's question waits.
@@ -146,13 +143,12 @@ impl Desk {
 
     fn answers(&mut self) {
         let mut late = None;
-        let (answered, leaves) = (&mut self.answered, self.leaves);
+        let leaves = self.leaves;
         self.waiting.retain_mut(|waiting| match waiting.reply.try_recv() {
             Ok(reply) => {
                 if reply.state.is_none() {
                     late = Some(format!("{} was answered without a state", waiting.words));
                 }
-                *answered += 1;
                 false
             }
             Err(TryRecvError::Closed) if leaves => false,

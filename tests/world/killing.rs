@@ -69,13 +69,14 @@ fn one_store(seed: u64, sabotage: Option<Sabotage>, killed: &mut Killed) -> Resu
     let store = folder.join("store-0");
     Fixture::get().put_store(&store);
     let mut draw = Pcg64::seed_from_u64(seed);
-    let (mut ledger, mut was_killed) = (Ledger::default(), true);
+    let mut ledger = Ledger::default();
     for process in 0..MOST_PROCESSES {
         let world_seed = seed * MOST_PROCESSES + process;
         let mut script = script::draw(world_seed, Odds { most: 3, disk: false });
         script.retain(|entry| !matches!(entry.fault, Fault::Power { .. } | Fault::Disk { .. }));
         let world = World { sabotage, ..World::with(world_seed, script) };
-        let patience = LONGEST.mul_f64(draw.random());
+        // The last one comes to its end.
+        let patience = (process + 1 < MOST_PROCESSES).then(|| LONGEST.mul_f64(draw.random()));
         let told = run_and_kill(&world, &folder, &ledger, patience);
         let mut has_ended = false;
         for line in told.lines() {
@@ -91,18 +92,17 @@ fn one_store(seed: u64, sabotage: Option<Sabotage>, killed: &mut Killed) -> Resu
         *if has_ended { &mut killed.ended } else { &mut killed.kills } += 1;
         ledger.check_start(&store).map_err(|what| wrong("nothing acknowledged is lost by a kill", what))?;
         if has_ended {
-            was_killed = false;
             break;
         }
     }
     killed.stores += 1;
-    let closed = ledger.close(&store, was_killed).map_err(|what| wrong("record and page", what));
+    let closed = ledger.close(&store).map_err(|what| wrong("record and page", what));
     let _ = std::fs::remove_dir_all(&folder);
     closed
 }
 
-/// What a process tells until it is killed.
-fn run_and_kill(world: &World, folder: &Path, ledger: &Ledger, patience: Duration) -> String {
+/// What a process tells until it is killed, or until its end where nobody kills it.
+fn run_and_kill(world: &World, folder: &Path, ledger: &Ledger, patience: Option<Duration>) -> String {
     assert_eq!(std::fs::read_dir("/proc/self/task").map_or(1, Iterator::count), 1, "a copy has one thread only");
     let mut ends: [RawFd; 2] = [0; 2];
     // SAFETY: the call writes two descriptors there.
@@ -118,14 +118,15 @@ fn run_and_kill(world: &World, folder: &Path, ledger: &Ledger, patience: Duratio
         copy => {
             assert!(copy > 0, "a copy of the process");
             drop(writes);
-            std::thread::sleep(patience);
-            // SAFETY: the copy is this process's own child, and not yet waited for.
-            unsafe {
-                libc::kill(copy, libc::SIGKILL);
-                libc::waitpid(copy, std::ptr::null_mut(), 0);
+            if let Some(patience) = patience {
+                std::thread::sleep(patience);
+                // SAFETY: the copy is this process's own child, and not yet waited for.
+                unsafe { libc::kill(copy, libc::SIGKILL) };
             }
             let mut told = String::new();
             reads.read_to_string(&mut told).expect("lines");
+            // SAFETY: as above.
+            unsafe { libc::waitpid(copy, std::ptr::null_mut(), 0) };
             told
         }
     }

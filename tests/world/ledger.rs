@@ -200,11 +200,11 @@ impl Ledger {
     }
 
     /// At the end of a world: every verdict has its record and its page, and both say the same; the store is what was written. No cycle
-    /// is without an end, unless the last process `was_killed`.
+    /// is without an end.
     ///
     /// # Errors
     /// In words.
-    pub fn close(&self, folder: &Path, was_killed: bool) -> Result<(), String> {
+    pub fn close(&self, folder: &Path) -> Result<(), String> {
         let words = |error: &dyn std::error::Error| error.to_string();
         let verified = Store::verify(folder, true).map_err(|error| words(&error))?;
         if let Some(found) = verified.found.first() {
@@ -212,9 +212,7 @@ impl Ledger {
         }
         let store = Store::open(folder).map_err(|error| words(&error))?;
         self.cycles(&store)?;
-        if let Some(open) = store.open_cycles().map_err(|error| words(&error))?.first()
-            && !was_killed
-        {
+        if let Some(open) = store.open_cycles().map_err(|error| words(&error))?.first() {
             return Err(format!("cycle {open} has no end"));
         }
         for cycle in store.ended_cycles().map_err(|error| words(&error))? {

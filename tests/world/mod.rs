@@ -238,7 +238,7 @@ impl Running {
         }
         disk::leave();
         if self.world.lock().violation.is_none() {
-            let closed = self.ledger.close(&self.store(), false);
+            let closed = self.ledger.close(&self.store());
             let mut world = self.world.lock();
             world.counts.judged("record and page");
             if let Err(problem) = closed {

@@ -438,12 +438,6 @@ pub fn controller_fault(text: &str) -> Result<mock::Fault, String> {
     spec.planned.first().map(|planned| planned.fault).ok_or_else(|| format!("{text} is no fault"))
 }
 
-/// For how long a controller's fault of this text slows the arm, ms; `None` where it does not.
-pub fn slowed_ms(text: &str) -> Option<u64> {
-    let (_, for_ms) = text.strip_prefix("slow=")?.strip_suffix("ms")?.split_once('/')?;
-    for_ms.parse().ok()
-}
-
 /// The requests of a press that the table decides about, in order.
 pub fn requests(press: Press) -> Vec<cycle::Request> {
     use cycle::Request as Q;

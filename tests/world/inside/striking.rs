@@ -4,6 +4,7 @@ use super::super::disk;
 use super::super::link_cell::Side;
 use super::super::script::{self, DiskHarm, Entry, Fault};
 use super::Inside;
+use panelprep::devices::mock;
 use panelprep::eki::Channel;
 use std::sync::PoisonError;
 
@@ -68,7 +69,7 @@ impl Inside {
             Fault::Stall(ms) => self.cell.client_stalls_until_ms = now_ms + ms,
             Fault::Controller(text) => {
                 if let Ok(fault) = script::controller_fault(&text) {
-                    if let Some(for_ms) = script::slowed_ms(&text) {
+                    if let mock::Fault::Slow { for_ms: Some(for_ms), .. } = fault {
                         self.oracles.slowed_until_ms = now_ms + for_ms;
                     }
                     self.cell.controller.inject(fault);
