@@ -125,6 +125,19 @@ pub enum CloudFileError {
         /// Rows of the calibrated camera.
         height_px: usize,
     },
+    /// Points that do not lie on the rays of their pixels, where the others do.
+    #[error(
+        "{points} points do not lie where their pixels look, as all others do; the first is that of pixel ({column}, {row}): the file was \
+         changed after the camera took it; export or copy it once more"
+    )]
+    OffRays {
+        /// How many.
+        points: usize,
+        /// Column of the first one.
+        column: usize,
+        /// Row of the first one.
+        row: usize,
+    },
 }
 
 /// Refuses a cloud that is not from the calibrated camera, by the size in its header.

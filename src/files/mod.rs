@@ -11,6 +11,7 @@ mod pcd;
 mod picture;
 mod ply;
 mod pose;
+mod rays;
 mod shot;
 
 pub use clip::{Clip, ClipEntry, ClipError, LineProblem, read_clip};

@@ -3,15 +3,19 @@
 use super::cloud_error::CloudFileError;
 use super::pcd::{read_any_pcd, read_pcd};
 use super::ply::{read_any_ply, read_ply};
+use super::rays::check_rays;
 use crate::geometry::{Camera, OrganizedCloud, PinholeCamera};
 
 /// Reads a PCD or PLY file, told apart by its first line, of the camera with this calibration.
 ///
 /// # Errors
-/// Where the bytes are not an organised cloud with colours, or its size is not the camera's.
+/// Where the bytes are not an organised cloud with colours, its size is not the camera's, or points do not lie on the rays of their
+/// pixels.
 pub fn read_cloud(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     let is_ply = bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n");
-    if is_ply { read_ply(bytes, camera) } else { read_pcd(bytes, camera) }
+    let cloud = if is_ply { read_ply(bytes, camera) } else { read_pcd(bytes, camera) }?;
+    check_rays(&cloud, camera)?;
+    Ok(cloud)
 }
 
 /// Reads an organised cloud of any camera, by the size that it states; `size_px` is that of a PLY file that states none.
