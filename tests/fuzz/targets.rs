@@ -301,24 +301,35 @@ fn label(bytes: &[u8]) {
     }
 }
 
-/// A message of an MQTT broker on each topic of a node that is born, three times within a second: at most one request of each kind
-/// comes of it, and nothing but a birth is published.
-fn node(bytes: &[u8]) {
-    let now = |steady_ms| Now { unix_ms: 1_700_000_000_000, steady_ms };
+/// At this time of its own clock.
+fn at_ms(steady_ms: u64) -> Now {
+    Now { unix_ms: 1_700_000_000_000, steady_ms }
+}
+
+const STATE: &str = "spBv1.0/STATE/host";
+
+/// A node that is born, with its primary host online.
+fn born_node() -> EdgeNode {
     let (group_id, edge_node_id) = ("G".to_owned(), "cell".to_owned());
     let ids = Ids { group_id, edge_node_id, primary_host_id: Some("host".to_owned()) };
     let mut node = EdgeNode::new(NodeSetup { ids, commands_allowed: true, aliases: true });
-    node.step(Event::Connecting, now(0));
-    node.step(Event::Subscribed, now(0));
-    node.step(Event::Seen(values(&CellView::default())), now(0));
-    let (state, ncmd) = ("spBv1.0/STATE/host", "spBv1.0/G/NCMD/cell");
-    let online = Event::Received { topic: state, payload: br#"{"online":true,"timestamp":1}"#, is_retained: true };
-    node.step(online, now(0));
+    node.step(Event::Connecting, at_ms(0));
+    node.step(Event::Subscribed, at_ms(0));
+    node.step(Event::Seen(values(&CellView::default())), at_ms(0));
+    let online = Event::Received { topic: STATE, payload: br#"{"online":true,"timestamp":1}"#, is_retained: true };
+    node.step(online, at_ms(0));
+    node
+}
+
+/// A message of an MQTT broker on each topic of a node that is born, three times within a second: at most one request of each kind
+/// comes of it, and nothing but a birth is published. What is refused has a line of the audit trail, as long as its minute has some left.
+fn node(bytes: &[u8]) {
+    let (mut node, ncmd) = (born_node(), "spBv1.0/G/NCMD/cell");
     let mut acts = Vec::new();
     for steady_ms in 1..4 {
         let messages = [(ncmd, false), (ncmd, true), ("strange", false)];
         for (topic, is_retained) in messages {
-            acts.extend(node.step(Event::Received { topic, payload: bytes, is_retained }, now(steady_ms)));
+            acts.extend(node.step(Event::Received { topic, payload: bytes, is_retained }, at_ms(steady_ms)));
         }
     }
     let asked: Vec<_> = acts.iter().filter(|act| matches!(act, Act::Ask { .. })).collect();
@@ -330,6 +341,7 @@ fn node(bytes: &[u8]) {
         assert!((1..1_200).contains(&error.to_string().len()), "{error}");
     }
     let is_host = HostState::read(bytes).is_some();
-    let acts = node.step(Event::Received { topic: state, payload: bytes, is_retained: false }, now(5));
+    let told = Event::Received { topic: STATE, payload: bytes, is_retained: false };
+    let acts = born_node().step(told, at_ms(5));
     assert_eq!(acts.iter().any(|act| matches!(act, Act::Note(_))), !is_host, "{acts:?}");
 }

@@ -2,12 +2,12 @@
 
 use panelprep::cycle::{At, Event, Motion, State};
 use panelprep::daemon::{Note, RecordAnswer, RecordCommand};
-use panelprep::record::{CycleId, MotionRecord};
+use panelprep::record::{CycleId, CycleRecord, MotionRecord};
 use panelprep::report::cycle_page;
 use panelprep::store::{Store, StoreError};
 use panelprep::verdict::Verdict;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::Write;
@@ -163,40 +163,30 @@ impl Ledger {
     }
 
     fn cycles(&self, store: &Store) -> Result<(), String> {
-        let words = |error: &dyn std::error::Error| error.to_string();
-        for (cycle, verdict) in &self.verdicts {
-            let record = store.cycle(*cycle).map_err(|error| words(&error))?;
-            let kept = record.judgement.map(|judgement| judgement.verdict);
-            if kept != Some(*verdict) {
-                return Err(format!("cycle {cycle} was concluded as {}, the store has {kept:?}", verdict.word()));
-            }
+        let told =
+            self.verdicts.keys().chain(self.findings.keys()).chain(self.done.keys()).chain(self.asked.keys());
+        told.collect::<BTreeSet<_>>().into_iter().try_for_each(|cycle| {
+            let record = store.cycle(*cycle).map_err(|error| error.to_string())?;
+            self.cycle_holds(*cycle, &record).map_err(|words| format!("cycle {cycle}: {words}"))
+        })
+    }
+
+    /// Whether the record of a cycle holds what was acknowledged of it.
+    fn cycle_holds(&self, cycle: CycleId, record: &CycleRecord) -> Result<(), String> {
+        let kept = record.judgement.as_ref().map(|judgement| judgement.verdict);
+        if let Some(verdict) = self.verdicts.get(&cycle).filter(|verdict| kept != Some(**verdict)) {
+            return Err(format!("it was concluded as {}, the store has {kept:?}", verdict.word()));
         }
-        for (cycle, findings) in &self.findings {
-            let record = store.cycle(*cycle).map_err(|error| words(&error))?;
-            if record.findings.len() < *findings {
-                return Err(format!(
-                    "cycle {cycle} has {} findings, {findings} were acknowledged",
-                    record.findings.len()
-                ));
-            }
+        let done: u32 = record.motions.iter().map(|motion| motion.done).sum();
+        let counts = [
+            ("findings", record.findings.len(), self.findings.get(&cycle).copied()),
+            ("waypoints of closed motions", done as usize, self.done.get(&cycle).map(|done| *done as usize)),
+            ("requests", record.asked.len() + record.asked_before.len(), self.asked.get(&cycle).copied()),
+        ];
+        match counts.into_iter().find(|(_, kept, told)| told.is_some_and(|told| *kept < told)) {
+            Some((what, kept, Some(told))) => Err(format!("{told} {what} were acknowledged, {kept} are kept")),
+            _ => Ok(()),
         }
-        for (cycle, done) in &self.done {
-            let record = store.cycle(*cycle).map_err(|error| words(&error))?;
-            let kept: u32 = record.motions.iter().map(|motion| motion.done).sum();
-            if kept < *done {
-                return Err(format!("motions of cycle {cycle} were closed with {done} waypoints, kept are {kept}"));
-            }
-        }
-        for (cycle, asked) in &self.asked {
-            let record = store.cycle(*cycle).map_err(|error| words(&error))?;
-            if record.asked.len() + record.asked_before.len() < *asked {
-                return Err(format!(
-                    "cycle {cycle} has {} requests, {asked} were acknowledged",
-                    record.asked.len()
-                ));
-            }
-        }
-        Ok(())
     }
 
     /// At the end of a world: every verdict has its record and its page, and both say the same; the store is what was written. No cycle
