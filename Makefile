@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-rest test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office bench-soak bench-mutations
+.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-rest test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office bench-soak bench-cable bench-mutations
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
@@ -12,7 +12,7 @@ help:
 	@echo 'make test-rest  the tests of tests/long.txt, which make test leaves out for their length; CI runs both'
 	@echo 'make test-long  test-rest, more random walks, and the tests that take minutes'
 	@echo 'make package a Debian package for the system that this machine has; make package-test installs, upgrades and purges it in a folder'
-	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-office; longer than an hour and not among them: make bench-soak, bench-mutations'
+	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-office; not among them, since they run by the wall clock or for hours: make bench-cable, bench-soak, bench-mutations'
 	@echo 'make deny    licences, duplicates, sources and known faults of all crates; make mutants: changes of the code that no test notices'
 	@echo 'make fuzz    search for bytes over which a reader falls, SECONDS=60 each; one alone: make fuzz-krl SECONDS=600'
 	@echo 'make zivid   build the Zivid camera library where the SDK is installed'
@@ -93,11 +93,18 @@ demo-plant: setup
 LONG := $(shell sed '/^\#/d' tests/long.txt)
 # A cycle by the wall clock misses its deadlines where other tests keep both cores.
 ALONE := $(filter rehearsal::%,$(LONG))
+# One camera of GigE Vision can be at this computer's port: these tests wait for each other, and compute nothing meanwhile. Beside all
+# others they take none of their time.
+WAITING := devices::gige::tests a_flange_picture_over_gige_is_the_one_without
+WAITING_LOG = $(BUILT)/tests-of-gige-vision.log
 test: setup browser preflight sparkplug-peers opcua-peer
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
-	@echo "the tests but the $(words $(LONG)) of tests/long.txt"
-	@RUST_TEST_THREADS=3 cargo test --locked -- $(addprefix --skip ,$(LONG))
+	@cargo test --locked --no-run
+	@echo "the tests but the $(words $(LONG)) of tests/long.txt; those of GigE Vision beside them, see $(WAITING_LOG)"
+	@cargo test --locked --lib -- $(WAITING) >$(WAITING_LOG) 2>&1 & waiting=$$!; \
+	  RUST_TEST_THREADS=3 cargo test --locked -- $(addprefix --skip ,$(LONG) $(WAITING)); others=$$?; \
+	  wait $$waiting && tail -n 2 $(WAITING_LOG) || { cat $(WAITING_LOG); exit 1; }; exit $$others
 
 test-rest: setup browser preflight sparkplug-peers opcua-peer
 	@echo "the $(words $(LONG)) tests of tests/long.txt"
@@ -257,6 +264,12 @@ bench-world: setup
 SOAK :=
 bench-soak: setup
 	cargo bench --locked --bench soak -- $(SOAK)
+
+# Whole cycles by the wall clock over a cable that lies, in as many cells beside one another as CABLE says; one scenario alone:
+# make bench-cable CABLE='only=14 cells=1 keep=/tmp'. Each cell computes little, but late threads end cycles: not beside other benches.
+CABLE := cells=6
+bench-cable: setup
+	cargo bench --locked --bench cable -- $(CABLE)
 
 # Changes of the product's sources, each built and run until a world finds it. Not part of `make bench`: two minutes or more for each of
 # them, three hours for all on two idle cores. Some of them: make bench-mutations MUTATED='only=epoch seeds=10000 limit_s=1800'.

@@ -11,7 +11,10 @@
 
 #[path = "arguments.rs"]
 mod arguments;
+#[path = "soak/asking.rs"]
+mod asking;
 #[path = "soak/cell.rs"]
+#[allow(dead_code, reason = "the bench of the cable uses the rest")]
 mod cell;
 #[path = "soak/clients.rs"]
 mod clients;

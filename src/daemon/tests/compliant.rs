@@ -46,10 +46,21 @@ fn code(fault: ToolFault) -> &'static str {
     }
 }
 
-/// Every fault at every waypoint: the tool is off within 500 ms of the fault, or of the first touch after it; it is told by its
-/// name, the cycle is held, and the record says how far the path came.
+/// One waypoint of four for each fault; the next fault has the next ones, so that each waypoint has one fault at least.
 #[test]
+fn a_fault_at_every_waypoint_ends_contact_in_time() {
+    faults_end_contact_in_time(4);
+}
+
+#[test]
+#[ignore = "takes minutes"]
 fn every_fault_at_every_waypoint_ends_contact_in_time() {
+    faults_end_contact_in_time(1);
+}
+
+/// Every fault at each `step`th waypoint: the tool is off within 500 ms of the fault, or of the first touch after it; it is told by its
+/// name, the cycle is held, and the record says how far the path came.
+fn faults_end_contact_in_time(step: u32) {
     let begun = AtContact::of(compliant());
     let whole = begun.run(0, None);
     assert_eq!(whole.done, Some(begun.waypoints()), "{:?} {:?}", whole.state.at, whole.findings);
@@ -67,8 +78,8 @@ fn every_fault_at_every_waypoint_ends_contact_in_time() {
     ];
     let mut worst_ms: BTreeMap<String, u64> = BTreeMap::new();
     let mut ended = 0_usize;
-    for fault in faults {
-        for from in 1..=begun.waypoints() {
+    for (first, fault) in (1..).zip(faults) {
+        for from in (1..=begun.waypoints()).filter(|from| from % step == first % step) {
             let end = begun.run(from, Some(fault));
             let at = format!("{fault:?} from waypoint {from}: {:?} {:?}", end.state.at, end.findings);
             if let Some(took_ms) = end.took_ms {
@@ -99,7 +110,7 @@ fn every_fault_at_every_waypoint_ends_contact_in_time() {
         "{} waypoints, {ended} paths ended; longest until the tool is off, ms: {worst_ms:?}",
         begun.waypoints()
     );
-    assert!(ended as u32 > 8 * begun.waypoints(), "{ended}");
+    assert!(ended as u32 * step > 8 * begun.waypoints(), "{ended} in steps of {step}");
 }
 
 /// No force without a compliant tool, no compliant tool without a force, and none that it does not have.

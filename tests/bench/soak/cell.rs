@@ -4,7 +4,7 @@ use super::taught::{LINE_INPUTS, LINE_OUTPUTS, TEACH, VERIFY};
 use super::watchdog::{ALLOWED, Watchdog};
 use std::fs;
 use std::io::Write;
-use std::net::{SocketAddr, TcpListener};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -12,6 +12,10 @@ use tempfile::TempDir;
 
 /// Of the sixteen that a controller's firewall leaves open; no test has them.
 const PORTS: [u16; 2] = [54_606, 54_607];
+/// Those of a cell that was copied.
+pub const OTHER_PORTS: [u16; 2] = [54_608, 54_609];
+/// Where the controller is, as the service looks for it and as it listens.
+const HERE: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
 /// The account of those who read the page.
 pub const VIEWER: (&str, &str) = ("viewer", "correct horse");
 
@@ -32,9 +36,26 @@ pub struct Prepared {
     program: PathBuf,
     pub pace: Pace,
     pub page: SocketAddr,
+    controller: IpAddr,
 }
 
 impl Prepared {
+    /// The same cell in a folder of its own: its service looks for the controller at `sought`, where the page listens too, and the
+    /// controller listens at `controller`.
+    pub fn copied(&self, sought: IpAddr, controller: IpAddr) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        copy(&self.folder.path().join("cell"), &folder.path().join("cell"));
+        let page = SocketAddr::new(sought, self.page.port());
+        let moved = [
+            (format!("host = \"{HERE}\""), format!("host = \"{sought}\"")),
+            (format!("listen = \"{}\"", self.page), format!("listen = \"{page}\"")),
+            (format!("command_port = {}", PORTS[0]), format!("command_port = {}", OTHER_PORTS[0])),
+            (format!("state_port = {}", PORTS[1]), format!("state_port = {}", OTHER_PORTS[1])),
+        ];
+        replaced(&folder.path().join("cell/cell.toml"), &moved.each_ref().map(|(from, to)| (&**from, &**to)));
+        Prepared { folder, program: self.program.clone(), pace: self.pace, page, controller }
+    }
+
     pub fn socket(&self) -> PathBuf {
         self.store().join("panelprep.sock")
     }
@@ -52,6 +73,11 @@ impl Prepared {
         fs::read_to_string(self.folder.path().join("run.log")).unwrap_or_default()
     }
 
+    /// What the controller says of itself, where it is a process of its own.
+    pub fn controller_log(&self) -> String {
+        fs::read_to_string(self.folder.path().join("robot.log")).unwrap_or_default()
+    }
+
     fn store(&self) -> PathBuf {
         self.folder.path().join("cell/store")
     }
@@ -66,9 +92,25 @@ impl Prepared {
         command
     }
 
-    fn run(&self, arguments: &str) {
+    /// Runs a command of the program to its end.
+    ///
+    /// # Errors
+    /// What it said, where its exit code is not 0.
+    pub fn run(&self, arguments: &str) -> Result<(), String> {
         let output = self.command(arguments).output().expect("the program starts");
-        assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
+        let said = || format!("{arguments}: {}", String::from_utf8_lossy(&output.stderr));
+        output.status.success().then_some(()).ok_or_else(said)
+    }
+}
+
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir(to).expect("a new folder");
+    for entry in fs::read_dir(from).expect("a folder").flatten() {
+        let (from, to) = (entry.path(), to.join(entry.file_name()));
+        match from.is_dir() {
+            true => copy(&from, &to),
+            false => drop(fs::copy(&from, &to).expect("copied")),
+        }
     }
 }
 
@@ -97,14 +139,15 @@ pub fn prepare(program: &Path, pace: Pace) -> Prepared {
     let folder = tempfile::tempdir().expect("a folder");
     let page = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr()).expect("a free port");
     let program = fs::canonicalize(program).expect("the program is there");
-    let prepared = Prepared { folder, program, pace, page };
-    prepared.run("render --seed 3 --reduction 4 --seconds 10 --out cell");
+    let prepared = Prepared { folder, program, pace, page, controller: HERE };
+    let run = |arguments: &str| prepared.run(arguments).unwrap_or_else(|said| panic!("{said}"));
+    run("render --seed 3 --reduction 4 --seconds 10 --out cell");
     let folder = prepared.folder.path();
     let file = folder.join("cell/cell.toml");
     match pace {
         Pace::Wall => {
             let ports = format!("command_port = {}\nstate_port = {}", PORTS[0], PORTS[1]);
-            let robot = format!("kind = \"eki\"\nhost = \"127.0.0.1\"\n{ports}");
+            let robot = format!("kind = \"eki\"\nhost = \"{HERE}\"\n{ports}");
             replaced(&file, &[("kind = \"mock\"", &robot)]);
         }
         Pace::Line => {
@@ -116,7 +159,7 @@ pub fn prepare(program: &Path, pace: Pace) -> Prepared {
     write!(cell, "\n{signals}\n[page]\nlisten = \"{page}\"\n").expect("written");
     let short = "frames_per_second = 2.0\nspray_s = 4.0\nrinse_s = 1.0\ndrain_s = 0.5";
     replaced(&folder.join("cell/recipe.toml"), &[("frames_per_second = 5.0", short)]);
-    [TEACH, VERIFY[0], VERIFY[1]].into_iter().for_each(|arguments| prepared.run(arguments));
+    [TEACH, VERIFY[0], VERIFY[1]].into_iter().for_each(run);
     let (name, password) = VIEWER;
     let mut child = prepared
         .command(&format!("user add {name} --role viewer --cell cell/cell.toml"))
@@ -148,19 +191,27 @@ pub struct Running<'p> {
 impl<'p> Running<'p> {
     /// Starts both and waits until the service listens.
     pub fn start(prepared: &'p Prepared) -> (Self, Watchdog) {
+        let parts = if prepared.pace == Pace::Line { "--line-parts 1000000" } else { "" };
+        Running::start_with(prepared, parts)
+    }
+
+    /// The same, with more arguments for the service.
+    pub fn start_with(prepared: &'p Prepared, more: &str) -> (Self, Watchdog) {
         let folder = prepared.folder.path();
         let notify = folder.join("notify");
         let watchdog = Watchdog::listen(&notify);
         let controller = (prepared.pace == Pace::Wall).then(|| {
-            let mut command = prepared.command("mock-robot --cell cell/cell.toml");
-            Killed(command.stderr(Stdio::null()).spawn().expect("the program starts"))
+            let mut command =
+                prepared.command(&format!("mock-robot --cell cell/cell.toml --host {}", prepared.controller));
+            let log = fs::File::create(folder.join("robot.log")).expect("a log");
+            Killed(command.stderr(log).spawn().expect("the program starts"))
         });
         let log = fs::File::create(folder.join("run.log")).expect("a log");
-        let parts = if prepared.pace == Pace::Line { "--line-parts 1000000" } else { "" };
         let service = prepared
-            .command(&format!("run --cell cell/cell.toml --seed 3 {parts}"))
+            .command(&format!("run --cell cell/cell.toml --seed 3 {more}"))
             .env("NOTIFY_SOCKET", notify)
             .env("WATCHDOG_USEC", ALLOWED.as_micros().to_string())
+            .env("MALLOC_ARENA_MAX", "2")
             .stderr(log)
             .spawn()
             .expect("the program starts");

@@ -1,13 +1,12 @@
 //! Everybody who asks something of the service, or nothing, as long as it runs.
 
+use super::asking::ask;
 use super::cell::{Prepared, VIEWER};
 use super::http::{self, PATIENCE};
-use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread::{self, Scope};
@@ -121,16 +120,6 @@ impl fmt::Display for Counts {
             number(&self.refused_connections)
         )
     }
-}
-
-/// One line to the socket, and its answer.
-pub fn ask(socket: &Path, line: &str) -> io::Result<Value> {
-    let mut stream = UnixStream::connect(socket)?;
-    stream.set_read_timeout(Some(PATIENCE))?;
-    stream.write_all(line.as_bytes())?;
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer)?;
-    serde_json::from_str(&answer).map_err(|error| io::Error::other(format!("{error}: {answer}")))
 }
 
 /// Begins all of them.

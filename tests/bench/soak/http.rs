@@ -4,8 +4,7 @@ use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
 
-/// An answer that takes longer than this never comes.
-pub const PATIENCE: Duration = Duration::from_secs(30);
+pub use super::asking::PATIENCE;
 
 /// An answer's status, and the session that it begins.
 #[derive(Debug)]

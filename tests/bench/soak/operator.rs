@@ -1,7 +1,8 @@
 //! The person at the cell: starts cycles, answers what they are asked, and now and then holds, stops or aborts one.
 
+use super::asking::ask;
 use super::cell::{Pace, Prepared};
-use super::clients::{Counts, ask, count};
+use super::clients::{Counts, count};
 use serde_json::{Value, json};
 use std::fs;
 use std::thread::Scope;

@@ -1,0 +1,196 @@
+//! A cable that lies, between the service as a process and the controller as another: a TCP proxy of this bench carries both channels,
+//! and at one moment of a cycle tells one lie. Whole cycles by the wall clock, several cells beside one another.
+//! Exit code 1 on any violation; a scenario whose lie was never told is counted as such and never as passed.
+//! `cargo bench --bench cable -- [scenarios=316] [cells=6] [seed=1] [net=77] [only=N] [keep=FOLDER] [tried=WORD] [program=FILE]`
+//!
+//! What is judged, each by what the controller itself says or by what lies outside of the service: `cable/judges.rs` the arm, its
+//! outputs, a stop that is pressed and a verdict; this file the rest: after the lie `clear`, `reset` and `start` succeed and a whole
+//! honest cycle ends complete; each verdict has its signed record and its page, `panelprep store verify` finds nothing, the service
+//! runs on, has not panicked and feeds its watchdog.
+//!
+//! What cannot be asked for: the messages carry counts and epochs, and each number has its range, but no checksum. TCP has one, so that a
+//! value which is wrong and still possible (another waypoint within range, an input's bit) does not come from a cable. Such lies are
+//! told all the same, since nothing may come to harm by them: the judges hold, and the cell comes back. That a cycle does not notice one
+//! is counted as unnoticed, and is no violation.
+//!
+//! Each cell has two addresses of its own, 127.net.place.1 and .2, so that runs beside one another need different numbers for `net`.
+//! `tried` tries the judges (`cable/tried.rs` has the words): they must find what is changed before they hear it. `keep` writes all
+//! that was said to a folder.
+
+#[path = "arguments.rs"]
+mod arguments;
+#[path = "soak/asking.rs"]
+mod asking;
+#[path = "soak/cell.rs"]
+#[allow(dead_code, reason = "the soak uses the rest")]
+mod cell;
+#[path = "cable/course.rs"]
+mod course;
+#[path = "cable/draw.rs"]
+mod draw;
+#[path = "cable/judges.rs"]
+mod judges;
+#[path = "cable/liar.rs"]
+mod liar;
+#[path = "cable/lie.rs"]
+mod lie;
+#[path = "cable/message.rs"]
+mod message;
+#[path = "cable/proxy.rs"]
+mod proxy;
+#[path = "cable/table.rs"]
+mod table;
+#[path = "../commands/taught.rs"]
+mod taught;
+#[path = "cable/tried.rs"]
+mod tried;
+#[path = "cable/truth.rs"]
+mod truth;
+#[path = "soak/watchdog.rs"]
+mod watchdog;
+
+use arguments::{argument, number};
+use cell::{OTHER_PORTS, Pace, Prepared, Running};
+use course::Course;
+use liar::Liar;
+use lie::{Moment, Scenario};
+use proxy::Proxy;
+use std::fmt::Write as _;
+use std::net::{IpAddr, Ipv4Addr};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+use table::{Outcome, Table};
+use tried::Tried;
+use truth::{Side, Truth};
+
+/// Kinds and moments in all pairs, and more than a hundred besides.
+const SCENARIOS: u64 = 316;
+/// The cells begin one after the other, so that not all of them compute at the same moment.
+const APART: Duration = Duration::from_millis(2_500);
+
+fn main() -> ExitCode {
+    let seed = number("seed").unwrap_or(1);
+    let numbers = number("only").map_or_else(|| 0..number("scenarios").unwrap_or(SCENARIOS), |only| only..only + 1);
+    let program = argument("program").unwrap_or_else(|| env!("CARGO_BIN_EXE_panelprep").to_owned());
+    let prepared = cell::prepare(program.as_ref(), Pace::Wall);
+    let (next, table, begun) = (AtomicU64::new(numbers.start), Mutex::new(Table::default()), Instant::now());
+    std::thread::scope(|scope| {
+        for place in 0..number("cells").unwrap_or(6).clamp(1, 100) as u8 {
+            let (next, table, prepared, end) = (&next, &table, &prepared, numbers.end);
+            scope.spawn(move || {
+                std::thread::sleep(APART * u32::from(place));
+                loop {
+                    let number = next.fetch_add(1, Ordering::SeqCst);
+                    if number >= end {
+                        return;
+                    }
+                    let scenario = Scenario::drawn(seed, number);
+                    let outcome = told(prepared, place, &scenario);
+                    println!("{:6.1} min {}", begun.elapsed().as_secs_f64() / 60.0, line(&scenario, &outcome));
+                    table.lock().unwrap_or_else(PoisonError::into_inner).add(scenario.lie.kind, &outcome);
+                }
+            });
+        }
+    });
+    let table = table.into_inner().unwrap_or_else(PoisonError::into_inner);
+    println!("{table}a stop must stop within {:.0} ms", judges::STOP_MS);
+    if table.violations() == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// One scenario in one line, its violations in one each.
+fn line(scenario: &Scenario, outcome: &Outcome) -> String {
+    let told = if outcome.told == 0 { "NOT TOLD".to_owned() } else { format!("told {}", outcome.told) };
+    let stop = outcome.worst_stop_ms.map(|ms| format!(", stop {ms:.0} ms")).unwrap_or_default();
+    let mut text = format!("{scenario}: {told}, {}{stop}", outcome.verdicts.join(" "));
+    for violation in &outcome.violations {
+        let _ = write!(text, "\n    VIOLATION {scenario}: {violation}");
+    }
+    text
+}
+
+/// One scenario, in a cell of its own.
+fn told(prepared: &Prepared, place: u8, scenario: &Scenario) -> Outcome {
+    let net = number("net").unwrap_or(77) as u8;
+    let [sought, controller] = [1, 2].map(|last| IpAddr::V4(Ipv4Addr::new(127, net, place, last)));
+    let cell = prepared.copied(sought, controller);
+    let truth = Arc::new(Truth::new());
+    let liar = Arc::new(Liar::new(scenario.draw.clone()));
+    let proxy = Proxy::start(sought, controller, OTHER_PORTS, &liar, &truth);
+    let mut course = Course::new((&cell, scenario), &truth, &liar, &proxy);
+    if scenario.moment == Moment::Connect && !course.begins_late() {
+        liar.begin(&scenario.lie);
+    }
+    let scene = if scenario.needs_contact() { "--scene good" } else { "--scene clean" };
+    let (mut running, watchdog) = Running::start_with(&cell, scene);
+    let ran = course.run();
+    let mut violations: Vec<String> = ran.err().into_iter().chain(running.ended_by_itself()).collect();
+    let gap = watchdog.largest_gap();
+    if gap > watchdog::ALLOWED / 2 {
+        violations.push(format!("the watchdog was not fed for {:.1} s", gap.as_secs_f64()));
+    }
+    violations.extend(in_the_store(&cell, &course));
+    let (events, stops_ms) = (truth.events(), judges::logged_stops(&cell.controller_log()));
+    let events = argument("tried").map(|word| Tried::named(&word).changed(events.clone())).unwrap_or(events);
+    let judged = judges::judge((&events, &stops_ms), &scenario.lie, &course.orders, &course.cycles);
+    violations.extend(judged.violations);
+    if let Some(folder) = argument("keep") {
+        keep(&folder, scenario, &events, &course, &cell);
+    }
+    Outcome {
+        told: liar.count(),
+        verdicts: course.cycles.values().filter_map(|cycle| cycle.verdict.clone()).collect(),
+        pressed: u64::from(scenario.press.is_some()),
+        worst_stop_ms: judged.worst_stop_ms,
+        unnoticed: judged.unnoticed,
+        violations,
+    }
+}
+
+/// Records, pages, the chain of the store, and the service's own log.
+fn in_the_store(cell: &Prepared, course: &Course<'_>) -> Vec<String> {
+    // A page is made behind its cycle.
+    let patience = Instant::now();
+    let missing = || {
+        let log = cell.log();
+        let ended = course.cycles.iter().filter(|(_, cycle)| cycle.verdict.is_some());
+        let lacks = ended.flat_map(|(id, _)| {
+            let page = cell.in_folder(&format!("cell/store/reports/cycle-{id:06}.html")).is_file();
+            let record = log.contains(&format!("record of cycle {id}: signed"));
+            [
+                (!page).then(|| format!("cycle {id} has no page")),
+                (!record).then(|| format!("cycle {id} has no record")),
+            ]
+        });
+        lacks.flatten().collect::<Vec<_>>()
+    };
+    while !missing().is_empty() && patience.elapsed() < Duration::from_secs(5) {
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let mut found = missing();
+    found.extend(cell.run("store verify --cell cell/cell.toml").err());
+    if cell.log().contains("panicked") {
+        found.push("the service has panicked".to_owned());
+    }
+    found
+}
+
+/// All that was said, the orders, and both logs.
+fn keep(folder: &str, scenario: &Scenario, events: &[truth::Event], course: &Course<'_>, cell: &Prepared) {
+    let mut text = format!("{scenario}\n{:?}\n", scenario.lie);
+    for order in &course.orders {
+        let _ = writeln!(text, "{:10.1} person {} {}", order.at_ms, order.word, order.done);
+    }
+    for truth::Event { at_ms, side, text: said } in events {
+        let arrow = match side {
+            Side::Said => "said",
+            Side::Given => "given",
+            Side::True => "true",
+            Side::Shown => "shown",
+        };
+        let _ = writeln!(text, "{at_ms:10.1} {arrow:5} {said}");
+    }
+    let _ = write!(text, "\n{}\n{}", cell.log(), cell.controller_log());
+    std::fs::write(format!("{folder}/{}.txt", scenario.number), text).expect("the folder is there");
+}

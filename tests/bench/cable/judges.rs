@@ -1,0 +1,194 @@
+//! The judges: what must hold of the arm and its outputs, by what the controller itself said, whatever the service was told.
+//!
+//! 1. An ended epoch moves nothing: while the controller says that it has stopped, the arm stands, but for braking and the retract.
+//! 2. A stop that was pressed has stopped the controller within [`STOP_MS`], whether by its own request, by closing, or by the watchdog.
+//! 3. Tool and water are off where an epoch has ended, and while the client is silent; what may run on is off in its time. A stop in
+//!    contact is followed by a retract, and nobody stands on the panel.
+//! 4. A cycle passes only where the controller has executed every waypoint in contact that the service sent.
+
+use super::course::{Cycle, Order};
+use super::lie::{Kind, Lie};
+use super::truth::{Contacts, EXTRACTION, Event, LIGHT, Side, State, TOOL, WATER, contacts, states};
+use std::collections::BTreeMap;
+
+/// From full speed to standing, and 50 mm away from the panel; as `tests/link/oracles.rs` has them.
+const BRAKE_MS: f64 = 260.0;
+const RETRACT_MS: f64 = 800.0;
+/// The controller's watchdog, the client's, and from the socket to the wire.
+const WATCHDOG_MS: f64 = 400.0;
+const WIRE_MS: f64 = 100.0;
+/// What two shared cores may add: threads of a dozen processes wait for one another.
+const SHARED_MS: f64 = 400.0;
+/// An abort that is lost is missed by the client after its watchdog's time; it hangs up, or the controller misses its word.
+pub const STOP_MS: f64 = WIRE_MS + WATCHDOG_MS + WATCHDOG_MS + SHARED_MS;
+/// States come every 100 ms.
+const STATE_MS: f64 = 112.0;
+/// Contact without motion.
+const DWELL_MS: f64 = 200.0;
+const STILL_DEG: f64 = 0.01;
+/// A retract of 50 mm turns some axis by several degrees.
+const RETRACT_DEG: f64 = 1.0;
+/// `[io.off_after_s]` of a rendered cell.
+const EXTRACTION_MS: f64 = 30_000.0;
+const LIGHT_MS: f64 = 60_000.0;
+
+/// What the judges say.
+#[derive(Debug, Default)]
+pub struct Judged {
+    pub violations: Vec<String>,
+    pub worst_stop_ms: Option<f64>,
+    /// Commands in contact that were changed on their way and executed, in a cycle that passed: nothing in the protocol shows it.
+    pub unnoticed: usize,
+}
+
+impl Judged {
+    fn wrong(&mut self, at_ms: f64, what: &str) {
+        let count = self.violations.iter().filter(|text| text.contains(what)).count();
+        if count == 0 {
+            self.violations.push(format!("{what}, at {:.3} s", at_ms / 1_000.0));
+        }
+    }
+}
+
+/// When the controller's own log says that it stopped an epoch, by its own clock, ms.
+pub fn logged_stops(log: &str) -> Vec<f64> {
+    let of = |line: &str| {
+        let (seconds, rest) = line.trim().split_once(" s ")?;
+        rest.contains("stopped:").then(|| seconds.parse::<f64>().ok()).flatten().map(|seconds| seconds * 1_000.0)
+    };
+    log.lines().filter_map(of).collect()
+}
+
+pub fn judge(
+    (events, stops_ms): (&[Event], &[f64]),
+    lie: &Lie,
+    orders: &[Order],
+    cycles: &BTreeMap<i64, Cycle>,
+) -> Judged {
+    let (states, contacts) = (states(events), contacts(events));
+    let mut judged = Judged::default();
+    ended_epochs(&mut judged, &states, &contacts);
+    presses(&mut judged, &states, stops_ms, lie, orders);
+    silence(&mut judged, &states, events);
+    on_the_panel(&mut judged, &states, &contacts);
+    passes(&mut judged, &states, &contacts, cycles);
+    judged
+}
+
+/// Motion and outputs behind the end of an epoch.
+fn ended_epochs(judged: &mut Judged, states: &[State], contacts: &Contacts) {
+    let mut since_ms = None;
+    let mut ends_ms = 0.0;
+    for [before, state] in states.array_windows() {
+        if !state.stopped() {
+            since_ms = None;
+            // A point in contact that is given may be what the arm is on its way to.
+            let is_near = contacts.contains_key(&(state.epoch, state.done))
+                || contacts.range((state.epoch, state.done)..=(state.epoch, i64::MAX)).next().is_some();
+            ends_ms = BRAKE_MS + STATE_MS + if is_near { RETRACT_MS } else { 0.0 };
+            continue;
+        }
+        let lasts_ms = state.time_ms - *since_ms.get_or_insert(state.time_ms);
+        let moves = state.moving() || before.apart_deg(state) > STILL_DEG;
+        if lasts_ms > ends_ms && moves {
+            judged.wrong(state.at_ms, "an ended epoch moves the arm");
+        }
+        let late = |after_ms: f64| lasts_ms > after_ms + STATE_MS;
+        for (output, after_ms, name) in [
+            (TOOL, 0.0, "tool"),
+            (WATER, 0.0, "water"),
+            (EXTRACTION, EXTRACTION_MS, "extraction"),
+            (LIGHT, LIGHT_MS, "light"),
+        ] {
+            if state.is_on(output) && late(after_ms) {
+                judged.wrong(state.at_ms, &format!("the {name} is on after the end of its epoch"));
+            }
+        }
+    }
+}
+
+/// The arm may still brake or retract, but nothing new begins.
+fn is_safe(state: &State) -> bool {
+    state.stopped() || !(state.moving() || state.is_on(TOOL) || state.is_on(WATER))
+}
+
+fn presses(judged: &mut Judged, states: &[State], stops_ms: &[f64], lie: &Lie, orders: &[Order]) {
+    let late_ms = if matches!(lie.kind, Kind::Delay | Kind::Jitter) { lie.amount_ms as f64 } else { 0.0 };
+    for (place, press) in orders.iter().enumerate().filter(|(_, order)| matches!(&*order.word, "stop" | "abort")) {
+        let end_ms = orders[place + 1..]
+            .iter()
+            .find(|order| order.done && order.word != "clear")
+            .map_or(f64::MAX, |order| order.at_ms);
+        let after: Vec<&State> =
+            states.iter().filter(|state| state.at_ms > press.at_ms && state.at_ms < end_ms).collect();
+        let Some(last) = after.iter().rposition(|state| !is_safe(state)) else { continue };
+        let stood_ms = after.get(last + 1).map(|state| state.at_ms);
+        // Where the connection was lost first, the controller's own log knows; both clocks are compared by the last state.
+        let offset_ms = after[last].at_ms - after[last].time_ms;
+        let logged_ms = stops_ms.iter().map(|at| at + offset_ms).find(|at| *at >= press.at_ms - STATE_MS);
+        let stopped_ms = [stood_ms, logged_ms].into_iter().flatten().fold(f64::MAX, f64::min);
+        let latency_ms = (stopped_ms - press.at_ms).max(0.0);
+        if stopped_ms == f64::MAX {
+            judged.wrong(press.at_ms, &format!("{} has stopped nothing", press.word));
+            continue;
+        }
+        if latency_ms > STOP_MS + late_ms {
+            judged.wrong(press.at_ms, &format!("{} has stopped after {latency_ms:.0} ms", press.word));
+        }
+        judged.worst_stop_ms = Some(judged.worst_stop_ms.unwrap_or(0.0).max(latency_ms));
+    }
+}
+
+/// While tool or water is on the controller does not wait longer than its watchdog for a word of the client.
+fn silence(judged: &mut Judged, states: &[State], events: &[Event]) {
+    let given: Vec<f64> =
+        events.iter().filter(|event| event.side == Side::Given).map(|event| event.at_ms).collect();
+    for state in states.iter().filter(|state| !state.stopped() && (state.is_on(TOOL) || state.is_on(WATER))) {
+        let heard = given.partition_point(|at_ms| *at_ms <= state.at_ms);
+        let silent_ms = given[..heard].last().map_or(0.0, |at_ms| state.at_ms - at_ms);
+        if silent_ms > WATCHDOG_MS + STATE_MS + SHARED_MS {
+            judged.wrong(state.at_ms, "tool or water is on though the client is silent");
+        }
+    }
+}
+
+fn on_the_panel(judged: &mut Judged, states: &[State], contacts: &Contacts) {
+    let is_contact = |epoch: i64, id: i64| contacts.get(&(epoch, id)).is_some_and(|[_, given]| given.is_some());
+    let mut stood: Option<&State> = None;
+    for (place, [before, state]) in states.array_windows().enumerate() {
+        let touches = !state.stopped() && is_contact(state.epoch, state.done);
+        if !touches || before.apart_deg(state) > STILL_DEG {
+            stood = touches.then_some(state);
+        } else if let Some(first) = stood
+            && state.time_ms - first.time_ms > DWELL_MS + STATE_MS + SHARED_MS
+        {
+            judged.wrong(state.at_ms, "the tool stands on the panel");
+        }
+        let was_on = is_contact(before.epoch, before.done) && is_contact(before.epoch, before.done + 1);
+        if before.stopped() || !state.stopped() || !was_on || state.time_ms - before.time_ms > 3.0 * STATE_MS {
+            continue;
+        }
+        let behind = states[place + 1..].iter().take_while(|later| later.stopped());
+        let behind: Vec<&State> = behind.collect();
+        let seen_ms = behind.last().map_or(0.0, |last| last.time_ms - state.time_ms);
+        let farthest = behind.iter().map(|later| later.apart_deg(before)).fold(0.0, f64::max);
+        if seen_ms > BRAKE_MS + RETRACT_MS + STATE_MS && farthest < RETRACT_DEG {
+            judged.wrong(state.at_ms, "a stop in contact is followed by no retract");
+        }
+    }
+}
+
+fn passes(judged: &mut Judged, states: &[State], contacts: &Contacts, cycles: &BTreeMap<i64, Cycle>) {
+    let passed = cycles.values().filter(|cycle| cycle.verdict.as_deref() == Some("pass"));
+    for epoch in passed.flat_map(|cycle| &cycle.epochs) {
+        let done = states.iter().filter(|state| state.epoch == *epoch).map(|state| state.done).max().unwrap_or(0);
+        for (&(_, id), [said, given]) in contacts.range((*epoch, 0)..=(*epoch, i64::MAX)) {
+            let executed = done >= id && given.is_some();
+            if said.is_some() && !executed {
+                judged
+                    .wrong(0.0, &format!("the cycle passed, and waypoint {id} of epoch {epoch} was not executed"));
+            }
+            judged.unnoticed += usize::from(executed && given != said);
+        }
+    }
+}

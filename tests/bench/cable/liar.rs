@@ -1,0 +1,248 @@
+//! Tells the lie: what becomes of each message between the service and the controller.
+
+use super::draw::Draw;
+use super::lie::{Change, Kind, Lie, Way};
+use super::message;
+use std::collections::VecDeque;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// So many messages of each way are remembered.
+const REMEMBERED: usize = 40;
+/// What stands between messages: nothing that a controller or the service would say.
+const GARBAGE: [&[u8]; 6] = [b"xyz", b"<a/>", b"</St>", b"<", b"\xff\xfe<", b"<!DOCTYPE a [<!ENTITY b \"c\">]>"];
+
+/// What travels on.
+#[derive(Debug)]
+pub enum Piece {
+    /// So much later than usual.
+    Bytes(Duration, Vec<u8>),
+    /// Both ends of the connection are closed.
+    Close,
+}
+
+#[derive(Debug)]
+struct Told {
+    lie: Lie,
+    since: Instant,
+    left: u64,
+    held: Option<Vec<u8>>,
+    kept: Option<String>,
+}
+
+#[derive(Debug)]
+struct Inside {
+    told: Option<Told>,
+    /// How often something was changed on its way.
+    count: u64,
+    memory: [VecDeque<Vec<u8>>; 4],
+    draw: Draw,
+    /// Bytes of an old connection for the next one.
+    replayed: Option<(Way, Vec<u8>)>,
+    /// Nobody is let in until then.
+    refused_until: [Option<Instant>; 2],
+}
+
+#[derive(Debug)]
+pub struct Liar(Mutex<Inside>);
+
+impl Liar {
+    pub fn new(draw: Draw) -> Self {
+        let (memory, refused_until) = Default::default();
+        Liar(Mutex::new(Inside { told: None, count: 0, memory, draw, replayed: None, refused_until }))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inside> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Begins to tell it.
+    pub fn begin(&self, lie: &Lie) {
+        let mut inside = self.lock();
+        if lie.kind == Kind::OldBytes {
+            let old: Vec<u8> =
+                inside.memory[lie.way as usize].iter().rev().take(8).rev().flatten().copied().collect();
+            inside.replayed = Some((lie.way, old));
+        }
+        if lie.kind == Kind::Refuse {
+            let until = Instant::now() + Duration::from_millis(lie.lasts_ms);
+            for channel in 0..2 {
+                if lie.both || lie.way.channel() == channel {
+                    inside.refused_until[channel] = Some(until);
+                }
+            }
+        }
+        inside.told =
+            Some(Told { lie: lie.clone(), since: Instant::now(), left: lie.times, held: None, kept: None });
+    }
+
+    /// From now on everything is as it is.
+    pub fn end(&self) {
+        let mut inside = self.lock();
+        (inside.told, inside.replayed, inside.refused_until) = (None, None, [None; 2]);
+    }
+
+    pub fn note(&self) {
+        self.lock().count += 1;
+    }
+
+    pub fn count(&self) -> u64 {
+        self.lock().count
+    }
+
+    /// Whether all of it has been told.
+    pub fn is_over(&self) -> bool {
+        self.lock().told.as_ref().is_none_or(|told| told.left == 0 || told.is_late())
+    }
+
+    pub fn refuses(&self, channel: usize) -> bool {
+        self.lock().refused_until[channel].is_some_and(|until| Instant::now() < until)
+    }
+
+    /// What a new connection carries before anything else.
+    pub fn beginning(&self, way: Way) -> Option<Vec<u8>> {
+        let mut inside = self.lock();
+        let (_, bytes) = inside.replayed.take_if(|(of, bytes)| *of == way && !bytes.is_empty())?;
+        inside.count += 1;
+        Some(bytes)
+    }
+
+    /// What becomes of this message.
+    pub fn pass(&self, way: Way, document: Vec<u8>) -> Vec<Piece> {
+        let mut inside = self.lock();
+        let memory = &mut inside.memory[way as usize];
+        memory.push_back(document.clone());
+        if memory.len() > REMEMBERED {
+            memory.pop_front();
+        }
+        let Some(mut told) = inside.told.take() else { return vec![now(document)] };
+        let held = told.held.take();
+        let is_told = way == told.lie.way && told.left > 0 && !told.is_late();
+        let mut pieces = Vec::new();
+        if is_told {
+            let is_swapped = held.is_some();
+            pieces = inside.change(&mut told, document);
+            pieces.extend(held.map(now));
+            if told.lie.kind != Kind::Reorder || is_swapped {
+                told.left -= 1;
+            }
+        } else if way == told.lie.way {
+            pieces.extend(held.map(now));
+            pieces.push(now(document));
+        } else {
+            told.held = held;
+            pieces.push(now(document));
+        }
+        inside.told = Some(told);
+        pieces
+    }
+}
+
+impl Told {
+    fn is_late(&self) -> bool {
+        self.since.elapsed() >= Duration::from_millis(self.lie.lasts_ms)
+    }
+}
+
+fn now(bytes: Vec<u8>) -> Piece {
+    Piece::Bytes(Duration::ZERO, bytes)
+}
+
+impl Inside {
+    fn change(&mut self, told: &mut Told, document: Vec<u8>) -> Vec<Piece> {
+        let lie = &told.lie;
+        let amount = Duration::from_millis(lie.amount_ms);
+        self.count += 1;
+        match lie.kind {
+            Kind::Delay => vec![Piece::Bytes(amount, document)],
+            Kind::Jitter => {
+                vec![Piece::Bytes(Duration::from_millis(self.draw.below(lie.amount_ms + 1)), document)]
+            }
+            Kind::Stall => {
+                let end = told.since + Duration::from_millis(lie.lasts_ms);
+                vec![Piece::Bytes(end.saturating_duration_since(Instant::now()), document)]
+            }
+            Kind::Loss | Kind::BlackHole => Vec::new(),
+            Kind::Duplicate => vec![now(document.clone()), now(document)],
+            Kind::Reorder if told.held.is_none() && told.kept.is_none() => {
+                told.kept = Some(String::new());
+                told.held = Some(document);
+                self.count -= 1;
+                Vec::new()
+            }
+            Kind::Reorder => {
+                told.kept = None;
+                vec![now(document)]
+            }
+            Kind::Damage => vec![now(self.damaged(document))],
+            Kind::Cut => {
+                let mut first = document;
+                first.truncate(1 + self.draw.below(first.len() as u64 - 1) as usize);
+                if lie.both { vec![now(first), Piece::Close] } else { vec![now(first)] }
+            }
+            Kind::Fragments => {
+                (1..).zip(document).map(|(place, byte)| Piece::Bytes(amount * place, vec![byte])).collect()
+            }
+            Kind::Garbage => vec![now(self.draw.of(&GARBAGE).to_vec()), now(document)],
+            Kind::Close | Kind::Refuse | Kind::OldBytes => {
+                self.count -= 1;
+                vec![now(document)]
+            }
+            _ => self.change_meaning(told, document),
+        }
+    }
+
+    fn damaged(&mut self, mut document: Vec<u8>) -> Vec<u8> {
+        let at = self.draw.below(document.len() as u64) as usize;
+        document[at] ^= 1 << self.draw.below(8);
+        document
+    }
+
+    fn change_meaning(&mut self, told: &mut Told, document: Vec<u8>) -> Vec<Piece> {
+        let lie = &told.lie;
+        let text = String::from_utf8_lossy(&document).into_owned();
+        let kept = told.kept.get_or_insert_with(|| text.clone());
+        let changed = match lie.kind {
+            Kind::OldState => {
+                let old =
+                    self.memory[Way::States as usize].iter().rev().nth(10).map(|old| String::from_utf8_lossy(old));
+                let Some(old) = old else { return vec![now(document)] };
+                match lie.counts_go_on {
+                    true => keeping(&old, &text, &["Seq", "Re", "T"]),
+                    // Inserted behind the true one.
+                    false => format!("{text}{old}"),
+                }
+            }
+            Kind::Frozen if lie.counts_go_on => keeping(kept, &text, &["Seq", "Re", "T"]),
+            Kind::Frozen => kept.clone(),
+            Kind::Clock => keeping(&text, kept, &["T"]),
+            _ => changed(&text, lie.field, lie.change).unwrap_or_else(|| text.clone()),
+        };
+        if changed == text {
+            // Nothing is different: nothing was said that is not so.
+            self.count -= 1;
+            told.left = told.left.saturating_add(1);
+        }
+        vec![now(changed.into_bytes())]
+    }
+}
+
+/// The document with these values of another one.
+fn keeping(document: &str, other: &str, names: &[&str]) -> String {
+    names.iter().fold(document.to_owned(), |text, name| {
+        let value = message::value(other, name).unwrap_or_default();
+        message::replaced(&text, name, value).unwrap_or(text)
+    })
+}
+
+fn changed(text: &str, field: &str, change: Change) -> Option<String> {
+    let before = message::value(text, field)?;
+    let is_real = before.contains('.');
+    let after = match change {
+        Change::Set(value) => value.to_owned(),
+        Change::Add(more) if is_real => format!("{:.6}", before.parse::<f64>().ok()? + more),
+        Change::Add(more) => (before.parse::<i64>().ok()? + more as i64).to_string(),
+        Change::Turn(bit) => (before.parse::<i64>().ok()? ^ (1 << bit)).to_string(),
+    };
+    message::replaced(text, field, &after)
+}

@@ -1,0 +1,268 @@
+//! What a scenario is: which lie is told, when, on which way, and whether a person presses something meanwhile. Everything is drawn
+//! from the bench's seed and the scenario's number, so that one scenario can be run again.
+
+use super::draw::Draw;
+use std::fmt;
+
+/// A way of one channel in one direction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Way {
+    Commands,
+    Acknowledgements,
+    Requests,
+    States,
+}
+
+impl Way {
+    pub const ALL: [Way; 4] = [Way::Commands, Way::Acknowledgements, Way::Requests, Way::States];
+
+    /// 0: the command port; 1: the state port.
+    pub fn channel(self) -> usize {
+        usize::from(matches!(self, Way::Requests | Way::States))
+    }
+
+    pub fn is_to_controller(self) -> bool {
+        matches!(self, Way::Commands | Way::Requests)
+    }
+}
+
+macro_rules! kinds {
+    ($($name:ident $words:literal,)*) => {
+        /// The kinds of lies.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+        pub enum Kind { $($name,)* }
+
+        impl Kind {
+            pub const ALL: &'static [Kind] = &[$(Kind::$name,)*];
+
+            pub fn words(self) -> &'static str {
+                match self { $(Kind::$name => $words,)* }
+            }
+        }
+    };
+}
+
+kinds! {
+    Delay "constant delay",
+    Jitter "jitter",
+    Stall "stall, then all at once",
+    Loss "messages lost",
+    Duplicate "messages twice",
+    Reorder "neighbours swapped",
+    Damage "a damaged byte",
+    Cut "cut within a message",
+    Fragments "single bytes",
+    Garbage "garbage between messages",
+    Close "connections closed",
+    Refuse "closed and refused",
+    BlackHole "black hole",
+    OldBytes "old bytes replayed",
+    StateField "a state's field",
+    AckField "an acknowledgement's field",
+    OldState "an old state replayed",
+    Frozen "the state frozen",
+    Clock "the clock stands",
+    AckUnsent "acknowledged, never sent",
+    CommandField "a command's field",
+    RequestField "a request's field",
+}
+
+/// When it is told.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Moment {
+    Contact,
+    Film,
+    Free,
+    Start,
+    Retract,
+    Stop,
+    Connect,
+    Idle,
+    Clear,
+}
+
+impl Moment {
+    const ALL: [Moment; 9] = [
+        Moment::Contact,
+        Moment::Film,
+        Moment::Free,
+        Moment::Start,
+        Moment::Retract,
+        Moment::Stop,
+        Moment::Connect,
+        Moment::Idle,
+        Moment::Clear,
+    ];
+}
+
+/// How a value is changed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Change {
+    Set(&'static str),
+    Add(f64),
+    /// One bit of a whole number is turned.
+    Turn(u32),
+}
+
+#[derive(Debug, Clone)]
+pub struct Lie {
+    pub kind: Kind,
+    pub way: Way,
+    /// Both channels, where that makes a difference.
+    pub both: bool,
+    /// How long it is told at most, and how often.
+    pub lasts_ms: u64,
+    pub times: u64,
+    /// A delay, or a pause.
+    pub amount_ms: u64,
+    pub field: &'static str,
+    pub change: Change,
+    /// One of two forms of the same lie: with the message's counts as they should be.
+    pub counts_go_on: bool,
+}
+
+#[derive(Debug, Clone)]
+pub struct Scenario {
+    pub number: u64,
+    pub lie: Lie,
+    pub moment: Moment,
+    /// Where the moment is the stop itself: what is going on then.
+    pub amid: Moment,
+    /// How long after the moment the lie begins.
+    pub after_ms: u64,
+    /// What a person presses, and how long after the lie's beginning.
+    pub press: Option<(&'static str, u64)>,
+    pub draw: Draw,
+}
+
+const STATE_FIELDS: [&str; 20] = [
+    "T", "Seq", "Re", "Ep", "Boot", "Sum", "Mode", "Flags", "In", "Out", "Done", "Under", "J/A1", "J/A3", "Tcp/X",
+    "Tcp/Z", "Base/X", "Base/A", "Tool/Z", "Ep",
+];
+const ACK_FIELDS: [&str; 6] = ["Rx", "Done", "Free", "Err", "ErrId", "Ep"];
+const COMMAND_FIELDS: [&str; 12] = ["Id", "Ep", "Op", "N1", "N2", "R1", "R2", "P/X", "P/Y", "P/Z", "P/A", "P/C"];
+const REQUEST_FIELDS: [&str; 4] = ["Id", "Ep", "Op", "N1"];
+const WHOLE: [Change; 11] = [
+    Change::Set("0"),
+    Change::Set("-1"),
+    Change::Set("1"),
+    Change::Set("2147483647"),
+    Change::Set("2147483648"),
+    Change::Set("-2147483648"),
+    Change::Set(""),
+    Change::Set("1.5"),
+    Change::Add(1.0),
+    Change::Add(-1.0),
+    Change::Add(1_000_000.0),
+];
+const REAL: [Change; 8] = [
+    Change::Set("NaN"),
+    Change::Set("inf"),
+    Change::Set("100000.000000"),
+    Change::Set("-100000.500000"),
+    Change::Set("0.000000"),
+    Change::Set("1e3"),
+    Change::Add(0.3),
+    Change::Add(40.0),
+];
+
+fn change(field: &str, draw: &mut Draw) -> Change {
+    match field {
+        "Flags" | "In" | "Out" if !draw.one_in(4) => Change::Turn(draw.below(8) as u32),
+        "R1" | "R2" => draw.of(&REAL),
+        _ if field.contains('/') => draw.of(&REAL),
+        _ => draw.of(&WHOLE),
+    }
+}
+
+impl Scenario {
+    /// Kinds and moments go through all their pairs first; the rest is drawn.
+    pub fn drawn(seed: u64, number: u64) -> Self {
+        let mut draw = Draw::new(seed, number);
+        let kinds = Kind::ALL.len() as u64;
+        let kind = Kind::ALL[(number % kinds) as usize];
+        let moment = Moment::ALL[((number / kinds + number) % 9) as usize];
+        let lie = Lie::drawn(kind, moment, &mut draw);
+        let press = match (moment, draw.one_in(4)) {
+            (Moment::Stop, _) => Some(0),
+            // At connect and in idle there is nothing to stop.
+            (Moment::Connect | Moment::Idle | Moment::Clear, _) | (_, false) => None,
+            (_, true) => Some(draw.between(20, lie.lasts_ms.clamp(100, 900))),
+        };
+        let press = press.map(|after_ms| (draw.of(&["stop", "abort"]), after_ms));
+        let amid = draw.of(&[Moment::Contact, Moment::Film, Moment::Free]);
+        let after_ms = draw.between(0, if moment == Moment::Retract { 150 } else { 700 });
+        Scenario { number, lie, moment, amid, after_ms, press, draw }
+    }
+
+    /// Whether the panel must be greasy for it, so that it is abraded.
+    pub fn needs_contact(&self) -> bool {
+        let is_contact = |moment| matches!(moment, Moment::Contact | Moment::Retract);
+        is_contact(self.moment) || (self.moment == Moment::Stop && is_contact(self.amid))
+    }
+}
+
+impl Lie {
+    fn drawn(kind: Kind, moment: Moment, draw: &mut Draw) -> Self {
+        let has_commands = matches!(moment, Moment::Contact | Moment::Free | Moment::Start | Moment::Stop);
+        let ways = if has_commands { &Way::ALL[..] } else { &Way::ALL[1..] };
+        let (way, fields) = match kind {
+            Kind::StateField => (Way::States, &STATE_FIELDS[..]),
+            Kind::OldState | Kind::Frozen | Kind::Clock => (Way::States, &STATE_FIELDS[..]),
+            Kind::AckField => (Way::Acknowledgements, &ACK_FIELDS[..]),
+            Kind::AckUnsent => (Way::Acknowledgements, &["Rx", "Done"][..]),
+            Kind::CommandField => (Way::Commands, &COMMAND_FIELDS[..]),
+            Kind::RequestField => (Way::Requests, &REQUEST_FIELDS[..]),
+            _ => (draw.of(ways), &STATE_FIELDS[..]),
+        };
+        let field = draw.of(fields);
+        let change = match kind {
+            Kind::AckUnsent => Change::Add(draw.of(&[1.0, 5.0, 60.0, 1_000.0])),
+            _ => change(field, draw),
+        };
+        let amount_ms = match kind {
+            Kind::Delay => draw.of(&[20, 90, 180, 300, 450, 800]),
+            Kind::Jitter => draw.of(&[40, 150, 390, 600]),
+            Kind::Fragments => draw.of(&[0, 0, 1]),
+            _ => draw.between(0, 400),
+        };
+        let lasts_ms = match kind {
+            Kind::Stall | Kind::BlackHole => draw.of(&[150, 300, 390, 500, 1_000, 2_500]),
+            Kind::Refuse => draw.of(&[300, 1_500, 4_000]),
+            Kind::Frozen | Kind::Clock => draw.of(&[250, 600, 1_500, 4_000]),
+            Kind::StateField => draw.of(&[1_500, 3_000]),
+            _ => draw.of(&[1_000, 2_000, 3_000]),
+        };
+        let times = match kind {
+            Kind::Loss => draw.between(1, 4),
+            Kind::StateField | Kind::AckField => draw.of(&[1, 1, 3, u64::MAX]),
+            Kind::CommandField | Kind::RequestField | Kind::AckUnsent => 1,
+            Kind::Duplicate | Kind::Reorder | Kind::Damage | Kind::OldState => draw.of(&[1, 1, 3]),
+            Kind::Cut | Kind::Garbage => 1,
+            _ => u64::MAX,
+        };
+        let (both, counts_go_on) = (draw.one_in(2), draw.one_in(2));
+        Lie { kind, way, both, lasts_ms, times, amount_ms, field, change, counts_go_on }
+    }
+}
+
+impl fmt::Display for Scenario {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Scenario { number, lie, moment, press, .. } = self;
+        write!(f, "{number:3} {} in {moment:?}", lie.kind.words())?;
+        if *moment == Moment::Stop {
+            write!(f, " amid {:?}", self.amid)?;
+        }
+        write!(f, ", {:?}", lie.way)?;
+        if matches!(
+            lie.kind,
+            Kind::StateField | Kind::AckField | Kind::CommandField | Kind::RequestField | Kind::AckUnsent
+        ) {
+            write!(f, " {} {:?}", lie.field, lie.change)?;
+        }
+        if let Some((word, after_ms)) = press {
+            write!(f, ", {word} after {after_ms} ms")?;
+        }
+        Ok(())
+    }
+}

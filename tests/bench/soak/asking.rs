@@ -1,0 +1,20 @@
+//! A request of the service's socket.
+
+use serde_json::Value;
+use std::io::{self, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::time::Duration;
+
+/// An answer that takes longer than this never comes.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+
+/// One line to the socket, and its answer.
+pub fn ask(socket: &Path, line: &str) -> io::Result<Value> {
+    let mut stream = UnixStream::connect(socket)?;
+    stream.set_read_timeout(Some(PATIENCE))?;
+    stream.write_all(line.as_bytes())?;
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer)?;
+    serde_json::from_str(&answer).map_err(|error| io::Error::other(format!("{error}: {answer}")))
+}
