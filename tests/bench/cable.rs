@@ -127,7 +127,7 @@ fn told(prepared: &Prepared, place: u8, scenario: &Scenario) -> Outcome {
     let ran = course.run();
     let mut violations: Vec<String> = ran.err().into_iter().chain(running.ended_by_itself()).collect();
     let gap = watchdog.largest_gap();
-    if gap > watchdog::ALLOWED / 2 {
+    if gap > watchdog::ALLOWED {
         violations.push(format!("the watchdog was not fed for {:.1} s", gap.as_secs_f64()));
     }
     violations.extend(in_the_store(&cell, &course));

@@ -226,13 +226,6 @@ impl Lie {
             Kind::Fragments => draw.of(&[0, 0, 1]),
             _ => draw.between(0, 400),
         };
-        let lasts_ms = match kind {
-            Kind::Stall | Kind::BlackHole => draw.of(&[150, 300, 390, 500, 1_000, 2_500]),
-            Kind::Refuse => draw.of(&[300, 1_500, 4_000]),
-            Kind::Frozen | Kind::Clock => draw.of(&[250, 600, 1_500, 4_000]),
-            Kind::StateField => draw.of(&[1_500, 3_000]),
-            _ => draw.of(&[1_000, 2_000, 3_000]),
-        };
         let times = match kind {
             Kind::Loss => draw.between(1, 4),
             Kind::StateField | Kind::AckField => draw.of(&[1, 1, 3, u64::MAX]),
@@ -240,6 +233,14 @@ impl Lie {
             Kind::Duplicate | Kind::Reorder | Kind::Damage | Kind::OldState => draw.of(&[1, 1, 3]),
             Kind::Cut | Kind::Garbage => 1,
             _ => u64::MAX,
+        };
+        let lasts_ms = match kind {
+            Kind::Stall | Kind::BlackHole => draw.of(&[150, 300, 390, 500, 1_000, 2_500]),
+            Kind::Refuse => draw.of(&[300, 1_500, 4_000]),
+            Kind::Frozen | Kind::Clock => draw.of(&[250, 600, 1_500, 4_000]),
+            // Until it has been told so often.
+            _ if times < u64::MAX => 5_000,
+            _ => draw.of(&[1_000, 2_000, 3_000]),
         };
         let (both, counts_go_on) = (draw.one_in(2), draw.one_in(2));
         Lie { kind, way, both, lasts_ms, times, amount_ms, field, change, counts_go_on }
