@@ -151,6 +151,8 @@ pub struct Cell {
     retry_at_ms: u64,
     pause_ms: u64,
     heard_ms: u64,
+    /// When bytes, or a connection, last reached the controller.
+    reached_ms: u64,
     reports: VecDeque<Report>,
 }
 
@@ -180,6 +182,7 @@ impl Cell {
             retry_at_ms: 0,
             pause_ms: 100,
             heard_ms: 0,
+            reached_ms: 0,
             reports: VecDeque::new(),
         }
     }
@@ -304,6 +307,18 @@ impl Cell {
         }
     }
 
+    /// How long the client, which runs and is connected, has heard nothing of the controller's states, ms.
+    pub fn silence_ms(&self) -> Option<u64> {
+        let runs = self.up && self.session.is_connected() && self.now_ms >= self.client_stalls_until_ms;
+        runs.then(|| self.now_ms - self.heard_ms)
+    }
+
+    /// How long nothing has reached the controller, although it holds a place for a client, ms.
+    pub fn unreached_ms(&self) -> Option<u64> {
+        let holds = CHANNELS.iter().any(|(_, end)| self.controller.is_connected(*end));
+        holds.then(|| self.now_ms - self.reached_ms)
+    }
+
     /// Whether nothing waits to be heard.
     pub fn all_heard(&self) -> bool {
         self.reports.is_empty()
@@ -313,6 +328,7 @@ impl Cell {
     pub fn foreign_request(&mut self, operation: i32, number: i32) {
         let request = format!("<Req Id=\"1\" Ep=\"0\" Op=\"{operation}\" N1=\"{number}\"></Req>");
         self.controller.state_bytes(request.as_bytes());
+        self.reached_ms = self.now_ms;
     }
 
     /// One end closes one connection; what is under way arrives, or is lost.

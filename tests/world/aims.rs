@@ -19,6 +19,8 @@ pub struct Aims {
     pub tool: Option<KukaPose>,
     aims: BTreeMap<(u32, u32), Aim>,
     looked: usize,
+    /// The epoch and the id of the last motion.
+    last: (u32, u32),
 }
 
 impl Aims {
@@ -32,10 +34,32 @@ impl Aims {
         }
     }
 
-    /// What of the lines executed since the last look ended elsewhere.
-    pub fn look(&mut self, executed: &[Executed]) -> Option<String> {
+    /// What of the lines executed since the last look ended elsewhere, and what was executed behind a line that was not.
+    pub fn look(&mut self, executed: &[Executed]) -> [Option<String>; 2] {
         let fresh = executed.get(self.looked..).unwrap_or_default();
         self.looked = executed.len();
+        [self.off(fresh), self.holes(fresh)]
+    }
+
+    /// A path with a hole is worse than a stop: the arm cuts a corner that nobody planned.
+    fn holes(&mut self, fresh: &[Executed]) -> Option<String> {
+        let mut found = None;
+        for step in fresh {
+            let (epoch, id) = (step.epoch.cast_unsigned(), step.id.cast_unsigned());
+            let before = (epoch, id.saturating_sub(1));
+            let is_within = self.aims.contains_key(&(epoch, id)) && self.aims.contains_key(&before);
+            if is_within && self.last != before {
+                let (last_epoch, last) = self.last;
+                found.get_or_insert_with(|| {
+                    format!("line {id} of epoch {epoch} was executed behind {last} of epoch {last_epoch}")
+                });
+            }
+            self.last = (epoch, id);
+        }
+        found
+    }
+
+    fn off(&self, fresh: &[Executed]) -> Option<String> {
         fresh.iter().find_map(|step| {
             let key = (step.epoch.cast_unsigned(), step.id.cast_unsigned());
             let (target, tool, blend_mm) = self.aims.get(&key)?;

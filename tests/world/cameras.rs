@@ -91,7 +91,7 @@ impl Cameras {
         let now_ms = world.now_ms();
         let (taken_ms, time_s) = taken.unwrap_or((now_ms, now_ms as f64 / 1e3));
         let step = (film_s(water, taken_ms) / STEP_S).round() as i64;
-        let picture = film_picture(world.stands, &self.healed, step);
+        let picture = film_picture(world.stands.looks(), &self.healed, step);
         let picture = if world.is_dark() { black(&picture) } else { (*picture).clone() };
         Picture2d { picture, time_s }
     }
@@ -101,7 +101,8 @@ impl Cameras {
         let fixture = Fixture::get();
         let disc_mm = fixture.cycle.recipe.path().disc_diameter_mm();
         let touched = Touched::by(&world.trace(on_ms), fixture.truth(), disc_mm);
-        let share = |spot| touched.share_of(spot) >= HEALED_FROM;
+        let takes_off = world.stands != Stands::Stubborn;
+        let share = |spot| takes_off && touched.share_of(spot) >= HEALED_FROM;
         self.healed = fixture.truth().spots.iter().map(share).collect();
         self.healed_at_ms = Some(on_ms);
     }
@@ -122,7 +123,7 @@ impl Cameras {
     }
 
     fn scan(&self) -> OrganizedCloud<Camera> {
-        let stands = self.world.lock().stands;
+        let stands = self.world.lock().stands.looks();
         let render = || Arc::new(Fixture::get().scan(stands));
         (**rendered().scans.entry(stands).or_insert_with(render)).clone()
     }
@@ -130,7 +131,7 @@ impl Cameras {
     fn corner(&self) -> ColorPicture {
         let world = self.world.lock();
         let pose = world.cell.controller.flange_pose();
-        let picture = corner_picture(world.stands, &pose);
+        let picture = corner_picture(world.stands.looks(), &pose);
         let is_shut = world.lock_around().is_lens_shut(world.now_ms());
         if is_shut { black(&picture) } else { (*picture).clone() }
     }
@@ -277,7 +278,7 @@ pub fn seen(world: &Shared, act: Act) -> Option<u64> {
     }
     let is_shut = world.lock_around().is_lens_shut(now_ms);
     let mut hasher = DefaultHasher::new();
-    (world.stands, is_shut).hash(&mut hasher);
+    (world.stands.looks(), is_shut).hash(&mut hasher);
     if matches!(act, Act::Refine { .. } | Act::Verify { .. }) {
         rounded(&world.cell.controller.flange_pose()).hash(&mut hasher);
     }

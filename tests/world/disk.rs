@@ -17,6 +17,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 const SECTOR: usize = 512;
+/// The file that says how far the chain goes.
+const HEAD: &str = "panelprep.head";
 /// The file that takes room and says nothing.
 const RESERVE: &str = "panelprep.reserve";
 
@@ -64,6 +66,7 @@ struct Watched {
     events: Vec<(u64, Event)>,
     is_over: bool,
     had_io_error: bool,
+    was_full: bool,
     sabotage: Option<Sabotage>,
     /// One writing in so many is imagined to be the last one before a power cut; what that would leave is put beside the folder.
     imagined: Option<(u32, Pcg64)>,
@@ -94,6 +97,7 @@ pub fn watch(root: &Path, sabotage: Option<Sabotage>) {
         events: Vec::new(),
         is_over: false,
         had_io_error: false,
+        was_full: false,
         sabotage,
         imagined: None,
         imagines: false,
@@ -115,6 +119,16 @@ pub fn imagine() {
     with(|watched| watched.imagines = true);
 }
 
+/// A power cut is imagined now, between two writings.
+pub fn imagine_now() {
+    with(|watched| {
+        let draw = watched.imagined.as_mut().map(|(_, draw)| draw.random());
+        if let Some(seed) = draw {
+            watched.imagine_by(&mut Pcg64::seed_from_u64(seed));
+        }
+    });
+}
+
 /// What power cuts would have left since [`imagine`]: a folder for each.
 pub fn imagined() -> Vec<PathBuf> {
     let left = with(|watched| {
@@ -128,7 +142,7 @@ pub fn imagined() -> Vec<PathBuf> {
 pub fn go_on() {
     with(|watched| {
         watched.open.clear();
-        (watched.is_over, watched.had_io_error) = (false, false);
+        (watched.is_over, watched.had_io_error, watched.was_full) = (false, false, false);
     });
 }
 
@@ -167,6 +181,11 @@ pub fn is_over() -> bool {
 /// Whether a writing has failed.
 pub fn had_io_error() -> bool {
     with(|watched| watched.had_io_error).unwrap_or(false)
+}
+
+/// Whether a writing of this process found no room, but for the head's.
+pub fn was_full() -> bool {
+    with(|watched| watched.was_full).unwrap_or(false)
 }
 
 /// Writes what a power cut leaves into this folder, by a seed.
@@ -242,6 +261,7 @@ impl Watched {
             matches!(call, Call::Remove { path } if path.file_name().is_some_and(|name| name == RESERVE));
         let index = self.events.iter().position(|(at, _)| *at <= now)?;
         let takes_room = matches!(call, Call::Write { .. } | Call::Length { .. });
+        let is_head = self.is_head(call);
         match &mut self.events[index].1 {
             Event::End => {
                 self.is_over = true;
@@ -260,6 +280,7 @@ impl Watched {
             }
             Event::Full(times) => {
                 *times -= 1;
+                self.was_full |= !is_head;
                 Some(libc::ENOSPC)
             }
             Event::Io(times) => {
@@ -270,15 +291,26 @@ impl Watched {
         }
     }
 
+    /// Whether it is the head that finds no room: behind a commit nothing depends on it.
+    fn is_head(&self, call: &Call<'_>) -> bool {
+        let (Call::Write { fd, .. } | Call::Length { fd, .. }) = call else { return false };
+        let Some(Opened::File(file)) = self.open.get(fd) else { return false };
+        self.path_of(*file).is_some_and(|path| path.ends_with(HEAD))
+    }
+
     fn imagine_cut(&mut self) {
         let Some((count, draw)) = self.imagined.as_mut().filter(|_| self.imagines) else { return };
         if draw.random_range(0..*count) > 0 {
             return;
         }
         let mut draw = Pcg64::seed_from_u64(draw.random());
+        self.imagine_by(&mut draw);
+    }
+
+    fn imagine_by(&mut self, draw: &mut Pcg64) {
         let folder = self.root.with_file_name(format!("cut-{}", self.left.len()));
         let _ = std::fs::remove_dir_all(&folder);
-        self.image(&folder, &mut draw);
+        self.image(&folder, draw);
         self.left.push(folder);
     }
 

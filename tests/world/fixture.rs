@@ -55,6 +55,15 @@ pub enum Stands {
     Clean,
     /// No panel.
     Nothing,
+    /// The taught panel, with grease that no disc takes off.
+    Stubborn,
+}
+
+impl Stands {
+    /// What it looks like before anything was done with it.
+    pub fn looks(self) -> Self {
+        if self == Stands::Stubborn { Stands::Greasy } else { self }
+    }
 }
 
 impl Fixture {
@@ -88,7 +97,7 @@ impl Fixture {
 
     /// The simulated cell with what stands in it.
     pub fn scene(&self, stands: Stands) -> &sim::Cell {
-        &self.scenes[stands as usize]
+        &self.scenes[stands.looks() as usize]
     }
 
     /// What the 3D camera sees.

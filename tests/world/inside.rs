@@ -1,12 +1,15 @@
 //! What is inside of a world: link, controller, arm and terminals in one virtual time, and the faults that strike them.
 //!
 //! The loop's ports share it. Time passes where the loop waits for the robot, and nowhere else. `counts`: what is found · `striking`: the
-//! faults.
+//! faults · `truth`: what the controller does, whatever it and the client say of it.
 
 mod counts;
 mod striking;
+mod truth;
 
 pub use counts::{Counts, Violation};
+
+use truth::Truth;
 
 use super::aims::Aims;
 use super::disk;
@@ -71,6 +74,14 @@ pub struct Inside {
     home_at_ms: Option<u64>,
     /// How much longer each writing takes, and until when, ms.
     slow_disk: Option<(u64, u64)>,
+    /// How long slow writings have held up the loop so far, ms.
+    pub written_ms: u64,
+    /// For so long after the last fault nobody ends what is going on, ms, and until when that is.
+    pub aftermath_ms: u64,
+    aftermath_until_ms: u64,
+    /// Until then those who run the cell ask for nothing, ms.
+    pub away_until_ms: u64,
+    pub truth: Truth,
     /// How the process is to end at its disk.
     pub power: Option<Power>,
     pub counts: Counts,
@@ -109,11 +120,16 @@ impl Shared {
 }
 
 fn is_low(controller: &Controller) -> bool {
+    height_mm(controller) < LOW_MM
+}
+
+/// How far the tool's tip is from the panel.
+fn height_mm(controller: &Controller) -> f64 {
     let fixture = Fixture::get();
     let calibrations = fixture.cycle.calibrations;
     let base_from_tool: Rigid<Base, Tool> = controller.flange_pose() * calibrations.flange_from_tool;
     let panel_from_tool: Rigid<Panel, Tool> = fixture.truth().base_from_panel.inverse() * base_from_tool;
-    fixture.truth().distance_mm(panel_from_tool.origin()).abs() < LOW_MM
+    fixture.truth().distance_mm(panel_from_tool.origin()).abs()
 }
 
 /// The link's limits of the cell's file.
@@ -163,6 +179,11 @@ impl Inside {
             cameras: [None; 2],
             home_at_ms: None,
             slow_disk: None,
+            written_ms: 0,
+            aftermath_ms: 0,
+            aftermath_until_ms: 0,
+            away_until_ms: 0,
+            truth: Truth::default(),
             power: None,
             counts: Counts::default(),
             violation: None,
@@ -211,15 +232,15 @@ impl Inside {
             || disk::is_armed()
     }
 
-    /// Whether anything is left that may strike.
+    /// Whether anything is left that may strike, or what struck may still have its effect.
     pub fn may_strike(&self) -> bool {
-        !self.script.is_empty() || self.is_troubled()
+        !self.script.is_empty() || self.is_troubled() || self.now_ms() < self.aftermath_until_ms
     }
 
     /// Nothing goes wrong any more.
     pub fn mend(&mut self) {
         self.script.clear();
-        self.slow_disk = None;
+        (self.slow_disk, self.away_until_ms) = (None, 0);
         disk::mend();
         *self.tampering.lock().unwrap_or_else(PoisonError::into_inner) = Tampering::default();
     }
@@ -239,6 +260,7 @@ impl Inside {
         self.strike_due();
         self.work_with_another_program();
         self.judge_watchdog();
+        self.judge_truth();
         self.take_violation();
     }
 
@@ -259,6 +281,7 @@ impl Inside {
         let Some(epoch) = self.open_epoch() else { return };
         self.oracles.lasts(epoch, last, points, speed_m_s);
         self.aims.queued(epoch, last, points);
+        self.truth.lines(epoch, CommandId(last.0 + 1 - points.len() as u32));
         if self.permitted.is_some() && self.contact.is_none() {
             self.contact = Some((epoch, CommandId(last.0 + 1 - points.len() as u32)));
         }
@@ -275,6 +298,7 @@ impl Inside {
         while self.now_ms() < end_ms {
             self.step(end_ms);
         }
+        self.written_ms += late_ms;
         self.lasts_until_ms = self.lasts_until_ms.max(end_ms);
     }
 
@@ -320,7 +344,8 @@ impl Inside {
 
     fn take_violation(&mut self) {
         self.judge_permits();
-        if let Some(what) = self.aims.look(self.cell.controller.executed()).filter(|_| !self.is_strange()) {
+        let [off, hole] = self.aims.look(self.cell.controller.executed());
+        if let Some(what) = off.filter(|_| !self.is_strange()).or(hole) {
             self.wrong("aim", what);
         }
         if let Some(what) = self.oracles.violation.take() {
@@ -336,6 +361,7 @@ impl Inside {
             let Inside { cell, oracles, .. } = self;
             cell.without_client(TICK_MS, oracles);
             tool_ms = if self.is_on(5) || self.is_on(2) { tool_ms + TICK_MS } else { 0 };
+            self.judge_places();
         }
         self.take_violation();
         self.counts.judged("off without a client");
@@ -368,6 +394,11 @@ impl Inside {
     /// The epoch that the session has open.
     pub fn open_epoch(&self) -> Option<Epoch> {
         self.cell.session.epoch()
+    }
+
+    /// How far the tool's tip is from the panel.
+    pub fn height_mm(&self) -> f64 {
+        height_mm(&self.cell.controller)
     }
 
     /// Whether somebody else than this client has said something in the epoch at hand.

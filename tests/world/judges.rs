@@ -117,6 +117,7 @@ pub fn concluded(world: &mut Inside, verdict: Verdict) {
     let is_untrue = match world.stands {
         Stands::Nothing => matches!(verdict, Verdict::Pass | Verdict::Fail),
         Stands::Greasy => false,
+        Stands::Stubborn => verdict == Verdict::Pass,
         Stands::Clean => verdict == Verdict::Fail && world.lasts_until_ms == 0,
     };
     if is_untrue {

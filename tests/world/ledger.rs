@@ -20,6 +20,10 @@ pub struct Ledger {
     /// The journal's events.
     events: Vec<Event>,
     verdicts: BTreeMap<CycleId, Verdict>,
+    /// What the loop is about to have written as a cycle's verdict: what led to it is on the journal.
+    decided: BTreeMap<CycleId, Verdict>,
+    /// How many waypoints of each contact path of a cycle may be sent.
+    permitted: BTreeMap<CycleId, Vec<u32>>,
     findings: BTreeMap<CycleId, usize>,
     asked: BTreeMap<CycleId, usize>,
     /// Waypoints of the motions that were closed.
@@ -37,9 +41,12 @@ pub struct Ledger {
 pub enum Told {
     Event(Event),
     Verdict(Verdict),
+    Decided(Verdict),
     Finding,
     Asked,
     Open(Motion),
+    OpenContact(Motion, u32),
+    Permit(u32),
     Close(u32),
     Between,
     Begin,
@@ -54,7 +61,9 @@ impl Told {
             RecordCommand::Conclude(verdict) => Told::Verdict(*verdict),
             RecordCommand::Note(Note::Finding(_)) => Told::Finding,
             RecordCommand::Asked(_) => Told::Asked,
-            RecordCommand::OpenIntent(motion) | RecordCommand::OpenContact { motion, .. } => Told::Open(*motion),
+            RecordCommand::OpenIntent(motion) => Told::Open(*motion),
+            RecordCommand::OpenContact { motion, permitted, .. } => Told::OpenContact(*motion, *permitted),
+            RecordCommand::Permit(permitted) => Told::Permit(*permitted),
             RecordCommand::CloseIntent { done, .. } => Told::Close(*done),
             RecordCommand::BetweenCycles => Told::Between,
             RecordCommand::Begin(_) => Told::Begin,
@@ -67,6 +76,15 @@ impl Ledger {
     /// The store has acknowledged it.
     pub fn acknowledged(&mut self, told: Told, answer: &RecordAnswer) {
         let begun = if let RecordAnswer::Cycle(cycle) = answer { Some(*cycle) } else { None };
+        self.tell(told, begun);
+    }
+
+    /// The loop is about to have this verdict written.
+    pub fn decided(&mut self, verdict: Verdict) {
+        self.tell(Told::Decided(verdict), None);
+    }
+
+    fn tell(&mut self, told: Told, begun: Option<CycleId>) {
         if let Some(mut file) = self.told_to.as_deref() {
             let line = format!("{}\n", serde_json::to_string(&(told, begun)).expect("plain data"));
             file.write_all(line.as_bytes()).expect("a pipe that somebody reads");
@@ -88,9 +106,21 @@ impl Ledger {
         match (told, self.cycle) {
             (Told::Event(event), _) => self.events.push(event),
             (Told::Verdict(verdict), Some(cycle)) => drop(self.verdicts.insert(cycle, verdict)),
+            (Told::Decided(verdict), Some(cycle)) => drop(self.decided.insert(cycle, verdict)),
             (Told::Finding, Some(cycle)) => *self.findings.entry(cycle).or_default() += 1,
             (Told::Asked, Some(cycle)) => *self.asked.entry(cycle).or_default() += 1,
             (Told::Open(motion), _) => self.open = Some(motion),
+            (Told::OpenContact(motion, permitted), cycle) => {
+                self.open = Some(motion);
+                if let Some(cycle) = cycle {
+                    self.permitted.entry(cycle).or_default().push(permitted);
+                }
+            }
+            (Told::Permit(permitted), Some(cycle)) => {
+                if let Some(last) = self.permitted.entry(cycle).or_default().last_mut() {
+                    *last = permitted;
+                }
+            }
             (Told::Close(done), cycle) => {
                 self.open = None;
                 if let Some(cycle) = cycle {
@@ -159,12 +189,17 @@ impl Ledger {
         if (may_run || is_aborted) && rested.at == At::Stopped {
             return Err(format!("a start in Stopped after {:?}, tool or water may run {may_run}", left.at));
         }
+        let open = store.open_cycles().map_err(|error| words(&error))?;
+        if open.len() > usize::from(left.job.running) {
+            return Err(format!("cycles {open:?} have no end, running {}", left.job.running));
+        }
         self.cycles(store)
     }
 
     fn cycles(&self, store: &Store) -> Result<(), String> {
         let told =
             self.verdicts.keys().chain(self.findings.keys()).chain(self.done.keys()).chain(self.asked.keys());
+        let told = told.chain(self.decided.keys()).chain(self.permitted.keys());
         told.collect::<BTreeSet<_>>().into_iter().try_for_each(|cycle| {
             let record = store.cycle(*cycle).map_err(|error| error.to_string())?;
             self.cycle_holds(*cycle, &record).map_err(|words| format!("cycle {cycle}: {words}"))
@@ -176,6 +211,15 @@ impl Ledger {
         let kept = record.judgement.as_ref().map(|judgement| judgement.verdict);
         if let Some(verdict) = self.verdicts.get(&cycle).filter(|verdict| kept != Some(**verdict)) {
             return Err(format!("it was concluded as {}, the store has {kept:?}", verdict.word()));
+        }
+        if let Some(verdict) = self.decided.get(&cycle).filter(|verdict| kept != Some(**verdict)) {
+            return Err(format!("it was about to be concluded as {}, a start has {kept:?}", verdict.word()));
+        }
+        let paths = record.motions.iter().filter_map(|motion| motion.contact.as_ref());
+        let may: Vec<u32> = paths.map(|contact| contact.permitted).collect();
+        let permitted = self.permitted.get(&cycle).map_or(&[][..], Vec::as_slice);
+        if may.len() < permitted.len() || may.iter().zip(permitted).any(|(may, told)| may < told) {
+            return Err(format!("of its contact paths {permitted:?} were permitted, kept are {may:?}"));
         }
         let done: u32 = record.motions.iter().map(|motion| motion.done).sum();
         let counts = [

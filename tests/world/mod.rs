@@ -7,12 +7,13 @@
 //! cameras ── stages ───┘                     └── session ── four ways for bytes ── controller ── arm, outputs
 //! ```
 //!
-//! - `fixture`: the cell, its recipe, what was taught · `script`: what goes wrong and when, drawn from a seed, printed and read
+//! - `fixture`: the cell, its recipe, what was taught · `script`: what goes wrong and when, drawn from a seed, printed and read ·
+//!   `pairs`: faults that show something only where they meet
 //! - `inside`: link, controller, arm and terminals in one time, and the faults that strike · `tamper`: bytes and meanings ·
 //!   `terminals`: light, water, lens, extraction, tool · `clock`: the wall clock
 //! - `robot`, `record`, `cameras`, `people`: the loop's ports in it · `desk`: the service's queue and request handler before them ·
-//!   `judges`: what must hold at every moment · `ledger`: what the store has acknowledged · `wear`, `aims`: what is said of contact, where
-//!   lines end · `killing`: real processes that are killed
+//!   `judges`: what must hold at every moment · `in_time`: what must come in time · `ledger`: what the store has acknowledged ·
+//!   `wear`, `aims`: what is said of contact, where lines end · `killing`: real processes that are killed
 //! - `disk`: the disk, what it may do, and what a power cut leaves, or would have left · `libc_calls`: how it sees what is written
 //!
 //! - `sabotage`: mistakes that are put in, to see that a world finds them
@@ -27,11 +28,13 @@ mod clock;
 mod desk;
 mod disk;
 mod fixture;
+mod in_time;
 mod inside;
 mod judges;
 mod killing;
 mod ledger;
 mod libc_calls;
+mod pairs;
 mod people;
 mod record;
 mod robot;
@@ -70,10 +73,17 @@ use std::sync::LazyLock;
 const LONGEST_MS: u64 = 120_000;
 /// From the end of a process to the begin of the next, ms.
 const AWAY_MS: u64 = 2_000;
+/// The same after a power cut in one world of two: longer than a controller waits for a client that is gone without a word, ms.
+const LONG_AWAY_MS: u64 = 5_000;
 /// Worlds whose controller executes its programs: seeds with this remainder.
 const INTERPRETED: (u64, u64) = (8, 5);
 /// A power cut is imagined at one in so many writings.
 const IMAGINES_ONE_IN: u32 = 300;
+/// So long what struck may have its effect before all is mended, and in one world of four, ms.
+const AFTERMATH_MS: u64 = 5_000;
+const LONG_AFTERMATH_MS: u64 = 40_000;
+/// In one of so many worlds with grease the disc does not take it off.
+const STUBBORN_ONE_IN: u32 = 8;
 /// Processes that a world sees at most.
 const MOST_LIVES: u64 = 60;
 
@@ -150,12 +160,17 @@ impl World {
         let mut draw = Pcg64::seed_from_u64(self.seed ^ 0x5eed);
         let stands = [Stands::Greasy, Stands::Greasy, Stands::Greasy, Stands::Clean, Stands::Nothing]
             [draw.random_range(0..5)];
+        let is_stubborn = Pcg64::seed_from_u64(self.seed ^ 0x57ab).random_range(0..STUBBORN_ONE_IN) == 0;
+        let stands = if is_stubborn && stands == Stands::Greasy { Stands::Stubborn } else { stands };
         let delay_ms = [(0, 0), (1, 3), (2, 25), (10, 10)][draw.random_range(0..4)];
         let link = (delay_ms, self.programs());
         let world = Shared::new(stands, link, self.script.clone(), self.sabotage);
         // Most worlds see one cycle and the begin of another one.
         let cycles = if self.seed.is_multiple_of(3) { 2 } else { 1 };
-        let people = People::new(world.clone(), (cycles, self.seed.is_multiple_of(4)), LONGEST_MS);
+        let mut people = People::new(world.clone(), (cycles, self.seed.is_multiple_of(4)), LONGEST_MS);
+        people.dries = self.seed % 5 == 2;
+        let is_long = self.seed / INTERPRETED.0 % 4 == 1;
+        world.lock().aftermath_ms = if is_long { LONG_AFTERMATH_MS } else { AFTERMATH_MS };
         Running {
             people,
             world,
@@ -290,7 +305,8 @@ impl Running {
         self.left_on =
             (world.is_on(2) || world.is_on(5)) && !world.is_strange() && world.lock_around().stuck.is_none();
         world.cell.restart_client(inside::session(self.sabotage), matches!(power, Some(Power::Cut { .. })));
-        world.without_process(AWAY_MS);
+        let is_long = matches!(power, Some(Power::Cut { seed }) if seed.is_multiple_of(2));
+        world.without_process(if is_long { LONG_AWAY_MS } else { AWAY_MS });
         match power {
             Some(Power::Cut { seed }) => {
                 world.counts.cuts += 1;

@@ -5,6 +5,7 @@
 use super::desk::{Desk, OPERATOR, SOMEBODY};
 use super::disk;
 use super::fixture::Fixture;
+use super::in_time::InTime;
 use super::inside::{Inside, Shared};
 use super::judges;
 use super::script::{self, Press};
@@ -61,6 +62,10 @@ pub struct People {
     working: Option<(Id, u64)>,
     /// The cycle at hand began when nothing went wrong any more.
     is_untroubled: bool,
+    /// What the table must do in time.
+    in_time: InTime,
+    /// They dry a held panel before they try anything else.
+    pub dries: bool,
     /// When somebody asked for an end: which, and when the table took it.
     pub stopping: Option<(cycle::Request, u64)>,
 }
@@ -82,6 +87,8 @@ impl People {
             has_left: false,
             working: None,
             is_untroubled: false,
+            in_time: InTime::default(),
+            dries: false,
             stopping: None,
         }
     }
@@ -90,6 +97,7 @@ impl People {
     pub fn forget(&mut self) {
         (self.desk, self.has_left) = (None, false);
         (self.working, self.stopping) = (None, None);
+        self.in_time = InTime::default();
     }
 
     /// A process begins on this store; `left` is the cycle that an earlier one did not end.
@@ -108,6 +116,7 @@ impl People {
         let mut world = self.world.lock();
         world.comes_to(state.at);
         judges::look(&mut world, state, &mut self.stopping);
+        self.in_time.look(&mut world, state);
         let now_ms = world.now_ms();
         if let Aim::Cycles(cycles) = self.aim {
             let is_over = (self.ended >= cycles && !world.is_troubled()) || !world.may_strike();
@@ -125,8 +134,9 @@ impl People {
         while let Some(press) = world.pressed.pop_front() {
             whats(press).into_iter().for_each(|what| desk.ask(SOMEBODY, what));
         }
+        let away_until_ms = world.away_until_ms;
         drop(world);
-        if desk.is_free() && now_ms >= self.looked_ms + LOOKS_MS {
+        if desk.is_free() && now_ms >= away_until_ms.max(self.looked_ms + LOOKS_MS) {
             self.looked_ms = now_ms;
             if let Some(what) = self.usual(state) {
                 let is_leave = matches!(what, What::Leave);
@@ -203,7 +213,7 @@ impl People {
                 table(match hold.why {
                     Why::Review => cycle::Request::Accept,
                     Why::NotVerified => cycle::Request::Unhold { dried: true },
-                    _ => cycle::Request::Unhold { dried: self.held > 1 },
+                    _ => cycle::Request::Unhold { dried: self.dries || self.held > 1 },
                 })
             }
             _ => None,

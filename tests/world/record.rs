@@ -6,12 +6,15 @@ use super::inside::{Permit, Shared};
 use super::ledger::{Ledger, Told};
 use super::sabotage::Sabotage;
 use super::wear::Wear;
+use panelprep::cycle::{Outcome, Path};
 use panelprep::daemon::{Figure, Note, Port, RecordAnswer, RecordCommand, RecordError, StoreRecord};
 use panelprep::geometry::ColorPicture;
 use std::sync::Arc;
 
 /// Width and height of a picture in the store, px.
 const SMALL_PX: usize = 8;
+/// From a path in contact, which ends `approach_mm` off the panel, the arm goes as far again before it goes anywhere else, mm.
+const LEFT_MM: f64 = 60.0;
 
 /// The record's port.
 pub struct Record<'s> {
@@ -20,13 +23,15 @@ pub struct Record<'s> {
     world: Shared,
     sabotage: Option<Sabotage>,
     wear: Wear,
+    /// The epoch of the last motion, where it went along the panel to its end.
+    contact_epoch: Option<u32>,
 }
 
 impl<'s> Record<'s> {
     /// Before this record; what it acknowledges is kept in the ledger too.
     pub fn new(store: StoreRecord<'s>, ledger: &'s mut Ledger, world: Shared) -> Self {
         let sabotage = world.lock().sabotage;
-        Record { store, ledger, world, sabotage, wear: Wear::default() }
+        Record { store, ledger, world, sabotage, wear: Wear::default(), contact_epoch: None }
     }
 }
 
@@ -42,6 +47,36 @@ impl Record<'_> {
             if let Err(problem) = held {
                 world.wrong("an imagined power cut", problem);
             }
+        }
+    }
+}
+
+impl Record<'_> {
+    /// A motion that is told as done has ended; and after one in contact the arm goes off the panel before it goes anywhere else.
+    fn judge_standing(&mut self, command: &RecordCommand) {
+        let mut world = self.world.lock();
+        match command {
+            RecordCommand::CloseIntent { motion, outcome, .. } => {
+                let is_done = *outcome == Outcome::Done;
+                let is_calm = !world.is_strange();
+                world.counts.judged("a motion's end");
+                if is_done && is_calm && world.cell.controller.is_moving() {
+                    world.wrong("a motion's end", format!("{motion:?} is told as done, and the arm moves"));
+                }
+                world.counts.judged("off the panel");
+                self.contact_epoch = (is_done && motion.path == Path::Contact).then_some(motion.epoch);
+            }
+            RecordCommand::OpenIntent(motion) => {
+                let height_mm = world.height_mm();
+                let is_near = height_mm < LEFT_MM && motion.path != Path::Retract;
+                // In another epoch: something was in between.
+                if self.contact_epoch.take() == Some(motion.epoch) && is_near {
+                    let what =
+                        format!("{motion:?} begins {height_mm:.1} mm off the panel, behind a path in contact");
+                    world.wrong("off the panel", what);
+                }
+            }
+            _ => {}
         }
     }
 }
@@ -64,6 +99,11 @@ impl Port<RecordCommand> for Record<'_> {
         }
         let is_skipped = self.sabotage.is_some_and(|sabotage| sabotage.skips(&command));
         disk::imagine();
+        if let RecordCommand::Conclude(verdict) = &command {
+            self.ledger.decided(*verdict);
+            disk::imagine_now();
+        }
+        self.judge_standing(&command);
         let told_of_contact = of_contact(&command);
         let answer = if is_skipped { Ok(RecordAnswer::Done) } else { self.store.perform(command) };
         self.judge_imagined_cuts();

@@ -84,7 +84,12 @@ impl Port<RobotCommand> for Robot {
                     Command::SetTcp(tool) => world.aims.tool = Some(tool.flange_from_tool),
                     _ => {}
                 }
-                RobotAnswer::Queued(world.cell.session.queue(command))
+                let sets_frame = matches!(command, Command::SetBase(_) | Command::SetTcp(_));
+                let queued = world.cell.session.queue(command);
+                if let (true, Ok(id), Some(epoch)) = (sets_frame, &queued, world.open_epoch()) {
+                    world.truth.sets_frame(epoch, *id);
+                }
+                RobotAnswer::Queued(queued)
             }
             RobotCommand::Path { points, permitted } => {
                 let queued = match permitted {

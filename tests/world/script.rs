@@ -3,6 +3,7 @@
 //! A moment is counted from the first time that the table comes to a place, so that every fault strikes in every place, however long
 //! the places before took. An entry that is taken out leaves the others as they were.
 
+use super::pairs;
 use panelprep::cycle::{self, At};
 use panelprep::devices::mock;
 use rand::seq::IndexedRandom;
@@ -128,6 +129,10 @@ pub enum Fault {
     SlowDisk { late_ms: u64, for_ms: u64 },
     /// So many messages with commands of an ended epoch come once more.
     Replay(u32),
+    /// So many aborts of the client are answered, and the controller goes on.
+    Unheeded(u32),
+    /// Those who run the cell ask for nothing for so long.
+    Away(u64),
 }
 
 impl Fault {
@@ -159,13 +164,15 @@ impl Fault {
             Fault::Disk { harm: DiskHarm::Io, .. } => "disk error",
             Fault::SlowDisk { .. } => "disk slow",
             Fault::Replay(_) => "bytes replayed",
+            Fault::Unheeded(_) => "abort not obeyed",
+            Fault::Away(_) => "nobody there",
         }
     }
 
     /// How long it lasts, ms, where it does.
     pub fn lasts_ms(&self) -> u64 {
         match self {
-            Fault::Deaf(ms) | Fault::Stall(ms) | Fault::ForeignProgram(ms) => *ms,
+            Fault::Deaf(ms) | Fault::Stall(ms) | Fault::ForeignProgram(ms) | Fault::Away(ms) => *ms,
             Fault::Feedback { for_ms, .. } | Fault::Camera { for_ms, .. } => *for_ms,
             Fault::SlowDisk { late_ms, for_ms } => late_ms + for_ms,
             Fault::Bytes { harm: Harm::Late(ms), .. } => *ms,
@@ -233,6 +240,8 @@ pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
     if draw.random_bool(0.3) {
         script.extend(aimed(&mut draw, odds));
     }
+    // Likewise.
+    script.extend(pairs::draw(seed, odds));
     script
 }
 

@@ -7,6 +7,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Messages that are kept, to come once more.
 const MOST_SENT: usize = 60;
+/// What a request asks for, as its message has it.
+const ABORT: &str = " Op=\"11\"";
+const HEARTBEAT: &str = " Op=\"10\"";
 
 /// What is to happen to the next messages.
 #[derive(Debug, Default)]
@@ -19,6 +22,8 @@ pub struct Tampering {
     pub applied: u64,
     /// So many messages with commands of an ended epoch are to come once more.
     pub replays: u32,
+    /// So many aborts are answered as heartbeats are, and nothing is stopped.
+    pub unheeded: u32,
     /// The last messages with commands, with their epochs.
     sent: VecDeque<(u32, Vec<u8>)>,
     /// A message that waits for the one behind it.
@@ -34,6 +39,9 @@ impl Tampering {
     }
 
     fn message(&mut self, to_robot: bool, channel: usize, bytes: &[u8]) -> Option<Vec<(u64, Vec<u8>)>> {
+        if let Some(asked) = self.unheard(to_robot, channel, bytes) {
+            return Some(vec![(0, asked)]);
+        }
         let replayed = if to_robot && channel == 0 { self.replayed(bytes) } else { vec![] };
         let pieces = self.harmed(to_robot, channel, bytes);
         if replayed.is_empty() {
@@ -41,6 +49,16 @@ impl Tampering {
         }
         let pieces = pieces.unwrap_or_else(|| vec![(0, bytes.to_vec())]);
         Some(replayed.into_iter().map(|bytes| (0, bytes)).chain(pieces).collect())
+    }
+
+    /// An abort that is taken for a heartbeat, where one is to be.
+    fn unheard(&mut self, to_robot: bool, channel: usize, bytes: &[u8]) -> Option<Vec<u8>> {
+        if !to_robot || channel == 0 || self.unheeded == 0 {
+            return None;
+        }
+        let text = std::str::from_utf8(bytes).ok().filter(|text| text.contains(ABORT))?;
+        self.unheeded -= 1;
+        Some(text.replace(ABORT, HEARTBEAT).into_bytes())
     }
 
     /// What was said before in another epoch than this message's, where it is to come once more. Nothing of it may have an effect.

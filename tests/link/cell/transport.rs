@@ -45,7 +45,7 @@ impl Cell {
             (self.up, self.robot_open) = (true, [true; 2]);
             self.to_robot = Default::default();
             self.to_client = Default::default();
-            self.heard_ms = self.now_ms;
+            (self.heard_ms, self.reached_ms) = (self.now_ms, self.now_ms);
             self.session.connected(Time::at_ms(self.now_ms));
             return;
         }
@@ -70,6 +70,7 @@ impl Cell {
         }
         for (index, (_, end)) in CHANNELS.into_iter().enumerate() {
             while let Some(piece) = self.to_robot[index].take(self.now_ms) {
+                self.reached_ms = self.now_ms;
                 match (piece, end) {
                     (Piece::Bytes(bytes), mock::Channel::Command) => self.controller.command_bytes(&bytes),
                     (Piece::Bytes(bytes), mock::Channel::State) => self.controller.state_bytes(&bytes),

@@ -35,6 +35,7 @@ impl Inside {
         *self.counts.faults.entry((fault.kind(), self.place)).or_default() += 1;
         let now_ms = self.now_ms();
         self.lasts_until_ms = self.lasts_until_ms.max(now_ms + fault.lasts_ms());
+        self.aftermath_until_ms = now_ms + self.aftermath_ms;
         self.lingers |= matches!(fault, Fault::Bytes { .. } | Fault::Lie { .. } | Fault::Controller(_));
         let mut tampering = self.tampering.lock().unwrap_or_else(PoisonError::into_inner);
         match fault {
@@ -43,6 +44,11 @@ impl Inside {
             // A good controller drops them: there is nothing to distrust.
             Fault::Replay(count) => {
                 tampering.replays = count;
+                return;
+            }
+            // What it makes of the abort is no more than a heartbeat.
+            Fault::Unheeded(count) => {
+                tampering.unheeded = count;
                 return;
             }
             _ => {
@@ -69,6 +75,7 @@ impl Inside {
             Fault::Stall(ms) => self.cell.client_stalls_until_ms = now_ms + ms,
             Fault::Controller(text) => {
                 if let Ok(fault) = script::controller_fault(&text) {
+                    self.expects_of(&fault);
                     if let mock::Fault::Slow { for_ms: Some(for_ms), .. } = fault {
                         self.oracles.slowed_until_ms = now_ms + for_ms;
                     }
@@ -76,11 +83,13 @@ impl Inside {
                 }
             }
             Fault::Foreign { operation, number } => {
+                self.expects_of_foreign(operation);
                 self.cell.foreign_request(operation, number);
                 self.distrust();
             }
             Fault::ForeignProgram(ms) => {
                 self.home_at_ms = Some(now_ms + ms + HOME_MS);
+                self.truth.faulty_until_ms = self.truth.faulty_until_ms.max(now_ms + ms + 2 * HOME_MS);
                 self.cell.controller.deselect();
             }
             Fault::Feedback { input, on, for_ms } => {
@@ -105,7 +114,8 @@ impl Inside {
                 );
             }
             Fault::SlowDisk { late_ms, for_ms } => self.slow_disk = Some((late_ms, now_ms + for_ms)),
-            Fault::Bytes { .. } | Fault::Lie { .. } | Fault::Replay(_) => {}
+            Fault::Away(ms) => self.away_until_ms = now_ms + ms,
+            Fault::Bytes { .. } | Fault::Lie { .. } | Fault::Replay(_) | Fault::Unheeded(_) => {}
         }
     }
 

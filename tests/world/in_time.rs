@@ -1,0 +1,117 @@
+//! What the table must do in time, judged by what the robot, the controller and the disk are: no work with a robot that is not ready, no
+//! answer that is waited for without end, no cycle that outlives a controller's start, none that goes on with a full disk.
+
+use super::disk;
+use super::inside::Inside;
+use panelprep::cycle::{Act, At, Id, Robot, State};
+
+/// Longest time for an answer that needs a state of the controller alone, and for one that is computed, ms.
+const ANSWER_MS: u64 = 5_000 + 500;
+const COMPUTED_MS: u64 = 60_000 + 500;
+/// A robot that cannot move is known so soon, and the loop has looked so often, ms.
+const UNABLE_MS: u64 = 1_000;
+const UNABLE_LOOKS: u32 = 20;
+/// So soon the cell is held for a full disk, ms.
+const HELD_MS: u64 = 1_500;
+
+/// What was seen of one process.
+#[derive(Debug, Default)]
+pub struct InTime {
+    /// What is waited for, since when, and how long writings had taken by then.
+    due: Option<(Id, u64, u64)>,
+    /// Since when the controller cannot move the arm while the cell works, and in how many looks.
+    unable: Option<(u64, u32)>,
+    /// The controller's starts when the cell came to be held, and whether the robot was gone since.
+    held: Option<(u32, bool)>,
+    /// Since when the disk is full while the cell works, and how long writings had taken by then.
+    full: Option<(u64, u64)>,
+    was_full: bool,
+}
+
+/// What moves the arm, or leads to it.
+fn works(at: At) -> bool {
+    use At as A;
+    matches!(at, A::Resetting | A::Starting | A::Execute(_) | A::Unholding { .. } | A::Completing { .. })
+}
+
+impl InTime {
+    /// The loop shows its state.
+    pub fn look(&mut self, world: &mut Inside, state: &State) {
+        self.answers(world, state);
+        self.readiness(world, state);
+        self.starts(world, state);
+        self.full_disk(world, state);
+    }
+
+    fn answers(&mut self, world: &mut Inside, state: &State) {
+        let now_ms = world.now_ms();
+        let Some(due) = state.due else { return self.due = None };
+        if self.due.is_none_or(|(id, ..)| id != due.id) {
+            self.due = Some((due.id, now_ms, world.written_ms));
+        }
+        let Some((_, since_ms, written_ms)) = self.due else { return };
+        let most_ms = match due.act {
+            Act::Move(_) | Act::Film => return,
+            Act::Stand | Act::OpenEpoch { .. } | Act::EndEpoch { .. } | Act::SetFrames(_) | Act::Switch(_) => {
+                ANSWER_MS
+            }
+            _ => COMPUTED_MS,
+        };
+        world.counts.judged("answers in time");
+        let waited_ms = now_ms - since_ms - (world.written_ms - written_ms).min(now_ms - since_ms);
+        if waited_ms > most_ms {
+            world.wrong("answers in time", format!("{:?} has no answer after {waited_ms} ms", due.act));
+        }
+    }
+
+    fn readiness(&mut self, world: &mut Inside, state: &State) {
+        let robot = state.facts.robot;
+        world.counts.judged("a robot that is not ready");
+        if works(state.at) && !matches!(robot, Robot::Ready | Robot::Unknown) {
+            world.wrong("a robot that is not ready", format!("{:?} with the robot {robot:?}", state.at));
+        }
+        if world.cell.controller.can_move() || !works(state.at) || world.is_strange() {
+            self.unable = None;
+            return;
+        }
+        let now_ms = world.now_ms();
+        let (since_ms, looks) = self.unable.get_or_insert((now_ms, 0));
+        *looks += 1;
+        if now_ms > *since_ms + UNABLE_MS && *looks > UNABLE_LOOKS {
+            let what = format!("{:?}, and since {since_ms} ms the controller cannot move the arm", state.at);
+            world.wrong("a robot that is not ready", what);
+        }
+    }
+
+    /// A controller that was started again knows nothing of the cell that is held.
+    fn starts(&mut self, world: &mut Inside, state: &State) {
+        if !matches!(state.at, At::Held(_)) {
+            self.held = None;
+            return;
+        }
+        let reboots = world.truth.reboots;
+        let (before, was_gone) = self.held.get_or_insert((reboots, false));
+        let is_ready = state.facts.robot == Robot::Ready;
+        *was_gone |= *before < reboots && !is_ready;
+        // A number of its start that is not so may have been told.
+        if *was_gone && is_ready && world.oracles.strange_epoch == 0 {
+            world.wrong("a controller's start", format!("{:?} outlives a start of the controller", state.at));
+        }
+        world.counts.judged("a controller's start");
+    }
+
+    /// The first time that a process finds its disk full.
+    fn full_disk(&mut self, world: &mut Inside, state: &State) {
+        let works = matches!(state.at, At::Execute(_) | At::Unholding { .. });
+        let is_new = disk::was_full() && !std::mem::replace(&mut self.was_full, disk::was_full());
+        if is_new && works {
+            self.full = Some((world.now_ms(), world.written_ms));
+        }
+        let Some((since_ms, written_ms)) = self.full.filter(|_| works) else { return self.full = None };
+        world.counts.judged("a full disk");
+        if world.now_ms() > since_ms + HELD_MS + (world.written_ms - written_ms) {
+            let what = format!("the disk was found full at {since_ms} ms, and the cell goes on in {:?}", state.at);
+            world.wrong("a full disk", what);
+        }
+    }
+}

@@ -1,0 +1,169 @@
+//! What the controller does, whatever it and the client say of it: what must end an epoch ends it, the client learns of it, and neither
+//! of the two holds on to a link that is dead.
+
+use super::super::link_cell::TICK_MS;
+use super::Inside;
+use panelprep::devices::mock::Fault;
+use panelprep::eki::{CommandId, Epoch};
+
+/// A request by which a client ends an epoch.
+const ABORT: i32 = 11;
+/// So soon an epoch is at its end, by the model and by the programs, whose scheduler may starve them, ms.
+const ENDS_MS: u64 = 50;
+const PROGRAMS_END_MS: u64 = 250;
+/// A state comes each 100 ms, and the programs may be late, ms.
+const TOLD_MS: u64 = 250;
+/// So soon the client knows that its epoch has ended, ms.
+const KNOWN_MS: u64 = 700;
+/// The client gives up a connection after a second of silence, ms.
+const GIVEN_UP_MS: u64 = 1_000 + 50;
+/// The controller after three, ms.
+const PLACE_MS: u64 = 3_000 + 400;
+/// A fault of the controller with its restart lasts so long at most, ms.
+const FAULTY_MS: u64 = 6_000;
+
+/// What happened at the controller, and what must follow.
+#[derive(Debug, Default)]
+pub struct Truth {
+    must_end: Vec<MustEnd>,
+    /// Since when the client takes an ended epoch for open, ms.
+    unnoticed_since_ms: Option<u64>,
+    /// Until then the controller may be late with everything, ms.
+    pub faulty_until_ms: u64,
+    /// The last command that sets base or tool.
+    frames: Option<(Epoch, CommandId)>,
+    /// The first line of a path that waits to be sent, and the command that sets its base or tool.
+    lines: Option<(Epoch, CommandId, CommandId)>,
+    /// How often the controller was started again.
+    pub reboots: u32,
+}
+
+/// An epoch that must be ended.
+#[derive(Debug)]
+struct MustEnd {
+    epoch: i32,
+    since_ms: u64,
+    by_ms: u64,
+    why: String,
+}
+
+impl Truth {
+    /// The client takes a command to send that sets base or tool.
+    pub fn sets_frame(&mut self, epoch: Epoch, id: CommandId) {
+        self.frames = Some((epoch, id));
+    }
+
+    /// It takes a path to send, the first line with this id.
+    pub fn lines(&mut self, epoch: Epoch, first: CommandId) {
+        let set = self.frames.filter(|(of, _)| *of == epoch).map(|(_, id)| id);
+        self.lines = set.map(|id| (epoch, first, id));
+    }
+}
+
+impl Inside {
+    /// The controller is about to have this fault.
+    pub(super) fn expects_of(&mut self, fault: &Fault) {
+        match fault {
+            Fault::EStop { .. } | Fault::Guard { .. } | Fault::Drives { .. } => self.must_end(format!("{fault:?}")),
+            Fault::Reboot { .. } => self.truth.reboots += 1,
+            _ => {}
+        }
+        self.truth.faulty_until_ms = self.truth.faulty_until_ms.max(self.now_ms() + FAULTY_MS);
+    }
+
+    /// Another client's request is about to reach it.
+    pub(super) fn expects_of_foreign(&mut self, operation: i32) {
+        if operation == ABORT && self.now_ms() > self.truth.faulty_until_ms {
+            self.must_end("an abort".to_owned());
+        }
+    }
+
+    /// The epoch that client and controller have open is to end.
+    fn must_end(&mut self, why: String) {
+        // The controller's clock goes on in ticks.
+        let (controller, since_ms) = (&self.cell.controller, self.now_ms().saturating_sub(TICK_MS));
+        let epoch = controller.epoch();
+        let is_open = self.open_epoch().is_some_and(|open| open.0.cast_signed() == epoch);
+        if is_open && !controller.is_stopped() {
+            let ends_ms = if controller.robot_state().is_some() { PROGRAMS_END_MS } else { ENDS_MS };
+            self.truth.must_end.push(MustEnd { epoch, since_ms, by_ms: since_ms + ends_ms, why });
+        }
+    }
+
+    pub(super) fn judge_truth(&mut self) {
+        self.judge_ends();
+        self.judge_knowledge();
+        self.judge_silence();
+        self.judge_places();
+        self.judge_frames();
+    }
+
+    fn judge_ends(&mut self) {
+        let now_ms = self.now_ms();
+        for MustEnd { epoch, since_ms, by_ms, why } in
+            self.truth.must_end.extract_if(.., |must| must.by_ms < now_ms).collect::<Vec<_>>()
+        {
+            self.counts.judged("what ends an epoch");
+            let is_it = |stop: &&panelprep::devices::mock::Stop| {
+                stop.epoch == epoch && (since_ms..=by_ms).contains(&stop.time_ms)
+            };
+            if !self.cell.controller.stops().iter().rev().any(|stop| is_it(&stop)) {
+                self.wrong("what ends an epoch", format!("epoch {epoch} went on after {why} at {since_ms} ms"));
+            }
+        }
+    }
+
+    /// A client that hears of the controller does not take an epoch for open that the controller has ended.
+    fn judge_knowledge(&mut self) {
+        let controller = &self.cell.controller;
+        let is_open = self.open_epoch().is_some_and(|open| open.0.cast_signed() == controller.epoch());
+        let hears = self.cell.silence_ms().is_some_and(|silence_ms| silence_ms < TOLD_MS);
+        if !(is_open && controller.is_stopped() && hears) || self.is_strange() {
+            self.truth.unnoticed_since_ms = None;
+            return;
+        }
+        let now_ms = self.now_ms();
+        let since_ms = *self.truth.unnoticed_since_ms.get_or_insert(now_ms);
+        self.counts.judged("an ended epoch is known");
+        if now_ms > since_ms + KNOWN_MS {
+            let what = format!("the controller ended the epoch at {since_ms} ms, and the client has it open");
+            self.wrong("an ended epoch is known", what);
+        }
+    }
+
+    /// A client that hears nothing does not take itself for connected.
+    fn judge_silence(&mut self) {
+        if let Some(silence_ms) = self.cell.silence_ms() {
+            self.counts.judged("a silent link");
+            if silence_ms > GIVEN_UP_MS {
+                self.wrong("a silent link", format!("the client has heard nothing for {silence_ms} ms and stays"));
+            }
+        }
+    }
+
+    /// A controller that nobody reaches does not keep its place for a client that may be gone.
+    pub(super) fn judge_places(&mut self) {
+        let Some(unreached_ms) = self.cell.unreached_ms() else { return };
+        self.counts.judged("the place of a client");
+        if unreached_ms > PLACE_MS && self.now_ms() > self.truth.faulty_until_ms {
+            let what = format!("nobody has reached the controller for {unreached_ms} ms, and a place is taken");
+            self.wrong("the place of a client", what);
+        }
+    }
+
+    /// No line is sent before the controller has executed what sets its base and tool.
+    fn judge_frames(&mut self) {
+        let Some((epoch, first, set)) = self.truth.lines else { return };
+        if self.oracles.last_sent(epoch) < first.0 {
+            return;
+        }
+        self.truth.lines = None;
+        let controller = &self.cell.controller;
+        let done = controller.counts().1.cast_unsigned();
+        self.counts.judged("base and tool before lines");
+        if controller.epoch() == epoch.0.cast_signed() && done < set.0 {
+            let what = format!("line {first} was sent, {set} sets its base or tool, {done} is executed");
+            self.wrong("base and tool before lines", what);
+        }
+    }
+}

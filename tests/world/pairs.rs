@@ -1,0 +1,185 @@
+//! What no single fault shows: two that meet, or one that must strike in a certain place. Drawn apart from all else, so that the entries of
+//! a seed are what they were without these.
+
+use super::script::{Entry, Fault, Harm, Odds, Power, Press};
+use rand::seq::IndexedRandom;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+/// Worlds with one of these: so many of a hundred.
+const SHARE: f64 = 0.5;
+
+/// Places in which an epoch is open and something is under way.
+const MOVES: [&str; 6] = ["refine", "wet", "verify", "abrade", "retract", "rinse"];
+/// In which nothing moves and something is computed, or time passes.
+const COMPUTES: [&str; 6] = ["locate", "dry", "wet", "inspect", "plan", "rinse"];
+/// In which the cell rests and somebody has to do something.
+const RESTS: [&str; 3] = ["stopped", "held", "aborted"];
+
+/// Those of a seed.
+pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
+    let mut draw = Pcg64::seed_from_u64(seed ^ 0x9a12);
+    if !draw.random_bool(SHARE) {
+        return vec![];
+    }
+    let draw = &mut draw;
+    match draw.random_range(0..if odds.disk { 18 } else { 14 }) {
+        0 => ends_early(draw),
+        1 => held_in_light(draw),
+        2 => not_ready(draw),
+        3 => stuck(draw),
+        4 => started_while_held(draw),
+        5 => short_stop(draw),
+        6 => foreign_abort(draw),
+        7 => nobody_there(draw),
+        8 => unheeded(draw),
+        9 => lost_command(draw),
+        10 => long_silence(draw),
+        11 => unseen_stop(draw),
+        12 | 13 => far_epochs(draw),
+        14 | 15 => slow_permit(draw),
+        16 => full_disk(draw),
+        _ => new_controller_and_process(draw),
+    }
+}
+
+fn entry(place: &str, after_ms: u64, fault: Fault) -> Entry {
+    Entry { place: place.to_owned(), visit: 1, after_ms, fault }
+}
+
+/// In one of these places, after so many ms at most.
+fn within(draw: &mut Pcg64, places: &[&str], most_ms: u64, fault: Fault) -> Entry {
+    entry(places.choose(draw).copied().unwrap_or("wet"), draw.random_range(0..most_ms), fault)
+}
+
+fn controller(text: &str, ms: u64) -> Fault {
+    Fault::Controller(format!("{text}/{ms}ms"))
+}
+
+fn lost() -> Fault {
+    Fault::Bytes { to_robot: true, channel: 0, harm: Harm::Lose }
+}
+
+/// The link ends the epoch by itself where the cell is reset or cleared.
+fn ends_early(draw: &mut Pcg64) -> Vec<Entry> {
+    let fault = [Fault::Controller("refuse=8".to_owned()), lost(), Fault::Foreign { operation: 11, number: 0 }];
+    let fault = fault[draw.random_range(0..3)].clone();
+    vec![within(draw, &["resetting", "resetting", "clearing"], 1_200, fault)]
+}
+
+/// The cell is held while the light is on, and the panel is dried at once: it is located again.
+fn held_in_light(draw: &mut Pcg64) -> Vec<Entry> {
+    let hold = within(draw, &["dry", "wet", "inspect", "inspect"], 3_000, Fault::Press(Press::Hold));
+    vec![hold, entry("held", draw.random_range(0..200), Fault::Press(Press::UnholdDried))]
+}
+
+/// The robot is not ready for longer than the program needs to learn of it.
+fn not_ready(draw: &mut Pcg64) -> Vec<Entry> {
+    let text = ["mode=T1", "mode=T2", "guard", "drives", "e-stop"][draw.random_range(0..5)];
+    let fault = controller(text, draw.random_range(1_500..4_000));
+    vec![within(draw, &COMPUTES, 800, fault)]
+}
+
+/// A feedback says what is not so, for longer than an answer may take.
+fn stuck(draw: &mut Pcg64) -> Vec<Entry> {
+    let (input, on) = (draw.random_range(1..6), draw.random_bool(0.5));
+    let fault = Fault::Feedback { input, on, for_ms: draw.random_range(7_000..12_000) };
+    vec![within(draw, &["starting", "locate", "dry", "wet", "verify", "abrade", "rinse"], 1_500, fault)]
+}
+
+/// The controller is started again while the cell is held.
+fn started_while_held(draw: &mut Pcg64) -> Vec<Entry> {
+    let hold =
+        within(draw, &["refine", "wet", "inspect", "plan", "verify", "abrade"], 1_500, Fault::Press(Press::Hold));
+    vec![hold, entry("held", draw.random_range(0..150), controller("reboot", draw.random_range(300..3_000)))]
+}
+
+/// The safety controller stops the arm so shortly, while the client stands still, that the client does not hear of it.
+fn short_stop(draw: &mut Pcg64) -> Vec<Entry> {
+    let text = ["e-stop", "guard", "drives"][draw.random_range(0..3)];
+    let fault = controller(text, draw.random_range(30..250));
+    let stop = within(draw, &MOVES, 2_500, fault);
+    let stall = Entry { fault: Fault::Stall(draw.random_range(300..390)), ..stop.clone() };
+    vec![stall, stop]
+}
+
+/// Somebody else's abort, with numbers that may follow and numbers that may not.
+fn foreign_abort(draw: &mut Pcg64) -> Vec<Entry> {
+    let number = [i32::MIN, -1, 0, 1, 2_000_000, i32::MAX][draw.random_range(0..6)];
+    vec![within(draw, &MOVES, 2_500, Fault::Foreign { operation: 11, number })]
+}
+
+/// The work is left, and nobody comes for a while: what may stay on goes off by itself.
+fn nobody_there(draw: &mut Pcg64) -> Vec<Entry> {
+    let press = [Press::Stop, Press::Abort, Press::Hold][draw.random_range(0..3)];
+    let place =
+        if press == Press::Stop { "stopping" } else { ["aborting", "held"][usize::from(press == Press::Hold)] };
+    let left = within(draw, &["dry", "inspect", "abrade", "abrade", "retract"], 2_500, Fault::Press(press));
+    vec![left, entry(place, 0, Fault::Away(draw.random_range(35_000..75_000)))]
+}
+
+/// The controller answers an abort and does not stop.
+fn unheeded(draw: &mut Pcg64) -> Vec<Entry> {
+    let press = [Press::Stop, Press::Abort, Press::Abort, Press::Hold][draw.random_range(0..4)];
+    let places = ["abrade", "abrade", "verify", "retract", "wet", "wet", "wet", "rinse"];
+    let left = within(draw, &places, 3_000, Fault::Press(press));
+    vec![Entry { fault: Fault::Unheeded(draw.random_range(1..3)), ..left.clone() }, left]
+}
+
+/// A command is lost on its way and those behind it come.
+fn lost_command(draw: &mut Pcg64) -> Vec<Entry> {
+    vec![within(draw, &["refine", "verify", "abrade", "abrade", "abrade"], 3_500, lost())]
+}
+
+/// One of the two hears nothing of the other for longer than a link may be silent.
+fn long_silence(draw: &mut Pcg64) -> Vec<Entry> {
+    let ms = draw.random_range(1_300..3_900);
+    let fault = [Fault::Deaf(ms + 2_500), controller("mute", ms), Fault::Stall(ms + 2_500)];
+    let fault = fault[draw.random_range(0..3)].clone();
+    let place = if draw.random_bool(0.5) { RESTS } else { ["idle", "inspect", "locate"] };
+    vec![within(draw, &place, 400, fault)]
+}
+
+/// The controller ends an epoch in which nothing is queued: water runs and nothing is heard, or the arm is stopped for a moment.
+fn unseen_stop(draw: &mut Pcg64) -> Vec<Entry> {
+    let text = ["e-stop", "guard", "drives"][draw.random_range(0..3)];
+    let fault = if draw.random_bool(0.5) {
+        Fault::Deaf(draw.random_range(450..800))
+    } else {
+        controller(text, draw.random_range(13..90))
+    };
+    vec![within(draw, &["wet", "inspect", "rinse", "locate", "idle"], 2_500, fault)]
+}
+
+/// Somebody else's request takes the count of epochs far up, and then a start of the controller takes it back to nothing.
+fn far_epochs(draw: &mut Pcg64) -> Vec<Entry> {
+    let number = draw.random_range(10_000..=1_000_000);
+    let foreign = Fault::Foreign { operation: draw.random_range(11..13), number };
+    let far = within(draw, &["idle", "starting", "locate"], 500, foreign);
+    let fault = controller("reboot", draw.random_range(300..1_500));
+    vec![far, within(draw, &["refine", "dry", "wet", "aborted"], 1_500, fault)]
+}
+
+/// The disk is slow while waypoints in contact wait for their permit.
+fn slow_permit(draw: &mut Pcg64) -> Vec<Entry> {
+    let late_ms = [1_200, 2_500, 6_000][draw.random_range(0..3)];
+    let fault = Fault::SlowDisk { late_ms, for_ms: draw.random_range(1_000..6_000) };
+    vec![within(draw, &["abrade"], 4_000, fault)]
+}
+
+/// The disk is full where pictures are kept, and where events are.
+fn full_disk(draw: &mut Pcg64) -> Vec<Entry> {
+    let harm = super::script::DiskHarm::Full;
+    let fault = Fault::Disk { writing: draw.random_range(0..10), harm, times: [1, 2, 10][draw.random_range(0..3)] };
+    vec![within(draw, &COMPUTES, 2_000, fault)]
+}
+
+/// Both are started again, one while the other is away: the one has forgotten all epochs, the other only its store knows.
+fn new_controller_and_process(draw: &mut Pcg64) -> Vec<Entry> {
+    let power =
+        if draw.random_bool(0.5) { Power::Kill } else { Power::Cut { seed: draw.random_range(0..1 << 32) } };
+    let fault = controller("reboot", draw.random_range(300..1_500));
+    let reboot = within(draw, &MOVES, 2_000, fault);
+    let power = Fault::Power { writing: draw.random_range(0..4), power };
+    vec![reboot.clone(), Entry { fault: power, ..reboot }]
+}
