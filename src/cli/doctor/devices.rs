@@ -1,6 +1,5 @@
 //! Facts of what is connected: cameras, the robot's ports, the service. Nothing is moved.
 
-use super::borrowed::borrowed;
 use super::check::Check;
 use super::{machine, zivid};
 use crate::cell::{Camera, Cell, Gige, RobotKind};
@@ -8,8 +7,8 @@ use crate::cli::fault::Fault;
 use crate::cli::load::{Calibrated, CellFiles};
 use crate::cli::shoot::opening;
 use crate::cli::{asking, live};
-use crate::daemon::{BorrowedFlangeCamera, Single, SingleError};
-use crate::devices::cameras::{CameraError, FlangeCamera as _, RecordedFlangeCamera, RecordedScanner};
+use crate::daemon::{Single, SingleError};
+use crate::devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner};
 use crate::eki::LinkLoss;
 use crate::geometry::PinholeCamera;
 
@@ -40,6 +39,9 @@ pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
 /// where that is known: by its calibration, else by itself.
 #[cfg(feature = "gige")]
 fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
+    use super::borrowed::borrowed;
+    use crate::daemon::BorrowedFlangeCamera;
+    use crate::devices::cameras::FlangeCamera as _;
     let name = "flange camera";
     let calibrated = || files.flange_camera().ok().map(|lens| [lens.value.width_px, lens.value.height_px]);
     if let Some(state) = asking::state_of(&files.socket()) {

@@ -1,5 +1,6 @@
 //! What a picture that comes in one burst of packets needs of the system's sockets, and what the system says of its network.
 
+#[cfg(feature = "gige")]
 use super::subnet::{Subnet, subnets};
 
 /// What is asked for at least, bytes: two pictures of an ordinary camera.
@@ -39,6 +40,7 @@ fn largest(socket: &std::net::UdpSocket) -> Option<usize> {
 }
 
 /// This computer's subnets, as the kernel lists them; the service sees its own process alone in /proc.
+#[cfg(feature = "gige")]
 pub(super) fn subnets_here() -> Vec<Subnet> {
     subnets(&std::fs::read_to_string("/proc/self/net/route").unwrap_or_default())
 }
