@@ -36,6 +36,8 @@ mod liar;
 mod lie;
 #[path = "cable/message.rs"]
 mod message;
+#[path = "cable/person.rs"]
+mod person;
 #[path = "cable/proxy.rs"]
 mod proxy;
 #[path = "cable/table.rs"]
@@ -54,6 +56,7 @@ use cell::{OTHER_PORTS, Pace, Prepared, Running};
 use course::Course;
 use liar::Liar;
 use lie::{Moment, Scenario};
+use person::Person;
 use proxy::Proxy;
 use std::fmt::Write as _;
 use std::net::{IpAddr, Ipv4Addr};
@@ -118,7 +121,8 @@ fn told(prepared: &Prepared, place: u8, scenario: &Scenario) -> Outcome {
     let truth = Arc::new(Truth::new());
     let liar = Arc::new(Liar::new(scenario.draw.clone()));
     let proxy = Proxy::start(sought, controller, OTHER_PORTS, &liar, &truth);
-    let mut course = Course::new((&cell, scenario), &truth, &liar, &proxy);
+    let mut course =
+        Course { person: Person::new(&cell, &truth), truth: &truth, liar: &liar, proxy: &proxy, scenario };
     if scenario.moment == Moment::Connect && !course.begins_late() {
         liar.begin(&scenario.lie);
     }
@@ -131,16 +135,19 @@ fn told(prepared: &Prepared, place: u8, scenario: &Scenario) -> Outcome {
         violations.push(format!("the watchdog was not fed for {:.1} s", gap.as_secs_f64()));
     }
     violations.extend(in_the_store(&cell, &course));
-    let (events, stops_ms) = (truth.events(), judges::logged_stops(&cell.controller_log()));
-    let events = argument("tried").map(|word| Tried::named(&word).changed(events.clone())).unwrap_or(events);
-    let judged = judges::judge((&events, &stops_ms), &scenario.lie, &course.orders, &course.cycles);
-    violations.extend(judged.violations);
+    let (mut events, mut stops_ms) = (truth.events(), judges::logged_stops(&cell.controller_log()));
     if let Some(folder) = argument("keep") {
         keep(&folder, scenario, &events, &course, &cell);
     }
+    if let Some(tried) = argument("tried").map(|word| Tried::named(&word)) {
+        events = tried.changed(events);
+        stops_ms.retain(|_| tried != Tried::Stop);
+    }
+    let judged = judges::judge((&events, &stops_ms), &scenario.lie, &course.person.orders, &course.person.cycles);
+    violations.extend(judged.violations);
     Outcome {
         told: liar.count(),
-        verdicts: course.cycles.values().filter_map(|cycle| cycle.verdict.clone()).collect(),
+        verdicts: course.person.cycles.values().filter_map(|cycle| cycle.verdict.clone()).collect(),
         pressed: u64::from(scenario.press.is_some()),
         worst_stop_ms: judged.worst_stop_ms,
         unnoticed: judged.unnoticed,
@@ -154,7 +161,7 @@ fn in_the_store(cell: &Prepared, course: &Course<'_>) -> Vec<String> {
     let patience = Instant::now();
     let missing = || {
         let log = cell.log();
-        let ended = course.cycles.iter().filter(|(_, cycle)| cycle.verdict.is_some());
+        let ended = course.person.cycles.iter().filter(|(_, cycle)| cycle.verdict.is_some());
         let lacks = ended.flat_map(|(id, _)| {
             let page = cell.in_folder(&format!("cell/store/reports/cycle-{id:06}.html")).is_file();
             let record = log.contains(&format!("record of cycle {id}: signed"));
@@ -179,7 +186,7 @@ fn in_the_store(cell: &Prepared, course: &Course<'_>) -> Vec<String> {
 /// All that was said, the orders, and both logs.
 fn keep(folder: &str, scenario: &Scenario, events: &[truth::Event], course: &Course<'_>, cell: &Prepared) {
     let mut text = format!("{scenario}\n{:?}\n", scenario.lie);
-    for order in &course.orders {
+    for order in &course.person.orders {
         let _ = writeln!(text, "{:10.1} person {} {}", order.at_ms, order.word, order.done);
     }
     for truth::Event { at_ms, side, text: said } in events {

@@ -6,8 +6,8 @@
 //!    contact is followed by a retract, and nobody stands on the panel.
 //! 4. A cycle passes only where the controller has executed every waypoint in contact that the service sent.
 
-use super::course::{Cycle, Order};
 use super::lie::{Kind, Lie};
+use super::person::{Cycle, Order};
 use super::truth::{Contacts, EXTRACTION, Event, LIGHT, Side, State, TOOL, WATER, contacts, states};
 use std::collections::BTreeMap;
 
@@ -182,13 +182,19 @@ fn passes(judged: &mut Judged, states: &[State], contacts: &Contacts, cycles: &B
     let passed = cycles.values().filter(|cycle| cycle.verdict.as_deref() == Some("pass"));
     for epoch in passed.flat_map(|cycle| &cycle.epochs) {
         let done = states.iter().filter(|state| state.epoch == *epoch).map(|state| state.done).max().unwrap_or(0);
-        for (&(_, id), [said, given]) in contacts.range((*epoch, 0)..=(*epoch, i64::MAX)) {
-            let executed = done >= id && given.is_some();
-            if said.is_some() && !executed {
-                judged
-                    .wrong(0.0, &format!("the cycle passed, and waypoint {id} of epoch {epoch} was not executed"));
-            }
-            judged.unnoticed += usize::from(executed && given != said);
+        let waypoints = contacts.range((*epoch, 0)..=(*epoch, i64::MAX));
+        let left: Vec<i64> = waypoints
+            .clone()
+            .filter(|((_, id), [said, given])| said.is_some() && (done < *id || given.is_none()))
+            .map(|((_, id), _)| *id)
+            .collect();
+        if let Some(first) = left.first() {
+            let count = left.len();
+            judged.violations.push(format!(
+                "the cycle passed, and {count} waypoints of epoch {epoch} were not executed, the first {first}"
+            ));
         }
+        judged.unnoticed +=
+            waypoints.filter(|((_, id), [said, given])| done >= *id && given.is_some() && given != said).count();
     }
 }

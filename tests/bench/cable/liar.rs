@@ -66,6 +66,7 @@ impl Liar {
         }
         if lie.kind == Kind::Refuse {
             let until = Instant::now() + Duration::from_millis(lie.lasts_ms);
+            inside.count += 1;
             for channel in 0..2 {
                 if lie.both || lie.way.channel() == channel {
                     inside.refused_until[channel] = Some(until);
@@ -117,7 +118,8 @@ impl Liar {
         }
         let Some(mut told) = inside.told.take() else { return vec![now(document)] };
         let held = told.held.take();
-        let is_told = way == told.lie.way && told.left > 0 && !told.is_late();
+        let is_meant = way == told.lie.way && (!told.lie.of_orders || is_order(&document));
+        let is_told = is_meant && told.left > 0 && !told.is_late();
         let mut pieces = Vec::new();
         if is_told {
             let is_swapped = held.is_some();
@@ -142,6 +144,11 @@ impl Told {
     fn is_late(&self) -> bool {
         self.since.elapsed() >= Duration::from_millis(self.lie.lasts_ms)
     }
+}
+
+/// A request that stops, or opens an epoch.
+fn is_order(document: &[u8]) -> bool {
+    matches!(message::whole(&String::from_utf8_lossy(document), "Op"), 11 | 12)
 }
 
 fn now(bytes: Vec<u8>) -> Piece {

@@ -119,6 +119,8 @@ pub struct Lie {
     pub change: Change,
     /// One of two forms of the same lie: with the message's counts as they should be.
     pub counts_go_on: bool,
+    /// Of requests only those that stop or open an epoch.
+    pub of_orders: bool,
 }
 
 #[derive(Debug, Clone)]
@@ -182,14 +184,15 @@ impl Scenario {
         let kinds = Kind::ALL.len() as u64;
         let kind = Kind::ALL[(number % kinds) as usize];
         let moment = Moment::ALL[((number / kinds + number) % 9) as usize];
-        let lie = Lie::drawn(kind, moment, &mut draw);
-        let press = match (moment, draw.one_in(4)) {
+        let mut lie = Lie::drawn(kind, moment, &mut draw);
+        let press = match (moment, draw.below(5) < 2) {
             (Moment::Stop, _) => Some(0),
             // At connect and in idle there is nothing to stop.
             (Moment::Connect | Moment::Idle | Moment::Clear, _) | (_, false) => None,
             (_, true) => Some(draw.between(20, lie.lasts_ms.clamp(100, 900))),
         };
         let press = press.map(|after_ms| (draw.of(&["stop", "abort"]), after_ms));
+        lie.of_orders = kind == Kind::RequestField && (press.is_some() || moment == Moment::Clear);
         let amid = draw.of(&[Moment::Contact, Moment::Film, Moment::Free]);
         let after_ms = draw.between(0, if moment == Moment::Retract { 150 } else { 700 });
         Scenario { number, lie, moment, amid, after_ms, press, draw }
@@ -243,7 +246,7 @@ impl Lie {
             _ => draw.of(&[1_000, 2_000, 3_000]),
         };
         let (both, counts_go_on) = (draw.one_in(2), draw.one_in(2));
-        Lie { kind, way, both, lasts_ms, times, amount_ms, field, change, counts_go_on }
+        Lie { kind, way, both, lasts_ms, times, amount_ms, field, change, counts_go_on, of_orders: false }
     }
 }
 

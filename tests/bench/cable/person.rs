@@ -1,0 +1,185 @@
+//! The person at the cell, who has the socket alone: sees how the cell stands, clears, resets, starts, stops, and keeps in mind what was
+//! asked for when, and how each cycle ended.
+
+use super::asking::ask;
+use super::cell::Prepared;
+use super::truth::Truth;
+use serde_json::{Value, json};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// From one look at the cell to the next.
+pub const LOOKS: Duration = Duration::from_millis(60);
+/// A cycle that goes on after the lie has ended within this.
+const TO_REST: Duration = Duration::from_secs(110);
+/// After the lie and the cycle that it was told in, a person has the next cycle started within this.
+const BACK: Duration = Duration::from_secs(45);
+/// An honest cycle.
+const CYCLE: Duration = Duration::from_secs(110);
+/// As the recipe is rendered: the film's length, and the size from which on a break is looked for.
+const RENDERED: [&str; 2] = ["observation_s = 10.0", "min_break_mm2 = 69.0"];
+/// A film in which the largest of the rendered panel's breaks is found and abraded, and one that passes.
+pub const ONE_BREAK: [&str; 2] = ["observation_s = 8.0", "min_break_mm2 = 150.0"];
+pub const NO_BREAK: [&str; 2] = ["observation_s = 5.5", "min_break_mm2 = 900.0"];
+
+/// What the person asked for.
+#[derive(Debug, Clone)]
+pub struct Order {
+    pub at_ms: f64,
+    pub word: String,
+    pub done: bool,
+}
+
+/// How a cycle ended, and the epochs in which it moved.
+#[derive(Debug, Clone, Default)]
+pub struct Cycle {
+    pub verdict: Option<String>,
+    pub epochs: BTreeSet<i64>,
+}
+
+pub struct Person<'c> {
+    cell: &'c Prepared,
+    truth: &'c Truth,
+    pub orders: Vec<Order>,
+    pub cycles: BTreeMap<i64, Cycle>,
+    started: u32,
+    /// Why the last order was refused.
+    refusal: String,
+}
+
+/// What the service says of itself.
+pub struct Look {
+    pub word: String,
+    pub phase: String,
+    text: String,
+}
+
+impl Look {
+    pub fn rests(&self) -> bool {
+        matches!(&*self.word, "idle" | "stopped" | "aborted" | "complete" | "held")
+    }
+}
+
+impl<'c> Person<'c> {
+    pub fn new(cell: &'c Prepared, truth: &'c Truth) -> Self {
+        let (orders, cycles) = Default::default();
+        Person { cell, truth, orders, cycles, started: 0, refusal: String::new() }
+    }
+
+    pub fn look(&mut self) -> Result<Look, String> {
+        let answer = ask(&self.cell.socket(), "{\"ask\":\"state\"}\n");
+        let state = answer.map_err(|error| format!("the socket does not answer: {error}"))?;
+        let text = |name: &str| state[name].as_str().unwrap_or_default().to_owned();
+        let (word, phase) = (text("state"), text("phase"));
+        if let Some(id) = state["cycle_id"].as_i64() {
+            let cycle = self.cycles.entry(id).or_default();
+            if matches!(&*word, "starting" | "execute") {
+                cycle.epochs.extend(state["epoch"].as_i64());
+            }
+            if let Some(verdict) = state["verdict"].as_str() {
+                cycle.verdict = Some(verdict.to_owned());
+            }
+        }
+        Ok(Look { word, phase, text: state["reasons"].to_string() })
+    }
+
+    fn order(&mut self, what: &Value) -> Result<bool, String> {
+        let (at_ms, word) = (self.truth.now_ms(), what["ask"].as_str().unwrap_or_default().to_owned());
+        let answer = ask(&self.cell.socket(), &format!("{what}\n"));
+        let answer = answer.map_err(|error| format!("{word} is not answered: {error}"))?;
+        let done = answer["answer"] == "done";
+        if !done {
+            self.refusal = format!("{word}: {}", answer["reasons"]);
+        }
+        self.orders.push(Order { at_ms, word, done });
+        Ok(done)
+    }
+
+    pub fn say(&mut self, word: &str) -> Result<bool, String> {
+        self.order(&json!({ "ask": word }))
+    }
+
+    pub fn start(&mut self, film: [&str; 2]) -> Result<bool, String> {
+        self.started += 1;
+        let recipe = self.cell.recipe();
+        let text = fs::read_to_string(&recipe).map_err(|error| error.to_string())?;
+        let text = RENDERED.iter().zip(film).fold(text, |text, (from, to)| text.replacen(from, to, 1));
+        let part = json!({ "serial": format!("SN-{}", self.started), "operator": "Cable" });
+        self.order(&json!({ "ask": "start", "recipe": recipe, "text": text, "part": part }))
+    }
+
+    /// Looks until this holds; false where it takes too long.
+    pub fn until(&mut self, patience: Duration, holds: impl Fn(&Look) -> bool) -> Result<bool, String> {
+        let since = Instant::now();
+        while since.elapsed() < patience {
+            let look = self.look()?;
+            if holds(&look) {
+                return Ok(true);
+            }
+            thread::sleep(LOOKS);
+        }
+        Ok(false)
+    }
+
+    /// What a person does in a state of rest, to get the next cycle started.
+    pub fn go_on(&mut self, word: &str, film: [&str; 2]) -> Result<(), String> {
+        match word {
+            "aborted" => self.say("clear").map(drop),
+            "stopped" | "complete" => self.say("reset").map(drop),
+            "held" => self.say("stop").map(drop),
+            "idle" => self.start(film).map(drop),
+            _ => Ok(()),
+        }
+    }
+
+    pub fn reach_idle(&mut self) -> Result<(), String> {
+        let since = Instant::now();
+        loop {
+            let look = self.look()?;
+            match &*look.word {
+                "idle" => return Ok(()),
+                _ if since.elapsed() > BACK => return Err(format!("never idle: {} ({})", look.word, self.refusal)),
+                word => self.go_on(word, NO_BREAK)?,
+            }
+            thread::sleep(LOOKS);
+        }
+    }
+
+    /// Until the abort that was asked for is at its end.
+    pub fn until_aborted(&mut self) -> Result<(), String> {
+        self.until(TO_REST, |look| look.word == "aborted").map(drop)
+    }
+
+    /// The cycle goes on to its end, or was ended.
+    pub fn rest(&mut self) -> Result<(), String> {
+        if self.until(TO_REST, |look| look.rests())? {
+            return Ok(());
+        }
+        let look = self.look()?;
+        Err(format!("no rest after {} s: {} {} {}", TO_REST.as_secs(), look.word, look.phase, look.text))
+    }
+
+    pub fn honest_cycle(&mut self) -> Result<(), String> {
+        let since = Instant::now();
+        loop {
+            let look = self.look()?;
+            if matches!(&*look.word, "starting" | "execute") {
+                break;
+            }
+            if since.elapsed() > BACK {
+                let waited_s = BACK.as_secs();
+                return Err(format!("not back after {waited_s} s: {} {} ({})", look.word, look.text, self.refusal));
+            }
+            self.go_on(&look.word, NO_BREAK)?;
+            thread::sleep(LOOKS);
+        }
+        self.until(CYCLE, |look| look.rests())?;
+        let look = self.look()?;
+        let is_whole = look.word == "complete";
+        is_whole
+            .then_some(())
+            .ok_or_else(|| format!("the honest cycle ends {} {} {}", look.word, look.phase, look.text))
+    }
+}
