@@ -76,9 +76,9 @@ pub struct Inside {
     slow_disk: Option<(u64, u64)>,
     /// How long slow writings have held up the loop so far, ms.
     pub written_ms: u64,
-    /// For so long after the last fault nobody ends what is going on, ms, and until when that is.
+    /// For so long after the last fault nobody ends what is going on, ms, and when it struck.
     pub aftermath_ms: u64,
-    aftermath_until_ms: u64,
+    pub struck_ms: u64,
     /// Until then those who run the cell ask for nothing, ms.
     pub away_until_ms: u64,
     pub truth: Truth,
@@ -181,7 +181,7 @@ impl Inside {
             slow_disk: None,
             written_ms: 0,
             aftermath_ms: 0,
-            aftermath_until_ms: 0,
+            struck_ms: 0,
             away_until_ms: 0,
             truth: Truth::default(),
             power: None,
@@ -234,7 +234,9 @@ impl Inside {
 
     /// Whether anything is left that may strike, or what struck may still have its effect.
     pub fn may_strike(&self) -> bool {
-        !self.script.is_empty() || self.is_troubled() || self.now_ms() < self.aftermath_until_ms
+        !self.script.is_empty()
+            || self.is_troubled()
+            || (self.struck_ms > 0 && self.now_ms() < self.struck_ms + self.aftermath_ms)
     }
 
     /// Nothing goes wrong any more.

@@ -60,7 +60,7 @@ use panelprep::daemon::{self, Computing, LoopStart, Memory, Ports, StoreRecord};
 use panelprep::devices::mock::Programs;
 use panelprep::store::{Store, StoreError};
 use panelprep::tape::Begin;
-use people::{Aim, People};
+use people::{AFTERMATH_MS, Aim, People};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use record::Record;
@@ -79,11 +79,10 @@ const LONG_AWAY_MS: u64 = 5_000;
 const INTERPRETED: (u64, u64) = (8, 5);
 /// A power cut is imagined at one in so many writings.
 const IMAGINES_ONE_IN: u32 = 300;
-/// So long what struck may have its effect before all is mended, and in one world of four, ms.
-const AFTERMATH_MS: u64 = 5_000;
+/// So long what struck may have its effect in one world of four, while the cycle goes on, ms.
 const LONG_AFTERMATH_MS: u64 = 40_000;
-/// In one of so many worlds with grease the disc does not take it off.
-const STUBBORN_ONE_IN: u32 = 8;
+/// In one of so many worlds with grease whose last cycle is whole the disc does not take it off.
+const STUBBORN_ONE_IN: u32 = 3;
 /// Processes that a world sees at most.
 const MOST_LIVES: u64 = 60;
 
@@ -160,14 +159,17 @@ impl World {
         let mut draw = Pcg64::seed_from_u64(self.seed ^ 0x5eed);
         let stands = [Stands::Greasy, Stands::Greasy, Stands::Greasy, Stands::Clean, Stands::Nothing]
             [draw.random_range(0..5)];
-        let is_stubborn = Pcg64::seed_from_u64(self.seed ^ 0x57ab).random_range(0..STUBBORN_ONE_IN) == 0;
+        // A cycle that is run to its end without faults shows it.
+        let is_whole = self.seed.is_multiple_of(4);
+        let is_stubborn =
+            is_whole && Pcg64::seed_from_u64(self.seed ^ 0x57ab).random_range(0..STUBBORN_ONE_IN) == 0;
         let stands = if is_stubborn && stands == Stands::Greasy { Stands::Stubborn } else { stands };
         let delay_ms = [(0, 0), (1, 3), (2, 25), (10, 10)][draw.random_range(0..4)];
         let link = (delay_ms, self.programs());
         let world = Shared::new(stands, link, self.script.clone(), self.sabotage);
         // Most worlds see one cycle and the begin of another one.
         let cycles = if self.seed.is_multiple_of(3) { 2 } else { 1 };
-        let mut people = People::new(world.clone(), (cycles, self.seed.is_multiple_of(4)), LONGEST_MS);
+        let mut people = People::new(world.clone(), (cycles, is_whole), LONGEST_MS);
         people.dries = self.seed % 5 == 2;
         let is_long = self.seed / INTERPRETED.0 % 4 == 1;
         world.lock().aftermath_ms = if is_long { LONG_AFTERMATH_MS } else { AFTERMATH_MS };

@@ -6,15 +6,15 @@ use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Worlds with one of these: so many of a hundred.
-const SHARE: f64 = 0.5;
+/// The share of worlds with one of these.
+const SHARE: f64 = 0.65;
 
 /// Places in which an epoch is open and something is under way.
 const MOVES: [&str; 6] = ["refine", "wet", "verify", "abrade", "retract", "rinse"];
 /// In which nothing moves and something is computed, or time passes.
 const COMPUTES: [&str; 6] = ["locate", "dry", "wet", "inspect", "plan", "rinse"];
-/// In which the cell rests and somebody has to do something.
-const RESTS: [&str; 3] = ["stopped", "held", "aborted"];
+/// In which nothing is queued at the controller.
+const RESTS: [&str; 7] = ["stopped", "idle", "locate", "dry", "inspect", "held", "aborted"];
 
 /// Those of a seed.
 pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
@@ -97,16 +97,19 @@ fn started_while_held(draw: &mut Pcg64) -> Vec<Entry> {
 /// The safety controller stops the arm so shortly, while the client stands still, that the client does not hear of it.
 fn short_stop(draw: &mut Pcg64) -> Vec<Entry> {
     let text = ["e-stop", "guard", "drives"][draw.random_range(0..3)];
-    let fault = controller(text, draw.random_range(30..250));
+    let fault = controller(text, draw.random_range(60..250));
     let stop = within(draw, &MOVES, 2_500, fault);
     let stall = Entry { fault: Fault::Stall(draw.random_range(300..390)), ..stop.clone() };
     vec![stall, stop]
 }
 
-/// Somebody else's abort, with numbers that may follow and numbers that may not.
+/// Somebody else's abort, with numbers that may follow and numbers that may not; a client that hears its answer aborts itself, unless it
+/// stands still.
 fn foreign_abort(draw: &mut Pcg64) -> Vec<Entry> {
     let number = [i32::MIN, -1, 0, 1, 2_000_000, i32::MAX][draw.random_range(0..6)];
-    vec![within(draw, &MOVES, 2_500, Fault::Foreign { operation: 11, number })]
+    let abort = within(draw, &MOVES, 2_500, Fault::Foreign { operation: 11, number });
+    let stall = Entry { fault: Fault::Stall(draw.random_range(300..390)), ..abort.clone() };
+    vec![stall, abort]
 }
 
 /// The work is left, and nobody comes for a while: what may stay on goes off by itself.
@@ -120,8 +123,8 @@ fn nobody_there(draw: &mut Pcg64) -> Vec<Entry> {
 
 /// The controller answers an abort and does not stop.
 fn unheeded(draw: &mut Pcg64) -> Vec<Entry> {
-    let press = [Press::Stop, Press::Abort, Press::Abort, Press::Hold][draw.random_range(0..4)];
-    let places = ["abrade", "abrade", "verify", "retract", "wet", "wet", "wet", "rinse"];
+    let press = [Press::Stop, Press::Abort, Press::Abort, Press::Abort, Press::Hold][draw.random_range(0..5)];
+    let places = ["abrade", "verify", "wet", "wet", "wet", "wet", "rinse"];
     let left = within(draw, &places, 3_000, Fault::Press(press));
     vec![Entry { fault: Fault::Unheeded(draw.random_range(1..3)), ..left.clone() }, left]
 }
@@ -134,10 +137,10 @@ fn lost_command(draw: &mut Pcg64) -> Vec<Entry> {
 /// One of the two hears nothing of the other for longer than a link may be silent.
 fn long_silence(draw: &mut Pcg64) -> Vec<Entry> {
     let ms = draw.random_range(1_300..3_900);
-    let fault = [Fault::Deaf(ms + 2_500), controller("mute", ms), Fault::Stall(ms + 2_500)];
-    let fault = fault[draw.random_range(0..3)].clone();
-    let place = if draw.random_bool(0.5) { RESTS } else { ["idle", "inspect", "locate"] };
-    vec![within(draw, &place, 400, fault)]
+    let mute = controller("mute", ms);
+    let fault = [Fault::Deaf(ms + 2_500), Fault::Stall(ms + 2_500), mute.clone(), mute];
+    let fault = fault[draw.random_range(0..4)].clone();
+    vec![within(draw, &RESTS, 1_000, fault)]
 }
 
 /// The controller ends an epoch in which nothing is queued: water runs and nothing is heard, or the arm is stopped for a moment.

@@ -24,6 +24,8 @@ const WATCHES_MS: u64 = 60;
 const RECOVERY_MS: u64 = 60_000;
 /// What was told falsely is forgotten after so long, ms.
 const CALM_MS: u64 = 1_000;
+/// So long what struck last may have its effect before all is mended, however many cycles have ended, ms.
+pub const AFTERMATH_MS: u64 = 5_000;
 /// A held cycle is tried again so often.
 const TRIES: u32 = 3;
 
@@ -119,7 +121,9 @@ impl People {
         self.in_time.look(&mut world, state);
         let now_ms = world.now_ms();
         if let Aim::Cycles(cycles) = self.aim {
-            let is_over = (self.ended >= cycles && !world.is_troubled()) || !world.may_strike();
+            let is_enough =
+                self.ended >= cycles && !world.is_troubled() && now_ms >= world.struck_ms + AFTERMATH_MS;
+            let is_over = is_enough || !world.may_strike();
             if is_over || now_ms >= self.longest_ms {
                 world.mend();
                 (self.aim, self.mended_ms) = (Aim::Recover { whole: self.is_whole }, now_ms);

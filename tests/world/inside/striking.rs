@@ -35,7 +35,7 @@ impl Inside {
         *self.counts.faults.entry((fault.kind(), self.place)).or_default() += 1;
         let now_ms = self.now_ms();
         self.lasts_until_ms = self.lasts_until_ms.max(now_ms + fault.lasts_ms());
-        self.aftermath_until_ms = now_ms + self.aftermath_ms;
+        self.struck_ms = now_ms;
         self.lingers |= matches!(fault, Fault::Bytes { .. } | Fault::Lie { .. } | Fault::Controller(_));
         let mut tampering = self.tampering.lock().unwrap_or_else(PoisonError::into_inner);
         match fault {

@@ -11,6 +11,8 @@ const ABORT: i32 = 11;
 /// So soon an epoch is at its end, by the model and by the programs, whose scheduler may starve them, ms.
 const ENDS_MS: u64 = 50;
 const PROGRAMS_END_MS: u64 = 250;
+/// What lasts so long the programs see, ms.
+const SEEN_MS: u64 = 100;
 /// A state comes each 100 ms, and the programs may be late, ms.
 const TOLD_MS: u64 = 250;
 /// So soon the client knows that its epoch has ended, ms.
@@ -64,11 +66,20 @@ impl Inside {
     /// The controller is about to have this fault.
     pub(super) fn expects_of(&mut self, fault: &Fault) {
         match fault {
-            Fault::EStop { .. } | Fault::Guard { .. } | Fault::Drives { .. } => self.must_end(format!("{fault:?}")),
+            Fault::EStop { for_ms } | Fault::Guard { for_ms } | Fault::Drives { for_ms }
+                if self.is_seen(*for_ms) =>
+            {
+                self.must_end(format!("{fault:?}"));
+            }
             Fault::Reboot { .. } => self.truth.reboots += 1,
             _ => {}
         }
         self.truth.faulty_until_ms = self.truth.faulty_until_ms.max(self.now_ms() + FAULTY_MS);
+    }
+
+    /// Whether what lasts so long is seen: the programs look in each cycle of an interpreter that may be starved.
+    fn is_seen(&self, for_ms: Option<u64>) -> bool {
+        self.cell.controller.robot_state().is_none() || for_ms.is_none_or(|for_ms| for_ms >= SEEN_MS)
     }
 
     /// Another client's request is about to reach it.

@@ -98,8 +98,7 @@ pub(super) const ALL: [Mutation; 17] = [
         EXECUTE,
         "self.state.job.pass < self.state.job.max_passes ||",
         "self.state.job.pass <= self.state.job.max_passes ||",
-    )
-    .not_found("what the disc has passed over is clean in the world, so that no film fails after the last pass"),
+    ),
     change(
         "the arm does not retract behind a contact path",
         EXECUTE,

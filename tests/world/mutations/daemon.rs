@@ -28,6 +28,9 @@ pub(super) const ALL: [Mutation; 13] = [
         ACTS,
         "Waits::PathEnd if stands => self.path_end(id, act, state)?,",
         "Waits::PathEnd => self.path_end(id, act, state)?,",
+    )
+    .not_found(
+        "the controller counts a path's last point where the arm stands; that it moves can only be older news",
     ),
     change(
         "a switch is taken for done before its feedback says so",

@@ -62,14 +62,14 @@ pub(super) const ALL: [Mutation; 15] = [
         FLOW,
         "if self.permitted.is_some_and(|last| next.id > last) {",
         "if self.permitted.is_some_and(|last| next.id > CommandId(last.0 + 1_000)) {",
-    )
-    .not_found("the record permits more than the window lets go, unless a writing lasts longer than two windows"),
+    ),
     change(
         "lines are sent before base and tool were seen at the controller",
         FLOW,
         "if !(self.base.is_confirmed(part.base) && self.tool.is_confirmed(part.tool)) {\n            return false;\n        }",
         "",
-    ),
+    )
+    .not_found("the loop hands over no line before a state has shown both, and the link has looked at that state first"),
     change(
         "a base that differs from the one that was set is taken",
         ECHO,

@@ -79,8 +79,7 @@ pub(super) const ALL: [Mutation; 16] = [
         MOTIONS,
         "told.map_or(Verdict::Aborted, |(_, verdict)| verdict)",
         "told.map_or(Verdict::Aborted, |_| Verdict::Aborted)",
-    )
-    .not_found("the ledger knows a verdict from when the record has acknowledged it, and then no start writes it"),
+    ),
     change(
         "the first permit of a contact path is not written",
         CONTACTS,
