@@ -73,7 +73,7 @@ impl Course<'_> {
         let since = Instant::now();
         while !self.liar.is_over() || since.elapsed() < Duration::from_millis(400) {
             let look = self.person.look()?;
-            if look.word != "idle" {
+            if look.word != "idle" || self.scenario.lie.of_orders {
                 self.person.go_on(&look.word, NO_BREAK)?;
             }
             thread::sleep(LOOKS);
