@@ -23,7 +23,7 @@ pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
         return vec![];
     }
     let draw = &mut draw;
-    match draw.random_range(0..if odds.disk { 18 } else { 14 }) {
+    let mut drawn = match draw.random_range(0..if odds.disk { 18 } else { 14 }) {
         0 => ends_early(draw),
         1 => held_in_light(draw),
         2 => not_ready(draw),
@@ -40,7 +40,11 @@ pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
         14 | 15 => slow_permit(draw),
         16 => full_disk(draw),
         _ => new_controller_and_process(draw),
+    };
+    if odds.disk && draw.random_bool(0.06) {
+        drawn.extend(full_disk(draw));
     }
+    drawn
 }
 
 fn entry(place: &str, after_ms: u64, fault: Fault) -> Entry {
@@ -173,8 +177,8 @@ fn slow_permit(draw: &mut Pcg64) -> Vec<Entry> {
 /// The disk is full where pictures are kept, and where events are.
 fn full_disk(draw: &mut Pcg64) -> Vec<Entry> {
     let harm = super::script::DiskHarm::Full;
-    let fault = Fault::Disk { writing: draw.random_range(0..10), harm, times: [1, 2, 10][draw.random_range(0..3)] };
-    vec![within(draw, &COMPUTES, 2_000, fault)]
+    let fault = Fault::Disk { writing: draw.random_range(0..40), harm, times: [1, 2, 10][draw.random_range(0..3)] };
+    vec![within(draw, &["locate", "dry", "wet", "inspect", "inspect", "inspect", "plan"], 2_000, fault)]
 }
 
 /// Both are started again, one while the other is away: the one has forgotten all epochs, the other only its store knows.
