@@ -83,8 +83,9 @@ impl<'p> Computing<'p> {
         self
     }
 
-    /// Starts a thread that computes. By the wall clock it steps back behind the loop and the robot's link. It ends when
-    /// nobody submits work any more; nobody waits for its end, since a camera may hang. People who look on see what it sees on `view`.
+    /// Starts a thread that computes; the loop's thread calls it. By the wall clock it steps back behind the loop and the robot's
+    /// link, and what the loop computes itself, it computes alone. It ends when nobody submits work any more; nobody waits for its end,
+    /// since a camera may hang. People who look on see what it sees on `view`.
     ///
     /// # Errors
     /// Where the system gives no thread.
@@ -94,6 +95,9 @@ impl<'p> Computing<'p> {
         supervisor: &Supervisor,
         view: LiveView,
     ) -> Result<Self, DaemonError> {
+        if !lock_step {
+            compute_alone();
+        }
         let (queue, taken) = mpsc::channel();
         let (tell, results) = mpsc::channel();
         let (sign, watched) = supervised("computing", LONGEST_WORK);
@@ -188,6 +192,16 @@ impl<'p> Computing<'p> {
     }
 }
 
+/// What the calling thread computes in parallel it computes by itself from now on. The threads that all others share step back as the one
+/// that first needed them does, and a loop that waits for those comes late to the robot where other programs keep the processors busy.
+fn compute_alone() {
+    // Refused where the thread was told so before.
+    if let Ok(alone) = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build() {
+        // A thread is of its pool for good.
+        Box::leak(Box::new(alone));
+    }
+}
+
 /// The thread that computes.
 struct Thread {
     worker: Worker<'static>,
@@ -241,4 +255,30 @@ impl Thread {
 fn lost(id: Id) -> Worked {
     let found = Ok(Found::Answer(Answer::Failed(Trouble::Computing)));
     Worked { id, found, artifacts: None, notes: vec![], is_of_film: false }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rayon::prelude::*;
+    use std::collections::HashSet;
+    use std::thread::ThreadId;
+
+    fn threads() -> HashSet<ThreadId> {
+        (0..1_000).into_par_iter().map(|_| thread::current().id()).collect()
+    }
+
+    #[test]
+    fn a_loop_computes_alone_and_others_share_their_threads() {
+        let (own, used) = thread::spawn(|| {
+            compute_alone();
+            compute_alone();
+            (thread::current().id(), threads())
+        })
+        .join()
+        .expect("it ends");
+        assert_eq!(used, HashSet::from([own]));
+        let (own, used) = thread::spawn(|| (thread::current().id(), threads())).join().expect("it ends");
+        assert!(!used.contains(&own), "the threads of all");
+    }
 }
