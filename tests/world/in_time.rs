@@ -70,11 +70,13 @@ impl InTime {
         if works(state.at) && !matches!(robot, Robot::Ready | Robot::Unknown) {
             world.wrong("a robot that is not ready", format!("{:?} with the robot {robot:?}", state.at));
         }
-        if world.cell.controller.can_move() || !works(state.at) || world.is_strange() {
+        let now_ms = world.now_ms();
+        // A link that stands still hears nothing of it.
+        let hears = now_ms > world.cell.client_stalls_until_ms;
+        if world.cell.controller.can_move() || !works(state.at) || world.is_strange() || !hears {
             self.unable = None;
             return;
         }
-        let now_ms = world.now_ms();
         let (since_ms, looks) = self.unable.get_or_insert((now_ms, 0));
         *looks += 1;
         if now_ms > *since_ms + UNABLE_MS && *looks > UNABLE_LOOKS {

@@ -61,6 +61,8 @@ pub struct Inside {
     tampering: Arc<Mutex<Tampering>>,
     pub stands: Stands,
     script: Vec<Pending>,
+    /// Since when the controller has ended an epoch that the session takes for open, ms.
+    pub ended_since_ms: Option<u64>,
     /// Until when what struck lasts, ms.
     pub lasts_until_ms: u64,
     /// Something struck whose effect may wait: half a message in a buffer, a base that will be wrong when it is set next.
@@ -171,6 +173,7 @@ impl Inside {
             tampering,
             stands,
             script: script.into_iter().map(|entry| Pending { entry, due_ms: None }).collect(),
+            ended_since_ms: None,
             lasts_until_ms: 0,
             lingers: false,
             place: "",

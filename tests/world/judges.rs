@@ -61,6 +61,7 @@ fn agrees(world: &mut Inside, state: &State) {
         && world.now_ms() > world.lasts_until_ms + LATE_MS
         && !world.is_troubled();
     if !is_calm {
+        world.ended_since_ms = None;
         return;
     }
     world.counts.judged("facts");
@@ -68,7 +69,9 @@ fn agrees(world: &mut Inside, state: &State) {
     if (facts.epoch == Epoch::Open) != open.is_some() && facts.epoch != Epoch::Changing {
         world.wrong("facts", format!("the table's epoch is {:?}, the session's is {open:?}", facts.epoch));
     }
-    if open.is_some() && world.cell.controller.is_stopped() {
+    let has_ended = open.is_some() && world.cell.controller.is_stopped();
+    world.ended_since_ms = has_ended.then(|| world.ended_since_ms.unwrap_or(world.now_ms()));
+    if world.ended_since_ms.is_some_and(|since_ms| world.now_ms() > since_ms + LATE_MS) {
         world.wrong("facts", format!("the session's epoch {open:?} is open, the controller has ended it"));
     }
     let [light_on, water_on, lens_shut, _, tool_on] = [1, 2, 3, 4, 5].map(|output| world.is_on(output));

@@ -21,12 +21,13 @@ pub struct Wear {
 }
 
 impl Wear {
-    /// The record has acknowledged it; what is wrong with it, where the arm has executed so many motions since the path was opened.
+    /// The record has acknowledged it; what is wrong with it, where the arm has executed so many motions since the path was opened. Where
+    /// the controller's places may have been lied about, a path may be counted as more than it was, and never as less.
     pub fn acknowledged(
         &mut self,
         command: &RecordCommand,
         answer: &RecordAnswer,
-        executed: Option<usize>,
+        (executed, may_be_lied_to): (Option<usize>, bool),
     ) -> Option<String> {
         match (command, answer) {
             (RecordCommand::DiscWorn, RecordAnswer::Worn(worn_mm2)) => {
@@ -67,7 +68,7 @@ impl Wear {
                     return Some(format!("{done} waypoints are on the record, {executed:?} were executed"));
                 }
                 let counted_mm2 = self.worn_mm2? - before_mm2?;
-                let most_mm2 = MORE * self.path_mm2 + EXACT_MM2;
+                let most_mm2 = if may_be_lied_to { f64::INFINITY } else { MORE * self.path_mm2 + EXACT_MM2 };
                 let is_wrong = !(-EXACT_MM2..=most_mm2).contains(&counted_mm2);
                 is_wrong.then(|| format!("a path of {} mm² is counted as {counted_mm2} mm²", self.path_mm2))
             }
