@@ -14,6 +14,8 @@ const RETRACT_MS: u64 = 800;
 const SLOW_RETRACT_MS: u64 = 1_600;
 /// From the client's end of an epoch to the arm's: the watchdog, what was under way, braking.
 const END_MS: u64 = 400 + 400 + BRAKE_MS;
+/// A client that is silent loses its connection, and the epoch ends, at the latest, ms.
+const SILENCE_MS: u64 = 3_000 + 400;
 /// Off the surface after a stop in contact.
 const LEAVE_MS: u64 = 100;
 /// Contact without motion.
@@ -270,7 +272,10 @@ impl Oracles {
             self.unable_ms = cell.now_ms;
         }
         let since_ms = closed_ms.max(self.unable_ms) + END_MS + self.delay_ms;
+        let late_ms = self.late_end_ms(cell, closed_ms);
         for (output, after_ms) in OFF_AFTER_MS {
+            // While nothing is queued, and neither tool nor water is on, silence ends the epoch by the loss of the connection alone.
+            let since_ms = if after_ms > 0 { since_ms.max(late_ms) } else { since_ms };
             if cell.controller.outputs().get(&output) == Some(&true) && cell.now_ms > since_ms + after_ms {
                 self.wrong(
                     cell.now_ms,
@@ -278,6 +283,13 @@ impl Oracles {
                 );
             }
         }
+    }
+
+    /// When the controller ended an epoch that the client had ended at that time, and what its program may take.
+    fn late_end_ms(&self, cell: &Insides<'_>, closed_ms: u64) -> u64 {
+        let latest_ms = closed_ms + SILENCE_MS + self.delay_ms;
+        let stop = cell.controller.stops().last().filter(|stop| stop.time_ms <= latest_ms);
+        stop.map_or(0, |stop| stop.time_ms + PROGRAMS_MS)
     }
 
     /// Silence while something is under way has ended the epoch.

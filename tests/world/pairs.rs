@@ -36,7 +36,7 @@ pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
         9 => lost_command(draw),
         10 => long_silence(draw),
         11 => unseen_stop(draw),
-        12 | 13 => far_epochs(draw),
+        12 | 13 => far_epochs(draw, odds),
         14 | 15 => slow_permit(draw),
         16 => full_disk(draw),
         _ => new_controller_and_process(draw),
@@ -158,13 +158,17 @@ fn unseen_stop(draw: &mut Pcg64) -> Vec<Entry> {
     vec![within(draw, &["wet", "inspect", "rinse", "locate", "idle"], 2_500, fault)]
 }
 
-/// Somebody else's request takes the count of epochs far up, and then a start of the controller takes it back to nothing.
-fn far_epochs(draw: &mut Pcg64) -> Vec<Entry> {
+/// Somebody else's request takes the count of epochs far up, and then a start of the controller takes it back to nothing, while the
+/// process that knows of it may end too.
+fn far_epochs(draw: &mut Pcg64, odds: Odds) -> Vec<Entry> {
     let number = draw.random_range(10_000..=1_000_000);
     let foreign = Fault::Foreign { operation: draw.random_range(11..13), number };
     let far = within(draw, &["idle", "starting", "locate"], 500, foreign);
     let fault = controller("reboot", draw.random_range(300..1_500));
-    vec![far, within(draw, &["refine", "dry", "wet", "aborted"], 1_500, fault)]
+    let reboot = within(draw, &["refine", "dry", "wet", "aborted"], 1_500, fault);
+    let kill = Fault::Power { writing: draw.random_range(0..4), power: Power::Kill };
+    let kill = Some(Entry { fault: kill, ..reboot.clone() }).filter(|_| odds.disk && draw.random_bool(0.5));
+    [far, reboot].into_iter().chain(kill).collect()
 }
 
 /// The disk is slow while waypoints in contact wait for their permit.

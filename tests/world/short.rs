@@ -6,7 +6,12 @@ use crate::world::{Counts, World, parse, print};
 const SEEDS: u64 = 120;
 
 /// Worlds in which something was found once: the seed, the script, and what was found.
-const FOUND_ONCE: [(u64, &str, &str); 7] = [
+const FOUND_ONCE: [(u64, &str, &str); 8] = [
+    (
+        240001,
+        r#"[{"place":"abrade","visit":1,"after_ms":1537,"fault":{"Deaf":2175}},{"place":"aborting","visit":1,"after_ms":0,"fault":{"Away":39630}}]"#,
+        "extraction that goes off 30 s after the controller's own end of the epoch was counted from the client's, two seconds before",
+    ),
     (
         504171,
         r#"[{"place":"abrade","visit":1,"after_ms":2261,"fault":{"Controller":"slow=5/3835ms"}}]"#,
