@@ -95,9 +95,9 @@ impl<'p> Computing<'p> {
         supervisor: &Supervisor,
         view: LiveView,
     ) -> Result<Self, DaemonError> {
-        if !lock_step {
-            compute_alone();
-        }
+        // A thread is of its pool for good.
+        let alone = (!lock_step).then(|| own_threads(1)).flatten();
+        Box::leak(Box::new(alone));
         let (queue, taken) = mpsc::channel();
         let (tell, results) = mpsc::channel();
         let (sign, watched) = supervised("computing", LONGEST_WORK);
@@ -192,14 +192,13 @@ impl<'p> Computing<'p> {
     }
 }
 
-/// What the calling thread computes in parallel it computes by itself from now on. The threads that all others share step back as the one
-/// that first needed them does, and a loop that waits for those comes late to the robot where other programs keep the processors busy.
-fn compute_alone() {
-    // Refused where the thread was told so before.
-    if let Ok(alone) = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build() {
-        // A thread is of its pool for good.
-        Box::leak(Box::new(alone));
-    }
+/// What the calling thread computes in parallel it computes by so many threads of its own from now on, itself among them; 0 are as many as
+/// there are processors. They have its priority. Those that all others share have the priority of the one that first needed them: a loop
+/// that waits for them comes late to the robot where other programs keep the processors busy. `None` where the thread has such threads
+/// before, or the system gives none: then those of all compute.
+fn own_threads(count: usize) -> Option<rayon::ThreadPool> {
+    let name = |_| "computing".to_owned();
+    rayon::ThreadPoolBuilder::new().num_threads(count).use_current_thread().thread_name(name).build().ok()
 }
 
 /// The thread that computes.
@@ -213,12 +212,13 @@ struct Thread {
 
 impl Thread {
     fn serve(&mut self, taken: &Receiver<Work>) {
-        // Threads that this one starts inherit it.
         if !self.lock_step
             && let Err(error) = rustix::process::setpriority_process(None, NICE)
         {
             tracing::warn!("computing runs at the loop's priority: {error}");
         }
+        // They step back as this one does.
+        let _own = (!self.lock_step).then(|| own_threads(0));
         for work in taken {
             if self.work(work).is_err() {
                 break;
@@ -268,17 +268,33 @@ mod tests {
         (0..1_000).into_par_iter().map(|_| thread::current().id()).collect()
     }
 
+    /// The thread that asks for so many, and those that compute for it.
+    fn of(count: usize) -> (ThreadId, HashSet<ThreadId>) {
+        let asked = move || {
+            let own = own_threads(count);
+            assert!(own.is_some() && own_threads(count).is_none(), "once for a thread");
+            (thread::current().id(), threads())
+        };
+        thread::spawn(asked).join().expect("it ends")
+    }
+
     #[test]
     fn a_loop_computes_alone_and_others_share_their_threads() {
-        let (own, used) = thread::spawn(|| {
-            compute_alone();
-            compute_alone();
-            (thread::current().id(), threads())
-        })
-        .join()
-        .expect("it ends");
+        let (own, used) = of(1);
         assert_eq!(used, HashSet::from([own]));
         let (own, used) = thread::spawn(|| (thread::current().id(), threads())).join().expect("it ends");
         assert!(!used.contains(&own), "the threads of all");
+    }
+
+    #[test]
+    fn threads_of_ones_own_have_ones_priority() {
+        let niceness = || rustix::process::getpriority_process(None).expect("its own");
+        let of_all = thread::spawn(move || {
+            rustix::process::setpriority_process(None, NICE).expect("anybody may step back");
+            let own = own_threads(2).expect("threads");
+            let found: Vec<i32> = own.broadcast(|_| niceness());
+            found
+        });
+        assert_eq!(of_all.join().expect("it ends"), [NICE; 2]);
     }
 }
