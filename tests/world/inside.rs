@@ -67,6 +67,8 @@ pub struct Inside {
     pub lasts_until_ms: u64,
     /// Something struck whose effect may wait: half a message in a buffer, a base that will be wrong when it is set next.
     pub lingers: bool,
+    /// Where the arm is may have been told falsely.
+    pub places_lie: bool,
     place: &'static str,
     visits: BTreeMap<&'static str, u32>,
     /// What people ask and nobody has taken up yet.
@@ -176,6 +178,7 @@ impl Inside {
             ended_since_ms: None,
             lasts_until_ms: 0,
             lingers: false,
+            places_lie: false,
             place: "",
             visits: BTreeMap::new(),
             pressed: VecDeque::new(),

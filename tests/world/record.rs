@@ -111,7 +111,7 @@ impl Port<RecordCommand> for Record<'_> {
         if let Some(command) = told_of_contact {
             let mut world = self.world.lock();
             let executed = world.executed_on_path();
-            if let Some(problem) = self.wear.acknowledged(&command, &answer, (executed, world.lingers)) {
+            if let Some(problem) = self.wear.acknowledged(&command, &answer, (executed, world.places_lie)) {
                 world.wrong("contact on the record", problem);
             }
             world.counts.judged("contact on the record");

@@ -2,7 +2,7 @@
 
 use super::super::disk;
 use super::super::link_cell::Side;
-use super::super::script::{self, DiskHarm, Entry, Fault};
+use super::super::script::{self, DiskHarm, Entry, Fault, Harm};
 use super::Inside;
 use panelprep::devices::mock;
 use panelprep::eki::Channel;
@@ -37,6 +37,7 @@ impl Inside {
         self.lasts_until_ms = self.lasts_until_ms.max(now_ms + fault.lasts_ms());
         self.struck_ms = now_ms;
         self.lingers |= matches!(fault, Fault::Bytes { .. } | Fault::Lie { .. } | Fault::Controller(_));
+        self.places_lie |= may_displace_the_arm(&fault);
         let mut tampering = self.tampering.lock().unwrap_or_else(PoisonError::into_inner);
         match fault {
             Fault::Bytes { to_robot, channel, harm } => tampering.harms.push((to_robot, channel, harm)),
@@ -126,5 +127,14 @@ impl Inside {
             self.cell.controller.deselect();
             self.cell.controller.select();
         }
+    }
+}
+
+/// Whether what the client is told of the arm's place may be another one: by a lie, or by a bit of a state that is turned.
+fn may_displace_the_arm(fault: &Fault) -> bool {
+    match fault {
+        Fault::Lie { channel: 1, name, .. } => matches!(&**name, "X" | "A1"),
+        Fault::Bytes { to_robot: false, channel: 1, harm: Harm::Damage { .. } } => true,
+        _ => false,
     }
 }
