@@ -19,9 +19,9 @@
 
 #[path = "arguments.rs"]
 mod arguments;
-#[path = "soak/asking.rs"]
+#[path = "service/asking.rs"]
 mod asking;
-#[path = "soak/cell.rs"]
+#[path = "service/cell.rs"]
 #[allow(dead_code, reason = "the soak uses the rest")]
 mod cell;
 #[path = "cable/course.rs"]
@@ -48,7 +48,7 @@ mod taught;
 mod tried;
 #[path = "cable/truth.rs"]
 mod truth;
-#[path = "soak/watchdog.rs"]
+#[path = "service/watchdog.rs"]
 mod watchdog;
 
 use arguments::{argument, number};

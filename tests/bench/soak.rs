@@ -11,9 +11,9 @@
 
 #[path = "arguments.rs"]
 mod arguments;
-#[path = "soak/asking.rs"]
+#[path = "service/asking.rs"]
 mod asking;
-#[path = "soak/cell.rs"]
+#[path = "service/cell.rs"]
 #[allow(dead_code, reason = "the bench of the cable uses the rest")]
 mod cell;
 #[path = "soak/clients.rs"]
@@ -26,7 +26,7 @@ mod numbers;
 mod operator;
 #[path = "../commands/taught.rs"]
 mod taught;
-#[path = "soak/watchdog.rs"]
+#[path = "service/watchdog.rs"]
 mod watchdog;
 
 use arguments::{argument, number};

@@ -1,8 +1,8 @@
 //! Everybody who asks something of the service, or nothing, as long as it runs.
 
-use super::asking::ask;
+use super::asking::{PATIENCE, ask};
 use super::cell::{Prepared, VIEWER};
-use super::http::{self, PATIENCE};
+use super::http;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::io::{self, BufRead, BufReader, Read, Write};

@@ -1,9 +1,8 @@
 //! As much of a browser as the soak needs: one request for each connection, the answer read to its end.
 
+use super::asking::PATIENCE;
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpStream};
-
-pub use super::asking::PATIENCE;
 
 /// An answer's status, and the session that it begins.
 #[derive(Debug)]
