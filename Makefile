@@ -267,7 +267,7 @@ bench-soak: setup
 
 # Whole cycles by the wall clock over a cable that lies, in as many cells beside one another as CABLE says; one scenario alone:
 # make bench-cable CABLE='only=14 cells=1 keep=/tmp'. Each cell computes little, but late threads end cycles: not beside other benches.
-CABLE := cells=6
+CABLE :=
 bench-cable: setup
 	cargo bench --locked --bench cable -- $(CABLE)
 

@@ -53,7 +53,7 @@ fn a_fault_at_every_waypoint_ends_contact_in_time() {
 }
 
 #[test]
-#[ignore = "takes minutes"]
+#[ignore = "a minute: make test-long"]
 fn every_fault_at_every_waypoint_ends_contact_in_time() {
     faults_end_contact_in_time(1);
 }
