@@ -193,6 +193,7 @@ fn write_pages(
             }
             tell_page(cycle, made);
             prune(&again);
+            daemon::give_back_free_memory();
         }
     };
     std::thread::Builder::new().name("pages".to_owned()).spawn(each).map_err(Fault::stage)

@@ -1,5 +1,5 @@
 //! Worlds of many seeds: see `tests/world`. A table of what was counted, and exit code 1 where a judge found something.
-//! `cargo bench --bench world -- [seeds=N] [from=N]`, one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`;
+//! `cargo bench --bench world -- [seeds=N] [from=N] [imagine_every=N]` (power cuts are imagined in each nth world only), one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`;
 //! mistakes that are put in: `-- sabotage [seeds=N]`, one of them with `-- mistake='NAME' …`; processes of the system that are killed
 //! at any moment: `-- kills=N [from=N]`; each nth seed until a judge finds something or the time is over, without a search for the
 //! shortest script, as `tests/bench/mutations.rs` asks: `-- until-wrong [seeds=N] [from=N] [step=N] [limit_s=N]`.
@@ -53,6 +53,7 @@ fn main() -> ExitCode {
     let mut counts = Counts::default();
     let mut wrong = 0;
     let sabotage = mistake();
+    let imagine_every = number("imagine_every").unwrap_or(1).max(1);
     // Pictures and results that are kept for all worlds are there after some of them.
     let warm = from + count / 2;
     let mut before = held();
@@ -64,7 +65,7 @@ fn main() -> ExitCode {
             Some(text) => World::with(seed, world::parse(&text).unwrap_or_else(|error| panic!("{error}"))),
             None => World::of(seed),
         };
-        let world = World { sabotage, ..world };
+        let world = World { sabotage, imagines: seed.is_multiple_of(imagine_every), ..world };
         let since = Instant::now();
         let outcome = world.run();
         if argument("times").is_some() {

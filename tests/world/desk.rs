@@ -1,7 +1,7 @@
 //! Between the people of a world and its loop: the service's own queue and request handler, with several users who ask at once.
 //!
-//! What can be asked by the socket goes through its line of text and back. Beside what people want, the state is asked for in
-//! every round of the loop, as a page does, so that the handler never waits. A mirror of the queue says what must find a place, what
+//! What can be asked by the socket goes through its line of text and back. Beside what people want, the state is asked for, as a page
+//! does: in every round of the loop while the cell rests, so that the handler never waits, else in every fourth. A mirror of the queue says what must find a place, what
 //! must not, and what is taken next; each request that found one is answered, in as many rounds as there are requests before it.
 
 use panelprep::cycle::{self, State};
@@ -20,6 +20,8 @@ use tokio::sync::oneshot::error::TryRecvError;
 pub const OPERATOR: u32 = 1_000;
 pub const SOMEBODY: u32 = 1_001;
 const PAGE: u32 = 33;
+/// A page asks for the state once in so many rounds of a loop that is busy.
+const PAGE_ROUNDS: u64 = 4;
 
 /// Requests of one user, and of all, that may wait.
 const MOST_OF_USER: usize = 8;
@@ -45,6 +47,7 @@ pub struct Desk {
     handler: RequestHandler,
     sender: RequestSender,
     waiting: Vec<Waiting>,
+    rounds: u64,
     /// Somebody wants the process to end: what else waits may be dropped.
     leaves: bool,
     /// What was wrong.
@@ -64,7 +67,7 @@ impl Desk {
             cameras: None,
         };
         let handler = RequestHandler::new(queue, left, parts);
-        Desk { handler, sender, waiting: Vec::new(), leaves: false, wrong: None }
+        Desk { handler, sender, waiting: Vec::new(), rounds: 0, leaves: false, wrong: None }
     }
 
     /// Whether nothing but the page's question waits.
@@ -119,7 +122,9 @@ impl Desk {
 
     /// What the loop takes now.
     pub fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
-        if !self.waiting.iter().any(|waiting| waiting.uid == PAGE) {
+        self.rounds += 1;
+        let is_due = state.at.rests() || self.rounds.is_multiple_of(PAGE_ROUNDS);
+        if is_due && !self.waiting.iter().any(|waiting| waiting.uid == PAGE) {
             self.ask(PAGE, What::State);
         }
         let request = self.handler.next_request(state)?;

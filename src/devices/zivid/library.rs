@@ -1,6 +1,6 @@
 //! `libpanelprep_zivid.so`, opened at run time: the camera behind the SDK. Only the worker does this.
 //!
-//! This file is the foreign boundary and holds all that is `unsafe` in the program: the library's own initialisation runs when
+//! This file is the foreign boundary and holds all that is `unsafe` about the camera: the library's own initialisation runs when
 //! it is opened, and its functions are called by the types that `cpp/panelprep_zivid.h` declares. The number of that
 //! interface is asked before anything else, so that an older or newer library is refused and not called. Sizes are those
 //! of the buffers that are handed over. A session is used by one thread at a time (`&mut self`).
