@@ -17,9 +17,12 @@ use crate::verdict::Reason;
 use crate::words::apart;
 use std::sync::Arc;
 
-/// How far the arm may stand from where it was sent, mm and degrees.
+/// How far the tip may stand from where it was sent, mm and degrees.
 const DEVIATION_MM: f64 = 1.0;
 const DEVIATION_DEG: f64 = 0.5;
+/// The same of each axis that was sent to a named pose, degrees: ten times what a controller reports, so that the arm counts as parked
+/// here where it does in `single_interlocks`.
+const AXIS_DEVIATION_DEG: f64 = 0.1;
 
 /// Share of the axes' speed and acceleration between named poses, %.
 const AXIS_PERCENT: u8 = 20;
@@ -236,27 +239,27 @@ impl Running<'_> {
 
     /// How the arm stands elsewhere than it was sent.
     fn deviation(&self, sent: Sent, state: &State) -> Vec<Reason> {
-        let (off_mm, off_deg) = match sent.end {
-            End::Joints(end) => {
-                let pairs = end.degrees().into_iter().zip(state.joints.degrees());
-                (0.0, pairs.map(|(wanted, found)| (wanted - found).abs()).fold(0.0, f64::max))
-            }
+        let (off_mm, off_deg, allowed_deg) = match sent.end {
+            End::Joints(end) => (0.0, state.joints.farthest_deg(&end), AXIS_DEVIATION_DEG),
             End::Tip(end) => {
                 let camera = matches!(sent.motion.path, Path::Corner { .. });
                 let base = if camera { Some(Rigid::identity()) } else { self.perception.place().map(as_base) };
                 let Some(base_from_active) = base else { return vec![] };
                 let tip = base_from_active * state.base_from_tcp.to_rigid::<Base, Tool>();
-                (tip.origin().distance_mm(end.origin()), (tip.inverse() * end).turn().0)
+                (tip.origin().distance_mm(end.origin()), (tip.inverse() * end).turn().0, DEVIATION_DEG)
             }
         };
         let message = || {
+            let [deg, allowed] = apart(off_deg, allowed_deg, 3);
+            if let End::Joints(_) = sent.end {
+                return format!("an axis stands {deg}° from where it was sent, allowed are {allowed}°");
+            }
             let [mm, allowed_mm] = apart(off_mm, DEVIATION_MM, 3);
-            let [deg, allowed_deg] = apart(off_deg, DEVIATION_DEG, 3);
             format!(
-                "the arm stands {mm} mm and {deg}° from where it was sent, allowed are {allowed_mm} mm and {allowed_deg}°"
+                "the arm stands {mm} mm and {deg}° from where it was sent, allowed are {allowed_mm} mm and {allowed}°"
             )
         };
-        let far = !(off_mm <= DEVIATION_MM && off_deg <= DEVIATION_DEG);
+        let far = !(off_mm <= DEVIATION_MM && off_deg <= allowed_deg);
         if far { vec![Reason::new("deviation", message())] } else { vec![] }
     }
 }

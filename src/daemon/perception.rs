@@ -67,6 +67,12 @@ impl Perception {
         self.place
     }
 
+    /// A cycle is over, and its pictures are on the record; where the panel stands stays.
+    pub fn forget_pictures(&mut self) {
+        (self.dry, self.film_picture) = (None, None);
+        self.inspections.clear();
+    }
+
     /// Where the flange camera should stand to see the corner as it was taught (Eq. 3.22).
     pub fn corner_pose(&self, cycle: &CycleSetup) -> Option<Rigid<Base, FlangeCamera>> {
         Some(self.place? * cycle.corners.get(self.corners.aimed())?.teaching.panel_from_camera)

@@ -151,6 +151,7 @@ impl Running<'_> {
             self.ports.requests.tell(News::Noted(vec![stopped]));
         }
         if self.state.at.rests() && !self.state.job.running && !self.is_single {
+            self.perception.forget_pictures();
             self.ports.record.keep(RecordCommand::BetweenCycles)?;
         }
         Ok(())

@@ -6,7 +6,22 @@ use crate::world::{Counts, World, parse, print};
 const SEEDS: u64 = 120;
 
 /// Worlds in which something was found once: the seed, the script, and what was found.
-const FOUND_ONCE: [(u64, &str, &str); 8] = [
+const FOUND_ONCE: [(u64, &str, &str); 11] = [
+    (
+        961429,
+        r#"[{"place":"verify","visit":1,"after_ms":0,"fault":{"Controller":"stall/217ms"}},{"place":"verify","visit":1,"after_ms":0,"fault":{"Controller":"deselect/157ms"}}]"#,
+        "a robot program that was selected anew while the other interpreter stood still counts from zero, and what it had executed was taken for waiting",
+    ),
+    (
+        938546,
+        r#"[{"place":"dry","visit":1,"after_ms":0,"fault":{"Bytes":{"to_robot":true,"channel":0,"harm":{"Damage":{"byte":124,"bit":1}}}}}]"#,
+        "a damaged digit sent an axis 0.2° beside the parked pose, and the arm was taken for parked: half a degree was allowed",
+    ),
+    (
+        934133,
+        r#"[{"place":"resetting","visit":1,"after_ms":131,"fault":{"Press":"Everything"}},{"place":"locate","visit":1,"after_ms":472,"fault":{"Foreign":{"operation":11,"number":127714}}},{"place":"refine","visit":1,"after_ms":250,"fault":{"Controller":"reboot/816ms"}}]"#,
+        "an abort was waited for at a controller that was started again in the same moment",
+    ),
     (
         240001,
         r#"[{"place":"abrade","visit":1,"after_ms":1537,"fault":{"Deaf":2175}},{"place":"aborting","visit":1,"after_ms":0,"fault":{"Away":39630}}]"#,

@@ -65,6 +65,7 @@ impl Truth {
 impl Inside {
     /// The controller is about to have this fault.
     pub(super) fn expects_of(&mut self, fault: &Fault) {
+        let since_ms = self.now_ms().saturating_sub(TICK_MS);
         match fault {
             Fault::EStop { for_ms } | Fault::Guard { for_ms } | Fault::Drives { for_ms }
                 if self.is_seen(*for_ms) =>
@@ -73,6 +74,10 @@ impl Inside {
             }
             Fault::Reboot { .. } => self.truth.reboots += 1,
             _ => {}
+        }
+        if !matches!(fault, Fault::EStop { .. } | Fault::Guard { .. } | Fault::Drives { .. }) {
+            // What was to end the epoch meets a controller that may no longer be there.
+            self.truth.must_end.retain(|must| must.by_ms < since_ms);
         }
         self.truth.faulty_until_ms = self.truth.faulty_until_ms.max(self.now_ms() + FAULTY_MS);
     }
