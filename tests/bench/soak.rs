@@ -36,8 +36,8 @@ use numbers::{Growth, Period, Sample};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// From one sample of the process to the next.
-const SAMPLE: Duration = Duration::from_secs(1);
+/// From one sample of the process to the next: free memory is given back at the end of a cycle, and the next one may begin at once.
+const SAMPLE: Duration = Duration::from_millis(100);
 /// What the process holds on to may grow by so much of its size in an hour. A picture of 400 kB that is kept of each of some 180 cycles
 /// is more than thirty times as much; the store's page cache and the allocator's free lists are full after the first half, which is not
 /// looked at.
