@@ -75,6 +75,7 @@ enum RobotAction {
     MoveJ(Joints, u8),
     MoveLin(Line),
     Set(Command),
+    Call(u16),
     SetOut { name: String, on: bool, keep: Duration },
 }
 
@@ -107,7 +108,7 @@ impl RobotAction {
             RobotFunction::SetIn { number, value } => {
                 RobotAction::Set(Command::SetDigin(Signal { number: *number, on: *value == OnOff::On }))
             }
-            RobotFunction::Call { index } => RobotAction::Set(Command::CallSubroutine { index: *index }),
+            RobotFunction::Call { index } => RobotAction::Call(*index),
         })
     }
 
@@ -117,6 +118,7 @@ impl RobotAction {
             RobotAction::MoveJ(joints, percent) => single.move_joints(*joints, *percent, cell),
             RobotAction::MoveLin(line) => single.move_line(line, cell),
             RobotAction::Set(command) => single.set(*command),
+            RobotAction::Call(index) => single.call(*index, cell),
             RobotAction::SetOut { name, on, keep } => single.set_output(name, *on, cell, *keep),
         }
     }

@@ -30,7 +30,7 @@ const AXIS_PERCENT: u8 = 20;
 impl Running<'_> {
     pub(super) fn begin_move(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
         // What is refused on its way was not executed, whatever the path before it was.
-        self.sent = None;
+        (self.sent, self.left_at) = (None, 0);
         if !self.tool_lets_go(id, motion.path)? {
             return Ok(());
         }
@@ -215,7 +215,10 @@ impl Running<'_> {
 
     /// The epoch is over and the robot stands; in it these commands were executed.
     pub(super) fn stood_still(&mut self, done: CommandId) {
-        let waypoints = self.sent.take().map_or(0, |sent| sent.waypoints(done).max(sent.told));
+        if let Some(sent) = self.sent.take() {
+            self.left_at = sent.waypoints(done).max(sent.told);
+        }
+        let waypoints = self.left_at;
         if let Some(Pending { waits: Waits::EpochEnd { done }, .. }) = &mut self.pending {
             *done = Some(waypoints);
         }

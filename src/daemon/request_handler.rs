@@ -84,6 +84,14 @@ const REST: Duration = Duration::from_millis(20);
 /// So many requests for the state are answered in one round of the loop.
 const MOST_ANSWERED: usize = 64;
 
+/// What a start that the loop has taken is for.
+#[derive(Debug)]
+struct Ordered {
+    panel: String,
+    grids: Arc<[GridId]>,
+    film_total_s: f64,
+}
+
 /// Handles the requests of the service.
 #[derive(Debug)]
 pub struct RequestHandler {
@@ -104,8 +112,8 @@ pub struct RequestHandler {
     verdict: Option<Verdict>,
     /// The panel of the cycle, and of the start that the loop has taken.
     panel: Option<String>,
-    ordered: Option<String>,
-    /// The grids of the last panel whose cycle was asked for, and how long its film is watched, s.
+    ordered: Option<Ordered>,
+    /// The grids of the panel of the last cycle, and how long its film is watched, s.
     grids: Arc<[GridId]>,
     film_total_s: Option<f64>,
     /// Seconds of the film that is under way.
@@ -199,9 +207,14 @@ impl RequestHandler {
 
     fn answer(&mut self, answer: Exit, reasons: Vec<Reason>, state: &State) {
         let done = self.done.take();
-        if let Some(waiting) = self.waiting.take() {
+        let all: Vec<_> = self.queue.followers().into_iter().chain(self.waiting.take()).collect();
+        if all.is_empty() {
+            return;
+        }
+        let reply = Reply { done, ..self.reply(answer, reasons, state) };
+        for waiting in all {
             #[expect(clippy::let_underscore_must_use, reason = "whoever hung up does not want to know")]
-            let _ = waiting.send(Reply { done, ..self.reply(answer, reasons, state) });
+            let _ = waiting.send(reply.clone());
         }
     }
 
@@ -245,9 +258,12 @@ impl RequestHandler {
             }
             What::Begin(prepared) => {
                 let setup = &prepared.setup;
-                self.ordered = Some(setup.panel_name().to_owned());
-                self.grids = setup.panel.grids.iter().map(|grid| grid.id).collect();
-                self.film_total_s = Some(setup.demands().filmed_s());
+                // The table may refuse it while another cycle runs.
+                self.ordered = Some(Ordered {
+                    panel: setup.panel_name().to_owned(),
+                    grids: setup.panel.grids.iter().map(|grid| grid.id).collect(),
+                    film_total_s: setup.demands().filmed_s(),
+                });
             }
             _ => {}
         }
@@ -344,7 +360,10 @@ impl Requester for RequestHandler {
             News::Begun(cycle, _) => {
                 self.noted.clear();
                 (self.cycle, self.verdict) = (Some(cycle), None);
-                (self.panel, self.film_s) = (self.ordered.take(), None);
+                (self.panel, self.film_s) = (None, None);
+                if let Some(Ordered { panel, grids, film_total_s }) = self.ordered.take() {
+                    (self.panel, self.grids, self.film_total_s) = (Some(panel), grids, Some(film_total_s));
+                }
             }
             News::Filmed(seconds) => self.film_s = Some(seconds),
             News::DiscMounted => {

@@ -3,10 +3,12 @@
 //! A stop, an abort and a signal go before everything else and always find a place. Of other requests only a few of each
 //! user wait at one time, so that nobody who sends requests without end can take the loop's turns from the others.
 
-use super::request::Request;
+use super::reply::Reply;
+use super::request::{Request, What};
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+use tokio::sync::oneshot;
 
 /// Requests of one user, and of all users, that wait for the loop. Urgent ones are not counted.
 const MOST_OF_USER: usize = 8;
@@ -28,9 +30,52 @@ struct Shared {
 
 #[derive(Debug, Default)]
 struct Inside {
-    urgent: VecDeque<Request>,
+    /// Each with whoever else waits for the same stop or abort.
+    urgent: VecDeque<(Request, Followers)>,
     others: VecDeque<Request>,
+    /// Who waits for the same as the urgent request that was taken last.
+    followers: Followers,
     is_closed: bool,
+}
+
+/// Where more replies to one request go.
+type Followers = Vec<oneshot::Sender<Reply>>;
+
+impl Inside {
+    /// The same stop or abort of the same person is one request, however often it is pressed: who presses without end must not keep
+    /// everybody else out. Signals are counted.
+    fn put_urgent(&mut self, request: Request) {
+        let is_same = |(waiting, _): &&mut (Request, Followers)| match (&waiting.what, &request.what) {
+            (What::Table(one), What::Table(other)) => one == other && waiting.who == request.who,
+            _ => false,
+        };
+        match self.urgent.iter_mut().find(is_same) {
+            Some((_, followers)) => followers.extend(request.reply),
+            None => self.urgent.push_back((request, Vec::new())),
+        }
+    }
+
+    fn take_urgent(&mut self) -> Option<Request> {
+        let (request, followers) = self.urgent.pop_front()?;
+        self.followers = followers;
+        Some(request)
+    }
+
+    /// The next of the others that somebody waits for, or whose reply nobody ever wanted.
+    fn waited_for(&mut self) -> Option<Request> {
+        loop {
+            let request = self.others.pop_front()?;
+            if !request.reply.as_ref().is_some_and(oneshot::Sender::is_closed) {
+                return Some(request);
+            }
+            if !matches!(request.what, What::State) {
+                tracing::warn!(
+                    "not done: {}; whoever asked for it was answered that it failed",
+                    request.what.words()
+                );
+            }
+        }
+    }
 }
 
 /// Why a request was not taken.
@@ -73,7 +118,7 @@ impl RequestSender {
             return Err(NotTaken::Ended);
         }
         if request.what.is_urgent() {
-            inside.urgent.push_back(request);
+            inside.put_urgent(request);
         } else {
             let of_user = inside.others.iter().filter(|other| other.who == request.who).count();
             let waiting = if of_user < MOST_OF_USER { inside.others.len() } else { of_user };
@@ -89,12 +134,13 @@ impl RequestSender {
 }
 
 impl RequestQueue {
-    /// The most urgent request; waits at most this long for one.
+    /// The most urgent request; waits at most this long for one. What nobody waits for any more is not done later: whoever asked was
+    /// told that it failed, and may stand at the panel. A stop and an abort are done all the same.
     pub fn next(&self, patience: Duration) -> Option<Request> {
         let until = Instant::now() + patience;
         let mut inside = self.0.lock();
         loop {
-            let request = inside.urgent.pop_front().or_else(|| inside.others.pop_front());
+            let request = inside.take_urgent().or_else(|| inside.waited_for());
             let left = until.saturating_duration_since(Instant::now());
             if request.is_some() || left.is_zero() {
                 return request;
@@ -104,21 +150,69 @@ impl RequestQueue {
     }
 }
 
+impl RequestQueue {
+    /// Who waits for the reply to the last urgent request, beside the one who made it.
+    pub fn followers(&self) -> Vec<oneshot::Sender<Reply>> {
+        std::mem::take(&mut self.0.lock().followers)
+    }
+}
+
 impl Drop for RequestQueue {
     fn drop(&mut self) {
         let mut inside = self.0.lock();
         inside.is_closed = true;
         // Dropping a request tells whoever waits for its reply that there is none.
-        (inside.urgent, inside.others) = Default::default();
+        (inside.urgent, inside.others, inside.followers) = Default::default();
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::request::What;
     use super::*;
-    use crate::cycle::Request::{Abort, Hold, Stop};
+    use crate::cycle::{
+        self,
+        Request::{Abort, Hold, Stop},
+    };
     use crate::record::{Front, Who};
+
+    #[test]
+    fn the_same_stop_of_the_same_person_is_one_request_with_many_replies() {
+        let (sender, queue) = request_queue();
+        let press = |request| {
+            let (reply, answer) = oneshot::channel();
+            let who = Who { front: Front::Socket, uid: Some(7), user: None };
+            sender.send(Request { what: What::Table(request), who, reply: Some(reply) }).expect("a place");
+            answer
+        };
+        let (mut answers, other) = ([press(Stop), press(Stop), press(Stop)], press(Abort));
+        let first = queue.next(Duration::ZERO).expect("waits");
+        let reply = || Reply::refused(crate::daemon::Exit::Done, vec![]);
+        first.reply.expect("somebody waits").send(reply()).expect("heard");
+        let followers = queue.followers();
+        assert_eq!(followers.len(), 2);
+        followers.into_iter().for_each(|follower| follower.send(reply()).expect("heard"));
+        assert!(answers.iter_mut().all(|answer| answer.try_recv().is_ok()));
+        assert!(matches!(queue.next(Duration::ZERO).map(|request| request.what), Some(What::Table(Abort))));
+        assert!(queue.followers().is_empty() && queue.next(Duration::ZERO).is_none());
+        drop(other);
+    }
+
+    #[test]
+    fn what_nobody_waits_for_any_more_is_not_done_but_a_stop_is() {
+        let (sender, queue) = request_queue();
+        let who = || Who { front: Front::Socket, uid: Some(7), user: None };
+        for request in [cycle::Request::Reset, Stop, cycle::Request::Clear, Hold] {
+            let (reply, answer) = oneshot::channel();
+            let what = What::Table(request);
+            sender.send(Request { what, who: who(), reply: Some(reply) }).expect("a place");
+            if request == Hold {
+                // This one waits on.
+                std::mem::forget(answer);
+            }
+        }
+        let next = || queue.next(Duration::ZERO).map(|request| request.what.words());
+        assert_eq!([next(), next(), next()], [Some("stop".to_owned()), Some("hold".to_owned()), None]);
+    }
 
     #[test]
     fn what_stops_goes_first_and_always_finds_a_place() {
@@ -140,9 +234,10 @@ mod tests {
         assert_eq!(taken, MOST - MOST_OF_USER - 1);
         for stops in [Stop, Abort].into_iter().cycle().take(200) {
             assert_eq!(send(7, stops), Ok(()));
+            assert_eq!(send(8, stops), Ok(()));
         }
-        for stops in [Stop, Abort].into_iter().cycle().take(200) {
-            assert_eq!(next(), Some(stops), "before all that waited longer");
+        for stops in [Stop, Stop, Abort, Abort] {
+            assert_eq!(next(), Some(stops), "before all that waited longer, once of each user");
         }
         assert_eq!(next(), Some(Hold));
         assert_eq!(send(7, Hold), Ok(()), "a place is free again");

@@ -14,7 +14,7 @@ use super::request::{PreparedCycle, Request, What};
 use super::running::{Outside, Running};
 use super::setup::{CellSetup, CycleSetup};
 use super::words;
-use crate::cycle::{self, Act, Deadline, Effect, Event, Report, State, Trouble, step};
+use crate::cycle::{self, Act, Deadline, Effect, Event, Refusal, Report, State, Trouble, step};
 use crate::geometry::{Base, Panel, Rigid};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
@@ -24,6 +24,9 @@ use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use std::sync::Arc;
 use std::time::Duration;
+
+/// A stop or an abort that changes nothing is recorded so often, of each person.
+const REFUSED_AGAIN: Duration = Duration::from_secs(1);
 
 /// What the loop is connected to.
 pub struct Ports<'a> {
@@ -121,6 +124,10 @@ impl Running<'_> {
 
     /// One event: journal, step, effects.
     pub(super) fn take(&mut self, event: Event) -> Result<(), DaemonError> {
+        if let Some((request, refusal)) = self.refused_just_now(event) {
+            self.ports.requests.tell(News::Refused(request, refusal));
+            return Ok(());
+        }
         self.ports.record.keep(RecordCommand::Event(event))?;
         tracing::debug!(?event);
         if let Event::Told(Report::Answered { id, .. }) = event {
@@ -157,6 +164,25 @@ impl Running<'_> {
         Ok(())
     }
 
+    /// Whether this is a stop or an abort that changes nothing, and the same person's last one was refused and recorded just now. Anybody
+    /// may ask for one at any time, and each line of the record takes the disk.
+    fn refused_just_now(&mut self, event: Event) -> Option<(cycle::Request, Refusal)> {
+        let Event::Asked(request @ (cycle::Request::Stop | cycle::Request::Abort)) = event else { return None };
+        let (_, effects) = step(self.state, event);
+        let refusal = effects.iter().find_map(|effect| match effect {
+            Effect::Refuse { refusal, .. } => Some(*refusal),
+            _ => None,
+        })?;
+        let now = self.ports.robot.now();
+        let is_recorded = self.last_refused.as_ref().is_some_and(|(last, who, at)| {
+            *last == request && *who == self.requester && now.since_start() < at.since_start() + REFUSED_AGAIN
+        });
+        if !is_recorded {
+            self.last_refused = Some((request, self.requester.clone(), now));
+        }
+        is_recorded.then_some((request, refusal))
+    }
+
     /// The next thing that happened; `None` when it is time to leave.
     pub(super) fn next_event(&mut self) -> Result<Option<Event>, DaemonError> {
         loop {
@@ -171,7 +197,11 @@ impl Running<'_> {
                 self.note(Kind::SelfTest, vec![why])?;
                 return Ok(Some(Event::Told(Report::Trouble(Trouble::DiskFull))));
             }
-            if let Some(request) = self.ports.requests.next(&self.state)? {
+            // After a request the deadlines, the tool and the robot have their turn, however many more wait.
+            let has_turn = !std::mem::take(&mut self.has_taken_up);
+            let request = if has_turn { self.ports.requests.next(&self.state)? } else { None };
+            if let Some(request) = request {
+                self.has_taken_up = true;
                 match self.take_up(request)? {
                     TakenUp::Happens(event) => return Ok(Some(event)),
                     TakenUp::Done => continue,
@@ -269,6 +299,7 @@ impl Running<'_> {
         (self.perception, self.abrasion, self.verdict) = (Perception::default(), Abrasion::default(), None);
         // What was heard of the tool before is no part of this cycle's recording: it is heard and told anew.
         (self.trace, self.sent, self.pressing) = (Trace::default(), None, Pressing::default());
+        self.left_at = 0;
         Some(event)
     }
 

@@ -55,6 +55,8 @@ pub(super) struct Running<'p> {
     pub pressing: Pressing,
     pub pending: Option<Pending>,
     pub sent: Option<Sent>,
+    /// Waypoints of a path whose epoch is over, until an answer tells them: what waits for that may be given up for something else.
+    pub left_at: u32,
     pub robot_state: Option<eki::State>,
     pub condition: cycle::Robot,
     pub verdict: Option<Verdict>,
@@ -62,6 +64,10 @@ pub(super) struct Running<'p> {
     pub requester: Who,
     /// The disk was found full, and not yet otherwise.
     pub is_disk_full: bool,
+    /// A request was taken up, and the robot has not had its turn since.
+    pub has_taken_up: bool,
+    /// The stop or abort that was refused last, whose it was, and when that came on the record.
+    pub last_refused: Option<(cycle::Request, Who, Time)>,
 }
 
 impl<'p> Running<'p> {
@@ -88,11 +94,14 @@ impl<'p> Running<'p> {
             pressing: Pressing::default(),
             pending: None,
             sent: None,
+            left_at: 0,
             robot_state: None,
             condition: cycle::Robot::Unknown,
             verdict: None,
             requester: Who::by(Front::Program),
             is_disk_full: false,
+            has_taken_up: false,
+            last_refused: None,
         }
     }
 

@@ -108,13 +108,13 @@ impl<'r> Single<'r> {
         self.robot.reported_tcp()
     }
 
-    /// Any function but a motion or an output, which have gates of their own below.
+    /// Any function but a motion, an output or a subroutine, which have gates of their own below.
     ///
     /// # Errors
     /// Where it cannot be sent, is refused, or is not done in time.
     pub fn set(&mut self, command: Command) -> Result<(), SingleError> {
         match command {
-            Command::MoveLin(_) | Command::MoveJ(_) | Command::SetDigout(_) => {
+            Command::MoveLin(_) | Command::MoveJ(_) | Command::SetDigout(_) | Command::CallSubroutine { .. } => {
                 let message = format!("{} has a gate of its own", command.name());
                 return Err(gate(Reason::new("not_single", message)));
             }
@@ -122,6 +122,18 @@ impl<'r> Single<'r> {
         }
         let id = self.robot.send(command)?;
         self.executed(id, SHORT)
+    }
+
+    /// Calls a subroutine of the controller. It may move, and has the gates of a motion.
+    ///
+    /// # Errors
+    /// As [`Single::set`], and where the gate refuses.
+    pub fn call(&mut self, index: u16, cell: &Cell) -> Result<(), SingleError> {
+        self.may_move()?;
+        self.open_epoch()?;
+        self.held_to_interlocks("a subroutine", single_interlocks::motion(Path::Park), cell)?;
+        let id = self.robot.send(Command::CallSubroutine { index })?;
+        self.executed(id, LONG)
     }
 
     /// Moves the axes.

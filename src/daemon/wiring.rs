@@ -78,7 +78,13 @@ impl Wiring {
         let water = matches!(switch, Switch::Rinse | Switch::Spray);
         // Water is fed back by what is off.
         let feedback = wire.feedback.map(|bit| (bit, on != water));
-        Setting { signals: vec![Signal { number: wire.output, on }], feedback }
+        let mut signals = vec![Signal { number: wire.output, on }];
+        // One feedback tells of both nozzles: what flows from the other one must not pass for this one's.
+        let other = if switch == Switch::Rinse { self.spray.output } else { self.rinse.output };
+        if water && other != wire.output {
+            signals.insert(0, Signal { number: other, on: false });
+        }
+        Setting { signals, feedback }
     }
 
     fn water_off(&self) -> Setting {
@@ -123,6 +129,17 @@ mod tests {
         assert_eq!(spray, Setting { signals: signal(2, true), feedback: Some((0, false)) });
         let off = wiring.setting(Switch::WaterOff);
         assert_eq!(off, Setting { signals: signal(2, false), feedback: Some((0, true)) });
+    }
+
+    /// A rinse of its own would else stay open, and its water prove a spray valve that does not open.
+    #[test]
+    fn each_water_switches_the_other_one_off() {
+        let text = IO.replace("spray = 2", "spray = 2\nrinse = 6");
+        let wiring = Wiring::of(Cell::check("cell.toml", &text).expect("good").io()).expect("complete");
+        let signals = |switch| wiring.setting(switch).signals.into_iter().map(|signal| (signal.number, signal.on));
+        assert_eq!(signals(Switch::Spray).collect::<Vec<_>>(), [(6, false), (2, true)]);
+        assert_eq!(signals(Switch::Rinse).collect::<Vec<_>>(), [(2, false), (6, true)]);
+        assert_eq!(signals(Switch::WaterOff).collect::<Vec<_>>(), [(2, false), (6, false)]);
     }
 
     #[test]

@@ -29,11 +29,11 @@ pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, 
             return None;
         }
         // Without a reply it was answered already, and there is no store yet that could keep it.
-        if let Some(reply) = reply {
+        for reply in queue.followers().into_iter().chain(reply) {
             let answer = if matches!(what, What::State) { Exit::Done } else { Exit::Fault };
             let state = Some("aborted".to_owned());
             #[expect(clippy::let_underscore_must_use, reason = "whoever hung up does not want to know")]
-            let _ = reply.send(Reply { state, ..Reply::refused(answer, vec![why]) });
+            let _ = reply.send(Reply { state, ..Reply::refused(answer, vec![why.clone()]) });
         }
     }
 }

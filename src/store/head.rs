@@ -8,12 +8,14 @@
 
 use super::chain::{ChainPosition, Hash};
 use super::flush;
+use super::turns::{InTurn, Turns};
 use crate::files::{content_hash, hex};
 use std::fmt::Write as _;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Error, ErrorKind};
 use std::os::unix::fs::FileExt;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// The file's name.
@@ -54,10 +56,15 @@ pub(super) struct Read {
 #[derive(Debug)]
 pub(super) struct HeadFile {
     file: File,
+    turns: Arc<Turns>,
 }
 
-/// The right to write to the chain; other processes wait until it is dropped.
-pub(super) struct Turn<'f>(&'f File);
+/// The right to write to the chain; other threads and processes wait until it is dropped.
+pub(super) struct Turn<'f> {
+    file: &'f File,
+    // Given back after the lock.
+    _in_turn: InTurn<'f>,
+}
 
 impl Drop for Turn<'_> {
     fn drop(&mut self) {
@@ -65,16 +72,19 @@ impl Drop for Turn<'_> {
             clippy::let_underscore_must_use,
             reason = "the file closes with the store; a lock that could not be given back goes with it"
         )]
-        let _ = self.0.unlock();
+        let _ = self.file.unlock();
     }
 }
 
 /// Waits for the turn.
-fn take_turn(file: &File) -> Result<Turn<'_>, Error> {
+fn take_turn<'f>(file: &'f File, turns: &'f Turns) -> Result<Turn<'f>, Error> {
     let since = Instant::now();
+    let _in_turn = turns.take(PATIENCE).ok_or_else(|| {
+        Error::new(ErrorKind::TimedOut, "another thread of this program has been writing to it for 5 s")
+    })?;
     loop {
         match file.try_lock() {
-            Ok(()) => return Ok(Turn(file)),
+            Ok(()) => return Ok(Turn { file, _in_turn }),
             Err(TryLockError::WouldBlock) if since.elapsed() < PATIENCE => {
                 std::thread::sleep(Duration::from_millis(1));
             }
@@ -97,11 +107,11 @@ impl HeadFile {
             file.sync_all()?;
             flush::names(store)?;
         }
-        Ok(HeadFile { file })
+        Ok(HeadFile { file, turns: Turns::at(store) })
     }
 
     pub fn take_turn(&self) -> Result<Turn<'_>, Error> {
-        take_turn(&self.file)
+        take_turn(&self.file, &self.turns)
     }
 
     /// Says on the disk where the chain is and will be.
@@ -141,7 +151,8 @@ pub(super) fn read(store: &Path) -> Result<Option<Read>, Error> {
 pub(super) fn read_beside<T>(store: &Path, beside: impl FnOnce() -> T) -> Result<(Option<Read>, T), Error> {
     match File::open(store.join(FILE)) {
         Ok(file) => {
-            let _turn = take_turn(&file)?;
+            let turns = Turns::at(store);
+            let _turn = take_turn(&file, &turns)?;
             Ok((read_from(&file)?, beside()))
         }
         Err(error) if error.kind() == ErrorKind::NotFound => Ok((None, beside())),

@@ -52,6 +52,7 @@ mod signatures;
 mod signed;
 mod steps;
 mod teaching;
+mod turns;
 mod verifications;
 mod verify;
 

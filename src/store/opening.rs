@@ -99,6 +99,9 @@ impl Store {
             store.settle_head(found).map_err(|error| at_head(folder, error))?;
         } else {
             store.changed.iter().for_each(|words| tracing::warn!("the store was changed: {words}"));
+            // On the journal first, whatever this opening is for: an incident that is kept is not found again, and a cell that has
+            // one must rest in Aborted until a person clears it.
+            store.recover()?;
             store.keep_incident(&store.changed.clone())?;
             // Numbers that are gone may be in the office already.
             store.begin_epoch("rows of the store were found changed or gone")?;

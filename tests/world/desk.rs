@@ -85,6 +85,10 @@ impl Desk {
         let others = || self.waiting.iter().filter(|waiting| waiting.queued && !waiting.urgent);
         let (of_user, of_all) = (others().filter(|waiting| waiting.uid == uid).count(), others().count());
         let has_place = urgent || (of_user < MOST_OF_USER && of_all < MOST);
+        // The same stop of the same person is one request.
+        let is_stop = urgent && !matches!(what, What::Leave);
+        let is_same = is_stop
+            && self.waiting.iter().any(|waiting| waiting.queued && waiting.uid == uid && waiting.words == words);
         let before =
             if urgent { self.waiting.iter().filter(|waiting| waiting.urgent).count() } else { self.waiting.len() };
         match (self.sender.send(Request { what, who, reply: Some(reply) }), has_place) {
@@ -92,7 +96,7 @@ impl Desk {
                 uid,
                 words,
                 urgent,
-                queued: true,
+                queued: !is_same,
                 rounds: 0,
                 at_most: before as u32 + ANSWERED_IN,
                 reply: answer,

@@ -238,6 +238,9 @@ fn a_store_without_a_chain_is_taken_into_one() {
     let store = Store::create(&path).expect("opens");
     assert!(store.changed().iter().any(|words| words.contains("rolled back")), "{:?}", store.changed());
     drop(store);
+    // Without a head it was left by one.
+    let folder = whole();
+    let path = store_in(&folder);
     behind_its_back(&folder, drop_all);
     fs::remove_file(path.join(head::FILE)).expect("removed");
     let mut store = Store::create(&path).expect("opens");

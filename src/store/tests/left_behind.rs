@@ -10,6 +10,27 @@ use crate::verdict::Verdict;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+/// An older database under a newer head, and the first to open it is a command that keeps one row: the next start rests in Aborted all
+/// the same, and the verification goes on saying so.
+#[test]
+fn a_change_that_a_small_command_finds_waits_for_a_person_too() {
+    let folder = whole();
+    let path = store_in(&folder);
+    drop(Store::create(&path).expect("opens"));
+    let before = fs::read(path.join(DATABASE)).expect("the database");
+    let mut store = Store::create(&path).expect("opens");
+    store.append(&Event::Told(Report::Boot), None).expect("written");
+    drop(store);
+    fs::write(path.join(DATABASE), before).expect("rolled back");
+    drop(Store::for_people(&path).expect("opens"));
+    let mut store = Store::create(&path).expect("opens");
+    assert_eq!(store.changed(), [] as [String; 0], "it is kept as an incident");
+    assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreChanged });
+    drop(store);
+    let waits = Store::verify(&path, false).expect("verified");
+    assert!(waits.found.iter().any(|words| words.contains("rolled back")), "{waits:?}");
+}
+
 /// A copy without its log: what it says is old, and the start rests until a person clears it.
 #[test]
 fn a_store_without_its_log_starts_in_aborted_until_a_person_clears_it() {
