@@ -41,6 +41,8 @@ pub struct Oracles {
     pub slowed_until_ms: u64,
     /// Somebody else has sent commands, in epochs up to this one.
     pub strange_epoch: i32,
+    /// Aborts that are taken for heartbeats, which the controller's watchdog believes: until the next one is sent, ms.
+    pub unheeded_ms: u64,
     /// The longest way of a byte.
     pub delay_ms: u64,
     /// Whether the tool is on the panel, where that is another one than these tests have.
@@ -52,6 +54,8 @@ pub struct Oracles {
     points: BTreeMap<(u32, u32), MoveLin>,
     /// How long each point lasts, ms.
     lasts_ms: BTreeMap<(u32, u32), f64>,
+    /// The controller was started again under another process.
+    begins_anew: bool,
     /// Of the last epoch, how far the controller counted what is done.
     most_done: (u32, i32),
     sent: BTreeMap<u32, u32>,
@@ -103,6 +107,11 @@ impl Oracles {
             self.lasts_ms.insert((epoch.0, id), way / point.speed_m_s.unwrap_or(speed_m_s));
             before = point.pose;
         }
+    }
+
+    /// The controller's count of epochs begins anew, and the process that is there now may know of none.
+    pub fn epochs_begin_anew(&mut self) {
+        self.begins_anew = true;
     }
 
     /// The last command of an epoch that was sent.
@@ -282,7 +291,7 @@ impl Oracles {
         if !cell.controller.can_move() || is_strangers {
             self.unable_ms = cell.now_ms;
         }
-        let since_ms = closed_ms.max(self.unable_ms) + END_MS + self.delay_ms;
+        let since_ms = closed_ms.max(self.unable_ms) + END_MS + self.delay_ms + self.unheeded_ms;
         let late_ms = self.late_end_ms(cell, closed_ms);
         for (output, after_ms) in OFF_AFTER_MS {
             // While nothing is queued, and neither tool nor water is on, silence ends the epoch by the loss of the connection alone.
@@ -353,7 +362,13 @@ impl Watch for Oracles {
 
     fn told(&mut self, report: &Report, cell: &Insides<'_>) {
         match report {
-            Report::EpochOpened { .. } => self.told_done = CommandId(0),
+            Report::EpochOpened { epoch } => {
+                self.told_done = CommandId(0);
+                if self.begins_anew {
+                    self.ended_ms.remove(&epoch.0);
+                    self.sent.remove(&epoch.0);
+                }
+            }
             Report::Connected { state } | Report::State(state) => {
                 self.is_harmful = state.outputs & self.harmful_outputs != 0;
             }

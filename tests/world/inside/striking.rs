@@ -10,6 +10,8 @@ use std::sync::PoisonError;
 
 /// After somebody worked with another program the cell's own is selected again.
 const HOME_MS: u64 = 3_000;
+/// An abort that was not obeyed is sent again so soon, ms.
+const AGAIN_MS: u64 = 300;
 
 impl Inside {
     pub(super) fn strike_due(&mut self) {
@@ -40,7 +42,10 @@ impl Inside {
         self.places_lie |= may_displace_the_arm(&fault);
         let mut tampering = self.tampering.lock().unwrap_or_else(PoisonError::into_inner);
         match fault {
-            Fault::Bytes { to_robot, channel, harm } => tampering.harms.push((to_robot, channel, harm)),
+            Fault::Bytes { to_robot, channel, harm } => {
+                self.truth.is_garbled |= to_robot;
+                tampering.harms.push((to_robot, channel, harm));
+            }
             Fault::Lie { channel, name, value, times } => tampering.lies.push((channel, name, value, times)),
             // A good controller drops them: there is nothing to distrust.
             Fault::Replay(count) => {
@@ -50,6 +55,7 @@ impl Inside {
             // What it makes of the abort is no more than a heartbeat.
             Fault::Unheeded(count) => {
                 tampering.unheeded = count;
+                self.oracles.unheeded_ms = u64::from(count) * AGAIN_MS;
                 return;
             }
             _ => {

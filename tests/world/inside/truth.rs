@@ -34,8 +34,11 @@ pub struct Truth {
     pub faulty_until_ms: u64,
     /// The last command that sets base or tool.
     frames: Option<(Epoch, CommandId)>,
-    /// The first line of a path that waits to be sent, and the command that sets its base or tool.
+    /// The first line of a path that waits to be sent, and the command that sets its base or tool. A controller that is started again
+    /// counts from zero.
     lines: Option<(Epoch, CommandId, CommandId)>,
+    /// Bytes to the controller were changed: what comes behind them may be taken for a part of the same message.
+    pub is_garbled: bool,
     /// How often the controller was started again.
     pub reboots: u32,
 }
@@ -72,7 +75,18 @@ impl Inside {
             {
                 self.must_end(format!("{fault:?}"));
             }
-            Fault::Reboot { .. } => self.truth.reboots += 1,
+            Fault::Reboot { .. } => {
+                self.truth.reboots += 1;
+                self.truth.lines = None;
+                if self.counts.lives > 1 {
+                    // The process that is there now may have opened none of the epochs so far, and the count begins anew.
+                    self.oracles.epochs_begin_anew();
+                }
+            }
+            Fault::Stall { for_ms } => {
+                let for_ms = for_ms.unwrap_or_default();
+                self.truth.faulty_until_ms = self.truth.faulty_until_ms.max(self.now_ms() + for_ms + FAULTY_MS);
+            }
             _ => {}
         }
         if !matches!(fault, Fault::EStop { .. } | Fault::Guard { .. } | Fault::Drives { .. }) {
@@ -89,7 +103,7 @@ impl Inside {
 
     /// Another client's request is about to reach it.
     pub(super) fn expects_of_foreign(&mut self, operation: i32) {
-        if operation == ABORT && self.now_ms() > self.truth.faulty_until_ms {
+        if operation == ABORT && self.now_ms() > self.truth.faulty_until_ms && !self.truth.is_garbled {
             self.must_end("an abort".to_owned());
         }
     }
