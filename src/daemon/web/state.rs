@@ -3,6 +3,7 @@
 use super::camera_views::Views;
 use super::frame::Frames;
 use super::live_state::Live;
+use super::places::{LOOKERS, Places};
 use super::sessions::Sessions;
 use super::visitor::Visitor;
 use super::words::{Language, Words};
@@ -30,6 +31,8 @@ pub(super) struct Web {
     pub examining: Semaphore,
     /// What the cameras saw last between cycles.
     pub views: Views,
+    /// Whoever looks on at the events.
+    pub lookers: Places,
     sessions: Mutex<Sessions>,
 }
 
@@ -60,6 +63,7 @@ impl Web {
             hosts: parts.hosts,
             examining: Semaphore::new(1),
             views: Views::default(),
+            lookers: Places::new(LOOKERS),
             sessions: Mutex::new(Sessions::new(idle_s, parts.sessions)),
         }
     }
