@@ -7,7 +7,7 @@ use super::places::{LOOKERS, Places};
 use super::sessions::Sessions;
 use super::visitor::Visitor;
 use super::words::{Language, Words};
-use crate::accounts::{AuditEntry, Lockout};
+use crate::accounts::AuditEntry;
 use crate::daemon::front_parts::FrontParts;
 use crate::daemon::live_scene::LiveScene;
 use crate::daemon::record_source::RecordSource;
@@ -78,16 +78,6 @@ impl Web {
         self.sessions.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    pub fn lockout(&self) -> MutexGuard<'_, Lockout> {
-        self.front.people.lockout()
-    }
-
-    /// In which words this account's password may not be tried now, after wrong ones.
-    pub fn pauses(&self, name: &str, words: Language<'_>) -> Option<String> {
-        let left_s = self.front.people.pauses_s(name)?;
-        Some(format!("{} {:.0} s", words.word("login.pauses"), left_s.ceil()))
-    }
-
     /// Reads the store, on the calling thread, which may wait for the disk.
     ///
     /// # Errors
@@ -108,6 +98,11 @@ impl Web {
     pub fn audit(&self, entry: &AuditEntry) {
         self.front.people.audit(entry);
     }
+}
+
+/// In which words an account's password may not be tried for so many seconds more, after wrong ones.
+pub(super) fn pauses(left_s: f64, words: Language<'_>) -> String {
+    format!("{} {:.0} s", words.word("login.pauses"), left_s.ceil())
 }
 
 /// A line of the audit trail about this visitor, done.
