@@ -57,6 +57,13 @@ impl CommandLimit {
             passed.waits = false;
         }
     }
+
+    /// Nothing of any command is left to do. When each was passed on last stays known.
+    pub fn forget_all(&mut self) {
+        for passed in self.0.values_mut() {
+            passed.waits = false;
+        }
+    }
 }
 
 /// How many lines were written in this minute, and how many were not.

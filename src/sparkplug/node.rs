@@ -182,6 +182,8 @@ impl EdgeNode {
             }
             Event::Lost => {
                 self.session = Session::Offline;
+                // What was asked for in a connection ends with it: nobody expects it minutes later.
+                self.commands.forget_all();
                 vec![]
             }
             Event::Seen(values) => {
