@@ -6,6 +6,7 @@
 use super::hashing::Hashing;
 use super::store_access::StoreAccess;
 use crate::accounts::{self, Account, AuditEntry, Lockout};
+use crate::files::content_hash;
 use crate::store::{Store, StoreError};
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -22,6 +23,13 @@ pub enum LogIn {
     Pauses(f64),
     /// No account has this name's form, or the program is ending.
     Unknown,
+}
+
+/// What an account is during a session of it: another role or a new password makes it another, and so does disabling it.
+pub(super) fn stamp(account: &Account) -> String {
+    let Account { role, password_hash, is_enabled, .. } = account;
+    let digest = content_hash(format!("{}\n{is_enabled}\n{password_hash}", role.word()).as_bytes());
+    digest.chars().take(16).collect()
 }
 
 /// Accounts, pauses and the audit trail of one store.

@@ -3,7 +3,7 @@
 use super::frame;
 use super::shared::{Shared, Tried, failed};
 use crate::accounts::{Role, checked_name};
-use crate::daemon::web::{cookie, cookie_name};
+use crate::daemon::web::{Holder, cookie, cookie_name};
 use crate::random;
 use axum::Form;
 use axum::body::Body;
@@ -103,7 +103,8 @@ pub(super) async fn log_in(
     let (Ok(token), Ok(csrf)) = (random::token(), random::token()) else {
         return form(StatusCode::SERVICE_UNAVAILABLE, Some("This computer has no random numbers yet. Try again."));
     };
-    let who = (account.name, account.printed_name, Role::Viewer);
+    let (name, printed_name) = (account.name, account.printed_name);
+    let who = Holder { name, printed_name, role: Role::Viewer, stamp: String::new() };
     shared.sessions().begin((&token, csrf), who, shared.now_s());
     ([(header::SET_COOKIE, set_cookie(&shared, &token, ""))], Redirect::to("/")).into_response()
 }

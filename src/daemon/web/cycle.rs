@@ -5,9 +5,9 @@ use super::layout::{Frame, Script, local};
 use super::reading::{Answer, doing, ended, reading};
 use super::scene;
 use super::state::{Web, entry, hashing, pauses};
-use super::visitor::Visitor;
-use crate::accounts::{AuditEntry, Permission};
-use crate::daemon::people::LogIn;
+use super::visitor::{Person, Visitor};
+use crate::accounts::{Account, AuditEntry, Permission};
+use crate::daemon::people::{LogIn, stamp};
 use crate::record::{CycleId, CycleRecord};
 use crate::signing::{Meaning, PersonSignature};
 use crate::store::{PersonSigns, Store};
@@ -184,7 +184,8 @@ pub(super) async fn sign(
     let id = id(&number).await?;
     let Some(person) = visitor.person.clone() else { return Err(not_found().await) };
     let remark = Some(remark.trim().to_owned()).filter(|remark| !remark.is_empty());
-    let signs = PersonSigns { cycle: id, name: person.printed_name, user: person.name, meaning, remark };
+    let name = person.printed_name.clone();
+    let signs = PersonSigns { cycle: id, name, user: person.name.clone(), meaning, remark };
     let line = AuditEntry {
         subject: Some(format!("cycle {id}")),
         after: Some(meaning.words().to_owned()),
@@ -192,7 +193,7 @@ pub(super) async fn sign(
     };
     let shared = web.clone();
     let signed = hashing(&web, move || {
-        let signed = signed(&shared, &signs, &password);
+        let signed = signed(&shared, signs, &person, &password);
         let refused = match &signed {
             Ok(_) => None,
             Err(NotSigned::Pauses(_)) => return signed,
@@ -220,13 +221,17 @@ enum NotSigned {
     Problem(String),
 }
 
-/// The signature's number.
-fn signed(web: &Web, signs: &PersonSigns, password: &str) -> Result<u64, NotSigned> {
+/// The signature's number. The account signs as it is now, and only where it is as the person logged in with it.
+fn signed(web: &Web, signs: PersonSigns, person: &Person, password: &str) -> Result<u64, NotSigned> {
+    let refused = |problem: &str| Err(NotSigned::Problem(problem.to_owned()));
     match web.front.people.tried(&signs.user, password) {
-        LogIn::Right(_) => web.records.sign(signs).map_err(NotSigned::Problem),
-        LogIn::Pauses(left_s) => Err(NotSigned::Pauses(left_s)),
-        LogIn::Wrong(_) | LogIn::Unknown => {
-            Err(NotSigned::Problem("the password is wrong; the record is not signed".to_owned()))
+        LogIn::Right(account) if stamp(&account) != person.stamp || !account.role.may(Permission::Sign) => {
+            refused("the account was changed since the log-in; log in again; the record is not signed")
         }
+        LogIn::Right(Account { name: user, printed_name: name, .. }) => {
+            web.records.sign(&PersonSigns { user, name, ..signs }).map_err(NotSigned::Problem)
+        }
+        LogIn::Pauses(left_s) => Err(NotSigned::Pauses(left_s)),
+        LogIn::Wrong(_) | LogIn::Unknown => refused("the password is wrong; the record is not signed"),
     }
 }

@@ -3,10 +3,11 @@
 use super::guard::{By, cookie_name, refusal};
 use super::layout::{Frame, Script};
 use super::reading::ended;
+use super::sessions::Holder;
 use super::state::{Web, blocking, entry, hashing, pauses};
 use super::visitor::Visitor;
 use crate::accounts::{self, Account, AuditEntry};
-use crate::daemon::people::LogIn;
+use crate::daemon::people::{LogIn, stamp};
 use crate::random;
 use axum::extract::{Path, Query, State};
 use axum::http::{StatusCode, header};
@@ -85,7 +86,9 @@ fn begin(web: &Web, visitor: &Visitor, account: Account) -> Response {
     if let Some(person) = &visitor.person {
         web.sessions().end(&person.token);
     }
-    let who = (account.name, account.printed_name, account.role);
+    let stamp = stamp(&account);
+    let Account { name, printed_name, role, .. } = account;
+    let who = Holder { name, printed_name, role, stamp };
     web.sessions().begin((&token, csrf), who, web.now_s());
     let cookie = set_cookie(web, &token, "");
     ([(header::SET_COOKIE, cookie)], Json(json!({ "message": "" }))).into_response()

@@ -5,6 +5,7 @@ use super::frame::Frames;
 use super::live_state::Live;
 use super::places::{LOOKERS, Places};
 use super::sessions::Sessions;
+use super::stamps::Stamps;
 use super::visitor::Visitor;
 use super::words::{Language, Words};
 use crate::accounts::AuditEntry;
@@ -33,6 +34,8 @@ pub(super) struct Web {
     pub views: Views,
     /// Whoever looks on at the events.
     pub lookers: Places,
+    /// The accounts as they were read last.
+    pub stamps: Stamps,
     sessions: Mutex<Sessions>,
 }
 
@@ -64,6 +67,7 @@ impl Web {
             examining: Semaphore::new(1),
             views: Views::default(),
             lookers: Places::new(LOOKERS),
+            stamps: Stamps::default(),
             sessions: Mutex::new(Sessions::new(idle_s, parts.sessions)),
         }
     }
