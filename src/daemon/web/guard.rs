@@ -132,7 +132,7 @@ async fn refused(web: &Arc<Web>, visitor: Visitor, path: String, is_change: bool
     let told = format!("{} ({})", words.word("refused.role"), words.word(role_key(person.role)));
     let (web, mut line) = (web.clone(), entry(&visitor, if is_change { "request" } else { "look" }));
     (line.subject, line.refused) = (Some(path), Some(message));
-    blocking(move || web.audit(&line)).await;
+    blocking(move || web.audit_refusal(&line)).await;
     refusal(StatusCode::FORBIDDEN, "role", &told)
 }
 

@@ -37,6 +37,7 @@ mod messages;
 mod people;
 mod places;
 mod reading;
+mod refusals;
 mod requests;
 mod routes;
 mod run_page;

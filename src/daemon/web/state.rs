@@ -4,6 +4,7 @@ use super::camera_views::Views;
 use super::frame::Frames;
 use super::live_state::Live;
 use super::places::{LOOKERS, Places};
+use super::refusals::Refusals;
 use super::sessions::Sessions;
 use super::stamps::Stamps;
 use super::visitor::Visitor;
@@ -36,6 +37,7 @@ pub(super) struct Web {
     pub lookers: Places,
     /// The accounts as they were read last.
     pub stamps: Stamps,
+    refusals: Mutex<Refusals>,
     sessions: Mutex<Sessions>,
 }
 
@@ -68,6 +70,7 @@ impl Web {
             views: Views::default(),
             lookers: Places::new(LOOKERS),
             stamps: Stamps::default(),
+            refusals: Mutex::default(),
             sessions: Mutex::new(Sessions::new(idle_s, parts.sessions)),
         }
     }
@@ -80,6 +83,31 @@ impl Web {
     pub fn sessions(&self) -> MutexGuard<'_, Sessions> {
         // Every change is made whole under the lock.
         self.sessions.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Keeps a line of the audit trail about a refused request, or counts it where there are many; on the calling thread.
+    pub fn audit_refusal(&self, line: &AuditEntry) {
+        let now_ms = self.now_ms();
+        self.count_refusals(now_ms);
+        if self.refusals().allows(line, now_ms) {
+            self.audit(line);
+        }
+    }
+
+    /// Keeps the lines that count refusals of minutes that are over by this time; on the calling thread.
+    pub fn count_refusals(&self, now_ms: u64) {
+        let counted = self.refusals().over(now_ms);
+        counted.iter().for_each(|line| self.audit(line));
+    }
+
+    fn refusals(&self) -> MutexGuard<'_, Refusals> {
+        // Every change is made whole under the lock.
+        self.refusals.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Milliseconds on the clock of [`Web::now_s`].
+    pub fn now_ms(&self) -> u64 {
+        (self.now_s() * 1_000.0) as u64
     }
 
     /// Reads the store, on the calling thread, which may wait for the disk.

@@ -118,6 +118,7 @@ impl RecordSource for Source {
 /// A page on a new store, with an account for each role.
 pub(super) struct PageFixture {
     router: Router,
+    web: Arc<Web>,
     gateway: Gateway,
     pub asked: Arc<Mutex<Vec<String>>>,
     pub folder: TempDir,
@@ -183,7 +184,7 @@ impl PageFixture {
         let gateway = Gateway::new(sender, loader, None);
         let people = Arc::new(People::new(folder_of_store));
         let alarms = Arc::new(Alarms::new(people.clone()));
-        let web = Web::new(WebParts {
+        let web = Arc::new(Web::new(WebParts {
             front: FrontParts { gateway: gateway.clone(), people, alarms, setup: Arc::new(Source) },
             live,
             frames: Arc::new(Frames::new(LiveView::default())),
@@ -193,10 +194,10 @@ impl PageFixture {
             hosts: Some(["127.0.0.1:8090".to_owned(), "localhost:8090".to_owned()]),
             idle_min: 30,
             sessions: 2,
-        });
-        let router = routes::router(&Arc::new(web));
+        }));
+        let router = routes::router(&web);
         let from = ConnectInfo(SocketAddr::from(([127, 0, 0, 1], 5_000)));
-        PageFixture { router: router.layer(axum::Extension(from)), gateway, asked, folder }
+        PageFixture { router: router.layer(axum::Extension(from)), web, gateway, asked, folder }
     }
 
     /// The same page for its own server.
