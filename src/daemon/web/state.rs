@@ -37,6 +37,8 @@ pub(super) struct Web {
     pub lookers: Places,
     /// The accounts as they were read last.
     pub stamps: Stamps,
+    /// Whoever saves a recipe.
+    pub saving: Mutex<()>,
     refusals: Mutex<Refusals>,
     sessions: Mutex<Sessions>,
 }
@@ -70,6 +72,7 @@ impl Web {
             views: Views::default(),
             lookers: Places::new(LOOKERS),
             stamps: Stamps::default(),
+            saving: Mutex::default(),
             refusals: Mutex::default(),
             sessions: Mutex::new(Sessions::new(idle_s, parts.sessions)),
         }
