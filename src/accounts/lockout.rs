@@ -18,33 +18,37 @@ pub struct Lockout(BTreeMap<String, Tried>);
 struct Tried {
     wrong: u32,
     last_s: f64,
+    /// The account pauses until then, where a row was full.
+    until_s: Option<f64>,
 }
 
-impl Tried {
-    fn until_s(self) -> Option<f64> {
-        let rows = self.wrong / TRIES;
-        let pause_s = PAUSE_S * f64::from(2_u32.saturating_pow(rows.saturating_sub(1).min(16)));
-        (rows > 0 && self.wrong.is_multiple_of(TRIES)).then(|| self.last_s + pause_s.min(LONGEST_S))
-    }
+/// How long an account pauses after so many full rows, s.
+fn pause_s(rows: u32) -> f64 {
+    (PAUSE_S * f64::from(2_u32.saturating_pow(rows.saturating_sub(1).min(16)))).min(LONGEST_S)
 }
 
 impl Lockout {
     /// How long this account still pauses, s; `None` where its password may be tried.
     pub fn pauses_s(&self, name: &str, now_s: f64) -> Option<f64> {
-        let left_s = self.0.get(name)?.until_s()? - now_s;
+        let left_s = self.0.get(name)?.until_s? - now_s;
         (left_s > 0.0).then_some(left_s)
     }
 
-    /// A wrong password; whether the account pauses from now on.
+    /// A wrong password; whether the account pauses from now on. While it pauses nothing is counted, and nothing ends the pause.
     pub fn wrong(&mut self, name: &str, now_s: f64) -> bool {
+        if self.pauses_s(name, now_s).is_some() {
+            return true;
+        }
         if self.0.len() >= MOST_NAMES && !self.0.contains_key(name) {
             let oldest =
                 self.0.iter().min_by(|a, b| a.1.last_s.total_cmp(&b.1.last_s)).map(|(name, _)| name.clone());
             oldest.and_then(|name| self.0.remove(&name));
         }
-        let tried = self.0.entry(name.to_owned()).or_insert(Tried { wrong: 0, last_s: now_s });
-        *tried = Tried { wrong: tried.wrong.saturating_add(1), last_s: now_s };
-        tried.until_s().is_some()
+        let former = self.0.get(name).map_or(0, |tried| tried.wrong);
+        let wrong = former.saturating_add(1);
+        let until_s = wrong.is_multiple_of(TRIES).then(|| now_s + pause_s(wrong / TRIES));
+        self.0.insert(name.to_owned(), Tried { wrong, last_s: now_s, until_s });
+        until_s.is_some()
     }
 
     /// The right password.
@@ -73,6 +77,22 @@ mod tests {
         }
         lockout.right("anna");
         assert!(!lockout.wrong("anna", now_s), "counted from the beginning");
+    }
+
+    /// One more attempt that was under way when the row was full takes nothing from the pause, and adds nothing to it.
+    #[test]
+    fn a_wrong_password_during_the_pause_does_not_lift_it() {
+        let mut lockout = Lockout::default();
+        for _ in 0..5 {
+            lockout.wrong("anna", 0.0);
+        }
+        for n in 1..200 {
+            assert!(lockout.wrong("anna", f64::from(n) / 10.0));
+            assert!(lockout.pauses_s("anna", f64::from(n) / 10.0).is_some());
+        }
+        assert_eq!(lockout.pauses_s("anna", 59.0), Some(1.0));
+        assert_eq!(lockout.pauses_s("anna", 60.0), None);
+        assert!(!lockout.wrong("anna", 60.0), "the first of the next row");
     }
 
     #[test]

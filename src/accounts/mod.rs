@@ -4,11 +4,13 @@
 //! account: authentication must not stand in the way of an emergency action (IEC 62443-4-2, CR 1.1 with its note on essential
 //! functions).
 
+mod line_limit;
 mod lockout;
 mod name;
 mod password;
 mod role;
 
+pub use line_limit::{LineLimit, MostLines};
 pub use lockout::{Lockout, PAUSE_S, TRIES};
 pub use name::{MOST_PRINTED, NameError, checked_name};
 pub use password::{LEAST_CHARACTERS, PasswordError, hashed, is_right};

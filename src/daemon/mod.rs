@@ -78,6 +78,7 @@ mod setup;
 mod setup_source;
 mod single;
 mod single_interlocks;
+mod slots;
 mod socket;
 mod sparkplug;
 mod standing;

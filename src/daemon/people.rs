@@ -6,6 +6,7 @@
 use super::hashing::Hashing;
 use super::store_access::StoreAccess;
 use crate::accounts::{self, Account, AuditEntry, Lockout};
+use crate::files::content_hash;
 use crate::store::{Store, StoreError};
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -22,6 +23,13 @@ pub enum LogIn {
     Pauses(f64),
     /// No account has this name's form, or the program is ending.
     Unknown,
+}
+
+/// What an account is during a session of it: another role or a new password makes it another, and so does disabling it.
+pub(super) fn stamp(account: &Account) -> String {
+    let Account { role, password_hash, is_enabled, .. } = account;
+    let digest = content_hash(format!("{}\n{is_enabled}\n{password_hash}", role.word()).as_bytes());
+    digest.chars().take(16).collect()
 }
 
 /// Accounts, pauses and the audit trail of one store.
@@ -50,7 +58,7 @@ impl People {
     }
 
     /// Who tried wrong passwords lately.
-    pub fn lockout(&self) -> MutexGuard<'_, Lockout> {
+    fn lockout(&self) -> MutexGuard<'_, Lockout> {
         // Every change is made whole under the lock.
         self.lockout.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -84,8 +92,7 @@ impl People {
         }
     }
 
-    /// The account, where it may log in by this password. On the calling thread, which computes for a while.
-    pub fn judged(&self, name: &str, password: &str) -> Option<Account> {
+    fn judged(&self, name: &str, password: &str) -> Option<Account> {
         let account = match self.read(|store| store.accounts()) {
             Ok(mut accounts) => accounts.remove(name),
             Err(error) => {
@@ -98,21 +105,13 @@ impl People {
         account.filter(|account| is_right && account.is_enabled)
     }
 
-    /// Works with passwords, one at a time.
-    pub async fn hashing<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
-        self.hashing.run(work).await
-    }
-
-    /// Judges a name and a password, and counts a wrong one.
-    pub async fn log_in(self: &std::sync::Arc<Self>, name: &str, password: String) -> LogIn {
-        if accounts::checked_name(name).is_err() {
-            return LogIn::Unknown;
-        }
+    /// Judges a name and a password, and counts a wrong one. On the calling thread, which computes for a while and has the turn of
+    /// [`People::hashing`]: only so does each attempt know what came of those before it.
+    pub fn tried(&self, name: &str, password: &str) -> LogIn {
         if let Some(left_s) = self.pauses_s(name) {
             return LogIn::Pauses(left_s);
         }
-        let (shared, tried) = (self.clone(), name.to_owned());
-        match self.hashing(move || shared.judged(&tried, &password)).await.flatten() {
+        match self.judged(name, password) {
             Some(account) => {
                 self.lockout().right(name);
                 LogIn::Right(account)
@@ -120,5 +119,47 @@ impl People {
             None if self.lockout().wrong(name, self.now_s()) => LogIn::Wrong("wrong password; the account pauses"),
             None => LogIn::Wrong("wrong name or password"),
         }
+    }
+
+    /// Works with passwords, one at a time.
+    pub async fn hashing<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+        self.hashing.run(work).await
+    }
+
+    /// Judges a name and a password in its turn, and counts a wrong one.
+    pub async fn log_in(self: &std::sync::Arc<Self>, name: &str, password: String) -> LogIn {
+        if accounts::checked_name(name).is_err() {
+            return LogIn::Unknown;
+        }
+        // Whoever has to wait anyway takes nobody's turn.
+        if let Some(left_s) = self.pauses_s(name) {
+            return LogIn::Pauses(left_s);
+        }
+        let (shared, tried) = (self.clone(), name.to_owned());
+        self.hashing(move || shared.tried(&tried, &password)).await.unwrap_or(LogIn::Unknown)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+
+    /// Attempts that come at one time are judged one after the other, and the sixth one is not judged any more.
+    #[tokio::test]
+    async fn of_six_wrong_passwords_at_one_time_the_sixth_is_not_looked_at() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let people = Arc::new(People::new(folder.path().join("store")));
+        let tries = (0..6).map(|_| {
+            let people = people.clone();
+            tokio::spawn(async move { people.log_in("anna", "wrong horse".to_owned()).await })
+        });
+        let mut came = Vec::new();
+        for tried in tries.collect::<Vec<_>>() {
+            came.push(tried.await.expect("it ends"));
+        }
+        let paused = came.iter().filter(|came| matches!(came, LogIn::Pauses(_))).count();
+        assert_eq!(paused, 1, "{came:?}");
+        assert!(people.pauses_s("anna").is_some_and(|left_s| left_s > 50.0), "it pauses on");
     }
 }

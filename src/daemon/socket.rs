@@ -9,7 +9,6 @@
 //! was read goes to the `gateway`, which queues it by its urgency and reads recipes on a thread of their own.
 
 mod role;
-mod slots;
 
 use super::caller;
 use super::gateway::Gateway;
@@ -17,12 +16,12 @@ use super::lending::{self, SharedCameras, ShotRequest};
 use super::protocol::{MOST_BYTES, MOST_SHORT_BYTES, ProtocolError, may_be_long, read_request};
 use super::reply::{Exit, Reply};
 use super::request::What;
+use super::slots::{Most, Slot, Slots};
 use crate::accounts::Role;
 use crate::record::Who;
 use crate::supervision::{Supervised, Supervisor, supervised};
 use crate::verdict::Reason;
 use role::Rule;
-use slots::{Slot, Slots};
 use std::fs::{self, Permissions};
 use std::io::ErrorKind;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
@@ -39,6 +38,8 @@ use tokio::time::{interval, sleep, timeout};
 const MODE: u32 = 0o660;
 /// A client says its whole line within this time, and takes its answer within the same time again.
 const CLIENT_PATIENCE: Duration = Duration::from_secs(2);
+/// Connections of one user, and of all, whose lines are listened to at one time.
+const SLOTS: Most = Most { of_one: 64, of_all: 256 };
 /// How long a connection that has to give way is still listened to.
 const LAST_WORD: Duration = Duration::from_millis(50);
 /// The socket's thread says so often that it works, and is silent for at most so long.
@@ -148,7 +149,7 @@ fn clear_the_way(path: &Path) -> Result<(), SocketError> {
 }
 
 fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway, Option<Role>), sign: &Supervised) {
-    let slots = Slots::default();
+    let slots = Slots::new(SLOTS);
     let service_uid = rustix::process::geteuid().as_raw();
     #[expect(
         clippy::let_underscore_must_use,
@@ -180,7 +181,7 @@ fn serve(runtime: &Runtime, listener: &UnixListener, (gateway, role): (&Gateway,
 }
 
 /// Reads one line, has it answered, and tells the answer.
-async fn attend((stream, who): (UnixStream, Who), mut slot: Slot, gateway: Gateway, rule: Rule) {
+async fn attend((stream, who): (UnixStream, Who), mut slot: Slot<Option<u32>>, gateway: Gateway, rule: Rule) {
     let heard = {
         let mut reading = pin!(read(&stream));
         tokio::select! {

@@ -9,11 +9,12 @@
 
 use super::command::{NodeCommand, commands};
 use super::host::{HostState, PrimaryHost};
-use super::limit::{CommandLimit, LineLimit};
+use super::limit::{CommandLimit, LINES};
 use super::metrics::{METRICS, alias};
 use super::payload::{Metric, Payload};
 use super::topic::Ids;
 use super::value::{DataType, Value};
+use crate::accounts::LineLimit;
 use prost::Message as _;
 
 /// What a node is set up with.
@@ -138,7 +139,7 @@ impl EdgeNode {
             seen: None,
             told: Vec::new(),
             commands: CommandLimit::default(),
-            lines: LineLimit::default(),
+            lines: LineLimit::new(LINES, 0),
         }
     }
 
@@ -182,6 +183,8 @@ impl EdgeNode {
             }
             Event::Lost => {
                 self.session = Session::Offline;
+                // What was asked for in a connection ends with it: nobody expects it minutes later.
+                self.commands.forget_all();
                 vec![]
             }
             Event::Seen(values) => {

@@ -1,9 +1,9 @@
 //! Who may look: people with an account of the office, who log in by a form. Everything but the form needs a session.
 
 use super::frame;
-use super::shared::{Shared, failed};
+use super::shared::{Shared, Tried, failed};
 use crate::accounts::{Role, checked_name};
-use crate::daemon::web::{cookie, cookie_name};
+use crate::daemon::web::{Holder, cookie, cookie_name};
 use crate::random;
 use axum::Form;
 use axum::body::Body;
@@ -84,28 +84,28 @@ pub(super) async fn log_in(
     if checked_name(&name).is_err() {
         return wrong();
     }
-    let now_s = shared.now_s();
-    if let Some(pauses_s) = shared.lockout().pauses_s(&name, now_s) {
-        let words = format!("After wrong passwords this account pauses. Try again in {} s.", pauses_s.ceil());
-        return form(StatusCode::TOO_MANY_REQUESTS, Some(&words));
-    }
     let account = match shared.reader().account(&name).await {
         Ok(account) => account,
         Err(error) => return failed(&error),
     };
     let hash = account.as_ref().map_or(String::new(), |account| account.password_hash.clone());
-    let is_right = shared.is_right(password, hash).await;
-    let Some(account) = account.filter(|_| is_right) else {
-        shared.lockout().wrong(&name, now_s);
-        tracing::warn!("{}: wrong name or password at the office's page", name.escape_debug());
-        return wrong();
+    let account = match (shared.tried(name.clone(), password, hash).await, account) {
+        (Some(Tried::Right), Some(account)) => account,
+        (Some(Tried::Pauses(left_s)), _) => {
+            let words = format!("After wrong passwords this account pauses. Try again in {} s.", left_s.ceil());
+            return form(StatusCode::TOO_MANY_REQUESTS, Some(&words));
+        }
+        _ => {
+            tracing::warn!("{}: wrong name or password at the office's page", name.escape_debug());
+            return wrong();
+        }
     };
-    shared.lockout().right(&name);
     let (Ok(token), Ok(csrf)) = (random::token(), random::token()) else {
         return form(StatusCode::SERVICE_UNAVAILABLE, Some("This computer has no random numbers yet. Try again."));
     };
-    let who = (account.name, account.printed_name, Role::Viewer);
-    shared.sessions().begin((&token, csrf), who, now_s);
+    let (name, printed_name) = (account.name, account.printed_name);
+    let who = Holder { name, printed_name, role: Role::Viewer, stamp: String::new() };
+    shared.sessions().begin((&token, csrf), who, shared.now_s());
     ([(header::SET_COOKIE, set_cookie(&shared, &token, ""))], Redirect::to("/")).into_response()
 }
 

@@ -56,14 +56,38 @@ impl Shared {
         self.0.sessions.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    pub fn lockout(&self) -> MutexGuard<'_, Lockout> {
+    fn lockout(&self) -> MutexGuard<'_, Lockout> {
         self.0.lockout.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Whether the password is right; another account, or none, takes as long.
-    pub async fn is_right(&self, password: String, hash: String) -> bool {
-        self.0.hashing.run(move || accounts::is_right(&password, &hash)).await.unwrap_or(false)
+    /// Judges a password against an account's hash in its turn, and counts a wrong one; another account, or none, takes as long. `None`
+    /// where the program is ending.
+    pub async fn tried(&self, name: String, password: String, hash: String) -> Option<Tried> {
+        let shared = self.clone();
+        let judge = move || {
+            if let Some(left_s) = shared.lockout().pauses_s(&name, shared.now_s()) {
+                return Tried::Pauses(left_s);
+            }
+            match accounts::is_right(&password, &hash) {
+                true => shared.lockout().right(&name),
+                false => {
+                    shared.lockout().wrong(&name, shared.now_s());
+                    return Tried::Wrong;
+                }
+            }
+            Tried::Right
+        };
+        self.0.hashing.run(judge).await
     }
+}
+
+/// What came of a password.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Tried {
+    Right,
+    Wrong,
+    /// It was not looked at: the account pauses for so many seconds more.
+    Pauses(f64),
 }
 
 /// What a page says where the archive does not answer.

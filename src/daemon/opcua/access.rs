@@ -4,8 +4,7 @@
 use super::door::Door;
 use crate::accounts::{Account, AuditEntry, Permission, Role};
 use crate::cell::Anonymous;
-use crate::daemon::people::{LogIn, People};
-use crate::files::content_hash;
+use crate::daemon::people::{LogIn, People, stamp};
 use async_trait::async_trait;
 use opcua::server::ServerEndpoint;
 use opcua::server::address_space::AccessLevel;
@@ -56,9 +55,7 @@ impl Caller {
 
 /// The token of a session: the account, and what it was when the session logged in. A new password or a new role makes it another.
 fn token(account: &Account) -> String {
-    let Account { name, role, password_hash, .. } = account;
-    let digest = content_hash(format!("{}\n{password_hash}", role.word()).as_bytes());
-    format!("{name}#{}", &digest[..16])
+    format!("{}#{}", account.name, stamp(account))
 }
 
 /// Who may do what.

@@ -59,7 +59,7 @@ pub(super) struct Calls {
     pub front: FrontParts,
     flood: Mutex<Flood>,
     refusal: Mutex<Option<LastRefusal>>,
-    /// The last stop and the last abort, with their replies.
+    /// The last stop and the last abort that were done, with their replies.
     urgent: [AsyncMutex<Option<(Instant, Reply)>>; 2],
 }
 
@@ -160,14 +160,15 @@ impl Calls {
         Outcome::of(self.front.gateway.request(what, who(caller)).await)
     }
 
-    /// A stop or an abort. Whoever asks while one is under way, or just was, hears what came of that one.
+    /// A stop or an abort. Whoever asks while one is under way, or just was, hears what came of that one where it was done; one that was
+    /// not done is asked for anew.
     async fn urgent(&self, place: usize, request: Request, caller: &Caller) -> Reply {
         let mut last = self.urgent[place].lock().await;
         if let Some((_, reply)) = last.as_ref().filter(|(at, _)| at.elapsed() < TOGETHER) {
             return reply.clone();
         }
         let reply = self.front.gateway.request(What::Table(request), who(caller)).await;
-        *last = Some((Instant::now(), reply.clone()));
+        *last = (reply.answer == Exit::Done).then(|| (Instant::now(), reply.clone()));
         reply
     }
 

@@ -4,9 +4,10 @@ use super::guard::{By, not_found, refusal};
 use super::layout::{Frame, Script, local};
 use super::reading::{Answer, doing, ended, reading};
 use super::scene;
-use super::state::{Web, entry, hashing};
-use super::visitor::Visitor;
-use crate::accounts::{self, AuditEntry, Permission};
+use super::state::{Web, entry, hashing, pauses};
+use super::visitor::{Person, Visitor};
+use crate::accounts::{Account, AuditEntry, Permission};
+use crate::daemon::people::{LogIn, stamp};
 use crate::record::{CycleId, CycleRecord};
 use crate::signing::{Meaning, PersonSignature};
 use crate::store::{PersonSigns, Store};
@@ -182,12 +183,9 @@ pub(super) async fn sign(
 ) -> Answer {
     let id = id(&number).await?;
     let Some(person) = visitor.person.clone() else { return Err(not_found().await) };
-    if let Some(pauses) = web.pauses(&person.name, visitor.language()) {
-        return Err(refusal(StatusCode::UNPROCESSABLE_ENTITY, "password", &pauses));
-    }
-    let user = person.name.clone();
     let remark = Some(remark.trim().to_owned()).filter(|remark| !remark.is_empty());
-    let signs = PersonSigns { cycle: id, name: person.printed_name, user: person.name, meaning, remark };
+    let name = person.printed_name.clone();
+    let signs = PersonSigns { cycle: id, name, user: person.name.clone(), meaning, remark };
     let line = AuditEntry {
         subject: Some(format!("cycle {id}")),
         after: Some(meaning.words().to_owned()),
@@ -195,32 +193,45 @@ pub(super) async fn sign(
     };
     let shared = web.clone();
     let signed = hashing(&web, move || {
-        let signed = signed(&shared, &signs, &password);
-        let refused = signed.as_ref().err().map(|(_, problem)| problem.clone());
+        let signed = signed(&shared, signs, &person, &password);
+        let refused = match &signed {
+            Ok(_) => None,
+            Err(NotSigned::Pauses(_)) => return signed,
+            Err(NotSigned::Problem(problem)) => Some(problem.clone()),
+        };
         shared.audit(&AuditEntry { refused, ..line });
         signed
     });
+    let refused = |code, problem: &str| refusal(StatusCode::UNPROCESSABLE_ENTITY, code, problem);
     match signed.await {
         Some(Ok(number)) => {
-            web.lockout().right(&user);
             Ok(Json(json!({ "message": visitor.language().word("saved"), "number": number })).into_response())
         }
-        Some(Err((is_password, problem))) => {
-            if is_password {
-                web.lockout().wrong(&user, web.now_s());
-            }
-            Err(refusal(StatusCode::UNPROCESSABLE_ENTITY, "sign", &problem))
-        }
+        Some(Err(NotSigned::Pauses(left_s))) => Err(refused("password", &pauses(left_s, visitor.language()))),
+        Some(Err(NotSigned::Problem(problem))) => Err(refused("sign", &problem)),
         None => Err(ended()),
     }
 }
 
-/// The signature's number; else whether the password was wrong, and the reason in words.
-fn signed(web: &Web, signs: &PersonSigns, password: &str) -> Result<u64, (bool, String)> {
-    let accounts = web.read(|store| store.accounts()).map_err(|error| (false, error.to_string()))?;
-    let hash = accounts.get(&signs.user).map_or("", |account| &account.password_hash);
-    if !accounts::is_right(password, hash) {
-        return Err((true, "the password is wrong; the record is not signed".to_owned()));
+/// Why a record was not signed.
+enum NotSigned {
+    /// The account pauses for so many seconds more.
+    Pauses(f64),
+    /// In words.
+    Problem(String),
+}
+
+/// The signature's number. The account signs as it is now, and only where it is as the person logged in with it.
+fn signed(web: &Web, signs: PersonSigns, person: &Person, password: &str) -> Result<u64, NotSigned> {
+    let refused = |problem: &str| Err(NotSigned::Problem(problem.to_owned()));
+    match web.front.people.tried(&signs.user, password) {
+        LogIn::Right(account) if stamp(&account) != person.stamp || !account.role.may(Permission::Sign) => {
+            refused("the account was changed since the log-in; log in again; the record is not signed")
+        }
+        LogIn::Right(Account { name: user, printed_name: name, .. }) => {
+            web.records.sign(&PersonSigns { user, name, ..signs }).map_err(NotSigned::Problem)
+        }
+        LogIn::Pauses(left_s) => Err(NotSigned::Pauses(left_s)),
+        LogIn::Wrong(_) | LogIn::Unknown => refused("the password is wrong; the record is not signed"),
     }
-    web.records.sign(signs).map_err(|problem| (false, problem))
 }

@@ -1,6 +1,7 @@
 //! What stands before each route: who asks, whether the request comes from our own page, and whether the role may.
 
 use super::access::{Access, Method, Route};
+use super::sessions::Session;
 use super::state::{Web, blocking, entry};
 use super::visitor::{Person, Visitor, role_key};
 use axum::body::Body;
@@ -45,7 +46,14 @@ pub(super) async fn pass(
 ) -> Response {
     let headers = request.headers();
     let (is_change, access) = (route.method == Method::Post, route.access);
-    let visitor = visitor(&web, headers, from, is_change || !is_by_itself(request.uri().path()));
+    let mut visitor = visitor(&web, headers, from, is_change || !is_by_itself(request.uri().path()));
+    // What is open to everybody, such as a stop, waits for no disk.
+    if let (Access::Needs(_), Some(person)) = (access, &visitor.person)
+        && !web.stamps.count(&web.front.people, person).await
+    {
+        web.sessions().end(&person.token);
+        visitor.person = None;
+    }
     if is_change && let Some(refused) = foreign(headers, &visitor, access) {
         return refused;
     }
@@ -69,8 +77,8 @@ fn visitor(web: &Web, headers: &HeaderMap, from: SocketAddr, is_action: bool) ->
     let token = cookie(headers, cookie_name(web.is_tls));
     let person = token.and_then(|token| {
         let session = web.sessions().find(token, web.now_s(), is_action)?;
-        let (name, printed_name, role) = (session.name, session.printed_name, session.role);
-        Some(Person { name, printed_name, role, csrf: session.csrf, token: token.to_owned() })
+        let Session { name, printed_name, role, stamp, csrf, .. } = session;
+        Some(Person { name, printed_name, role, stamp, csrf, token: token.to_owned() })
     });
     Visitor {
         from: from.ip().to_canonical().to_string(),
@@ -124,7 +132,7 @@ async fn refused(web: &Arc<Web>, visitor: Visitor, path: String, is_change: bool
     let told = format!("{} ({})", words.word("refused.role"), words.word(role_key(person.role)));
     let (web, mut line) = (web.clone(), entry(&visitor, if is_change { "request" } else { "look" }));
     (line.subject, line.refused) = (Some(path), Some(message));
-    blocking(move || web.audit(&line)).await;
+    blocking(move || web.audit_refusal(&line)).await;
     refusal(StatusCode::FORBIDDEN, "role", &told)
 }
 

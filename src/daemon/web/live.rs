@@ -2,14 +2,16 @@
 
 use super::frame::Frames;
 use super::live_state::Live;
+use super::places::owner;
 use super::state::Web;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::request::What;
 use crate::record::{Front, Who};
-use axum::extract::State;
+use axum::extract::{ConnectInfo, State};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use futures_util::stream::{self, Stream};
 use std::convert::Infallible;
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
@@ -43,15 +45,24 @@ pub(super) async fn follow(gateway: Gateway, frames: Arc<Frames>, tell: watch::S
 }
 
 /// The events of a page: how the cell stands, now and at each change. A browser that does not read holds nothing but its
-/// connection: it gets the newest state when it reads again.
-pub(super) async fn events(State(web): State<Arc<Web>>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+/// connection: it gets the newest state when it reads again. Where too many look on, the one that does so for longest gives way;
+/// a browser comes again by itself.
+pub(super) async fn events(
+    State(web): State<Arc<Web>>,
+    ConnectInfo(from): ConnectInfo<SocketAddr>,
+) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
+    let place = web.lookers.take(owner(from.ip()));
     let mut live = web.live.clone();
     live.mark_changed();
-    let stream = stream::unfold(live, |mut live| async move {
-        live.changed().await.ok()?;
+    let stream = stream::unfold((live, place), |(mut live, mut place)| async move {
+        tokio::select! {
+            biased;
+            () = place.is_wanted() => return None,
+            changed = live.changed() => changed.ok()?,
+        }
         let now = live.borrow_and_update().clone();
         let event = Event::default().json_data(&*now).unwrap_or_default();
-        Some((Ok(event), live))
+        Some((Ok(event), (live, place)))
     });
     Sse::new(stream).keep_alive(KeepAlive::new().interval(Duration::from_secs(15)))
 }

@@ -3,10 +3,11 @@
 use super::guard::{By, cookie_name, refusal};
 use super::layout::{Frame, Script};
 use super::reading::ended;
-use super::state::{Web, blocking, entry, hashing};
+use super::sessions::Holder;
+use super::state::{Web, blocking, entry, hashing, pauses};
 use super::visitor::Visitor;
 use crate::accounts::{self, Account, AuditEntry};
-use crate::daemon::people::LogIn;
+use crate::daemon::people::{LogIn, stamp};
 use crate::random;
 use axum::extract::{Path, Query, State};
 use axum::http::{StatusCode, header};
@@ -70,7 +71,7 @@ pub(super) async fn log_in(
             keep(&web, AuditEntry { refused: Some(why.to_owned()), ..line }).await;
             return wrong(words.word("login.wrong"));
         }
-        LogIn::Pauses(_) => return wrong(&web.pauses(&name, words).unwrap_or_default()),
+        LogIn::Pauses(left_s) => return wrong(&pauses(left_s, words)),
         LogIn::Unknown => return wrong(words.word("login.wrong")),
     };
     keep(&web, AuditEntry { role: Some(account.role), ..line }).await;
@@ -85,7 +86,9 @@ fn begin(web: &Web, visitor: &Visitor, account: Account) -> Response {
     if let Some(person) = &visitor.person {
         web.sessions().end(&person.token);
     }
-    let who = (account.name, account.printed_name, account.role);
+    let stamp = stamp(&account);
+    let Account { name, printed_name, role, .. } = account;
+    let who = Holder { name, printed_name, role, stamp };
     web.sessions().begin((&token, csrf), who, web.now_s());
     let cookie = set_cookie(web, &token, "");
     ([(header::SET_COOKIE, cookie)], Json(json!({ "message": "" }))).into_response()
@@ -119,32 +122,44 @@ pub(super) async fn change_password(
     Json(NewPassword { password, new }): Json<NewPassword>,
 ) -> Response {
     let Some(person) = visitor.person.clone() else { return StatusCode::UNAUTHORIZED.into_response() };
-    if let Some(pauses) = web.pauses(&person.name, visitor.language()) {
-        return refusal(StatusCode::UNAUTHORIZED, "log_in", &pauses);
-    }
     let (shared, line) = (web.clone(), entry(&visitor, "change own password"));
     let name = person.name.clone();
-    // Nothing is told where the old password is wrong.
-    let changed = hashing(&web, move || -> Result<(), Option<String>> {
-        let account = shared.front.people.judged(&person.name, &password).ok_or(None)?;
-        let salt = random::bytes().map_err(|error| Some(error.to_string()))?;
-        let password_hash = accounts::hashed(&new, &person.name, salt).map_err(|error| Some(error.to_string()))?;
+    let changed = hashing(&web, move || -> Result<(), NotChanged> {
+        let account = match shared.front.people.tried(&person.name, &password) {
+            LogIn::Right(account) => account,
+            LogIn::Pauses(left_s) => return Err(NotChanged::Pauses(left_s)),
+            LogIn::Wrong(_) | LogIn::Unknown => return Err(NotChanged::WrongPassword),
+        };
+        let problem = |problem: &dyn std::fmt::Display| NotChanged::Problem(problem.to_string());
+        let salt = random::bytes().map_err(|error| problem(&error))?;
+        let password_hash = accounts::hashed(&new, &person.name, salt).map_err(|error| problem(&error))?;
         let account = Account { password_hash, ..account };
-        shared.write(|store| store.keep_account(&account, &line)).map_err(|error| Some(error.to_string()))
+        shared.write(|store| store.keep_account(&account, &line)).map_err(|error| problem(&error))
     });
+    let words = visitor.language();
+    let refused = |problem: &str| refusal(StatusCode::UNPROCESSABLE_ENTITY, "password", problem);
     match changed.await {
         Some(Ok(())) => {
             web.sessions().end_all_of(&name);
-            Json(json!({ "message": visitor.language().word("login.again") })).into_response()
+            Json(json!({ "message": words.word("login.again") })).into_response()
         }
-        Some(Err(Some(problem))) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "password", &problem),
-        Some(Err(None)) => {
-            web.lockout().wrong(&name, web.now_s());
-            let told = visitor.language().word("login.old_wrong");
-            refusal(StatusCode::UNPROCESSABLE_ENTITY, "password", told)
+        Some(Err(NotChanged::Pauses(left_s))) => {
+            refusal(StatusCode::UNAUTHORIZED, "log_in", &pauses(left_s, words))
         }
+        Some(Err(NotChanged::WrongPassword)) => refused(words.word("login.old_wrong")),
+        Some(Err(NotChanged::Problem(problem))) => refused(&problem),
         None => ended(),
     }
+}
+
+/// Why a password was not changed.
+enum NotChanged {
+    /// The account pauses for so many seconds more.
+    Pauses(f64),
+    /// The old one is wrong.
+    WrongPassword,
+    /// In words.
+    Problem(String),
 }
 
 /// Chooses a language, and goes back to the page that it was chosen on.

@@ -1,9 +1,11 @@
 //! The page's thread: it listens, speaks TLS, and holds every connection to limits of time and number.
 
+use super::bodies;
 use super::error::{PageError, PageFileError};
 use super::frame::Frames;
 use super::live;
 use super::live_state::Live;
+use super::places::{CONNECTIONS, Places, owner};
 use super::routes;
 use super::state::{Web, WebParts};
 use super::tls::{self, Certificate};
@@ -14,13 +16,15 @@ use crate::daemon::background::step_back;
 use crate::daemon::front_parts::FrontParts;
 use crate::daemon::live_view::LiveView;
 use crate::daemon::record_source::RecordSource;
+use crate::daemon::slots::Heard;
 use crate::disk;
 use axum::Router;
-use axum::extract::ConnectInfo;
+use axum::extract::{ConnectInfo, Request};
+use axum::middleware::{Next, from_fn, map_request};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
@@ -32,8 +36,10 @@ use tokio::sync::{Semaphore, oneshot, watch};
 use tokio::time::{sleep, timeout};
 use tokio_rustls::TlsAcceptor;
 
-/// So many connections at one time. Whoever comes then waits until one ends.
-const MOST_CONNECTIONS: usize = 512;
+/// Connections that have given way and are still listened to: a request that was written meanwhile is read.
+const LEAVING: usize = 64;
+/// How long they are.
+const LAST_WORD: Duration = Duration::from_millis(50);
 /// The TLS handshake, and the head of each request, must come within this time.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// An address that could not be had is tried again after this time.
@@ -177,15 +183,24 @@ pub(in crate::daemon) async fn listen_on(listener: TcpListener, certificate: Opt
 }
 
 async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Router) {
-    let places = Arc::new(Semaphore::new(MOST_CONNECTIONS));
+    let places = Places::new(CONNECTIONS);
+    let attended = Arc::new(Semaphore::new(CONNECTIONS.of_all + LEAVING));
     loop {
-        let Ok(place) = places.clone().acquire_owned().await else { return };
+        let Ok(attended) = attended.clone().acquire_owned().await else { return };
         match listener.accept().await {
             Ok((stream, from)) => {
                 let (acceptor, router) = (acceptor.clone(), router.clone());
+                let mut place = places.take(owner(from.ip()));
                 tokio::spawn(async move {
-                    attend(stream, from, acceptor, router).await;
-                    drop(place);
+                    let heard = place.heard();
+                    tokio::select! {
+                        () = attend(stream, from, acceptor, (router, heard)) => {}
+                        () = async {
+                            place.is_wanted().await;
+                            sleep(LAST_WORD).await;
+                        } => {}
+                    }
+                    drop((place, attended));
                 });
             }
             // Such as no file descriptor left: whoever asks tries again.
@@ -194,7 +209,10 @@ async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, router: Ro
     }
 }
 
-async fn attend(stream: TcpStream, from: SocketAddr, acceptor: Option<TlsAcceptor>, router: Router) {
+/// The pages of one connection, which say when it was heard.
+type Heeded = (Router, Heard<IpAddr>);
+
+async fn attend(stream: TcpStream, from: SocketAddr, acceptor: Option<TlsAcceptor>, router: Heeded) {
     let socket = socket2::SockRef::from(&stream);
     if socket.set_tcp_user_timeout(Some(GONE)).and_then(|()| socket.set_tcp_nodelay(true)).is_err() {
         return;
@@ -209,8 +227,17 @@ async fn attend(stream: TcpStream, from: SocketAddr, acceptor: Option<TlsAccepto
     }
 }
 
-async fn speak(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, from: SocketAddr, router: Router) {
-    let service = TowerToHyperService::new(router.layer(axum::Extension(ConnectInfo(from))));
+async fn speak(
+    stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
+    from: SocketAddr,
+    (router, heard): Heeded,
+) {
+    let router = router.layer(map_request(bodies::in_time)).layer(axum::Extension(ConnectInfo(from)));
+    let heeded = from_fn(move |request: Request, next: Next| {
+        heard.now();
+        next.run(request)
+    });
+    let service = TowerToHyperService::new(router.layer(heeded));
     let mut server = http1::Builder::new();
     server.timer(TokioTimer::new()).header_read_timeout(PATIENCE).max_buf_size(64 * 1_024);
     #[expect(clippy::let_underscore_must_use, reason = "whoever hung up does not want to know")]

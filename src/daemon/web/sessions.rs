@@ -18,10 +18,25 @@ pub struct Session {
     pub printed_name: String,
     /// The role.
     pub role: Role,
+    /// What the account was when the person logged in (`people::stamp`).
+    pub stamp: String,
     /// What each change must bring along, so that no other site can cause one.
     pub csrf: String,
     began_s: f64,
     seen_s: f64,
+}
+
+/// Who a session is for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Holder {
+    /// The account's name.
+    pub name: String,
+    /// The person's printed name.
+    pub printed_name: String,
+    /// The role.
+    pub role: Role,
+    /// What the account is now; empty where nobody asks for it again.
+    pub stamp: String,
 }
 
 /// The hash of a token: whoever reads the memory's copy cannot log in by it, and looking it up tells nothing by its time.
@@ -46,16 +61,16 @@ impl Sessions {
     }
 
     /// Begins a session under a new token. Of too many of this account, the one that was silent for longest ends.
-    pub fn begin(&mut self, (token, csrf): (&str, String), who: (String, String, Role), now_s: f64) {
+    pub fn begin(&mut self, (token, csrf): (&str, String), who: Holder, now_s: f64) {
         self.forget(now_s);
-        let (name, printed_name, role) = who;
+        let Holder { name, printed_name, role, stamp } = who;
         while self.open.values().filter(|session| session.name == name).count() >= self.of_account {
             self.end_oldest(|session| session.name == name);
         }
         if self.open.len() >= MOST {
             self.end_oldest(|_| true);
         }
-        let session = Session { name, printed_name, role, csrf, began_s: now_s, seen_s: now_s };
+        let session = Session { name, printed_name, role, stamp, csrf, began_s: now_s, seen_s: now_s };
         self.open.insert(key(token), session);
     }
 
@@ -95,8 +110,9 @@ impl Sessions {
 mod tests {
     use super::*;
 
-    fn anna() -> (String, String, Role) {
-        ("anna".to_owned(), "Anna B".to_owned(), Role::Operator)
+    fn anna() -> Holder {
+        let (name, printed_name) = ("anna".to_owned(), "Anna B".to_owned());
+        Holder { name, printed_name, role: Role::Operator, stamp: String::new() }
     }
 
     #[test]

@@ -18,7 +18,7 @@ use axum::{Extension, Json};
 use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::json;
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError};
 
 /// Recipes and equipment.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
@@ -178,24 +178,11 @@ pub(super) async fn save(
     if why.trim().is_empty() {
         return refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", visitor.language().word("setup.why_missing"));
     }
-    let line =
-        AuditEntry { subject: Some(versions::subject(&name, why.trim())), ..entry(&visitor, versions::CHANGE) };
+    let subject = Some(versions::subject(&name, why.trim()));
+    let line = AuditEntry { subject, after: Some(text), ..entry(&visitor, versions::CHANGE) };
     let changed = visitor.language().word("setup.changed_meanwhile").to_owned();
-    let after = content_hash(text.as_bytes());
-    let kept = blocking(move || {
-        let setup = &web.front.setup;
-        let is_newest = |now: &str| read.is_empty() || content_hash(now.as_bytes()) == read;
-        let former = match setup.recipe(&name) {
-            Ok(now) if !is_newest(&now.text) => Err(changed),
-            _ => setup.save(&name, &text),
-        };
-        let (before, refused) = match &former {
-            Ok(before) => (before.clone(), None),
-            Err(problem) => (None, Some(problem.clone())),
-        };
-        web.audit(&AuditEntry { before, after: Some(text), refused, ..line });
-        former
-    });
+    let after = content_hash(line.after.as_deref().unwrap_or_default().as_bytes());
+    let kept = blocking(move || kept(&web, &name, line, (&read, &changed)));
     match kept.await {
         // The form goes on from what was saved.
         Some(Ok(_)) => {
@@ -204,5 +191,74 @@ pub(super) async fn save(
         }
         Some(Err(problem)) => refusal(StatusCode::UNPROCESSABLE_ENTITY, "recipe", &problem),
         None => ended(),
+    }
+}
+
+/// Keeps the text after this line's change as the recipe: compared with what was read, told to the audit trail and written as one, so
+/// that of two people who save at one time the second is told. Nothing is written that the audit trail does not have.
+fn kept(web: &Web, name: &str, line: AuditEntry, (read, changed): (&str, &str)) -> Result<(), String> {
+    // Whoever panicked here has left nothing half done: a file is written whole.
+    let _turn = web.saving.lock().unwrap_or_else(PoisonError::into_inner);
+    let setup = &web.front.setup;
+    let text = line.after.clone().unwrap_or_default();
+    let checked = setup.recipe(name).and_then(|now| {
+        if !read.is_empty() && content_hash(now.text.as_bytes()) != read {
+            return Err(changed.to_owned());
+        }
+        let problems = setup.problems(name, &text);
+        if problems.is_empty() { Ok(now.text) } else { Err(problems.join("\n")) }
+    });
+    let refused = |problem: String| {
+        web.audit(&AuditEntry { refused: Some(problem.clone()), ..line.clone() });
+        problem
+    };
+    let before = Some(checked.map_err(refused)?);
+    let told = AuditEntry { before, ..line.clone() };
+    web.write(|store| store.keep_audit(&told)).map_err(|error| {
+        format!("the audit trail cannot be written, so the recipe stays as it was: {error}; save it again later")
+    })?;
+    setup.save(name, &text).map(drop).map_err(refused)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::daemon::web::tests::{DOOR, PageFixture};
+    use std::fs;
+
+    fn line(text: &str) -> AuditEntry {
+        let (subject, after) = (Some("door.toml: finer".to_owned()), Some(text.to_owned()));
+        AuditEntry { subject, after, ..AuditEntry::done(None, None, "10.0.0.1".to_owned(), versions::CHANGE) }
+    }
+
+    #[test]
+    fn of_two_who_save_the_same_text_at_one_time_one_is_told() {
+        let site = PageFixture::new();
+        let read = content_hash(DOOR.as_bytes());
+        let save = |rows| {
+            let text = DOOR.replace("rows = 2", rows);
+            kept(&site.web, "door.toml", line(&text), (&read, "changed meanwhile"))
+        };
+        let came = std::thread::scope(|scope| {
+            let both = [scope.spawn(|| save("rows = 5")), scope.spawn(|| save("rows = 6"))];
+            both.map(|one| one.join().expect("it ends"))
+        });
+        let told: Vec<_> = came.iter().filter_map(|came| came.as_ref().err()).collect();
+        assert_eq!(told, ["changed meanwhile"], "exactly one is kept");
+        let lines = site.web.read(|store| store.audit_about(versions::CHANGE, "door.toml: ")).expect("read");
+        let now = site.web.front.setup.recipe("door.toml").expect("it");
+        assert_eq!(lines.len(), 1);
+        assert_eq!(lines[0].entry.after.as_deref(), Some(now.text.as_str()), "the one that the trail has");
+    }
+
+    #[test]
+    fn what_the_audit_trail_cannot_have_is_not_written() {
+        let site = PageFixture::new();
+        let store = site.folder.path().join("store");
+        fs::remove_dir_all(&store).expect("removed");
+        fs::write(&store, "no folder").expect("written");
+        let told = kept(&site.web, "door.toml", line(&DOOR.replace("rows = 2", "rows = 5")), ("", "changed"));
+        assert!(told.is_err_and(|told| told.contains("the audit trail cannot be written")));
+        assert_eq!(site.web.front.setup.recipe("door.toml").expect("it").text, DOOR);
     }
 }

@@ -3,10 +3,13 @@
 use super::camera_views::Views;
 use super::frame::Frames;
 use super::live_state::Live;
+use super::places::{LOOKERS, Places};
+use super::refusals::Refusals;
 use super::sessions::Sessions;
+use super::stamps::Stamps;
 use super::visitor::Visitor;
 use super::words::{Language, Words};
-use crate::accounts::{AuditEntry, Lockout};
+use crate::accounts::AuditEntry;
 use crate::daemon::front_parts::FrontParts;
 use crate::daemon::live_scene::LiveScene;
 use crate::daemon::record_source::RecordSource;
@@ -30,6 +33,13 @@ pub(super) struct Web {
     pub examining: Semaphore,
     /// What the cameras saw last between cycles.
     pub views: Views,
+    /// Whoever looks on at the events.
+    pub lookers: Places,
+    /// The accounts as they were read last.
+    pub stamps: Stamps,
+    /// Whoever saves a recipe.
+    pub saving: Mutex<()>,
+    refusals: Mutex<Refusals>,
     sessions: Mutex<Sessions>,
 }
 
@@ -60,6 +70,10 @@ impl Web {
             hosts: parts.hosts,
             examining: Semaphore::new(1),
             views: Views::default(),
+            lookers: Places::new(LOOKERS),
+            stamps: Stamps::default(),
+            saving: Mutex::default(),
+            refusals: Mutex::default(),
             sessions: Mutex::new(Sessions::new(idle_s, parts.sessions)),
         }
     }
@@ -74,14 +88,29 @@ impl Web {
         self.sessions.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    pub fn lockout(&self) -> MutexGuard<'_, Lockout> {
-        self.front.people.lockout()
+    /// Keeps a line of the audit trail about a refused request, or counts it where there are many; on the calling thread.
+    pub fn audit_refusal(&self, line: &AuditEntry) {
+        let now_ms = self.now_ms();
+        self.count_refusals(now_ms);
+        if self.refusals().allows(line, now_ms) {
+            self.audit(line);
+        }
     }
 
-    /// In which words this account's password may not be tried now, after wrong ones.
-    pub fn pauses(&self, name: &str, words: Language<'_>) -> Option<String> {
-        let left_s = self.front.people.pauses_s(name)?;
-        Some(format!("{} {:.0} s", words.word("login.pauses"), left_s.ceil()))
+    /// Keeps the lines that count refusals of minutes that are over by this time; on the calling thread.
+    pub fn count_refusals(&self, now_ms: u64) {
+        let counted = self.refusals().over(now_ms);
+        counted.iter().for_each(|line| self.audit(line));
+    }
+
+    fn refusals(&self) -> MutexGuard<'_, Refusals> {
+        // Every change is made whole under the lock.
+        self.refusals.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Milliseconds on the clock of [`Web::now_s`].
+    pub fn now_ms(&self) -> u64 {
+        (self.now_s() * 1_000.0) as u64
     }
 
     /// Reads the store, on the calling thread, which may wait for the disk.
@@ -104,6 +133,11 @@ impl Web {
     pub fn audit(&self, entry: &AuditEntry) {
         self.front.people.audit(entry);
     }
+}
+
+/// In which words an account's password may not be tried for so many seconds more, after wrong ones.
+pub(super) fn pauses(left_s: f64, words: Language<'_>) -> String {
+    format!("{} {:.0} s", words.word("login.pauses"), left_s.ceil())
 }
 
 /// A line of the audit trail about this visitor, done.

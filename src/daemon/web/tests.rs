@@ -48,7 +48,11 @@ static HASH: LazyLock<String> = LazyLock::new(|| accounts::hashed(PASSWORD, "nob
 pub(super) const DOOR: &str = "panel = \"door\" # the left one\n\n[locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [900, 900, 900]\n\n\
                                [region]\ncorners_px = [[10, 10], [90, 10], [90, 60], [10, 60]]\nrows = 2\ncolumns = 3\n";
 
-struct Source;
+/// Recipes, of which one can be changed.
+#[derive(Default)]
+struct Source {
+    door: Mutex<Option<String>>,
+}
 
 impl SetupSource for Source {
     fn recipes(&self) -> Result<Vec<String>, String> {
@@ -57,7 +61,10 @@ impl SetupSource for Source {
 
     fn recipe(&self, name: &str) -> Result<RecipeText, String> {
         match name {
-            "door.toml" => Ok(RecipeText { name: name.to_owned(), text: DOOR.to_owned() }),
+            "door.toml" => {
+                let text = self.door.lock().expect("whole").clone().unwrap_or_else(|| DOOR.to_owned());
+                Ok(RecipeText { name: name.to_owned(), text })
+            }
             "panel.toml" => Ok(RecipeText { name: name.to_owned(), text: "panel = \"<b>p</b>\"".to_owned() }),
             _ => Err(format!("there is no recipe {name}")),
         }
@@ -75,7 +82,13 @@ impl SetupSource for Source {
 
     fn save(&self, name: &str, text: &str) -> Result<Option<String>, String> {
         self.recipe(name)?;
-        self.problems(name, text).pop().map_or(Ok(Some("before".to_owned())), Err)
+        if let Some(problem) = self.problems(name, text).pop() {
+            return Err(problem);
+        }
+        // A disk takes its time.
+        thread::sleep(Duration::from_millis(50));
+        *self.door.lock().expect("whole") = Some(text.to_owned());
+        Ok(Some("before".to_owned()))
     }
 
     fn taught_picture(&self, name: &str) -> Result<ColorPicture, String> {
@@ -118,6 +131,7 @@ impl RecordSource for Source {
 /// A page on a new store, with an account for each role.
 pub(super) struct PageFixture {
     router: Router,
+    pub web: Arc<Web>,
     gateway: Gateway,
     pub asked: Arc<Mutex<Vec<String>>>,
     pub folder: TempDir,
@@ -183,20 +197,20 @@ impl PageFixture {
         let gateway = Gateway::new(sender, loader, None);
         let people = Arc::new(People::new(folder_of_store));
         let alarms = Arc::new(Alarms::new(people.clone()));
-        let web = Web::new(WebParts {
-            front: FrontParts { gateway: gateway.clone(), people, alarms, setup: Arc::new(Source) },
+        let web = Arc::new(Web::new(WebParts {
+            front: FrontParts { gateway: gateway.clone(), people, alarms, setup: Arc::new(Source::default()) },
             live,
             frames: Arc::new(Frames::new(LiveView::default())),
             words: Words::read(None).expect("the program's own"),
-            records: Arc::new(Source),
+            records: Arc::new(Source::default()),
             is_tls: false,
             hosts: Some(["127.0.0.1:8090".to_owned(), "localhost:8090".to_owned()]),
             idle_min: 30,
             sessions: 2,
-        });
-        let router = routes::router(&Arc::new(web));
+        }));
+        let router = routes::router(&web);
         let from = ConnectInfo(SocketAddr::from(([127, 0, 0, 1], 5_000)));
-        PageFixture { router: router.layer(axum::Extension(from)), gateway, asked, folder }
+        PageFixture { router: router.layer(axum::Extension(from)), web, gateway, asked, folder }
     }
 
     /// The same page for its own server.
@@ -204,8 +218,8 @@ impl PageFixture {
         let (folder, gateway) = (self.folder.path().join("store"), self.gateway.clone());
         let people = Arc::new(People::new(folder.clone()));
         let alarms = Arc::new(Alarms::new(people.clone()));
-        let front = FrontParts { gateway, people, alarms, setup: Arc::new(Source) };
-        PageParts { page, folder, front, view: LiveView::default(), records: Arc::new(Source) }
+        let front = FrontParts { gateway, people, alarms, setup: Arc::new(Source::default()) };
+        PageParts { page, folder, front, view: LiveView::default(), records: Arc::new(Source::default()) }
     }
 
     /// Sends a request with these headers.

@@ -24,6 +24,8 @@ pub(super) struct Person {
     pub name: String,
     pub printed_name: String,
     pub role: Role,
+    /// What the account was when the person logged in.
+    pub stamp: String,
     pub csrf: String,
     pub token: String,
 }

@@ -1,4 +1,4 @@
-//! Looks at the cell once a minute, for the alarms between cycles (`daemon::alarms`).
+//! Looks at the cell once a minute, for the alarms between cycles (`daemon::alarms`), and counts what was refused in a flood.
 
 use super::state::{Web, blocking};
 use std::sync::Arc;
@@ -11,7 +11,11 @@ const EVERY: Duration = Duration::from_secs(60);
 pub(super) async fn follow(web: Arc<Web>) {
     loop {
         let shared = web.clone();
-        blocking(move || shared.front.look()).await;
+        blocking(move || {
+            shared.front.look();
+            shared.count_refusals(shared.now_ms());
+        })
+        .await;
         tokio::time::sleep(EVERY).await;
     }
 }

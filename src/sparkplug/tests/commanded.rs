@@ -142,3 +142,19 @@ fn a_flood_is_bounded_and_swallows_no_stop() {
     assert!(why.starts_with("9980 further messages"), "{why}");
     assert!(told(&mut node, b"nonsense", 60_001).len() == 1, "a new minute");
 }
+
+/// A command that waits for its time ends with its connection, and is not passed on in a later one.
+#[test]
+fn what_waits_ends_with_the_connection() {
+    for command in [NodeCommand::Hold, NodeCommand::Stop, NodeCommand::Abort] {
+        let mut node = born(true);
+        let asked = |acts: &[Act]| acts.iter().filter(|act| matches!(act, Act::Ask { .. })).count();
+        assert_eq!(asked(&told(&mut node, &yes(command.name()), 1)), 1);
+        assert_eq!(asked(&told(&mut node, &yes(command.name()), 500)), 0, "it waits");
+        node.step(Event::Lost, at(600));
+        node.step(Event::Connecting, at(100_000));
+        let acts = [node.step(Event::Subscribed, at(100_000)), node.step(Event::Seen(shown("idle")), at(180_000))];
+        assert_eq!(asked(&acts.concat()), 0, "{command:?} of minutes ago");
+        assert_eq!(asked(&told(&mut node, &yes(command.name()), 180_001)), 1, "a new one is passed on");
+    }
+}

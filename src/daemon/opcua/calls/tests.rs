@@ -14,6 +14,7 @@ use crate::office::RecipeOffer;
 use crate::packml::{ArgumentKind, METHODS, method};
 use crate::store::Store;
 use crate::verdict::Verdict;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::thread;
 use strum::VariantArray;
 use tempfile::TempDir;
@@ -65,6 +66,8 @@ impl SetupSource for Source {
 struct Cell {
     calls: Calls,
     asked: Arc<Mutex<Vec<String>>>,
+    /// So many of the next requests are refused by the loop.
+    refuses: Arc<AtomicUsize>,
     _folder: TempDir,
 }
 
@@ -76,12 +79,15 @@ impl Cell {
         let alarms = Arc::new(Alarms::new(people.clone()));
         let (sender, queue) = request_queue();
         let asked = Arc::new(Mutex::new(Vec::new()));
-        let heard = asked.clone();
+        let refuses = Arc::new(AtomicUsize::new(0));
+        let (heard, refused) = (asked.clone(), refuses.clone());
         thread::spawn(move || {
             while let Some(CellRequest { what, who, reply }) = queue.next(Duration::from_secs(60)) {
                 heard.lock().expect("whole").push(format!("{} by {who}", what.words()));
-                let done = Reply { state: Some("idle".to_owned()), ..Reply::refused(Exit::Done, vec![]) };
-                reply.into_iter().for_each(|reply| drop(reply.send(done.clone())));
+                let left = refused.fetch_update(Relaxed, Relaxed, |left| left.checked_sub(1));
+                let exit = if left.is_ok() { Exit::Refused } else { Exit::Done };
+                let told = Reply { state: Some("idle".to_owned()), ..Reply::refused(exit, vec![]) };
+                reply.into_iter().for_each(|reply| drop(reply.send(told.clone())));
             }
         });
         let loader = Arc::new(|_| Err(vec![Reason::new("bad_input", "no cell here")]));
@@ -90,7 +96,7 @@ impl Cell {
             access,
             FrontParts { gateway: Gateway::new(sender, loader, None), people, alarms, setup: Arc::new(Source) },
         );
-        Cell { calls, asked, _folder: folder }
+        Cell { calls, asked, refuses, _folder: folder }
     }
 
     fn asked(&self) -> Vec<String> {
@@ -222,6 +228,19 @@ async fn of_a_flood_little_reaches_the_loop_and_one_line_is_kept() {
     let most = 2 + since.elapsed().as_millis() / TOGETHER.as_millis();
     let aborts = cell.asked().len() - before;
     assert!(aborts >= 1 && aborts as u128 <= most, "{aborts} of at most {most}");
+}
+
+/// A stop that was refused is no answer to the next one: that is asked for anew, however soon it comes.
+#[tokio::test]
+async fn only_a_stop_that_was_done_answers_the_next_one() {
+    let cell = Cell::new();
+    for name in ["Stop", "Abort"] {
+        let before = cell.asked().len();
+        cell.refuses.store(1, Relaxed);
+        assert_eq!(status(&cell.call(name, &[], Some(Role::Viewer)).await), StatusCode::BadInvalidState);
+        assert_eq!(status(&cell.call(name, &[], Some(Role::Viewer)).await), StatusCode::Good, "{name}");
+        assert_eq!(cell.asked().len() - before, 2, "{name}");
+    }
 }
 
 #[tokio::test]

@@ -81,3 +81,20 @@ fn what_stops_is_open_and_what_moves_is_not() {
         assert!(ROUTES.iter().any(|route| route.access == Access::Needs(*permission)), "{permission:?}");
     }
 }
+
+/// A viewer that asks again and again for what it may not do is refused each time, and writes a few lines.
+#[tokio::test]
+async fn a_flood_of_refused_requests_is_a_few_lines_of_the_audit_trail() {
+    let site = PageFixture::new();
+    let viewer = site.log_in("viewer", super::PASSWORD).await.expect("logged in");
+    for _ in 0..1_000 {
+        assert_eq!(site.post(&viewer, "/request/reset", "{}").await.status, StatusCode::FORBIDDEN);
+    }
+    site.web.count_refusals(site.web.now_ms() + 60_000);
+    let lines = site.web.read(|store| store.audit(None, 2_000)).expect("read");
+    let refused: Vec<_> = lines.iter().map(|line| &line.entry).filter(|entry| entry.refused.is_some()).collect();
+    assert!((2..=20).contains(&refused.len()), "{} lines", refused.len());
+    assert_eq!((refused[0].what.as_str(), refused[0].who.as_deref()), ("flood", Some("viewer")));
+    let counted = format!("{} further refused requests", 1_001 - refused.len());
+    assert!(refused[0].refused.as_deref().is_some_and(|told| told.contains(&counted)), "{:?}", refused[0]);
+}

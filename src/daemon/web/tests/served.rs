@@ -21,9 +21,20 @@ fn parts(site: &PageFixture, listen: SocketAddr) -> PageParts {
 
 /// What is answered to the page of the cell; `None` where nobody answers.
 fn asked(address: SocketAddr) -> Option<String> {
+    answered(address, &format!("GET /login HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\n\r\n"))
+}
+
+/// What is answered to a stop by somebody who has no account.
+fn stopped(address: SocketAddr) -> Option<String> {
+    let head = format!(
+        "POST /request/stop HTTP/1.1\r\nhost: {address}\r\norigin: http://{address}\r\nconnection: close\r\n"
+    );
+    answered(address, &format!("{head}content-type: application/json\r\ncontent-length: 2\r\n\r\n{{}}"))
+}
+
+fn answered(address: SocketAddr, request: &str) -> Option<String> {
     let mut stream = TcpStream::connect(address).ok()?;
     stream.set_read_timeout(Some(Duration::from_secs(20))).ok()?;
-    let request = format!("GET /login HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\n\r\n");
     stream.write_all(request.as_bytes()).ok()?;
     let mut answer = String::new();
     stream.read_to_string(&mut answer).ok()?;
@@ -46,12 +57,66 @@ fn an_address_that_is_taken_keeps_nobody_and_is_served_once_it_is_free() {
     assert_eq!(asked(address), None, "it ends with the service");
 }
 
+fn served(site: &PageFixture) -> (OperatorPage, SocketAddr) {
+    let page = OperatorPage::serve(parts(site, ([127, 0, 0, 1], 0).into())).expect("served").expect("an address");
+    let address = page.url.trim_start_matches("http://").trim_end_matches('/').parse().expect("one");
+    (page, address)
+}
+
+/// So many connections that each begin so.
+fn connected(count: usize, address: SocketAddr, begins: &str) -> Vec<TcpStream> {
+    let one = |_| {
+        let mut stream = TcpStream::connect(address).expect("it listens");
+        // Whoever came first may have given way already.
+        drop(stream.write_all(begins.as_bytes()));
+        stream.set_read_timeout(Some(Duration::from_secs(20))).expect("set");
+        stream
+    };
+    (0..count).map(one).collect()
+}
+
+/// Requests whose bodies never come keep no place: a stop beside them is done at once, and they end by themselves.
+#[test]
+fn bodies_that_never_come_keep_no_stop_waiting() {
+    let site = PageFixture::new();
+    let (_page, address) = served(&site);
+    let head = format!("POST /login HTTP/1.1\r\nhost: {address}\r\norigin: http://{address}\r\n");
+    let begins = format!("{head}content-type: application/json\r\ncontent-length: 50\r\n\r\n{{");
+    let mut silent = connected(520, address, &begins);
+    let since = Instant::now();
+    let answer = stopped(address).expect("answered beside them");
+    assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+    assert!(since.elapsed() < Duration::from_secs(10), "{:?}", since.elapsed());
+    assert_eq!(site.asked().iter().filter(|asked| asked.starts_with("stop")).count(), 1);
+    let mut rest = String::new();
+    silent.last_mut().expect("one of them").read_to_string(&mut rest).expect("it is ended");
+    assert!(rest.starts_with("HTTP/1.1 4"), "{rest}");
+}
+
+/// Whoever looks on at the events without an account keeps nobody out.
+#[test]
+fn many_who_look_on_keep_no_stop_waiting() {
+    let site = PageFixture::new();
+    let (_page, address) = served(&site);
+    let begins = format!("GET /events HTTP/1.1\r\nhost: {address}\r\n\r\n");
+    let mut lookers = connected(100, address, &begins);
+    let mut rest = String::new();
+    lookers[0].read_to_string(&mut rest).expect("the first one has given way");
+    assert!(rest.starts_with("HTTP/1.1 200") && rest.contains("text/event-stream"), "{rest}");
+    lookers.extend(connected(520, address, &begins));
+    let since = Instant::now();
+    let answer = stopped(address).expect("answered beside them");
+    assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+    assert!(since.elapsed() < Duration::from_secs(10), "{:?}", since.elapsed());
+    let mut bytes = [0; 1_024];
+    assert!(lookers.last_mut().expect("one").read(&mut bytes).expect("open") > 0, "the last one looks on");
+}
+
 /// Two hundred requests without an end hold nobody up, and lose their places.
 #[test]
 fn slow_clients_hold_nobody_up() {
     let site = PageFixture::new();
-    let page = OperatorPage::serve(parts(&site, ([127, 0, 0, 1], 0).into())).expect("served").expect("an address");
-    let address: SocketAddr = page.url.trim_start_matches("http://").trim_end_matches('/').parse().expect("one");
+    let (_page, address) = served(&site);
     let mut slow: Vec<TcpStream> = (0..200)
         .map(|_| {
             let mut stream = TcpStream::connect(address).expect("it listens");

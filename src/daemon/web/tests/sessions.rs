@@ -1,8 +1,10 @@
 //! Logging in, wrong passwords, sessions, and requests in a person's name.
 
 use super::{Browser, PASSWORD, PageFixture};
+use crate::accounts::{Account, AuditEntry, Role};
 use crate::store::Store;
 use axum::http::StatusCode;
+use std::time::{Duration, Instant};
 
 #[tokio::test]
 async fn whoever_logs_in_gets_a_new_session_that_ends_with_logging_out() {
@@ -124,4 +126,56 @@ async fn one_changes_ones_own_password_by_the_old_one() {
     assert_eq!(site.post(&operator, "/password", &body).await.status, StatusCode::OK);
     site.log_in("operator", PASSWORD).await.expect_err("the old one");
     site.log_in("operator", "another horse").await.expect("the new one");
+}
+
+/// Changes an account in the store beside the page, as another process does.
+fn change_beside(site: &PageFixture, name: &str, change: impl FnOnce(&mut Account)) {
+    let mut store = Store::for_people(&site.folder.path().join("store")).expect("open");
+    let mut account = store.accounts().expect("read").remove(name).expect("an account");
+    change(&mut account);
+    let entry = AuditEntry::done(None, None, "terminal".to_owned(), "change account");
+    store.keep_account(&account, &entry).expect("kept");
+}
+
+/// Asks until the session has ended, which it does within a few seconds.
+async fn ends(site: &PageFixture, browser: &Browser) {
+    let since = Instant::now();
+    loop {
+        let told = site.get(browser, "/frame.jpg").await;
+        if told.status == StatusCode::UNAUTHORIZED {
+            return;
+        }
+        assert!(since.elapsed() < Duration::from_secs(3), "{told:?}");
+        tokio::time::sleep(Duration::from_millis(300)).await;
+    }
+}
+
+#[tokio::test]
+async fn an_account_that_is_changed_beside_the_page_signs_nothing_and_loses_its_sessions() {
+    let site = PageFixture::new();
+    let signs = format!(r#"{{"meaning":"reviewed","remark":"","password":"{PASSWORD}"}}"#);
+    let inspector = site.log_in("inspector", PASSWORD).await.expect("logged in");
+    let told = site.post(&inspector, "/cycle/1/sign", &signs).await;
+    assert_eq!(told.status, StatusCode::OK, "{}", told.body);
+    // The accounts were read just now: the signature asks all the same.
+    change_beside(&site, "inspector", |account| account.role = Role::Viewer);
+    let told = site.post(&inspector, "/cycle/1/sign", &signs).await;
+    assert!(
+        told.body.contains("was changed since the log-in") || told.status == StatusCode::UNAUTHORIZED,
+        "{told:?}"
+    );
+    ends(&site, &inspector).await;
+
+    let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
+    assert_eq!(site.get(&engineer, "/setup").await.status, StatusCode::OK);
+    change_beside(&site, "engineer", |account| account.is_enabled = false);
+    ends(&site, &engineer).await;
+    assert_eq!(site.get(&engineer, "/setup").await.status, StatusCode::SEE_OTHER);
+    // A stop needs no account, as ever.
+    assert_eq!(site.post(&engineer, "/request/stop", "{}").await.status, StatusCode::OK);
+
+    // Whoever logs in after the change goes on at once.
+    change_beside(&site, "engineer", |account| account.is_enabled = true);
+    let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
+    assert_eq!(site.get(&engineer, "/setup").await.status, StatusCode::OK);
 }

@@ -1,0 +1,178 @@
+//! Slots of connections that wait for somebody: the service's socket and the pages give them out.
+//!
+//! There are enough for people and programs that mean well. Where they run out, a new connection is never sent away: of
+//! the user, or the address, that holds most slots, the connection that has been silent for longest gives up its own. A client
+//! that asks for a stop writes its line at once, so it is read before its turn to give way can come.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::oneshot;
+
+/// Connections of one, and of all, that are listened to at one time.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Most {
+    /// Of one user or one address.
+    pub of_one: usize,
+    /// Of all together.
+    pub of_all: usize,
+}
+
+/// All slots; `Of` says whose a connection is. Clones are the same ones.
+#[derive(Debug)]
+pub(super) struct Slots<Of>(Arc<Mutex<Inside<Of>>>);
+
+#[derive(Debug)]
+struct Inside<Of> {
+    most: Most,
+    last: u64,
+    /// The one that has been silent for longest first.
+    taken: Vec<Taken<Of>>,
+}
+
+#[derive(Debug)]
+struct Taken<Of> {
+    number: u64,
+    of: Of,
+    wanted: oneshot::Sender<()>,
+}
+
+/// One of the slots; free again when it is dropped.
+#[derive(Debug)]
+pub(super) struct Slot<Of> {
+    number: u64,
+    wanted: oneshot::Receiver<()>,
+    slots: Slots<Of>,
+}
+
+/// Says that the connection in a slot was heard. Clones say it of the same one.
+#[derive(Debug)]
+pub(super) struct Heard<Of> {
+    number: u64,
+    slots: Slots<Of>,
+}
+
+impl<Of> Clone for Slots<Of> {
+    fn clone(&self) -> Self {
+        Slots(self.0.clone())
+    }
+}
+
+impl<Of> Clone for Heard<Of> {
+    fn clone(&self) -> Self {
+        Heard { number: self.number, slots: self.slots.clone() }
+    }
+}
+
+impl<Of> Slots<Of> {
+    /// So many slots, all of them free.
+    pub fn new(most: Most) -> Self {
+        Slots(Arc::new(Mutex::new(Inside { most, last: 0, taken: Vec::new() })))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inside<Of>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<Of: Copy + PartialEq> Slots<Of> {
+    /// A slot for a connection of this one; another connection gives way where there is none.
+    pub fn take(&self, of: Of) -> Slot<Of> {
+        let mut inside = self.lock();
+        let held = |inside: &Inside<Of>, of| inside.taken.iter().filter(|taken| taken.of == of).count();
+        if held(&inside, of) >= inside.most.of_one {
+            inside.gives_way(of);
+        } else if inside.taken.len() >= inside.most.of_all {
+            let greedy = inside.taken.iter().map(|taken| taken.of).max_by_key(|of| held(&inside, *of));
+            inside.gives_way(greedy.unwrap_or(of));
+        }
+        inside.last += 1;
+        let (number, (tell, wanted)) = (inside.last, oneshot::channel());
+        inside.taken.push(Taken { number, of, wanted: tell });
+        Slot { number, wanted, slots: self.clone() }
+    }
+}
+
+impl<Of: PartialEq> Inside<Of> {
+    fn gives_way(&mut self, of: Of) {
+        if let Some(at) = self.taken.iter().position(|taken| taken.of == of) {
+            #[expect(clippy::let_underscore_must_use, reason = "refused where it is about to leave by itself")]
+            let _ = self.taken.remove(at).wanted.send(());
+        }
+    }
+}
+
+impl<Of> Slot<Of> {
+    /// Waits until somebody else needs the slot.
+    pub async fn is_wanted(&mut self) {
+        #[expect(clippy::let_underscore_must_use, reason = "a slot whose giver has gone is wanted back as well")]
+        let _ = (&mut self.wanted).await;
+    }
+
+    /// What says that this slot's connection was heard.
+    pub fn heard(&self) -> Heard<Of> {
+        Heard { number: self.number, slots: self.slots.clone() }
+    }
+}
+
+impl<Of> Heard<Of> {
+    /// The connection was heard just now: of all it is the last one to give way.
+    pub fn now(&self) {
+        let mut inside = self.slots.lock();
+        if let Some(at) = inside.taken.iter().position(|taken| taken.number == self.number) {
+            let taken = inside.taken.remove(at);
+            inside.taken.push(taken);
+        }
+    }
+}
+
+impl<Of> Drop for Slot<Of> {
+    fn drop(&mut self) {
+        self.slots.lock().taken.retain(|taken| taken.number != self.number);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MOST: Most = Most { of_one: 64, of_all: 256 };
+
+    fn is_wanted(slot: &mut Slot<u32>) -> bool {
+        slot.wanted.try_recv().is_ok()
+    }
+
+    #[test]
+    fn of_one_user_the_connection_that_waits_longest_gives_way() {
+        let slots = Slots::new(MOST);
+        let mut silent: Vec<Slot<u32>> = (0..MOST.of_one).map(|_| slots.take(7)).collect();
+        let mut other = slots.take(8);
+        assert!(!silent.iter_mut().any(is_wanted), "there is room");
+        let mut stop = slots.take(7);
+        assert!(is_wanted(&mut silent[0]) && !is_wanted(&mut silent[1]) && !is_wanted(&mut other));
+        silent.remove(5);
+        let mut next = slots.take(7);
+        assert!(!silent[1..].iter_mut().any(is_wanted), "one had left");
+        assert!(!is_wanted(&mut stop) && !is_wanted(&mut next));
+    }
+
+    #[test]
+    fn of_all_users_the_greediest_gives_way() {
+        let slots = Slots::new(MOST);
+        let mut greedy: Vec<Slot<u32>> = (0..60).map(|_| slots.take(7)).collect();
+        let mut others: Vec<Slot<u32>> =
+            (0..MOST.of_all - 60).map(|number| slots.take(100 + number as u32 / 20)).collect();
+        let _new = slots.take(5);
+        assert!(is_wanted(&mut greedy[0]) && !others.iter_mut().any(is_wanted));
+    }
+
+    #[test]
+    fn whoever_was_heard_lately_gives_way_last() {
+        let slots = Slots::new(Most { of_one: 2, of_all: 4 });
+        let (mut first, mut second) = (slots.take(7), slots.take(7));
+        first.heard().now();
+        let mut third = slots.take(7);
+        assert!(is_wanted(&mut second) && !is_wanted(&mut first) && !is_wanted(&mut third));
+        second.heard().now();
+        drop(second);
+        assert_eq!(slots.lock().taken.len(), 2, "one that gave way takes no slot again");
+    }
+}

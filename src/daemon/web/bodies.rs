@@ -1,0 +1,34 @@
+//! The body of a request has to come in time: whoever sends a head alone keeps nothing.
+
+use axum::body::{Body, HttpBody};
+use axum::extract::Request;
+use futures_util::stream::{self, StreamExt};
+use std::io::{Error, ErrorKind};
+use std::time::Duration;
+use tokio::time::{Instant, timeout_at};
+
+/// The whole body comes within this time after its head.
+pub(super) const WITHIN: Duration = Duration::from_secs(5);
+
+/// A request whose body ends with an error where it does not come in time.
+pub(super) async fn in_time(request: Request) -> Request {
+    let until = Instant::now() + WITHIN;
+    request.map(|body| match body.is_end_stream() {
+        true => body,
+        false => limited(body, until),
+    })
+}
+
+fn limited(body: Body, until: Instant) -> Body {
+    let parts = stream::unfold(Some(body.into_data_stream()), move |body| async move {
+        let mut body = body?;
+        match timeout_at(until, body.next()).await {
+            Ok(part) => part.map(|part| (part, Some(body))),
+            Err(_) => {
+                let late = Error::new(ErrorKind::TimedOut, "the request's body did not come in time");
+                Some((Err(axum::Error::new(late)), None))
+            }
+        }
+    });
+    Body::from_stream(parts)
+}

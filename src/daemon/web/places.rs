@@ -1,0 +1,37 @@
+//! How many connections a page has room for, of one address and of all.
+
+use crate::daemon::slots::{Most, Slots};
+use std::net::{IpAddr, Ipv6Addr};
+
+/// Connections at one time. Where there is no room, the one that has been silent for longest gives way to a new one.
+pub(super) const CONNECTIONS: Most = Most { of_one: 256, of_all: 512 };
+/// Of them, those that look on at the events, which have no end.
+pub(super) const LOOKERS: Most = Most { of_one: 64, of_all: 192 };
+
+/// Places of connections by whose they are.
+pub(super) type Places = Slots<IpAddr>;
+
+/// Whose a connection from this address is: one host of IPv4, one network of IPv6, whose hosts choose addresses as they like.
+pub(super) fn owner(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V4(address) => IpAddr::V4(address),
+        IpAddr::V6(address) => {
+            let [a, b, c, d, ..] = address.segments();
+            IpAddr::V6(Ipv6Addr::new(a, b, c, d, 0, 0, 0, 0))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_network_of_ipv6_is_one_owner() {
+        let of = |text: &str| owner(text.parse().expect("an address"));
+        assert_eq!(of("2001:db8::1"), of("2001:db8::ffff:7"));
+        assert_ne!(of("2001:db8::1"), of("2001:db8:0:1::1"));
+        assert_eq!(of("::ffff:10.0.0.1"), of("10.0.0.1"));
+        assert_ne!(of("10.0.0.1"), of("10.0.0.2"));
+    }
+}

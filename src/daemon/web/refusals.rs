@@ -1,0 +1,38 @@
+//! Refused requests of people who are logged in, as the audit trail has them: a page that asks again and again writes a few lines and
+//! one that counts the others, so that no disk is kept busy by what nobody may do.
+
+use crate::accounts::{AuditEntry, LineLimit, MostLines};
+use std::collections::BTreeMap;
+
+/// Lines of one account in a minute; one more counts what is left out.
+const LINES: MostLines = MostLines { done: 0, refused: 19 };
+
+/// Of each account that was refused something in this minute: its lines, and the last one.
+#[derive(Debug, Default)]
+pub(super) struct Refusals(BTreeMap<String, (LineLimit, AuditEntry)>);
+
+impl Refusals {
+    /// Whether this line of a refusal is written; else it is counted.
+    pub fn allows(&mut self, line: &AuditEntry, now_ms: u64) -> bool {
+        let who = line.who.clone().unwrap_or_default();
+        let (limit, last) = self.0.entry(who).or_insert_with(|| (LineLimit::new(LINES, now_ms), line.clone()));
+        last.clone_from(line);
+        limit.allows(true)
+    }
+
+    /// The lines that count what was left out of minutes that are over.
+    pub fn over(&mut self, now_ms: u64) -> Vec<AuditEntry> {
+        let mut counted = Vec::new();
+        self.0.retain(|_, (limit, last)| {
+            let is_over = limit.is_over(now_ms);
+            if let Some(left_out) = limit.minute_over(now_ms) {
+                let refused =
+                    format!("{left_out} further refused requests of one minute have no line of their own");
+                let AuditEntry { who, role, from, .. } = last.clone();
+                counted.push(AuditEntry { refused: Some(refused), ..AuditEntry::done(who, role, from, "flood") });
+            }
+            !is_over
+        });
+        counted
+    }
+}

@@ -1,0 +1,55 @@
+//! Whether a session's account is as it was when the session began: it may have been disabled, or given another role or password, at
+//! another page, at the terminal, or while the person was logging in.
+
+use super::visitor::Person;
+use crate::daemon::people::{People, stamp};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use tokio::sync::Mutex;
+use tokio::task::spawn_blocking;
+
+/// The accounts are read at most so often for this, s, unless one has changed.
+const EVERY_S: f64 = 1.0;
+
+/// The accounts as they were read last; none before they were.
+#[derive(Debug, Default)]
+pub(super) struct Stamps(Mutex<Option<Known>>);
+
+/// The stamps of all accounts that are enabled.
+#[derive(Debug)]
+struct Known {
+    read_s: f64,
+    stamps: BTreeMap<String, String>,
+}
+
+impl Known {
+    fn has(&self, person: &Person) -> bool {
+        self.stamps.get(&person.name) == Some(&person.stamp)
+    }
+}
+
+impl Stamps {
+    /// Whether this person's session still counts. It waits for the store's disk once in a while.
+    pub async fn count(&self, people: &Arc<People>, person: &Person) -> bool {
+        let mut known = self.0.lock().await;
+        let read_s = people.now_s();
+        if known.as_ref().is_some_and(|known| read_s - known.read_s < EVERY_S && known.has(person)) {
+            return true;
+        }
+        let shared = people.clone();
+        match spawn_blocking(move || shared.read(|store| store.accounts())).await {
+            Ok(Ok(accounts)) => {
+                let enabled = accounts.values().filter(|account| account.is_enabled);
+                let stamps = enabled.map(|account| (account.name.clone(), stamp(account))).collect();
+                known.insert(Known { read_s, stamps }).has(person)
+            }
+            // A store that cannot be read ends nobody's session: what was known last holds.
+            failed => {
+                if let Ok(Err(error)) = failed {
+                    tracing::warn!("the accounts could not be read: {error}");
+                }
+                known.as_ref().is_none_or(|known| known.has(person))
+            }
+        }
+    }
+}
