@@ -224,19 +224,25 @@ fn verify(args: &VerifyRecord, common: &Common) -> Result<Outcome, Fault> {
     if export.statements.is_empty() && head.is_none() {
         return Err(Fault::file(&args.files[0], "has no signed record: no .json file lies in it"));
     }
-    let verified = signing::verify_export(&export, &keys, head.as_ref());
+    let mut verified = signing::verify_export(&export, &keys, head.as_ref());
+    if args.all {
+        verified.found.extend(std::mem::take(&mut verified.gaps).into_iter().map(signing::missing));
+    }
+    let remarks: Vec<String> = verified.gaps.iter().copied().map(signing::not_here).collect();
     let reason = |words: &String| Reason::new("record_changed", words.clone());
     let verdict = if verified.found.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let mut outcome = Outcome::of(&Judgement { verdict, reasons: verified.found.iter().map(reason).collect() });
     for (statement, hash) in verified.statements.values() {
         outcome.say(words(statement, hash));
     }
+    remarks.iter().for_each(|words| outcome.say(words));
     outcome.say(match &export.files {
         Some(files) => format!("{} files beside the records were read", files.len()),
         None => "no folder files/ lies beside the records: pictures and inputs were not looked at".to_owned(),
     });
     outcome.put("ok", json!(verified.found.is_empty()));
     outcome.put("found", json!(verified.found));
+    outcome.put("remarks", json!(remarks));
     outcome.put(
         "records",
         json!(
