@@ -14,6 +14,7 @@ mod service;
 mod shooting;
 mod simulated;
 mod simulation;
+mod values;
 
 pub use archive::{Archive, ArchiveAccount, ArchiveTask, CheckArchive, Fleet, OfferRecipe, RunArchive};
 pub use backup::{Backup, BackupPart, Restore};
@@ -29,6 +30,7 @@ pub use service::{Ctl, CtlAsk, Cycle, PartArguments, Run, ZividWorker};
 pub use shooting::{Shoot, Shot};
 pub use simulated::{Demo, FilmName, MockRobot, Render, ToolName, real_arm, scanner_distortion};
 pub use simulation::{SceneName, Simulation};
+pub use values::said;
 
 use crate::devices::mock::FaultSpec;
 use clap::{Args, Parser, Subcommand};

@@ -1,5 +1,6 @@
 //! Arguments of `panelprep robot`.
 
+use super::values::said;
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -95,11 +96,11 @@ pub enum RobotFunction {
 /// Options of `robot prove`.
 #[derive(Debug, Clone, Args)]
 pub struct Prove {
-    /// The page, HTML.
+    /// The page, HTML; it must not be there yet, and is written anew after each answer.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Who stands at the controller.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = said)]
     pub by: String,
 }
 
