@@ -218,3 +218,24 @@ fn answers_are_read_from_the_terminal() {
         (Some("221600123"), Some("store"))
     );
 }
+
+/// An option that no answer reads is refused: its value would seem to be in the file.
+#[test]
+fn options_of_another_kind_are_refused_by_both_names() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let simulated = "--scanner simulated --flange-camera simulated --robot mock";
+    for (given, words) in [
+        ("--host 9.9.9.9", ["--host \"9.9.9.9\"", "--robot mock was chosen"]),
+        ("--park-deg nonsense", ["--park-deg \"nonsense\"", "choose --robot eki"]),
+        ("--box-min-mm nonsense", ["--box-min-mm", "--robot eki"]),
+        ("--box-max-mm 1,2,3", ["--box-max-mm", "--robot eki"]),
+        ("--scanner-serial 12", ["--scanner-serial \"12\"", "--scanner simulated was chosen"]),
+        ("--flange-camera-serial 12", ["--flange-camera-serial", "--flange-camera gige"]),
+        ("--flange-camera-address 10.0.0.9", ["--flange-camera-address", "--flange-camera gige"]),
+    ] {
+        let (exit, told) = json(folder.path(), &format!("{CELL} {simulated} {given} --out no.toml"));
+        let told = told["reasons"].to_string().replace("\\\"", "\"");
+        assert!(exit == 2 && words.iter().all(|words| told.contains(words)), "{given}: {told}");
+        assert!(!folder.path().join("no.toml").exists());
+    }
+}
