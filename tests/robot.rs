@@ -121,6 +121,14 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     cell(folder, &eki);
     let (exit, told, _) = robot(folder, "state");
     assert_eq!((exit, codes(&told)), (3, vec!["no_controller"]), "{told}");
+    // Where the service answers, it has the controller.
+    std::fs::create_dir(folder.join("store")).expect("a folder");
+    let service = std::os::unix::net::UnixListener::bind(folder.join("store/panelprep.sock")).expect("a socket");
+    let (exit, told, _) = robot(folder, "state");
+    assert_eq!((exit, codes(&told)), (3, vec!["no_controller"]), "{told}");
+    assert!(told.to_string().contains("the service has the controller") && told.to_string().contains("ctl state"));
+    drop(service);
+    std::fs::remove_dir_all(folder.join("store")).expect("removed");
 
     let (_mock, first, lines) = mock(folder, "--fault refuse=8@#2");
     assert!(first.contains("54612"), "{first}");

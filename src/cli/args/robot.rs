@@ -55,7 +55,7 @@ pub enum RobotFunction {
     },
     /// set_acc_speed: speeds of what follows in the same epoch; shows whether the controller takes them.
     SetSpeed {
-        /// Speed of the tip, mm/s.
+        /// Speed of the tip, mm/s; at most the cell's.
         speed_mm_s: f64,
         /// Acceleration of the tip, m/s².
         #[arg(long, value_name = "M/S2", default_value_t = 1.0)]
