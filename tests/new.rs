@@ -85,10 +85,10 @@ fn no_file_is_written_over_and_a_wrong_answer_writes_none() {
         ("new recipe --yes --out a.toml".to_owned(), "--panel"),
         (
             "new recipe --yes --panel p --rows many --out a.toml".to_owned(),
-            "--rows \\\"many\\\": allowed is a number",
+            "--rows \\\"many\\\": allowed is 1 to 50",
         ),
-        ("new recipe --yes --panel p --rows 0 --out a.toml".to_owned(), "region.rows"),
-        ("new recipe --yes --panel p --rows 2.5 --out a.toml".to_owned(), "region.rows"),
+        ("new recipe --yes --panel p --rows 0 --out a.toml".to_owned(), "--rows"),
+        ("new recipe --yes --panel p --rows 2.5 --out a.toml".to_owned(), "--rows"),
     ] {
         let (exit, told) = json(folder, &command);
         assert!(exit == 2 && told.to_string().contains(words), "{command}: {told}");
