@@ -61,6 +61,9 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     assert_eq!((exit, told["number"].as_i64()), (0, Some(2)), "{told}");
     let (exit, told) = json(at, &format!("record export 1 {CELL} --out records"));
     assert_eq!(exit, 0, "{told}");
+    // Nothing is written where one of several is not there.
+    let (exit, told) = json(at, &format!("record export 1 99 {CELL} --out half"));
+    assert!(exit == 2 && told.to_string().contains("has no cycle 99") && !at.join("half").exists(), "{told}");
 
     assert_eq!(verify(at, "--head records/head.json"), (0, vec![]));
     let openssl = block("OpenSSL (3.0 or newer)", "");
