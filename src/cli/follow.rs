@@ -7,7 +7,7 @@ use super::fault::Fault;
 use super::outcome::Outcome;
 use super::output::tell_line;
 use crate::daemon::{Exit, Reply, What};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
 use std::thread;
@@ -108,6 +108,7 @@ fn state(socket: &Path) -> Result<Reply, Fault> {
 fn seen(reply: &Reply) -> serde_json::Map<String, Value> {
     let mut object = asking::object(reply);
     object.remove("answer");
+    object.insert("recording".to_owned(), json!(reply.recording.as_ref().map(|recorded| &recorded.message)));
     object
 }
 
