@@ -24,7 +24,7 @@ use crate::requirements::{Purpose, Unmet, unmet};
 use says::{say_archive, say_cell, say_correction, say_intrinsics, say_mount, say_recipe, say_removal};
 
 pub use report::FileReport;
-pub use text::{NotText, decode};
+pub use text::{NotText, decode, not_utf_8};
 
 /// A kind of file: its name, the keys at its top, how it is checked.
 struct Kind {

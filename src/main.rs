@@ -1,9 +1,8 @@
 //! Arguments and exit codes.
 
-use clap::Parser;
 use panelprep::cli::args::Arguments;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    panelprep::cli::run(&Arguments::parse())
+    panelprep::cli::run(&Arguments::of_command_line())
 }

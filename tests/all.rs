@@ -46,6 +46,7 @@ mod shoot;
 mod sparkplug;
 mod supervised;
 mod teach_page;
+mod told;
 mod tool_faults;
 mod walk;
 mod wall;

@@ -85,10 +85,10 @@ fn no_file_is_written_over_and_a_wrong_answer_writes_none() {
         ("new recipe --yes --out a.toml".to_owned(), "--panel"),
         (
             "new recipe --yes --panel p --rows many --out a.toml".to_owned(),
-            "--rows \\\"many\\\": allowed is a number",
+            "--rows \\\"many\\\": allowed is 1 to 50",
         ),
-        ("new recipe --yes --panel p --rows 0 --out a.toml".to_owned(), "region.rows"),
-        ("new recipe --yes --panel p --rows 2.5 --out a.toml".to_owned(), "region.rows"),
+        ("new recipe --yes --panel p --rows 0 --out a.toml".to_owned(), "--rows"),
+        ("new recipe --yes --panel p --rows 2.5 --out a.toml".to_owned(), "--rows"),
     ] {
         let (exit, told) = json(folder, &command);
         assert!(exit == 2 && told.to_string().contains(words), "{command}: {told}");
@@ -217,4 +217,25 @@ fn answers_are_read_from_the_terminal() {
         (cell["flange_camera"]["serial"].as_str(), cell["store"].as_str()),
         (Some("221600123"), Some("store"))
     );
+}
+
+/// An option that no answer reads is refused: its value would seem to be in the file.
+#[test]
+fn options_of_another_kind_are_refused_by_both_names() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let simulated = "--scanner simulated --flange-camera simulated --robot mock";
+    for (given, words) in [
+        ("--host 9.9.9.9", ["--host \"9.9.9.9\"", "--robot mock was chosen"]),
+        ("--park-deg nonsense", ["--park-deg \"nonsense\"", "choose --robot eki"]),
+        ("--box-min-mm nonsense", ["--box-min-mm", "--robot eki"]),
+        ("--box-max-mm 1,2,3", ["--box-max-mm", "--robot eki"]),
+        ("--scanner-serial 12", ["--scanner-serial \"12\"", "--scanner simulated was chosen"]),
+        ("--flange-camera-serial 12", ["--flange-camera-serial", "--flange-camera gige"]),
+        ("--flange-camera-address 10.0.0.9", ["--flange-camera-address", "--flange-camera gige"]),
+    ] {
+        let (exit, told) = json(folder.path(), &format!("{CELL} {simulated} {given} --out no.toml"));
+        let told = told["reasons"].to_string().replace("\\\"", "\"");
+        assert!(exit == 2 && words.iter().all(|words| told.contains(words)), "{given}: {told}");
+        assert!(!folder.path().join("no.toml").exists());
+    }
 }

@@ -61,6 +61,9 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     assert_eq!((exit, told["number"].as_i64()), (0, Some(2)), "{told}");
     let (exit, told) = json(at, &format!("record export 1 {CELL} --out records"));
     assert_eq!(exit, 0, "{told}");
+    // Nothing is written where one of several is not there.
+    let (exit, told) = json(at, &format!("record export 1 99 {CELL} --out half"));
+    assert!(exit == 2 && told.to_string().contains("has no cycle 99") && !at.join("half").exists(), "{told}");
 
     assert_eq!(verify(at, "--head records/head.json"), (0, vec![]));
     let openssl = block("OpenSSL (3.0 or newer)", "");
@@ -106,4 +109,19 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     );
     let (_, told) = json(at, &start.replace("SN-17", "SN-18"));
     assert_eq!(told["cycle_id"].as_i64(), Some(2), "another part begins: {told}");
+
+    // The record of one cycle, where that of another was signed before the last signature of it.
+    let (exit, told) = json(at, &format!("record sign 1 {CELL} --name Ada --meaning reviewed"));
+    assert_eq!((exit, told["number"].as_i64()), (0, Some(4)), "{told}");
+    fs::remove_dir_all(&records).expect("removed");
+    assert_eq!(json(at, &format!("record export 1 {CELL} --out records")).0, 0);
+    let one = "record verify records --public-key records/public-key.pem";
+    let (exit, told) = json(at, one);
+    assert_eq!((exit, told["verdict"].as_str()), (0, Some("pass")), "{told}");
+    assert_eq!(told["remarks"], serde_json::json!(["record number 3 is not in this folder"]), "{told}");
+    for all in ["--head records/head.json", "--all"] {
+        assert_eq!(verify(at, all), (1, vec!["record number 3 is missing".to_owned()]), "{all}");
+    }
+    let (is_whole, words) = script_finds_it_whole(at);
+    assert!(is_whole && words.ends_with("not in this folder\n3 records are as they were signed\n"), "{words}");
 }

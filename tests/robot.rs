@@ -121,6 +121,14 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     cell(folder, &eki);
     let (exit, told, _) = robot(folder, "state");
     assert_eq!((exit, codes(&told)), (3, vec!["no_controller"]), "{told}");
+    // Where the service answers, it has the controller.
+    std::fs::create_dir(folder.join("store")).expect("a folder");
+    let service = std::os::unix::net::UnixListener::bind(folder.join("store/panelprep.sock")).expect("a socket");
+    let (exit, told, _) = robot(folder, "state");
+    assert_eq!((exit, codes(&told)), (3, vec!["no_controller"]), "{told}");
+    assert!(told.to_string().contains("the service has the controller") && told.to_string().contains("ctl state"));
+    drop(service);
+    std::fs::remove_dir_all(folder.join("store")).expect("removed");
 
     let (_mock, first, lines) = mock(folder, "--fault refuse=8@#2");
     assert!(first.contains("54612"), "{first}");
@@ -150,6 +158,22 @@ fn what_is_to_be_proven_is_gone_through() {
     cell(folder, &eki);
     let (_mock, _, lines) = mock(folder, "");
     std::thread::spawn(move || lines.for_each(drop));
+    // Nothing is asked where the answers cannot be kept, or would replace others.
+    std::fs::write(folder.join("old.html"), "old").expect("written");
+    for (options, words) in [
+        ("--out old.html --by Ada", "is not written over"),
+        ("--out cell.toml/p.html --by Ada", "cell.toml/p.html"),
+    ] {
+        let (exit, told, error) = robot(folder, &format!("prove {options}"));
+        assert!(exit == 2 && told.to_string().contains(words), "{options}: {told}");
+        assert!(!error.contains("1. "), "{error}");
+    }
+    assert_eq!(std::fs::read_to_string(folder.join("old.html")).expect("there"), "old");
+    let nobody = ["robot", "prove", "--out", "new.html", "--by", " ", "--cell", "cell.toml"];
+    let output = Command::new(env!("CARGO_BIN_EXE_panelprep")).args(nobody).current_dir(folder).output();
+    let output = output.expect("the program starts");
+    assert!(output.status.code() == Some(2) && !folder.join("new.html").exists());
+    assert!(String::from_utf8_lossy(&output.stderr).contains("must not be empty"));
     std::fs::write(folder.join("answers"), "y trace 1\nn old entries came\n\ny\n").expect("written");
     let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
         .args("robot prove --out proven.html --by Ada --cell cell.toml --json".split_whitespace())

@@ -52,6 +52,16 @@ fn cameras_without_a_calibration_take_pictures() {
 
     let (exit, told) = shoot("film --seconds 1 --wet-from-s 3 --out other");
     assert!(exit == 2 && told["reasons"].to_string().contains("allowed is 0 to 1"), "{told}");
+    // Dry pictures are never marked as wet: with a spray it is said when that is over.
+    for (phases, words) in [
+        ("--spray-from-s 0.4", "give --wet-from-s"),
+        ("--spray-from-s 0.6 --wet-from-s 0.3", "the wet pictures after it"),
+        ("--spray-from-s 0.4 --wet-from-s 3", "both within the film"),
+        ("--spray-from-s nan --wet-from-s 0.5", "the spray must begin at 0 or later"),
+    ] {
+        let (exit, told) = shoot(&format!("film --seconds 1 {phases} --out other"));
+        assert!(exit == 2 && told["reasons"].to_string().contains(words), "{phases}: {told}");
+    }
     assert!(!folder.join("other").exists(), "nothing is taken");
 
     // The folder cannot be made: more pictures come than may wait for the disk, and nothing waits for ever.

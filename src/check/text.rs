@@ -5,6 +5,17 @@
 #[error("{0}")]
 pub struct NotText(String);
 
+/// Which line is not UTF-8, and what to do: only XML can name another encoding.
+pub fn not_utf_8(bytes: &[u8], error: &std::str::Utf8Error) -> NotText {
+    let line = 1 + bytes[..error.valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
+    let is_xml = bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'<');
+    let remedy = match is_xml {
+        true => ", or name its encoding in the XML declaration, as <?xml version=\"1.0\" encoding=\"ISO-8859-1\"?>",
+        false => "",
+    };
+    NotText(format!("line {line} is not UTF-8; save the file as UTF-8{remedy}"))
+}
+
 /// The text of these bytes: UTF-8 or UTF-16 by the byte order mark, else what an XML declaration says, else UTF-8. A KRL
 /// file that is not UTF-8 is taken for ISO-8859-1, in which controllers of the western world write comments.
 ///
@@ -28,13 +39,7 @@ pub fn decode(name: &str, bytes: &[u8]) -> Result<String, NotText> {
         None | Some("utf-8" | "utf8") => match std::str::from_utf8(bytes) {
             Ok(text) => Ok(text.to_owned()),
             Err(_) if super::krl::is_krl(name) => Ok(latin_1(bytes)),
-            Err(error) => {
-                let line = 1 + bytes[..error.valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
-                Err(NotText(format!(
-                    "line {line} is not UTF-8; save the file as UTF-8, or name its encoding in the XML declaration, \
-                     as <?xml version=\"1.0\" encoding=\"ISO-8859-1\"?>"
-                )))
-            }
+            Err(error) => Err(not_utf_8(bytes, &error)),
         },
         Some(other) => Err(NotText(format!(
             "the XML declaration names the encoding {other}; UTF-8, UTF-16 and ISO-8859-1 are read here"

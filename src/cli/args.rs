@@ -14,6 +14,7 @@ mod service;
 mod shooting;
 mod simulated;
 mod simulation;
+mod values;
 
 pub use archive::{Archive, ArchiveAccount, ArchiveTask, CheckArchive, Fleet, OfferRecipe, RunArchive};
 pub use backup::{Backup, BackupPart, Restore};
@@ -29,9 +30,10 @@ pub use service::{Ctl, CtlAsk, Cycle, PartArguments, Run, ZividWorker};
 pub use shooting::{Shoot, Shot};
 pub use simulated::{Demo, FilmName, MockRobot, Render, ToolName, real_arm, scanner_distortion};
 pub use simulation::{SceneName, Simulation};
+pub use values::said;
 
 use crate::devices::mock::FaultSpec;
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::path::PathBuf;
 
 /// Finds a composite panel, tests it for grease with water, plans where to sand.
@@ -44,6 +46,23 @@ pub struct Arguments {
     /// What every command takes.
     #[command(flatten)]
     pub common: Common,
+}
+
+impl Arguments {
+    /// Reads the command line; where it is wrong or asks for help, tells so and ends the program.
+    pub fn of_command_line() -> Self {
+        let matches = taking_negative_numbers(Self::command()).get_matches();
+        Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
+    }
+}
+
+/// A number below zero is the value of its option, which then tells what is allowed, and no option of its own.
+fn taking_negative_numbers(command: clap::Command) -> clap::Command {
+    let takes = |arg: clap::Arg| match arg.get_action().takes_values() {
+        true => arg.allow_negative_numbers(true),
+        false => arg,
+    };
+    command.mut_args(takes).mut_subcommands(taking_negative_numbers)
 }
 
 /// What every command takes.

@@ -36,7 +36,11 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
         let ok = report.problems.is_empty();
         lines.push(format!("{name}: {}", if ok { "ok" } else { "not right" }));
         for problem in &report.problems {
-            lines.push(format!("  line {}: {}: {}", problem.line, problem.key, problem.message));
+            lines.push(match problem.key.is_empty() && text.is_err() {
+                // It names the file or the line itself.
+                true => format!("  {}", problem.message),
+                false => format!("  line {}: {}: {}", problem.line, problem.key, problem.message),
+            });
         }
         lines.extend(warnings.iter().chain(&report.says).map(|sentence| format!("  {sentence}")));
         if !ok {

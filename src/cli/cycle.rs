@@ -83,6 +83,9 @@ fn once(
 ) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     files.require(Purpose::Cycle)?;
+    if let Some(file) = &args.record {
+        recording::named_by_a_command(file, files.store_folder())?;
+    }
     let taught_recipe = TaughtRecipe::read(&files, &args.recipe)?.about(&files, Some(args.part.names()))?;
     // An air-run abrades nothing.
     if matches!(request(&taught_recipe), cycle::Request::Start { .. }) {
@@ -155,9 +158,8 @@ pub fn one(
     if let Some(world) = &live.world {
         world.mount_disc(taught_recipe.recipe.path().disc_diameter_mm());
     }
-    let recording = record.map(|file| RecordingFile::Named(file.display().to_string()));
-    let start = CycleStart { recording, ..taught_recipe.start(calibrated)? };
-    let cycle = store.begin_cycle(&start).map_err(Fault::stage)?;
+    let named = record.map(|file| RecordingFile::Named(file.display().to_string()));
+    let start = CycleStart { recording: named, ..taught_recipe.start(calibrated)? };
     let mut once = Once { start: request(taught_recipe), asked: 0, refused: None, told: None, progress };
     let state = store.state().map_err(Fault::stage)?;
     let lock_step = live.robot.is_lock_step();
@@ -166,6 +168,8 @@ pub fn one(
         let to = recording::of(Some(file.to_owned()), files, (taught_recipe, calibrated))?;
         recording.begin(file, to, state).map_err(|error| recording::refused(file, error))?;
     }
+    // A cycle whose recording cannot be opened is never begun: nothing of it is left to be concluded.
+    let cycle = store.begin_cycle(&start).map_err(Fault::stage)?;
     let keep = daemon::keeper(&store).map_err(Fault::stage)?;
     let mut record = StoreRecord::new(&mut store, cycle);
     let supervisor = Supervisor::default();

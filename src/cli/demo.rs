@@ -12,7 +12,7 @@ use super::live::Live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::score::Score;
-use super::{commissioned, cycle, demo_tool, disk, health, render, teach, user};
+use super::{commissioned, cycle, demo_tool, disk, health, recording, render, teach, user};
 use crate::accounts::Role;
 use crate::sim::{self, Scene};
 use crate::verdict::{Judgement, Verdict};
@@ -29,6 +29,10 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let begun = Instant::now();
     let progress = |line: &str| progress(&format!("{:5.1} s  {line}", begun.elapsed().as_secs_f64()));
     let scene = Scene::from(args.scene);
+    // Before anything is rendered or moves.
+    if let Some(file) = &args.record {
+        recording::named_by_a_command(file, &args.out.join("cell/store"))?;
+    }
     let rendered = {
         let arm = real_arm(args.seed, args.arm_error_mm);
         let cell = sim::Cell::new(args.seed, scene, args.reduction as usize).with_arm(arm);

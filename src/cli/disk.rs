@@ -1,6 +1,7 @@
 //! Files in and out: whole or not at all.
 
 use super::fault::Fault;
+use crate::check::not_utf_8;
 use crate::disk;
 use std::fs::{self, File};
 use std::io::Write;
@@ -19,7 +20,8 @@ pub fn read(file: &Path) -> Result<Vec<u8>, Fault> {
 /// # Errors
 /// As [`read`], and where it is not UTF-8.
 pub fn read_text(file: &Path) -> Result<String, Fault> {
-    String::from_utf8(read(file)?).map_err(|error| Fault::file(file, error))
+    String::from_utf8(read(file)?)
+        .map_err(|error| Fault::file(file, not_utf_8(error.as_bytes(), &error.utf8_error())))
 }
 
 /// Writes a file beside its place and renames it there, so that it is never half written.

@@ -156,12 +156,14 @@ pub enum Fault {
         file: PathBuf,
     },
     /// A question that nobody answered.
-    #[error("{question} has no answer: give {option}, or --yes to take what is proposed")]
+    #[error("{question} has no answer: give {option}{}", if *is_proposed { ", or --yes to take what is proposed" } else { "" })]
     NoAnswer {
         /// What was asked.
         question: String,
         /// The option that answers it.
         option: &'static str,
+        /// Something is proposed that could be taken.
+        is_proposed: bool,
     },
     /// An answer that cannot be taken.
     #[error("{option} \"{found}\": {problem}")]

@@ -27,7 +27,8 @@ const IN_CONTACT: [u32; 4] = [20, 21, 22, 40];
 /// Goes through the table and writes the page.
 ///
 /// # Errors
-/// Where the cell's robot is no controller behind two ports, another program holds the store, or the page cannot be written.
+/// Where the cell's robot is no controller behind two ports, another program holds the store, or the page is there
+/// already or cannot be written.
 pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     files.require(Purpose::Robot)?;
     if files.cell.robot().kind() != RobotKind::Eki {
@@ -36,6 +37,9 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     let _store = files.settled_store()?;
     let (robot, _) = live::robot_alone(&files.cell)?;
     drop(robot);
+    let page = |proofs: &[Proof]| page::of(proofs, &args.by, files.cell.robot());
+    // Before the first question: answers that took a day at the controller are not asked for where they cannot be kept.
+    super::disk::write_new(&args.out, page(&[]))?;
     let mut answers = std::io::stdin().lock().lines().map_while(Result::ok);
     let mut proofs = Vec::new();
     for assumption in assumptions(INSTALLATION) {
@@ -49,8 +53,8 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
         };
         tell(&format!("   {}: {}", proof.finding.word(), proof.evidence));
         proofs.push(proof);
+        super::disk::write(&args.out, page(&proofs))?;
     }
-    super::disk::write(&args.out, page::of(&proofs, &args.by, files.cell.robot()))?;
     let mut outcome = Outcome::of(&judgement(&proofs));
     let rows: Vec<_> = proofs
         .iter()

@@ -120,17 +120,11 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
     let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words.clear();
     let key = key(&files)?;
+    // One that is not there, or is not over, is refused before anything of any is written.
+    let all = cycles.into_iter().map(|cycle| Ok((cycle, signed_rows(&files, &store, cycle)?)));
+    let all = all.collect::<Result<Vec<_>, Fault>>()?;
     let mut written = Vec::new();
-    for cycle in cycles {
-        // One that is not there, or is not over, is refused before anything is written.
-        let record = store.cycle(cycle).map_err(Fault::stage)?;
-        if record.judgement.is_some() && store.signatures_of(cycle).map_err(Fault::stage)?.is_empty() {
-            sign_missing(&files, &|told| tracing::info!("{}", told.unwrap_or_else(|problem| problem)))?;
-        }
-        let rows = store.signatures_of(cycle).map_err(Fault::stage)?;
-        if rows.is_empty() {
-            return Err(RecordFault::NotSigned { cycle: cycle.0 }.into());
-        }
+    for (cycle, rows) in all {
         if let Some(row) = rows.iter().find(|row| !row.is_of_person) {
             let file = args.out.join(format!("{}.pdf", signing::cycle_stem(cycle)));
             let kept = Kept::read(&store, cycle)?;
@@ -155,6 +149,19 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
     outcome.put("files", json!(written));
     outcome.put("public_key", json!(key.public().hex()));
     Ok(outcome)
+}
+
+/// What was signed of a cycle; one that is over and was not signed yet is signed now.
+fn signed_rows(files: &CellFiles, store: &Store, cycle: CycleId) -> Result<Vec<SignatureRow>, Fault> {
+    let record = store.cycle(cycle).map_err(Fault::stage)?;
+    if record.judgement.is_some() && store.signatures_of(cycle).map_err(Fault::stage)?.is_empty() {
+        sign_missing(files, &|told| tracing::info!("{}", told.unwrap_or_else(|problem| problem)))?;
+    }
+    let rows = store.signatures_of(cycle).map_err(Fault::stage)?;
+    match rows.is_empty() {
+        true => Err(RecordFault::NotSigned { cycle: cycle.0 }.into()),
+        false => Ok(rows),
+    }
 }
 
 /// Writes a statement with its signature, and of a cycle the files that it names.
@@ -224,19 +231,25 @@ fn verify(args: &VerifyRecord, common: &Common) -> Result<Outcome, Fault> {
     if export.statements.is_empty() && head.is_none() {
         return Err(Fault::file(&args.files[0], "has no signed record: no .json file lies in it"));
     }
-    let verified = signing::verify_export(&export, &keys, head.as_ref());
+    let mut verified = signing::verify_export(&export, &keys, head.as_ref());
+    if args.all {
+        verified.found.extend(std::mem::take(&mut verified.gaps).into_iter().map(signing::missing));
+    }
+    let remarks: Vec<String> = verified.gaps.iter().copied().map(signing::not_here).collect();
     let reason = |words: &String| Reason::new("record_changed", words.clone());
     let verdict = if verified.found.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let mut outcome = Outcome::of(&Judgement { verdict, reasons: verified.found.iter().map(reason).collect() });
     for (statement, hash) in verified.statements.values() {
         outcome.say(words(statement, hash));
     }
+    remarks.iter().for_each(|words| outcome.say(words));
     outcome.say(match &export.files {
         Some(files) => format!("{} files beside the records were read", files.len()),
         None => "no folder files/ lies beside the records: pictures and inputs were not looked at".to_owned(),
     });
     outcome.put("ok", json!(verified.found.is_empty()));
     outcome.put("found", json!(verified.found));
+    outcome.put("remarks", json!(remarks));
     outcome.put(
         "records",
         json!(
@@ -294,6 +307,9 @@ fn store_folder(common: &Common) -> Result<PathBuf, Fault> {
 
 /// Reads a record, or a folder of them, with the files beside it.
 fn read_export(path: &Path, export: &mut Export) -> Result<(), Fault> {
+    if !path.exists() {
+        return Err(Fault::file(path, "is not there"));
+    }
     let is_folder = path.is_dir();
     let folder = if is_folder { path } else { path.parent().unwrap_or(Path::new("")) };
     let named = if is_folder { listed(path)? } else { vec![path.to_owned(), path.with_extension("sig")] };

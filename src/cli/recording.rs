@@ -62,16 +62,45 @@ pub fn allowed(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
     Ok(())
 }
 
+/// The same for a file that a command names, which this program writes as whoever runs it: it must not be inside the store
+/// either, where only the program names files. The store may be one that is made later.
+///
+/// # Errors
+/// As [`allowed`], and where the file is inside the store, or is a link.
+pub fn named_by_a_command(file: &Path, store: &Path) -> Result<(), Fault> {
+    // A link is no new file, wherever it leads, and if it leads nowhere.
+    if file.symlink_metadata().is_ok() {
+        return Err(taken(file));
+    }
+    allowed(Some(file), store)?;
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if store.exists() && is_inside(folder, store)? {
+        return Err(refused_name(file, IN_THE_STORE));
+    }
+    Ok(())
+}
+
+/// Whether a folder is the store or lies in it, all links on the way resolved.
+fn is_inside(folder: &Path, store: &Path) -> Result<bool, Fault> {
+    let resolved = |path: &Path| path.canonicalize().map_err(|error| Fault::file(path, error));
+    Ok(resolved(folder)?.starts_with(resolved(store)?))
+}
+
+fn refused_name(file: &Path, words: &'static str) -> Fault {
+    let shown: String = file.to_string_lossy().chars().flat_map(char::escape_debug).take(MOST_SHOWN).collect();
+    Fault::RecordName { file: shown, words }
+}
+
+const IN_THE_STORE: &str = "it is inside the store, where only the service names files; name a file elsewhere (`panelprep ctl \
+                            start --record` without a name keeps it in the store's recordings/)";
+
 /// The place of a recording that a client of the service names: by its whole path, plain, and outside of the store, all
 /// links on the way resolved. A client may have the service write only what is the client's to ask for.
 ///
 /// # Errors
 /// Where the name is not such a one, or its folder is not there.
 pub fn named_by_a_client(file: &Path, store: &Path) -> Result<PathBuf, Fault> {
-    let refused = |words: &'static str| {
-        let shown: String = file.to_string_lossy().chars().flat_map(char::escape_debug).take(MOST_SHOWN).collect();
-        Fault::RecordName { file: shown, words }
-    };
+    let refused = |words| refused_name(file, words);
     let Some(text) = file.to_str() else { return Err(refused("it is not UTF-8")) };
     if text.chars().any(char::is_control) {
         return Err(refused("it has control characters, such as a line feed"));
@@ -84,17 +113,13 @@ pub fn named_by_a_client(file: &Path, store: &Path) -> Result<PathBuf, Fault> {
     let (Some(name), Some(folder)) = (name, file.parent()) else {
         return Err(refused("it has . or .. in it, or ends in a folder; name the whole path of a new file"));
     };
-    let resolved = |path: &Path| path.canonicalize().map_err(|error| Fault::file(path, error));
     if !folder.is_dir() {
         return Err(no_folder(folder));
     }
-    let (folder, store) = (resolved(folder)?, resolved(store)?);
-    if folder.starts_with(&store) {
-        return Err(refused(
-            "it is inside the store, where only the service names files; name a file elsewhere, or record without a \
-             name, which keeps it in the store's recordings/",
-        ));
+    if is_inside(folder, store)? {
+        return Err(refused(IN_THE_STORE));
     }
+    let folder = folder.canonicalize().map_err(|error| Fault::file(folder, error))?;
     let file = folder.join(name);
     // A link is no new file, wherever it leads, and if it leads nowhere.
     match file.symlink_metadata() {

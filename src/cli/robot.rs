@@ -15,6 +15,7 @@ use crate::requirements::Purpose;
 use crate::verdict::{Judgement, Reason, Verdict};
 use crate::words::fixed;
 use serde_json::{Map, Value, json};
+use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::Duration;
 
@@ -35,7 +36,7 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     let (mut robot, _simulated) = live::robot_alone(&files.cell)?;
     let mut single = match Single::connect(&mut robot, files.cell.arm()) {
         Ok(single) => single,
-        Err(error) => return Ok(Outcome::of(&judgement(error)?)),
+        Err(error) => return Ok(Outcome::of(&unanswered(judgement(error)?, &files))),
     };
     let done = action.perform(&mut single, &files.cell);
     let judgement = match done {
@@ -53,6 +54,17 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     }
     outcome.put("state", json_of(state, files.cell.io()));
     Ok(outcome)
+}
+
+/// Why no controller answers: it serves one client, and where the cell's service runs, that is the service.
+fn unanswered(judgement: Judgement, files: &CellFiles) -> Judgement {
+    let is_served = files.cell.robot().kind() == RobotKind::Eki && UnixStream::connect(files.socket()).is_ok();
+    if !is_served {
+        return judgement;
+    }
+    let words = "the service has the controller, which serves one client at a time; `panelprep ctl state` tells how the cell \
+                 stands";
+    Judgement { reasons: vec![Reason::new("no_controller", words)], ..judgement }
 }
 
 /// A refusal of the gate is a verdict, what cannot be sent at all is bad input, the rest a fault of the cell.
@@ -90,7 +102,8 @@ impl RobotAction {
                 to: pose(to)?,
                 base: base.as_deref().map(pose).transpose()?.unwrap_or_default(),
                 tool: tip(*tool, files)?,
-                speed_mm_s: *speed_mm_s,
+                // The gate holds it against the cell's own limit.
+                speed_mm_s: speed(*speed_mm_s, "--speed-mm-s", f64::MAX, &files.cell)?,
             }),
             RobotFunction::SetBase { base } => RobotAction::Set(Command::SetBase(pose(base)?)),
             RobotFunction::SetTcp { flange_from_tool } => {
@@ -98,7 +111,9 @@ impl RobotAction {
                 RobotAction::Set(Command::SetTcp(SetTcp { flange_from_tool, kind: TcpKind::Other }))
             }
             RobotFunction::SetSpeed { speed_mm_s, acceleration_m_s2, axis_percent } => {
-                RobotAction::Set(speeds(*speed_mm_s, *acceleration_m_s2, *axis_percent))
+                let most = files.cell.limits().max_speed_mm_s();
+                let speed_mm_s = speed(*speed_mm_s, "SPEED_MM_S", most, &files.cell)?;
+                RobotAction::Set(speeds(speed_mm_s, *acceleration_m_s2, *axis_percent))
             }
             RobotFunction::SetOut { name, value, keep_s } => RobotAction::SetOut {
                 name: name.clone(),
@@ -122,6 +137,19 @@ impl RobotAction {
             RobotAction::SetOut { name, on, keep } => single.set_output(name, *on, cell, *keep),
         }
     }
+}
+
+/// The least speed that a controller is asked for, mm/s.
+const SLOWEST_MM_S: f64 = 1.0;
+
+/// A speed of the tip that may be asked for, mm/s; one above `most` is refused here, before anything is begun.
+fn speed(found: f64, option: &'static str, most: f64, cell: &Cell) -> Result<f64, Fault> {
+    if (SLOWEST_MM_S..=most).contains(&found) {
+        return Ok(found);
+    }
+    let allowed = cell.limits().max_speed_mm_s();
+    let problem = format!("allowed are {SLOWEST_MM_S} to {allowed} mm/s, max_speed_mm_s of the cell's [limits]");
+    Err(Fault::BadAnswer { option, found: found.to_string(), problem })
 }
 
 fn tip(name: TipName, files: &CellFiles) -> Result<SetTcp, Fault> {

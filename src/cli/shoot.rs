@@ -4,9 +4,9 @@ mod film;
 pub mod opening;
 mod telling;
 
-use super::args::{Common, Shoot, Shot};
+use super::args::{Common, Shoot, Shot, Simulation};
 use super::disk;
-use super::fault::Fault;
+use super::fault::{DeviceFault, Fault};
 use super::flange_pose::{FlangePoses, Known};
 use super::load::CellFiles;
 use super::outcome::Outcome;
@@ -30,6 +30,12 @@ impl Shoot {
 /// # Errors
 /// Where a cycle is under way, a camera does not deliver, or the disk refuses.
 pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
+    let Simulation { tool_fault, line_parts, .. } = args.simulation;
+    for (option, is_given) in [("--tool-fault", tool_fault.is_some()), ("--line-parts", line_parts > 0)] {
+        if is_given {
+            return Err(DeviceFault::OfACycle { option }.into());
+        }
+    }
     let files = CellFiles::read(common)?;
     let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
     match args.what {

@@ -19,7 +19,16 @@ use std::path::Path;
 /// Where the cell's file has problems, the account is not what is asked for, or the store cannot be written.
 pub fn run(args: &User, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
-    let mut people = People { store: Store::for_people(files.store_folder()).map_err(Fault::stage)? };
+    // To look needs no right to write, and a mistyped folder must become a store by a new account alone.
+    let store = match &args.what {
+        UserTask::List => files.store()?,
+        UserTask::Add { .. } => Store::for_people(files.store_folder()).map_err(Fault::stage)?,
+        _ => {
+            drop(files.store()?);
+            Store::for_people(files.store_folder()).map_err(Fault::stage)?
+        }
+    };
+    let mut people = People { store };
     match &args.what {
         UserTask::Add { name, role, printed_name } => {
             people.add(name, *role, printed_name.as_deref().unwrap_or(name), &password(name)?)

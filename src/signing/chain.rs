@@ -35,6 +35,9 @@ pub enum Claim {
 pub struct Verified {
     /// What is not what was signed, in words.
     pub found: Vec<String>,
+    /// Numbers that are not among the statements, before the last one, each time the first and the last of them: a finding
+    /// where all are to be there, and none where a part of the chain was handed on.
+    pub gaps: Vec<(u64, u64)>,
     /// The statements whose signatures hold, by their numbers, each with its SHA-256.
     pub statements: BTreeMap<u64, (Statement, String)>,
 }
@@ -47,7 +50,8 @@ struct Whole<'s> {
 }
 
 /// Verifies these statements with these public keys. Where a `head` is given, it must be signed too, and they must be all
-/// statements from the first of the cell to the one that the head names; else they need to have no gap among themselves.
+/// statements from the first of the cell to the one that the head names. Without one, numbers that are not there are told
+/// apart from what was found: somebody who has the record of one cycle does not have those of others that lie between.
 pub fn verify(all: &[Signed], keys: &[PublicKey], head: Option<&Signed>) -> Verified {
     let mut verified = Verified::default();
     let mut whole: BTreeMap<u64, Whole<'_>> = BTreeMap::new();
@@ -72,8 +76,10 @@ pub fn verify(all: &[Signed], keys: &[PublicKey], head: Option<&Signed>) -> Veri
         }
     }
     verified.found.extend(broken(&whole));
+    verified.gaps = gaps(&whole);
     verified.found.extend(unbound(&whole));
     if let Some(head) = head {
+        verified.found.extend(std::mem::take(&mut verified.gaps).into_iter().map(missing));
         verified.found.extend(beyond(&whole, head, keys));
     }
     let statements = whole.into_iter().map(|(number, one)| (number, (one.statement, one.hash)));
@@ -114,7 +120,14 @@ fn misplaced(signed: &Signed, statement: &Statement) -> Option<String> {
     (!is_there).then(|| words(statement.number, statement.cycle()))
 }
 
-/// Gaps, and statements that name another one before them than the one that is there.
+/// Numbers that are not there, from the first of the cell to the last that is.
+fn gaps(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<(u64, u64)> {
+    let before = std::iter::once(0).chain(whole.keys().copied());
+    let between = before.zip(whole.keys()).filter(|(before, number)| before + 1 < **number);
+    between.map(|(before, number)| (before + 1, number - 1)).collect()
+}
+
+/// Statements that name another one before them than the one that is there.
 fn broken(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
     let mut found = Vec::new();
     let mut before: Option<&Whole<'_>> = None;
@@ -123,11 +136,8 @@ fn broken(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
         let expected = match before {
             _ if number == 1 => Some(BEGIN),
             Some(before) if before.statement.number + 1 == number => Some(before.hash.as_str()),
-            Some(before) => {
-                found.push(missing(before.statement.number + 1, number - 1));
-                None
-            }
-            None => None,
+            // What the other before it was cannot be told without it.
+            Some(_) | None => None,
         };
         if expected.is_some_and(|expected| expected != one.statement.previous) {
             found
@@ -138,10 +148,19 @@ fn broken(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
     found
 }
 
-fn missing(first: u64, last: u64) -> String {
+/// A gap, where there must be none.
+pub fn missing((first, last): (u64, u64)) -> String {
     match first == last {
         true => format!("record number {first} is missing"),
         false => format!("records number {first} to {last} are missing"),
+    }
+}
+
+/// A gap, where a part of the chain was handed on.
+pub fn not_here((first, last): (u64, u64)) -> String {
+    match first == last {
+        true => format!("record number {first} is not in this folder"),
+        false => format!("records number {first} to {last} are not in this folder"),
     }
 }
 
@@ -176,16 +195,15 @@ fn beyond(whole: &BTreeMap<u64, Whole<'_>>, signed: &Signed, keys: &[PublicKey])
         Err(error) => return vec![format!("the head {name}: {error}")],
     };
     let mut found = Vec::new();
-    let first = whole.keys().next().copied().unwrap_or(head.number + 1);
-    if first > 1 && head.number > 0 {
-        found.push(missing(1, (first - 1).min(head.number)));
+    if whole.is_empty() && head.number > 0 {
+        found.push(missing((1, head.number)));
     }
     let last = whole.keys().next_back().copied().unwrap_or(0);
     if last < head.number && last > 0 {
         found.push(format!(
             "rolled back: the head {name} is at record number {}; {}",
             head.number,
-            missing(last + 1, head.number)
+            missing((last + 1, head.number))
         ));
     }
     if let Some(one) = whole.get(&head.number).filter(|one| one.hash != head.hash) {

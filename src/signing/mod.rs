@@ -18,7 +18,7 @@ mod key;
 mod statement;
 
 pub use canonical::canonical;
-pub use chain::{Claim, Signed, Verified, verify};
+pub use chain::{Claim, Signed, Verified, missing, not_here, verify};
 pub use differences::differences;
 pub use error::SigningError;
 pub use export::{Export, cycle_stem, exported_files, person_stem, verify_export};

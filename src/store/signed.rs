@@ -28,6 +28,8 @@ impl Store {
         let keys: Vec<PublicKey> = named.iter().filter_map(|hex| PublicKey::of_hex(hex).ok()).collect();
         let checked = signing::verify(&all, &keys, None);
         verified.found.extend(checked.found);
+        // Of the first ones it is told below.
+        verified.found.extend(checked.gaps.into_iter().filter(|(first, _)| *first > 1).map(signing::missing));
         for (number, (statement, _)) in &checked.statements {
             verified.found.extend(self.contradicts(*number, statement));
         }

@@ -1,6 +1,7 @@
 //! Whole cycles by one command: on a rendered cell, and of the demonstration.
 
 use super::{json, rendered, taught_and_verified};
+use panelprep::store::Store;
 use serde_json::{Value, json as value};
 
 /// The live cycle on the simulated cell, over sockets and in virtual time: break, abrade, test again, pass.
@@ -76,4 +77,36 @@ fn the_demo_rejects_a_wrong_panel_without_a_move_toward_it() {
         page.contains("<td>to the park pose, epoch") && !page.contains("<td>to corner pose"),
         "only to the park pose: {page}"
     );
+}
+
+/// A recording that cannot be opened stops the command before a cycle is begun: none is left to be concluded and signed later.
+#[test]
+fn a_recording_that_cannot_be_begins_no_cycle() {
+    let folder = rendered("good");
+    let at = folder.path();
+    taught_and_verified(at);
+    std::fs::write(at.join("there.mcap"), "mine").expect("written");
+    std::os::unix::fs::symlink("nowhere", at.join("link.mcap")).expect("a link");
+    let of = |command: &str| format!("{command} --cell cell/cell.toml --recipe cell/recipe.toml --seed 3 --record");
+    for command in [of("cycle"), of("air-run"), "demo --reduction 4 --out demo --record".to_owned()] {
+        for (file, words) in [
+            ("there.mcap", "is there already"),
+            ("link.mcap", "is there already"),
+            ("nowhere/a.mcap", "no such folder"),
+            ("there.mcap/a.mcap", "no such folder"),
+            ("cell/store/a.mcap", "inside the store"),
+            ("cell/../cell/store/reports/a.mcap", "inside the store"),
+        ] {
+            if command.starts_with("demo") && words == "inside the store" {
+                continue;
+            }
+            std::fs::create_dir_all(at.join("cell/store/reports")).expect("a folder");
+            let (exit, told) = json(at, &format!("{command} {file}"));
+            assert!(exit == 2 && told["reasons"].to_string().contains(words), "{command} {file}: {told}");
+        }
+    }
+    assert!(!at.join("demo").exists(), "nothing is rendered");
+    assert_eq!(std::fs::read_to_string(at.join("there.mcap")).expect("there"), "mine");
+    let store = Store::open(&at.join("cell/store")).expect("opens");
+    assert!(store.cycle(panelprep::record::CycleId(1)).is_err(), "no cycle was begun");
 }

@@ -1,5 +1,6 @@
 //! Arguments of the commands about what is kept: the store, pages, recordings, codes.
 
+use super::values::said;
 use crate::history::languages;
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand};
@@ -39,7 +40,7 @@ pub enum StoreTask {
 #[derive(Debug, Clone, Args)]
 pub struct RenewStore {
     /// Why; it is kept in the store.
-    #[arg(long, value_name = "WORDS")]
+    #[arg(long, value_name = "WORDS", value_parser = said)]
     pub why: String,
 }
 

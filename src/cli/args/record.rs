@@ -93,6 +93,10 @@ pub struct VerifyRecord {
     /// A head, with its `.sig` beside it: then the records must be all of the cell, from the first to the one that it names.
     #[arg(long, value_name = "FILE")]
     pub head: Option<PathBuf>,
+    /// The records must be all of the cell, from the first to the last one that is here. Without it, and without a head, numbers
+    /// that are not here are told and are no fault: the record of one cycle is handed on without those of others.
+    #[arg(long)]
+    pub all: bool,
 }
 
 /// Options of `record head`.

@@ -1,5 +1,6 @@
 //! Arguments of `panelprep robot`.
 
+use super::values::said;
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -54,7 +55,7 @@ pub enum RobotFunction {
     },
     /// set_acc_speed: speeds of what follows in the same epoch; shows whether the controller takes them.
     SetSpeed {
-        /// Speed of the tip, mm/s.
+        /// Speed of the tip, mm/s; at most the cell's.
         speed_mm_s: f64,
         /// Acceleration of the tip, m/s².
         #[arg(long, value_name = "M/S2", default_value_t = 1.0)]
@@ -95,11 +96,11 @@ pub enum RobotFunction {
 /// Options of `robot prove`.
 #[derive(Debug, Clone, Args)]
 pub struct Prove {
-    /// The page, HTML.
+    /// The page, HTML; it must not be there yet, and is written anew after each answer.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Who stands at the controller.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = said)]
     pub by: String,
 }
 

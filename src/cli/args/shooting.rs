@@ -50,9 +50,9 @@ pub struct Shoot {
     /// From this second on the film's pictures are marked as taken under the spray, those before as dry.
     #[arg(long, value_name = "S")]
     pub spray_from_s: Option<f64>,
-    /// From this second on they are marked as wet; a film without water is marked so from its begin.
-    #[arg(long, value_name = "S", default_value_t = 0.0)]
-    pub wet_from_s: f64,
+    /// From this second on they are marked as wet; a film without spray is marked so from its begin where nothing is said.
+    #[arg(long, value_name = "S")]
+    pub wet_from_s: Option<f64>,
     /// What a simulated cell shows.
     #[command(flatten)]
     pub simulation: Simulation,

@@ -91,7 +91,7 @@ pub struct Render {
     pub film: FilmName,
     /// Add a labelled set of so many clips in `set`, of other grease each, every third one clean, for
     /// `panelprep inspect --truth`.
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000))]
     pub clips: u32,
     /// Length of a wet film, s.
     #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u32).range(5..=600))]

@@ -16,6 +16,7 @@ use crate::store::{Store, calibration_hash};
 use crate::verdict::{Check, Judgement, SetBy};
 use crate::words::apart;
 use serde_json::json;
+use std::path::Path;
 
 /// Share of the tool's band by which a reading without contact may be off.
 const OF_BAND: f64 = 0.5;
@@ -30,7 +31,7 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
     let cell = CellFiles::read(common)?;
     let flange_from_tool = cell.flange_from_tool()?.value;
     let readings = read(&args.readings.display().to_string(), &text, flange_from_tool)?;
-    if args.verify { verify(&cell, &readings) } else { measure(&cell, &readings) }
+    if args.verify { verify(&cell, &readings) } else { measure(&cell, (&args.readings, &readings)) }
 }
 
 fn read(name: &str, text: &str, flange_from_tool: Rigid<Flange, Tool>) -> Result<Vec<AttitudeReading>, Fault> {
@@ -39,8 +40,8 @@ fn read(name: &str, text: &str, flange_from_tool: Rigid<Flange, Tool>) -> Result
     Ok(readings.map(|(flange, force_n)| AttitudeReading { downwards: at(flange), force_n }).collect())
 }
 
-fn measure(files: &CellFiles, readings: &[AttitudeReading]) -> Result<Outcome, Fault> {
-    let found = calibrate(readings).map_err(Fault::stage)?;
+fn measure(files: &CellFiles, (file, readings): (&Path, &[AttitudeReading])) -> Result<Outcome, Fault> {
+    let found = calibrate(readings).map_err(|error| Fault::file(file, error))?;
     let Weight { payload_kg, zero_n } = found.weight;
     let known = known(&found, files.cell.tool().compliant());
     let mut outcome = Outcome::of(&Judgement::of_checks([&known]));

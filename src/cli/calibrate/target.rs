@@ -31,9 +31,10 @@ impl Target {
             return Err(Fault::file(file, missing));
         };
         let board = Board::parse(&size.board, size.square_mm).map_err(|error| Fault::file(file, error))?;
-        if let Some(named) = named.filter(|named| boards::board(named).as_ref().ok() != Some(&board)) {
-            let square_mm = boards::board(named).map_or(f64::NAN, |board| board.square_mm());
-            let said = BoardSize { board: named.board.clone(), square_mm };
+        // A board that is none is refused as such, not as another one than the target's.
+        let told = named.map(|named| Ok::<_, Fault>((named, boards::board(named)?))).transpose()?;
+        if let Some((named, told)) = told.filter(|(_, told)| *told != board) {
+            let said = BoardSize { board: named.board.clone(), square_mm: told.square_mm() };
             let message = format!(
                 "this target is the board {size}, the command says {said}; correct the command or leave both out, or learn the \
                  target anew with --learn"

@@ -29,8 +29,9 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
         Some(arm) => arm.true_flange(reported, joints).ok_or_else(|| NO_AXES.to_owned()),
     };
     let poses = files::tool_poses(&file.display().to_string(), &text, &true_flange)?;
-    let point = tool_point(&poses.tip).map_err(Fault::stage)?;
-    let axis = poses.axis.as_ref().map(|touch| tool_axis(&point, touch)).transpose().map_err(Fault::stage)?;
+    let point = tool_point(&poses.tip).map_err(|error| Fault::file(file, error))?;
+    let axis = poses.axis.as_ref().map(|touch| tool_axis(&point, touch)).transpose();
+    let axis = axis.map_err(|error| Fault::file(file, error))?;
     let judgement = gate::tool(&point, axis.as_ref());
     // Without an axis the flange's own is written, and the file says that it was not measured.
     let along = axis.as_ref().map_or(Vector::new(nalgebra::Vector3::z()), |axis| axis.axis);

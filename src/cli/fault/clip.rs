@@ -65,4 +65,25 @@ pub enum ClipFault {
         /// The film's length.
         seconds: f64,
     },
+    /// Nobody said when the sprayed panel is wet.
+    #[error(
+        "--spray-from-s is {spray_from_s} and nothing says from when on the panel is wet; give --wet-from-s, when the spray is off"
+    )]
+    WetFromWhen {
+        /// As asked for.
+        spray_from_s: f64,
+    },
+    /// Phases in another order than the test's.
+    #[error(
+        "--spray-from-s is {spray_from_s}, --wet-from-s is {wet_from_s} and the film lasts {seconds} s; the spray must begin at 0 or \
+         later, the wet pictures after it, and both within the film"
+    )]
+    SprayAfterWet {
+        /// As asked for.
+        spray_from_s: f64,
+        /// As asked for.
+        wet_from_s: f64,
+        /// The film's length.
+        seconds: f64,
+    },
 }

@@ -21,6 +21,12 @@ pub enum DeviceFault {
     /// Nothing simulated has the fault.
     #[error("--tool-fault needs [tool] kind \"simulated\" and the robot kind \"mock\" in the cell's file")]
     NoToolThatFails,
+    /// What only a whole cycle simulates.
+    #[error("{option} is for a whole cycle; pictures and scans are taken without it, so leave it out")]
+    OfACycle {
+        /// The option.
+        option: &'static str,
+    },
     /// The arm's errors are simulated by the mock in this program alone.
     #[error("--arm-error-mm needs the robot kind \"mock\": a controller in another process has an arm of its own")]
     ArmErrorInRehearsal,

@@ -3,6 +3,7 @@
 use super::super::fault::Fault;
 use super::super::output::tell_line;
 use std::io::BufRead;
+use std::ops::RangeInclusive;
 
 /// Who asks.
 pub(super) struct Asker<'i> {
@@ -46,7 +47,10 @@ impl Asker<'_> {
         if let Some(given) = &question.given {
             return read(given).map_err(|problem| refused(given, problem));
         }
-        let no_answer = || Fault::NoAnswer { question: question.words.to_owned(), option };
+        let no_answer = || {
+            let is_proposed = question.proposal.is_some();
+            Fault::NoAnswer { question: question.words.to_owned(), option, is_proposed }
+        };
         if self.takes_proposals {
             let proposal = question.proposal.as_deref().ok_or_else(no_answer)?;
             return read(proposal).map_err(|problem| refused(proposal, problem));
@@ -81,6 +85,15 @@ impl Asker<'_> {
     /// One of these.
     pub fn one_of<T: Copy>(&mut self, question: &Question<'_>, allowed: &[(&str, T)]) -> Result<T, Fault> {
         self.ask(question, |answer| one_of(answer, allowed))
+    }
+
+    /// A whole number in this range.
+    pub fn count(&mut self, question: &Question<'_>, range: RangeInclusive<u32>) -> Result<f64, Fault> {
+        self.ask(question, |answer| {
+            let count = answer.trim().parse::<u32>().ok().filter(|count| range.contains(count));
+            let allowed = || format!("allowed is {} to {}, a whole number", range.start(), range.end());
+            count.map(f64::from).ok_or_else(allowed)
+        })
     }
 
     /// Numbers, apart by commas or spaces.
@@ -143,11 +156,22 @@ mod tests {
         assert_eq!(of(asker("5\n", true), &question(None, Some("4"))).expect("taken"), 4.0);
         for (asker, question, words) in [
             (asker("", false), question(None, Some("4")), "how many rows has no answer: give --rows"),
+            (asker("", false), question(None, Some("4")), "--rows, or --yes to take"),
             (asker("", true), question(None, None), "how many rows has no answer: give --rows"),
             (asker("5\n", false), question(Some("x"), None), "--rows \"x\": allowed is a number"),
         ] {
             let told = of(asker, &question).expect_err("refused").to_string();
             assert!(told.contains(words), "{told}");
+        }
+        // What nothing is proposed for, --yes does not answer.
+        let told = of(asker("", true), &question(None, None)).expect_err("refused").to_string();
+        assert!(told.ends_with("give --rows"), "{told}");
+        // A count is held to its range at once, not in the file that would come of it.
+        let of = |given| asker("", true).count(&question(Some(given), None), 1..=50);
+        assert_eq!(of("50").expect("allowed"), 50.0);
+        for wrong in ["0", "51", "2.5", "many"] {
+            let told = of(wrong).expect_err("refused").to_string();
+            assert!(told.contains(&format!("--rows \"{wrong}\": allowed is 1 to 50")), "{told}");
         }
     }
 

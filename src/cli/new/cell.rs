@@ -77,6 +77,15 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
+/// Refuses options of one kind where another was chosen: a value that nobody reads would seem to be in the file.
+fn none_of(others: &'static str, chosen: &str, given: &[(&'static str, &Option<String>)]) -> Result<(), Fault> {
+    let of_another = given.iter().find_map(|(option, value)| Some((*option, value.as_ref()?)));
+    of_another.map_or(Ok(()), |(option, found)| {
+        let problem = format!("it belongs to {others}, and {chosen} was chosen; leave it out, or choose {others}");
+        Err(Fault::BadAnswer { option, found: found.clone(), problem })
+    })
+}
+
 /// Tells what was looked for; nothing where nothing is looked for.
 fn looked(args: &NewCell, look: impl FnOnce() -> Found) -> Vec<String> {
     if args.no_search {
@@ -112,7 +121,7 @@ fn scanner(args: &NewCell, asker: &mut Asker<'_>) -> Result<(ScannerKind, Option
         (None | Some(ScannerKind::Zivid), None) => looked(args, connected::zivid_camera),
         _ => vec![],
     };
-    let proposal = if found.is_empty() { "simulated" } else { "zivid" };
+    let proposal = if found.is_empty() && args.scanner_serial.is_none() { "simulated" } else { "zivid" };
     let kinds = [("simulated", ScannerKind::Simulated), ("zivid", ScannerKind::Zivid)];
     let kind = match args.scanner {
         Some(kind) => kind,
@@ -122,7 +131,11 @@ fn scanner(args: &NewCell, asker: &mut Asker<'_>) -> Result<(ScannerKind, Option
         }
     };
     let serial = match (kind, &args.scanner_serial) {
-        (ScannerKind::Simulated, _) => None,
+        (ScannerKind::Simulated, _) => {
+            let given = [("--scanner-serial", &args.scanner_serial)];
+            none_of("--scanner zivid", "--scanner simulated", &given)?;
+            None
+        }
         (ScannerKind::Zivid, given @ Some(_)) => given.clone(),
         // Without one, the only camera that is connected is taken.
         (ScannerKind::Zivid, None) => found.into_iter().next(),
@@ -149,7 +162,14 @@ fn flange_camera(args: &NewCell, asker: &mut Asker<'_>) -> Result<FlangeCamera, 
         }
     };
     let by = match kind {
-        FlangeCameraKind::Simulated => None,
+        FlangeCameraKind::Simulated => {
+            let given = [
+                ("--flange-camera-serial", &args.flange_camera_serial),
+                ("--flange-camera-address", &args.flange_camera_address),
+            ];
+            none_of("--flange-camera gige", "--flange-camera simulated", &given)?;
+            None
+        }
         FlangeCameraKind::Gige => match &args.flange_camera_address {
             Some(address) => Some(("address", address.clone())),
             None => {
@@ -168,16 +188,23 @@ fn flange_camera(args: &NewCell, asker: &mut Asker<'_>) -> Result<FlangeCamera, 
 }
 
 fn robot(args: &NewCell, asker: &mut Asker<'_>) -> Result<(RobotKindName, Option<String>), Fault> {
+    let of_eki = [
+        ("--host", &args.host),
+        ("--park-deg", &args.park_deg),
+        ("--box-min-mm", &args.box_min_mm),
+        ("--box-max-mm", &args.box_max_mm),
+    ];
     let kinds = [("mock", RobotKindName::Mock), ("eki", RobotKindName::Eki)];
     let kind = match args.robot {
         Some(kind) => kind,
         None => {
             let words = "the robot's controller: mock (inside this program) or eki (a KUKA controller)";
-            let proposal = if args.host.is_some() { "eki" } else { "mock" };
+            let proposal = if of_eki.iter().any(|(_, value)| value.is_some()) { "eki" } else { "mock" };
             asker.one_of(&Question::new(words, "--robot", None).proposing(proposal), &kinds)?
         }
     };
     if kind == RobotKindName::Mock {
+        none_of("--robot eki", "--robot mock", &of_eki)?;
         return Ok((kind, None));
     }
     let question = Question::new("the controller's address on its KLI network", "--host", args.host.as_deref());

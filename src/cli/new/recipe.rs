@@ -22,6 +22,9 @@ const BOX_MM: BoxMm = [[300.0, -400.0, 100.0], [700.0, 400.0, 800.0]];
 /// The sample's force, which stands there as a comment: only a recipe for a compliant tool has one.
 const FORCE_COMMENT: [&str; 2] = ["# force_n = 20.0                #", "force_n = 20.0                  #"];
 
+/// How many rows, and how many columns, a recipe may have.
+const GRIDS: std::ops::RangeInclusive<u32> = 1..=50;
+
 /// A box: its least and its greatest corner, mm in the robot's base.
 type BoxMm = [[f64; 3]; 2];
 
@@ -66,9 +69,9 @@ impl Answers {
             Question::new("the panel's name, under which it is taught", "--panel", args.panel.as_deref());
         let panel = asker.words(&question)?;
         let question = Question::new("rows of grids in the region", "--rows", args.rows.as_deref());
-        let [rows] = asker.numbers(&question.proposing("4"))?;
+        let rows = asker.count(&question.proposing("4"), GRIDS)?;
         let question = Question::new("columns of grids in the region", "--columns", args.columns.as_deref());
-        let [columns] = asker.numbers(&question.proposing("6"))?;
+        let columns = asker.count(&question.proposing("6"), GRIDS)?;
         let words =
             "the region's four corners in the scan's picture, px, as `panelprep look` shows them: u,v u,v u,v u,v";
         let question = Question::new(words, "--corners-px", args.corners_px.as_deref());

@@ -37,9 +37,7 @@ pub fn take(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &d
     if list.exists() || args.out.join(file_name(1)).exists() {
         return Err(ClipFault::ClipIsThere { folder: args.out.clone() }.into());
     }
-    if !(0.0..=args.seconds).contains(&args.wet_from_s) {
-        return Err(ClipFault::NeverWet { wet_from_s: args.wet_from_s, seconds: args.seconds }.into());
-    }
+    check_phases(args.seconds, args.spray_from_s, args.wet_from_s)?;
     let mut opened = opening::scanner(files, &args.wanted(), progress)?;
     progress(&format!("taking pictures for {} s", args.seconds));
     let (pictures, to_write) = sync_channel::<(ClipEntry, Picture)>(WAITING);
@@ -63,6 +61,23 @@ pub fn take(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &d
     super::conditions(outcome, &mut told, opened.camera.conditions());
     told.as_object().into_iter().flatten().for_each(|(key, value)| outcome.put(key, value.clone()));
     Ok(())
+}
+
+/// A film is dry, then sprayed, then wet; without spray it may be wet from its begin.
+fn check_phases(seconds: f64, spray_from_s: Option<f64>, wet_from_s: Option<f64>) -> Result<(), ClipFault> {
+    let is_right = match (spray_from_s, wet_from_s) {
+        (None, wet_from_s) => (0.0..=seconds).contains(&wet_from_s.unwrap_or(0.0)),
+        (Some(spray_from_s), Some(wet_from_s)) => {
+            0.0 <= spray_from_s && spray_from_s < wet_from_s && wet_from_s <= seconds
+        }
+        (Some(spray_from_s), None) => return Err(ClipFault::WetFromWhen { spray_from_s }),
+    };
+    let wet_from_s = wet_from_s.unwrap_or(0.0);
+    match (is_right, spray_from_s) {
+        (true, _) => Ok(()),
+        (false, None) => Err(ClipFault::NeverWet { wet_from_s, seconds }),
+        (false, Some(spray_from_s)) => Err(ClipFault::SprayAfterWet { spray_from_s, wet_from_s, seconds }),
+    }
 }
 
 /// Takes pictures until the time is over; `keep` is false where nobody writes any more.
@@ -111,7 +126,7 @@ fn file_name(number: usize) -> String {
 }
 
 fn phase(args: &Shoot, time_s: f64) -> Phase {
-    match (time_s >= args.wet_from_s, args.spray_from_s.is_some_and(|from_s| time_s >= from_s)) {
+    match (time_s >= args.wet_from_s.unwrap_or(0.0), args.spray_from_s.is_some_and(|from_s| time_s >= from_s)) {
         (true, _) => Phase::Wet,
         (_, true) => Phase::Spray,
         _ => Phase::Dry,

@@ -153,6 +153,16 @@ fn a_whole_export_is_found_whole() {
     let Said::Cycle(first) = &verified.statements[&1].0.says else { panic!("the first is a cycle") };
     assert_eq!((first.id, &first.part), (CycleId(1), &part()));
     assert_eq!(first.record["findings"][0]["numbers"][0]["value"], json!(0.1 + 0.2), "to the bit");
+    assert_eq!(verified.gaps, []);
+    // So does a part of the chain; with the head it must be all of it.
+    let mut part = export.clone();
+    part.statements.retain(|name, _| ["cycle-2", "cycle-5"].iter().any(|stem| name.starts_with(stem)));
+    let told = verify_export(&part, &[key().public()], None);
+    assert_eq!((told.found, told.gaps), (vec![], vec![(1, 1), (4, 7)]));
+    let told = verify_export(&part, &[key().public()], Some(&head));
+    let expected = ["record number 1 is missing", "records number 4 to 7 are missing", "rolled back"];
+    assert!(told.found.iter().zip(expected).all(|(found, words)| found.contains(words)), "{:?}", told.found);
+    assert_eq!((told.found.len(), told.gaps), (3, vec![]));
     // A cycle and what a person said of it stand for themselves.
     let of_third = export.statements.clone().into_iter().filter(|(name, _)| name.starts_with("cycle-3")).collect();
     assert_eq!(found(&Export { statements: of_third, files: None }, None), [] as [String; 0]);

@@ -2,7 +2,7 @@
 
 use super::board::NamedBoard;
 use super::camera::CameraName;
-use crate::cli::args::Simulation;
+use crate::cli::args::{Simulation, said};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -79,11 +79,4 @@ pub struct StrikeOut {
     /// Why.
     #[arg(long, value_name = "TEXT", value_parser = said)]
     pub why: String,
-}
-
-fn said(text: &str) -> Result<String, String> {
-    match text.trim() {
-        "" => Err("must not be empty".to_owned()),
-        text => Ok(text.to_owned()),
-    }
 }
