@@ -6,7 +6,12 @@ use crate::world::{Counts, World, parse, print};
 const SEEDS: u64 = 120;
 
 /// Worlds in which something was found once: the seed, the script, and what was found.
-const FOUND_ONCE: [(u64, &str, &str); 11] = [
+const FOUND_ONCE: [(u64, &str, &str); 12] = [
+    (
+        949326,
+        r#"[{"place":"abrade","visit":1,"after_ms":2383,"fault":{"Press":"Hold"}},{"place":"holding","visit":1,"after_ms":0,"fault":{"Controller":"drives/2355ms"}}]"#,
+        "waypoints of a contact path were forgotten where drives went off while a hold waited for the end of its epoch",
+    ),
     (
         961429,
         r#"[{"place":"verify","visit":1,"after_ms":0,"fault":{"Controller":"stall/217ms"}},{"place":"verify","visit":1,"after_ms":0,"fault":{"Controller":"deselect/157ms"}}]"#,
