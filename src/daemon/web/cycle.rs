@@ -202,13 +202,13 @@ pub(super) async fn sign(
         shared.audit(&AuditEntry { refused, ..line });
         signed
     });
-    let refused = |code, problem: &str| refusal(StatusCode::UNPROCESSABLE_ENTITY, code, problem);
+    let problem_at = |code, problem: &str| refusal(StatusCode::UNPROCESSABLE_ENTITY, code, problem);
     match signed.await {
         Some(Ok(number)) => {
             Ok(Json(json!({ "message": visitor.language().word("saved"), "number": number })).into_response())
         }
-        Some(Err(NotSigned::Pauses(left_s))) => Err(refused("password", &pauses(left_s, visitor.language()))),
-        Some(Err(NotSigned::Problem(problem))) => Err(refused("sign", &problem)),
+        Some(Err(NotSigned::Pauses(left_s))) => Err(problem_at("password", &pauses(left_s, visitor.language()))),
+        Some(Err(NotSigned::Problem(problem))) => Err(problem_at("sign", &problem)),
         None => Err(ended()),
     }
 }

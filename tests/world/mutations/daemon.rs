@@ -65,8 +65,8 @@ pub(super) const ALL: [Mutation; 13] = [
     change(
         "the end of an epoch forgets which waypoints were executed",
         MOVES,
-        "|sent| sent.waypoints(done).max(sent.told));",
-        "|sent| sent.waypoints(done).min(0));",
+        "self.left_at = sent.waypoints(done).max(sent.told);",
+        "self.left_at = sent.waypoints(done).min(0);",
     ),
     change(
         "a reason to reject is one to review",
