@@ -90,6 +90,7 @@ mod web;
 mod wiring;
 mod without_store;
 mod words;
+mod written_page;
 
 #[cfg(test)]
 mod tests;
@@ -125,7 +126,7 @@ pub use replay::{
 };
 pub use reply::{Exit, Reply};
 pub use request::{PartNames, PreparedCycle, RecordIn, Request, StartRequest, What};
-pub use request_handler::{EndedCycle, RequestHandler, ServiceParts, WrittenPage};
+pub use request_handler::{EndedCycle, RequestHandler, ServiceParts};
 pub use request_queue::{NotTaken, RequestQueue, RequestSender, request_queue};
 pub use run::{LoopOutcome, LoopStart, Ports, run};
 pub use setup::{Calibrations, CellSetup, CycleSetup};
@@ -137,3 +138,4 @@ pub use web::{OperatorPage, PageError, PageParts};
 pub use wiring::Wiring;
 pub use without_store::wait_for;
 pub use words::{refusal, request_word, why};
+pub use written_page::WrittenPage;

@@ -11,15 +11,15 @@ use super::reply::{Exit, Extras, Reply};
 use super::request::{Request, What};
 use super::request_queue::RequestQueue;
 use super::words;
+use super::written_page::WrittenPage;
 use crate::cycle::{self, At, Path as PathKind, Phase, Refusal, State};
 use crate::panel::GridId;
 use crate::record::{CycleId, Front, Who};
 use crate::supervision::{Supervised, Supervisor, ThreadFault, supervised};
 use crate::verdict::{Reason, Verdict};
 use sd_notify::NotifyState;
-use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::mpsc::Sender;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 
@@ -45,25 +45,6 @@ pub struct ServiceParts {
     pub written: WrittenPage,
     /// The cameras, which are lent while the cell rests.
     pub cameras: Option<SharedCameras>,
-}
-
-/// The page that was written last, and whose it is. Clones are the same one.
-#[derive(Debug, Clone, Default)]
-pub struct WrittenPage(Arc<Mutex<Option<(CycleId, PathBuf)>>>);
-
-impl WrittenPage {
-    /// This cycle's page was written.
-    pub fn is(&self, cycle: CycleId, page: &Path) {
-        *self.lock() = Some((cycle, page.to_owned()));
-    }
-
-    fn of(&self, cycle: CycleId) -> Option<PathBuf> {
-        self.lock().as_ref().filter(|(written, _)| *written == cycle).map(|(_, page)| page.clone())
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Option<(CycleId, PathBuf)>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 /// The phase inside Execute, and the one in which a cycle that is held goes on.

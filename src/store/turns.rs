@@ -82,31 +82,36 @@ impl Drop for InTurn<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::thread;
 
-    /// Threads that take turn after turn of 5 ms leave each other one after each of theirs.
+    fn until_waiting(turns: &Turns, count: usize) {
+        while turns.lock().waiting.len() < count {
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Whoever has had a turn and asks again at once comes behind all who wait.
     #[test]
     fn who_comes_first_is_served_first() {
         let folder = tempfile::tempdir().expect("a folder");
-        let (turns, ends) = (Turns::at(folder.path()), AtomicBool::new(false));
-        assert!(Arc::ptr_eq(&turns, &Turns::at(folder.path())));
-        std::thread::scope(|scope| {
-            for _ in 0..3 {
-                scope.spawn(|| {
-                    while !ends.load(Ordering::Relaxed) {
-                        let _turn = turns.take(Duration::from_secs(60)).expect("a turn");
-                        std::thread::sleep(Duration::from_millis(5));
-                    }
-                });
-            }
-            for _ in 0..20 {
-                // Before it comes at most one turn of each that waits, whoever they are.
-                let before = turns.lock().next;
-                let turn = turns.take(Duration::from_secs(60)).expect("a turn");
-                assert!(turn.number - before < 8 && turns.lock().waiting.front() == Some(&turn.number));
-            }
-            ends.store(true, Ordering::Relaxed);
+        let (turns, served) = (Turns::at(folder.path()), Mutex::new(Vec::new()));
+        assert!(Arc::ptr_eq(&turns, &Turns::at(folder.path())), "one queue for each store");
+        let serve = |name| {
+            let _turn = turns.take(Duration::from_secs(60)).expect("a turn");
+            served.lock().expect("whole").push(name);
+        };
+        let first = turns.take(Duration::ZERO).expect("free");
+        thread::scope(|scope| {
+            scope.spawn(|| serve("second"));
+            until_waiting(&turns, 2);
+            scope.spawn(|| serve("third"));
+            until_waiting(&turns, 3);
+            // Not at once: it must be in the queue before the turn is given back.
+            scope.spawn(|| serve("again"));
+            until_waiting(&turns, 4);
+            drop(first);
         });
+        assert_eq!(served.into_inner().expect("whole"), ["second", "third", "again"]);
     }
 
     #[test]

@@ -4,6 +4,7 @@ use super::super::request_queue::{RequestSender, request_queue};
 use super::*;
 use crate::cycle::{Event, Hold, Id, Intent, Motion, Report, Robot, Why, step};
 use crate::tape::Begin;
+use std::path::Path;
 use std::sync::mpsc;
 
 fn handler() -> (RequestSender, RequestHandler) {

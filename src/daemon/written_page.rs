@@ -1,0 +1,24 @@
+//! Which page of a cycle was written last, for the reply that names it.
+
+use crate::record::CycleId;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// The page that was written last, and whose it is. Clones are the same one.
+#[derive(Debug, Clone, Default)]
+pub struct WrittenPage(Arc<Mutex<Option<(CycleId, PathBuf)>>>);
+
+impl WrittenPage {
+    /// This cycle's page was written.
+    pub fn is(&self, cycle: CycleId, page: &Path) {
+        *self.lock() = Some((cycle, page.to_owned()));
+    }
+
+    pub(super) fn of(&self, cycle: CycleId) -> Option<PathBuf> {
+        self.lock().as_ref().filter(|(written, _)| *written == cycle).map(|(_, page)| page.clone())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<(CycleId, PathBuf)>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
