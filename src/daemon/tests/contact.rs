@@ -86,6 +86,24 @@ fn what_may_have_been_abraded_before_counts() {
     }
 }
 
+/// Anybody may ask for a stop at any time: one that changes nothing is refused each time, and is on the record once a second.
+#[test]
+fn a_stop_that_is_refused_again_and_again_is_one_line() {
+    let rests = |state: &State| state.at == At::Stopped;
+    let asks = (0..6).fold(Asks::nothing(), |asks, _| asks.with(rests, cycle::Request::Stop));
+    let story = Fake::new(Scene::Clean).run(asks);
+    assert_eq!(story.refusals.len(), 6, "each is answered");
+    assert_eq!(story.asked.len(), 1, "{:?}", story.asked);
+}
+
+/// Requests without end take no turn from the robot and the deadlines: the cycle beside them goes on to its end.
+#[test]
+fn a_flood_of_requests_does_not_hold_up_the_cycle() {
+    let story = Fake::new(Scene::Clean).run(Asks::one_cycle().without_end(cycle::Request::Reset));
+    assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
+    assert!(story.refusals.len() > 100, "{}", story.refusals.len());
+}
+
 /// Each request is kept once with its answer; one that was refused is refused on the record.
 #[test]
 fn each_request_is_kept_with_its_answer() {

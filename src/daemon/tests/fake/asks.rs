@@ -6,17 +6,31 @@ use crate::record::{Front, Who};
 use crate::supervision::ThreadFault;
 use std::collections::VecDeque;
 
+/// A cycle takes fewer rounds.
+const MOST_ASKED: usize = 200_000;
+
 type When = Box<dyn Fn(&State) -> bool>;
 
 /// Somebody who asks each thing once, in order, when its time has come, and leaves where nothing more can happen.
 pub struct Asks {
     script: VecDeque<(When, cycle::Request)>,
+    /// What is asked for in every round of a cycle that works, and how often it was.
+    flood: Option<cycle::Request>,
+    asked: usize,
     pub refusals: Vec<(cycle::Request, Refusal)>,
 }
 
 impl Asks {
+    pub fn nothing() -> Self {
+        Asks { script: VecDeque::new(), flood: None, asked: 0, refusals: Vec::new() }
+    }
+
+    pub fn without_end(self, request: cycle::Request) -> Self {
+        Asks { flood: Some(request), ..self }
+    }
+
     pub fn one_cycle() -> Self {
-        let asks = Asks { script: VecDeque::new(), refusals: Vec::new() };
+        let asks = Asks::nothing();
         let ready = |state: &State| state.facts.robot == crate::cycle::Robot::Ready;
         asks.with(ready, cycle::Request::Reset)
             .with(|state| state.at == At::Idle, cycle::Request::Start { max_passes: 2, max_moves: 3 })
@@ -35,6 +49,11 @@ impl Requester for Asks {
             None => match state.at {
                 At::Complete { .. } | At::Aborted { .. } => Some(What::Leave),
                 At::Held(_) | At::Stopped if self.script.is_empty() => Some(What::Leave),
+                At::Execute(_) if self.flood.is_some() => {
+                    self.asked += 1;
+                    assert!(self.asked < MOST_ASKED, "nothing else has its turn");
+                    self.flood.map(What::Table)
+                }
                 _ => None,
             },
         };
