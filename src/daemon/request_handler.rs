@@ -79,6 +79,8 @@ pub struct RequestHandler {
     queue: RequestQueue,
     /// Where the reply to the request that the loop has taken goes.
     waiting: Option<oneshot::Sender<Reply>>,
+    /// Whether that request is a reset.
+    waits_for_reset: bool,
     signals: u8,
     /// For how many of the signals the table was asked.
     obeyed: u8,
@@ -119,6 +121,7 @@ impl RequestHandler {
         RequestHandler {
             queue,
             waiting: None,
+            waits_for_reset: false,
             signals: 0,
             obeyed: 0,
             told: None,
@@ -228,6 +231,7 @@ impl RequestHandler {
     /// A request that the loop is to act on.
     fn hand_over(&mut self, mut request: Request) -> Request {
         self.waiting = request.reply.take();
+        self.waits_for_reset = matches!(request.what, What::Table(cycle::Request::Reset));
         match &request.what {
             What::Table(asked) => {
                 // A refusal brings it back.
@@ -368,11 +372,16 @@ impl RequestHandler {
             Refusal::NotNow | Refusal::Review => Exit::Refused,
             Refusal::Robot(_) | Refusal::Failed(_) => Exit::Fault,
         };
-        if self.waiting.is_some() {
+        if matches!(refusal, Refusal::Failed(_)) {
+            // It was taken and failed on its way: what was found wrong by it stays. It may fail before its reply is due.
+            self.noted.insert(0, reason);
+            if self.waits_for_reset {
+                self.answer(exit, self.noted.clone(), &state);
+            }
+        } else if self.waiting.is_some() {
             self.noted = std::mem::take(&mut self.set_aside);
             self.answer(exit, vec![reason], &state);
         } else {
-            // A reset that failed on its way.
             self.noted.insert(0, reason);
         }
     }

@@ -2,7 +2,7 @@
 
 use super::super::request_queue::{RequestSender, request_queue};
 use super::*;
-use crate::cycle::{Event, Hold, Id, Intent, Motion, Report, Robot, Why, step};
+use crate::cycle::{Event, Hold, Id, Intent, Motion, Report, Robot, Trouble, Why, step};
 use crate::tape::Begin;
 use std::path::Path;
 use std::sync::mpsc;
@@ -99,6 +99,36 @@ fn each_request_has_one_reply() {
         next(&mut handler, &idle);
         assert!(refused.try_recv().is_err(), "answered once");
     }
+}
+
+/// A reset that fails before its reply is due tells what was found wrong, and so does the state afterwards. A request that comes
+/// after the reset was answered has a reply of its own.
+#[test]
+fn a_reset_that_fails_at_once_tells_what_was_found() {
+    let (sender, mut handler) = handler();
+    let stopped = at(At::Stopped);
+    let failed = || News::Refused(cycle::Request::Reset, Refusal::Failed(Trouble::Camera));
+    let found = || News::Noted(vec![Reason::new("scanner", "the worker stays down")]);
+    let codes = |reasons: &[Reason]| reasons.iter().map(|reason| reason.code.clone()).collect::<Vec<_>>();
+    handler.hear(News::Noted(vec![Reason::new("film", "it broke")]));
+
+    let mut reset = send(&sender, 7, What::Table(cycle::Request::Reset));
+    assert_eq!(asked(&mut handler, &stopped), Some(cycle::Request::Reset));
+    handler.hear(found());
+    handler.hear(failed());
+    let reply = reset.try_recv().expect("answered");
+    assert_eq!((reply.answer, codes(&reply.reasons)), (Exit::Fault, vec!["camera".into(), "scanner".into()]));
+    assert_eq!(codes(&handler.noted), ["camera", "scanner"]);
+
+    let mut reset = send(&sender, 7, What::Table(cycle::Request::Reset));
+    assert_eq!(asked(&mut handler, &stopped), Some(cycle::Request::Reset));
+    let mut disc = send(&sender, 7, What::NewDisc);
+    assert!(matches!(next(&mut handler, &stopped), Some(What::NewDisc)));
+    assert_eq!(reset.try_recv().expect("answered").answer, Exit::Done, "it was taken");
+    handler.hear(found());
+    handler.hear(failed());
+    assert!(disc.try_recv().is_err(), "it is no reset");
+    assert_eq!(codes(&handler.noted), ["camera", "scanner"]);
 }
 
 /// Whoever asks for the state without end takes no turn from a stop.
