@@ -156,6 +156,11 @@ impl InputsOutputs {
         self.feedbacks.get(feedback.name()).copied()
     }
 
+    /// Which bit of the state message's `Out` the output of this number is.
+    pub fn output_bit(&self, number: u16) -> Option<u32> {
+        bit(&self.outputs, number)
+    }
+
     /// Which bit of the state message's `In` a feedback is.
     pub fn feedback_bit(&self, feedback: Feedback) -> Option<u32> {
         bit(&self.feedbacks, self.feedback(feedback)?)

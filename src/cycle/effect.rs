@@ -1,6 +1,6 @@
 //! The effects of a step. The loop performs them in their order, and does nothing else.
 
-use super::{Deadline, Id, Request, Robot, Trouble};
+use super::{Deadline, Id, Request, Robot, Switch, Trouble};
 use crate::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
@@ -145,27 +145,6 @@ pub enum Frames {
     Camera,
     /// The panel as located and the sanding pad.
     Pad,
-}
-
-/// An output and what it should be.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-#[expect(missing_docs, reason = "the names say it")]
-pub enum Switch {
-    ToolOn,
-    ToolOff,
-    Rinse,
-    Spray,
-    WaterOff,
-    LightOn,
-    LightOff,
-    /// Cameras can see.
-    LensClear,
-    /// Shut or purged: no drop reaches a lens.
-    LensGuard,
-    /// On and proven by its flow.
-    ExtractionOn,
-    ExtractionOff,
 }
 
 /// How a motion ended.

@@ -1,5 +1,6 @@
 //! The inputs of the table: requests of a person and reports of the cell. Each event is one line of the journal.
 
+use super::Switch;
 use serde::{Deserialize, Serialize};
 
 /// Number of one effect. A report names the effect that it answers; numbers are never used again.
@@ -90,6 +91,8 @@ pub enum Report {
         /// What it ended for; `None` where the robot's condition says it.
         trouble: Option<Trouble>,
     },
+    /// What this switch had proven is not so any more, by the output or the feedback that proved it (R21).
+    Contrary(Switch),
     /// The feedbacks prove that tool and water are off.
     OutputsOff,
 }

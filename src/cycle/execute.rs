@@ -1,6 +1,9 @@
 //! The aim of each state, and the transition that the answer to an act causes.
 
-use super::interlocks::{CLEARING, COMPLETING, LEAVING, RESETTING, STARTING, UNHOLDING};
+use super::interlocks::{
+    CLEARING, COMPLETING, LEAVING, LEAVING_MOTION, LEAVING_TOOL, RESETTING, Row, STARTING, UNHOLDING,
+    UNHOLDING_LOCATED,
+};
 use super::rules::Rule;
 use super::turn::{Aim, Turn};
 use super::{
@@ -17,16 +20,18 @@ impl Turn {
             At::Stopped | At::Idle | At::Held(_) | At::Complete { .. } | At::Aborted { .. } => Aim::Rest,
             At::Resetting => Aim::Reach(&RESETTING, At::Idle),
             At::Starting => Aim::Reach(&STARTING, At::Execute(Phase::Locate)),
-            At::Holding(hold) => Aim::Reach(&LEAVING, At::Held(hold)),
+            At::Holding(hold) => Aim::Reach(self.leaving(), At::Held(hold)),
             At::Unholding { resume, verify } => {
-                Aim::Reach(if verify { &UNHOLDING } else { &[] }, At::Execute(resume))
+                Aim::Reach(if verify { &UNHOLDING_LOCATED } else { &UNHOLDING }, At::Execute(resume))
             }
             At::Completing { verdict } => Aim::Reach(&COMPLETING, At::Complete { verdict }),
-            At::Stopping { .. } => Aim::Reach(&LEAVING, At::Stopped),
+            At::Stopping { .. } => Aim::Reach(self.leaving(), At::Stopped),
             At::Aborting { .. } => Aim::Now(Act::EndEpoch { epoch: state.epoch }),
             At::Clearing { .. } => Aim::Reach(&CLEARING, At::Stopped),
             At::Execute(phase) => match (phase, state.facts.water) {
                 (Phase::Wet, Water::Spraying { .. }) | (Phase::Rinse, Water::Rinsing { .. }) => Aim::Rest,
+                // Where the rinse has a valve of its own, its last water would prove the spray, which may not open.
+                (Phase::Wet, Water::Rinsing { .. }) => Aim::Do(Act::Switch(Switch::WaterOff)),
                 (Phase::Wet, _) => Aim::Do(Act::Switch(Switch::Spray)),
                 (Phase::Rinse, _) => Aim::Do(Act::Switch(Switch::Rinse)),
                 (Phase::Locate, _) => Aim::Do(Act::Locate),
@@ -40,6 +45,16 @@ impl Turn {
                 }
                 (Phase::Retract, _) => Aim::Do(Act::Move(state.motion(Path::Retract))),
             },
+        }
+    }
+
+    /// What a hold or a stop brings about now. Water may be told to run while the arm moves, against what was proven.
+    fn leaving(&self) -> &'static [Row] {
+        let is_moving = self.state.intent.is_some() && self.state.facts.epoch != Epoch::Closed;
+        match (is_moving, self.state.facts.epoch, self.state.facts.tool) {
+            (true, ..) => &LEAVING_MOTION,
+            (false, Epoch::Closed, Tool::Unknown) => &LEAVING_TOOL,
+            _ => &LEAVING,
         }
     }
 

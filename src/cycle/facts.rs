@@ -134,6 +134,37 @@ impl Facts {
         matches!(self.water, Water::Draining { .. } | Water::Drained)
     }
 
+    /// The switches that these facts take for done.
+    pub fn proven(&self) -> impl Iterator<Item = Switch> + use<> {
+        let tool = match self.tool {
+            Tool::Unknown => None,
+            Tool::Off => Some(Switch::ToolOff),
+            Tool::Running => Some(Switch::ToolOn),
+        };
+        let water = match self.water {
+            Water::Unknown => None,
+            Water::Rinsing { .. } => Some(Switch::Rinse),
+            Water::Spraying { .. } => Some(Switch::Spray),
+            Water::Draining { .. } | Water::Drained => Some(Switch::WaterOff),
+        };
+        let light = match self.light {
+            Light::Unknown => None,
+            Light::Off => Some(Switch::LightOff),
+            Light::Settling { .. } | Light::Settled => Some(Switch::LightOn),
+        };
+        let lens = match self.lens {
+            Lens::Unknown => None,
+            Lens::Clear => Some(Switch::LensClear),
+            Lens::Guarded => Some(Switch::LensGuard),
+        };
+        let extraction = match self.extraction {
+            Extraction::Unknown => None,
+            Extraction::Off => Some(Switch::ExtractionOff),
+            Extraction::Flowing => Some(Switch::ExtractionOn),
+        };
+        [tool, extraction, water, lens, light].into_iter().flatten()
+    }
+
     /// What an act changes is unknown until it is answered.
     pub(super) fn ask(&mut self, act: Act) {
         match act {
@@ -172,6 +203,13 @@ impl Facts {
         if self.extraction != Extraction::Off {
             self.extraction = Extraction::Unknown;
         }
+    }
+
+    /// What this switch had proven is not so any more, and is proven again before it is needed. What was off may run.
+    pub(super) fn doubt(&mut self, switch: Switch) {
+        self.ask(Act::Switch(switch));
+        self.tool_may_run |= switch == Switch::ToolOff;
+        self.water_may_run |= switch == Switch::WaterOff;
     }
 
     /// What outlives the robot's link and the program.

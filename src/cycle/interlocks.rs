@@ -72,8 +72,14 @@ pub fn open_interlocks(act: Act, facts: &Facts) -> Vec<&'static str> {
     needs(act).into_iter().filter(|(_, need)| !need.holds(facts)).map(|(_, need)| need.words()).collect()
 }
 
-/// What Stopping and Holding bring about. Water is shut while the epoch still takes commands; nothing moves while
-/// it may run, so a motion never waits for it.
+/// What Stopping and Holding bring about while a motion is under way: nothing comes before its end, which switches off tool and water.
+pub(super) const LEAVING_MOTION: [Row; 1] = [(Rule::StandsFirst, Need::EpochEnded)];
+
+/// What Stopping and Holding bring about where no epoch is open, whose end would switch the tool off, and the tool is told to run.
+pub(super) const LEAVING_TOOL: [Row; 3] =
+    [(Rule::ToolOff, Need::ToolOff), (Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
+
+/// What Stopping and Holding bring about. Water is shut while the epoch still takes commands.
 pub(super) const LEAVING: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
 
 /// What Clearing brings about.
@@ -91,10 +97,15 @@ pub(super) const RESETTING: [Row; 6] = [
 ];
 
 /// What Starting brings about.
-pub(super) const STARTING: [Row; 1] = [(Rule::ArmOutOfView, Need::At(Path::Park))];
+pub(super) const STARTING: [Row; 3] =
+    [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff), (Rule::ArmOutOfView, Need::At(Path::Park))];
 
-/// What Unholding brings about, where the panel had been located.
-pub(super) const UNHOLDING: [Row; 1] = [(Rule::UnholdVerifies, Need::Token)];
+/// What Unholding brings about.
+pub(super) const UNHOLDING: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff)];
+
+/// What Unholding brings about where the panel had been located.
+pub(super) const UNHOLDING_LOCATED: [Row; 3] =
+    [(Rule::WaterOff, Need::WaterOff), (Rule::ToolOff, Need::ToolOff), (Rule::UnholdVerifies, Need::Token)];
 
 /// What Completing brings about.
 pub(super) const COMPLETING: [Row; 5] = [

@@ -39,15 +39,17 @@ mod rest;
 mod rules;
 mod state;
 mod step;
+mod switch;
 mod turn;
 
 #[cfg(test)]
 mod tests;
 
 pub use boot::{fold, recover};
-pub use effect::{Act, Effect, Frames, Motion, Outcome, Path, Refusal, Switch};
+pub use effect::{Act, Effect, Frames, Motion, Outcome, Path, Refusal};
 pub use event::{Answer, Deadline, Event, Film, Grade, Id, Report, Request, Robot, Trouble};
 pub use facts::{Epoch, Extraction, Facts, Lens, Light, Tool, Water};
 pub use interlocks::open_interlocks;
 pub use state::{At, Cause, Due, Hold, Intent, Job, Phase, State, Why};
 pub use step::step;
+pub use switch::Switch;

@@ -52,6 +52,8 @@ pub(super) enum Rule {
     RobotReady,
     /// A robot that is not ready ends the work.
     ConditionAborts,
+    /// An output or feedback that is contrary to what it proved voids that.
+    ContraryDoubts,
     /// An emergency stop voids the localization, and what was known of arm and outputs.
     LossForgets,
     /// A motion is committed to the store before it begins.

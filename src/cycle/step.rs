@@ -78,6 +78,12 @@ impl Turn {
             Report::Boot => self.boot(),
             Report::Robot(robot) => self.condition(robot),
             Report::Trouble(trouble) => self.unasked(trouble),
+            Report::Contrary(switch) => {
+                if self.rules.keep(Rule::ContraryDoubts) {
+                    self.state.facts.doubt(switch);
+                }
+                self.unasked(Trouble::Feedback);
+            }
             Report::StoreChanged => self.store_changed(),
             Report::EpochOver { trouble } => self.epoch_over(trouble),
             Report::OutputsOff => {

@@ -8,7 +8,6 @@ use super::pending::{Pending, Waits};
 use super::ports::{Finding, RecordError};
 use super::ports::{News, Note, RecordCommand, RobotPort};
 use super::running::Running;
-use super::wiring::{Setting, reads};
 use super::words;
 use crate::cycle::{self, Act, Answer, Event, Frames, Id, Report, Switch, Trouble};
 use crate::eki::{Command, CommandId, Epoch, QueueError, SetTcp, State, TcpKind};
@@ -191,12 +190,12 @@ impl Running<'_> {
     }
 
     fn switch(&mut self, switch: Switch) -> Result<Waits, QueueError> {
-        let Setting { signals, feedback } = self.cell.wiring.setting(switch);
+        let (signals, proof) = (self.cell.wiring.signals(switch), self.cell.wiring.proof(switch));
         let mut last = CommandId(0);
         for signal in signals {
             last = self.ports.robot.send(Command::SetDigout(signal))?;
         }
-        Ok(Waits::Feedback { last, feedback })
+        Ok(Waits::Feedback { last, proof })
     }
 
     /// Whether what is pending has come, as the robot's state says.
@@ -214,9 +213,7 @@ impl Running<'_> {
             Waits::Frames(last) if state.done >= last && state.base_set && state.tool_set => {
                 self.answer(id, Answer::Done);
             }
-            Waits::Feedback { last, feedback }
-                if state.done >= last && feedback.is_none_or(|(bit, on)| reads(state, bit) == on) =>
-            {
+            Waits::Feedback { last, proof } if state.done >= last && proof.is_told(state) => {
                 self.answer(id, Answer::Done);
             }
             Waits::Ready(last) if state.done >= last && stands => {

@@ -41,6 +41,7 @@ mod corners;
 mod corrected;
 mod deadlines;
 mod error;
+mod feedbacks;
 mod films;
 mod fleet;
 mod free_memory;

@@ -1,5 +1,6 @@
 //! An act that is under way, and what it waits for.
 
+use super::wiring::Proof;
 use crate::cycle::{Act, Id};
 use crate::eki::CommandId;
 
@@ -22,8 +23,8 @@ pub(super) enum Waits {
     EpochEnd { done: Option<u32> },
     /// Base and tool, executed and echoed.
     Frames(CommandId),
-    /// An output that is set, and its feedback.
-    Feedback { last: CommandId, feedback: Option<(u32, bool)> },
+    /// Outputs that are set, and the feedback.
+    Feedback { last: CommandId, proof: Proof },
     /// The pose from which a line may begin.
     Ready(CommandId),
     /// The end of a path.

@@ -110,6 +110,7 @@ fn cause(event: &Event) -> Option<Reason> {
             | Report::EpochOver { trouble: Some(trouble) }
             | Report::Answered { answer: Answer::Failed(trouble), .. },
         ) => Some(words::trouble(*trouble)),
+        Event::Told(Report::Contrary(_)) => Some(words::trouble(Trouble::Feedback)),
         Event::Told(Report::Deadline { which: Deadline::Answer, .. }) => Some(words::trouble(Trouble::Late)),
         Event::Told(Report::Deadline { which: Deadline::Stop, .. }) => {
             Some(Reason::new("stop_timed_out", "the stop took longer than [limits] stop_deadline_s"))
@@ -243,7 +244,7 @@ impl StoreRecord<'_> {
     }
 
     fn event(&mut self, event: Event) -> Result<(), RecordError> {
-        let is_trouble = matches!(event, Event::Told(Report::Trouble(_)));
+        let is_trouble = matches!(event, Event::Told(Report::Trouble(_) | Report::Contrary(_)));
         if let (true, true, Some(cause)) = (is_trouble, self.pages.held_by.is_empty(), cause(&event)) {
             self.pages.held_by.push(cause);
         }

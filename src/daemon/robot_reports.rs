@@ -2,6 +2,7 @@
 
 use super::answers::reason;
 use super::error::DaemonError;
+use super::feedbacks::{Contrary, contrary_reason};
 use super::pending::{Pending, Waits};
 use super::ports::News;
 use super::running::Running;
@@ -73,6 +74,7 @@ impl Running<'_> {
         self.robot_state = Some(*state);
         self.follow(state);
         self.becomes(condition(state));
+        self.watch_outputs(state)?;
         let facts = &self.state.facts;
         // While the cell works the acts themselves prove it.
         let asks = self.state.at.rests() && (facts.tool_may_run || facts.water_may_run);
@@ -80,6 +82,22 @@ impl Running<'_> {
             self.events.push_back(Event::Told(Report::OutputsOff));
         }
         self.look(state)
+    }
+
+    /// Holds what a state tells against what was proven.
+    fn watch_outputs(&mut self, state: &eki::State) -> Result<(), DaemonError> {
+        let contrary = self.contrary.of(&self.cell.wiring, &self.state.facts, state);
+        let Some(switch) = contrary else { return Ok(()) };
+        self.contrary = Contrary::default();
+        let why = contrary_reason(switch, &self.cell.wiring, state);
+        if self.state.at.rests() {
+            // What is shown there is why it rests.
+            tracing::warn!("{}", why.message);
+        } else {
+            self.note(Kind::Robot, vec![why])?;
+        }
+        self.events.push_back(Event::Told(Report::Contrary(switch)));
+        Ok(())
     }
 
     fn becomes(&mut self, condition: cycle::Robot) {

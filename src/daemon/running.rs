@@ -4,6 +4,7 @@ use super::abrasion::Abrasion;
 use super::computing::Computing;
 use super::corrected::Corrected;
 use super::deadlines::Deadlines;
+use super::feedbacks::Contrary;
 use super::pending::Pending;
 use super::perception::Perception;
 use super::ports::{RecordPort, RequestPort, RobotPort, ToolPort};
@@ -59,6 +60,8 @@ pub(super) struct Running<'p> {
     pub left_at: u32,
     pub robot_state: Option<eki::State>,
     pub condition: cycle::Robot,
+    /// What a state told otherwise than it was proven.
+    pub contrary: Contrary,
     pub verdict: Option<Verdict>,
     /// Who made the request that was taken up last.
     pub requester: Who,
@@ -97,6 +100,7 @@ impl<'p> Running<'p> {
             left_at: 0,
             robot_state: None,
             condition: cycle::Robot::Unknown,
+            contrary: Contrary::default(),
             verdict: None,
             requester: Who::by(Front::Program),
             is_disk_full: false,

@@ -1,17 +1,21 @@
 //! Switches by the names of the cell's inputs and outputs.
+//!
+//! A switch is proven where the state message tells its outputs as they were set, and its feedback as it must then read. The outputs
+//! alone tell of the controller, the feedback of the valve, the fan or the tool behind it.
 
 use super::DaemonError;
-use crate::cell::{InputsOutputs, Output};
+use crate::cell::{Feedback, InputsOutputs, Output};
 use crate::cycle::Switch;
 use crate::eki::{Signal, State};
 
 /// The output that washes off the dust, where there is one of its own.
 pub(super) const RINSE: &str = "rinse";
 
-/// An output with the bit of the feedback that proves it.
+/// An output with its bit of the state message's `Out`, and the bit of the feedback that proves it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Wire {
     output: u16,
+    bit: u32,
     feedback: Option<u32>,
 }
 
@@ -26,42 +30,85 @@ pub struct Wiring {
     tool: Wire,
 }
 
-/// What a switch sets, and what then must be read.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Setting {
-    pub signals: Vec<Signal>,
-    pub feedback: Option<(u32, bool)>,
+/// What a state message tells of a switch that was proven.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Proof {
+    /// The switch's bits of `Out`, and those of them that are on.
+    outputs: u32,
+    outputs_on: u32,
+    feedback: Option<(u32, bool)>,
+}
+
+impl Proof {
+    /// Whether the state tells the outputs so, and the feedback as it reads in it.
+    pub(super) fn told_by(&self, state: &State) -> (bool, Option<bool>) {
+        let is_output = state.outputs & self.outputs == self.outputs_on;
+        (is_output, self.feedback.map(|(bit, _)| reads(state, bit)))
+    }
+
+    /// Whether this state tells it.
+    pub(super) fn is_told(&self, state: &State) -> bool {
+        state.outputs & self.outputs == self.outputs_on
+            && self.feedback.is_none_or(|(bit, on)| reads(state, bit) == on)
+    }
 }
 
 impl Wiring {
     /// Takes `light`, `spray`, `lens_shutter`, `extraction` and `tool` with the feedbacks `water_off`, `lens_shut`,
-    /// `extraction_flow` and `tool_running`; an output `rinse` where there is one, else the spray rinses.
+    /// `extraction_flow` and `tool_running`; an output `rinse` where there is one, else the spray rinses. The feedback `light_on`
+    /// proves the light where there is one.
     ///
     /// # Errors
     /// Where the cell has no such name.
     pub fn of(io: &InputsOutputs) -> Result<Self, DaemonError> {
-        let number = |output: Output| {
+        let numbered = |number: u16, feedback| {
+            let bit = io.output_bit(number)?;
+            Some(Wire { output: number, bit, feedback })
+        };
+        let wire = |output: Output, feedback| {
             let name = output.name();
-            io.output(output).ok_or(DaemonError::NotWired { table: "io.outputs", name })
+            let wire = io.output(output).and_then(|number| numbered(number, feedback));
+            wire.ok_or(DaemonError::NotWired { table: "io.outputs", name })
         };
         let proven = |output: Output| -> Result<Wire, DaemonError> {
             let name = output.feedback().name();
             let bit = io.feedback_bit(output.feedback());
             let bit = bit.ok_or(DaemonError::NotWired { table: "io.feedbacks", name })?;
-            Ok(Wire { output: number(output)?, feedback: Some(bit) })
+            wire(output, Some(bit))
         };
         let spray = proven(Output::Spray)?;
+        let rinse = io.outputs().get(RINSE).and_then(|rinse| numbered(*rinse, spray.feedback));
         Ok(Wiring {
-            light: Wire { output: number(Output::Light)?, feedback: None },
+            light: wire(Output::Light, io.feedback_bit(Feedback::LightOn))?,
             spray,
-            rinse: io.outputs().get(RINSE).map_or(spray, |rinse| Wire { output: *rinse, ..spray }),
+            rinse: rinse.unwrap_or(spray),
             shutter: proven(Output::LensShutter)?,
             extraction: proven(Output::Extraction)?,
             tool: proven(Output::Tool)?,
         })
     }
 
-    pub(super) fn setting(&self, switch: Switch) -> Setting {
+    /// What a switch sets, in order.
+    pub(super) fn signals(&self, switch: Switch) -> Vec<Signal> {
+        let wires = self.wires(switch).into_iter().flatten();
+        wires.map(|(wire, on)| Signal { number: wire.output, on }).collect()
+    }
+
+    /// What a state message tells once a switch is proven.
+    pub(super) fn proof(&self, switch: Switch) -> Proof {
+        let mut proof = Proof { outputs: 0, outputs_on: 0, feedback: None };
+        for (wire, on) in self.wires(switch).into_iter().flatten() {
+            let bit = 1u32.checked_shl(wire.bit).unwrap_or(0);
+            proof.outputs |= bit;
+            proof.outputs_on |= if on { bit } else { 0 };
+            // Water is fed back by what is off; the nozzle that is switched last is the one that matters.
+            let is_water = [self.spray.output, self.rinse.output].contains(&wire.output);
+            proof.feedback = wire.feedback.map(|bit| (bit, on != is_water));
+        }
+        proof
+    }
+
+    fn wires(&self, switch: Switch) -> [Option<(Wire, bool)>; 2] {
         let (wire, on) = match switch {
             Switch::ToolOn => (self.tool, true),
             Switch::ToolOff => (self.tool, false),
@@ -73,25 +120,15 @@ impl Wiring {
             Switch::ExtractionOff => (self.extraction, false),
             Switch::Rinse => (self.rinse, true),
             Switch::Spray => (self.spray, true),
-            Switch::WaterOff => return self.water_off(),
+            Switch::WaterOff => (self.spray, false),
         };
-        let water = matches!(switch, Switch::Rinse | Switch::Spray);
-        // Water is fed back by what is off.
-        let feedback = wire.feedback.map(|bit| (bit, on != water));
-        let mut signals = vec![Signal { number: wire.output, on }];
         // One feedback tells of both nozzles: what flows from the other one must not pass for this one's.
-        let other = if switch == Switch::Rinse { self.spray.output } else { self.rinse.output };
-        if water && other != wire.output {
-            signals.insert(0, Signal { number: other, on: false });
-        }
-        Setting { signals, feedback }
-    }
-
-    fn water_off(&self) -> Setting {
-        let mut numbers = vec![self.spray.output, self.rinse.output];
-        numbers.dedup();
-        let signals = numbers.into_iter().map(|number| Signal { number, on: false }).collect();
-        Setting { signals, feedback: self.spray.feedback.map(|bit| (bit, true)) }
+        let other = match switch {
+            Switch::Rinse => Some(self.spray),
+            Switch::Spray | Switch::WaterOff => Some(self.rinse),
+            _ => None,
+        };
+        [other.filter(|other| other.output != wire.output).map(|other| (other, false)), Some((wire, on))]
     }
 
     pub(super) fn water_is_off(&self, state: &State) -> bool {
@@ -120,15 +157,30 @@ mod tests {
     fn feedbacks_are_bits_in_the_order_of_their_numbers() {
         let cell = Cell::check("cell.toml", IO).expect("good");
         let wiring = Wiring::of(cell.io()).expect("complete");
-        let signal = |number, on| vec![Signal { number, on }];
-        let on = wiring.setting(Switch::ToolOn);
-        assert_eq!(on, Setting { signals: signal(5, true), feedback: Some((2, true)) }, "17, 18, 20, 25");
-        let flow = wiring.setting(Switch::ExtractionOn);
-        assert_eq!(flow, Setting { signals: signal(4, true), feedback: Some((3, true)) });
-        let spray = wiring.setting(Switch::Spray);
-        assert_eq!(spray, Setting { signals: signal(2, true), feedback: Some((0, false)) });
-        let off = wiring.setting(Switch::WaterOff);
-        assert_eq!(off, Setting { signals: signal(2, false), feedback: Some((0, true)) });
+        let set = |wiring: &Wiring, switch| (wiring.signals(switch), wiring.proof(switch));
+        let setting = |number: u16, on, feedback| {
+            let proof = Proof { outputs: 1 << (number - 1), outputs_on: u32::from(on) << (number - 1), feedback };
+            (vec![Signal { number, on }], proof)
+        };
+        assert_eq!(set(&wiring, Switch::ToolOn), setting(5, true, Some((2, true))), "17, 18, 20, 25");
+        assert_eq!(set(&wiring, Switch::ExtractionOn), setting(4, true, Some((3, true))));
+        assert_eq!(set(&wiring, Switch::Spray), setting(2, true, Some((0, false))));
+        assert_eq!(set(&wiring, Switch::WaterOff), setting(2, false, Some((0, true))));
+        assert_eq!(set(&wiring, Switch::LightOn), setting(1, true, None), "it has no feedback here");
+        let text = format!("{IO}light_on = 3\n");
+        let wiring = Wiring::of(Cell::check("cell.toml", &text).expect("good").io()).expect("complete");
+        assert_eq!(set(&wiring, Switch::LightOff), setting(1, false, Some((0, false))), "3, 17, 18, 20, 25");
+    }
+
+    /// The controller tells the output, and the feedback what is behind it: each alone is no proof.
+    #[test]
+    fn a_switch_is_proven_by_its_output_and_its_feedback() {
+        let cell = Cell::check("cell.toml", IO).expect("good");
+        let proof = Wiring::of(cell.io()).expect("complete").proof(Switch::ToolOn);
+        let state = |outputs, inputs| State { outputs, inputs, ..crate::daemon::tests::standing_state() };
+        assert!(proof.is_told(&state(0b1_0000, 0b0100)));
+        assert!(!proof.is_told(&state(0b1_0000, 0)), "the tool does not turn");
+        assert!(!proof.is_told(&state(0b0_1000, 0b0100)), "it was another output");
     }
 
     /// A rinse of its own would else stay open, and its water prove a spray valve that does not open.
@@ -136,10 +188,16 @@ mod tests {
     fn each_water_switches_the_other_one_off() {
         let text = IO.replace("spray = 2", "spray = 2\nrinse = 6");
         let wiring = Wiring::of(Cell::check("cell.toml", &text).expect("good").io()).expect("complete");
-        let signals = |switch| wiring.setting(switch).signals.into_iter().map(|signal| (signal.number, signal.on));
+        let signals = |switch| wiring.signals(switch).into_iter().map(|signal| (signal.number, signal.on));
         assert_eq!(signals(Switch::Spray).collect::<Vec<_>>(), [(6, false), (2, true)]);
         assert_eq!(signals(Switch::Rinse).collect::<Vec<_>>(), [(2, false), (6, true)]);
-        assert_eq!(signals(Switch::WaterOff).collect::<Vec<_>>(), [(2, false), (6, false)]);
+        assert_eq!(signals(Switch::WaterOff).collect::<Vec<_>>(), [(6, false), (2, false)]);
+        let proof = |switch| wiring.proof(switch);
+        let (spray, rinse) = (0b0_0010, 0b10_0000);
+        let both = |outputs_on, is_off| Proof { outputs: spray | rinse, outputs_on, feedback: Some((0, is_off)) };
+        assert_eq!(proof(Switch::Spray), both(spray, false));
+        assert_eq!(proof(Switch::Rinse), both(rinse, false));
+        assert_eq!(proof(Switch::WaterOff), both(0, true));
     }
 
     #[test]

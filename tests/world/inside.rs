@@ -63,6 +63,8 @@ pub struct Inside {
     script: Vec<Pending>,
     /// Since when the controller has ended an epoch that the session takes for open, ms.
     pub ended_since_ms: Option<u64>,
+    /// Since when the tool or the extraction is told to stand still while the pad is on its path.
+    pub dead_since_ms: Option<u64>,
     /// Until when what struck lasts, ms.
     pub lasts_until_ms: u64,
     /// Something struck whose effect may wait: half a message in a buffer, a base that will be wrong when it is set next.
@@ -176,6 +178,7 @@ impl Inside {
             stands,
             script: script.into_iter().map(|entry| Pending { entry, due_ms: None }).collect(),
             ended_since_ms: None,
+            dead_since_ms: None,
             lasts_until_ms: 0,
             lingers: false,
             places_lie: false,

@@ -11,12 +11,15 @@ const STOP_MS: u64 = 10_000 + ABORT_MS;
 const ABORT_MS: u64 = 3_000;
 /// A fact may be so much older than the controller's outputs: a state on its way, and the controller's own program, ms.
 const LATE_MS: u64 = 300;
+/// Half a second of contrary feedback is waited for; the rest is on its way, ms.
+const DEAD_MS: u64 = 500 + 2 * LATE_MS;
 const PARKED_DEG: f64 = 0.2;
 
 /// The loop shows its state.
 pub fn look(world: &mut Inside, state: &State, stopping: &mut Option<(cycle::Request, u64)>) {
     stops(world, state, stopping);
     agrees(world, state);
+    leaves_the_panel(world, state);
     keeps_rules(world, state);
     let wrong = world.lock_around().wrong.pop();
     world.counts.judged("interlocks");
@@ -49,6 +52,24 @@ fn keeps_rules(world: &mut Inside, state: &State) {
     }
     if matches!(state.at, At::Held(_)) && state.facts.token.is_some() {
         world.wrong("table", "the cell is held, and the localization is taken for live".to_owned());
+    }
+}
+
+/// R21: contact ends where the tool or the extraction does not run.
+fn leaves_the_panel(world: &mut Inside, state: &State) {
+    let in_contact = matches!(state.at, At::Execute(_))
+        && state.intent.is_some_and(|intent| intent.motion.path == Path::Contact)
+        && state.facts.tool == Tool::Running;
+    let is_heard = world.cell.all_heard() && !world.is_strange() && !world.is_troubled();
+    if !in_contact || !is_heard || !world.lock_around().is_dead(world.now_ms()) {
+        world.dead_since_ms = None;
+        return;
+    }
+    world.counts.judged("no contact without tool and extraction");
+    let (now_ms, since_ms) = (world.now_ms(), *world.dead_since_ms.get_or_insert(world.now_ms()));
+    if now_ms > since_ms + DEAD_MS {
+        let what = format!("the tool or the extraction has stood still since {since_ms} ms, and contact goes on");
+        world.wrong("no contact without tool and extraction", what);
     }
 }
 

@@ -49,6 +49,11 @@ impl Around {
         self.outputs.get(&LIGHT).is_some_and(|(on, since_ms)| *on && now_ms >= since_ms + 500)
     }
 
+    /// Whether the feedback of the tool or of the extraction reads off.
+    pub fn is_dead(&self, now_ms: u64) -> bool {
+        [3, 4].into_iter().any(|input| self.reads(input, now_ms) == Some(false))
+    }
+
     fn reads(&self, input: u16, now_ms: u64) -> Option<bool> {
         if let Some((stuck, on, until_ms)) = self.stuck
             && stuck == input

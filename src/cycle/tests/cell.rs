@@ -144,6 +144,7 @@ impl Cell {
                 }
             }
             Report::Deadline { id, which } => self.elapsed(id, which),
+            Report::Contrary(switch) => self.is_contrary(switch),
             Report::Progress { .. } | Report::Trouble(_) | Report::OutputsOff | Report::StoreChanged => {}
             // The link has sent the abort frame; the controller obeys by itself.
             Report::EpochOver { trouble } => {
@@ -177,6 +178,22 @@ impl Cell {
                 (self.epoch_open, self.opening, self.frames) = (false, false, None);
                 self.switched_off();
             }
+        }
+    }
+
+    /// What this switch did is not so any more.
+    fn is_contrary(&mut self, switch: Switch) {
+        match switch {
+            Switch::ToolOn => (self.tool_on, self.tool_proven) = (false, false),
+            Switch::ToolOff => self.tool_on = true,
+            Switch::Rinse | Switch::Spray => self.water_on = false,
+            Switch::WaterOff => (self.water_on, self.drained) = (true, false),
+            Switch::LightOn => (self.light_on, self.light_settled) = (false, false),
+            Switch::LightOff => self.light_on = true,
+            Switch::LensClear => self.lens_clear = false,
+            Switch::LensGuard => self.lens_clear = true,
+            Switch::ExtractionOn => (self.extraction_on, self.extraction_proven) = (false, false),
+            Switch::ExtractionOff => self.extraction_on = true,
         }
     }
 

@@ -99,7 +99,7 @@ impl Cell {
     /// Anything else that can be said.
     pub fn surprise(&mut self, random: &mut Pcg64) -> Event {
         let due = self.state.due;
-        let told = match random.random_range(0..21) {
+        let told = match random.random_range(0..22) {
             20 => {
                 let trouble = random.random_bool(0.8).then(|| one_of(random, &TROUBLES));
                 Report::EpochOver { trouble }
@@ -126,6 +126,14 @@ impl Cell {
             16 => Report::Trouble(one_of(random, &TROUBLES)),
             17 => Report::Boot,
             18 => Report::Robot(one_of(random, &ROBOTS)),
+            21 => {
+                let proven: Vec<Switch> = self.state.facts.proven().collect();
+                if proven.is_empty() {
+                    Report::Robot(Robot::Ready)
+                } else {
+                    Report::Contrary(one_of(random, &proven))
+                }
+            }
             _ => match due {
                 Some(due) => Report::Answered { id: due.id, answer: Answer::Failed(one_of(random, &TROUBLES)) },
                 None => Report::Robot(Robot::Ready),

@@ -250,6 +250,10 @@ impl Cell {
                 never(epoch <= before.epoch && self.state.facts.epoch == Epoch::Open, "an old epoch is taken")
             }
             Report::StoreChanged => never(!aborts, "work goes on by a store that was changed"),
+            Report::Contrary(_) if from.rests() => never(at != from, "a contrary output at rest changes the state"),
+            Report::Contrary(_) if matches!(from, At::Execute(_)) => {
+                never(matches!(at, At::Execute(_)), "work goes on by what is not so any more")
+            }
             Report::Trouble(_) if from.rests() => never(at != from, "trouble at rest changes the state"),
             Report::Trouble(Trouble::Store) => never(!aborts && at != At::Stopped, "motion without a journal"),
             _ => Ok(()),

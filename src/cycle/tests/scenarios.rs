@@ -16,7 +16,11 @@ fn a_dirty_panel_is_abraded_once_and_passes() {
     assert_eq!(story.until("verify"), "plan-1 lightoff to-corner-0 verify");
     assert_eq!(story.until("to-contact"), "extractionon frames-pad to-approach toolon to-contact");
     assert_eq!(story.until("rinse"), "tooloff to-retract to-park lensguard rinse");
-    assert_eq!(story.until("film"), "spray wateroff lighton lensclear film");
+    assert_eq!(
+        story.until("film"),
+        "wateroff spray wateroff lighton lensclear film",
+        "the rinse's water is no spray"
+    );
     assert_eq!(story.rests(), "extractionoff lightoff");
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
     assert_eq!(story.cell.state.job.pass, 1);

@@ -5,6 +5,7 @@ use super::serving::Script;
 use super::*;
 use crate::cycle::{Refusal, Robot as Condition, State};
 use crate::record::{Answer, CycleId, EarlierPass, RequestRecord, Wanted};
+use crate::verdict::Reason;
 
 fn contact(state: &State) -> bool {
     matches!(state.intent, Some(intent) if intent.motion.path == Path::Contact && intent.done > 2)
@@ -56,6 +57,23 @@ fn an_abort_in_contact_is_booked_with_its_motion() {
     assert!(outcome == Outcome::Aborted && done > 2 && done < motion.waypoints, "{story}");
     let found = story.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("its end was told");
     assert_eq!(found.number(name::EXECUTED), Some(f64::from(done)));
+}
+
+/// R21: a feedback that goes off in contact ends the path, and what was done of it is booked. The contrary output is told by name.
+#[test]
+fn a_feedback_that_goes_off_in_contact_holds() {
+    for (bit, name) in [(2, "extraction_flow"), (3, "tool_running")] {
+        let cell = Fake::new(Scene::Good).slow().whose_feedback_dies_in_contact(bit);
+        let held = |state: &State| matches!(state.at, At::Held(_));
+        let story = cell.run(Asks::one_cycle().with(held, cycle::Request::Stop));
+        let (motion, outcome, done) = story.motions(Path::Contact)[0];
+        assert!(outcome == Outcome::Held && done > 2 && done < motion.waypoints, "{name}: {story}");
+        let told = story.findings.iter().find(|finding| finding.kind == Kind::Robot).expect("it is told");
+        let Reason { code, message, .. } = &told.judgement.reasons[0];
+        assert!(code == "feedback" && message.contains(&format!("the feedback {name} reads off")), "{message}");
+        let found = story.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("what was touched");
+        assert_eq!(found.number(name::EXECUTED), Some(f64::from(done)));
+    }
 }
 
 fn earlier(times: u8, is_sure: bool) -> Vec<EarlierPass> {

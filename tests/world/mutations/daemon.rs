@@ -10,7 +10,7 @@ const REPORTS: &str = "src/daemon/robot_reports.rs";
 const RUN: &str = "src/daemon/run.rs";
 const SENT: &str = "src/daemon/sent.rs";
 
-pub(super) const ALL: [Mutation; 13] = [
+pub(super) const ALL: [Mutation; 14] = [
     change(
         "a contact path is not counted as wear before it begins",
         CONTACTS,
@@ -33,11 +33,12 @@ pub(super) const ALL: [Mutation; 13] = [
         "the controller counts a path's last point where the arm stands; that it moves can only be older news",
     ),
     change(
-        "a switch is taken for done before its feedback says so",
+        "a switch is taken for done before output and feedback say so",
         ACTS,
-        "if state.done >= last && feedback.is_none_or(|(bit, on)| reads(state, bit) == on) =>",
-        "if state.done >= last && feedback.is_none_or(|(bit, on)| reads(state, bit) == on || state.done >= last) =>",
+        "Waits::Feedback { last, proof } if state.done >= last && proof.is_told(state) => {",
+        "Waits::Feedback { last, proof } if state.done >= last && (proof.is_told(state) || state.done >= last) => {",
     ),
+    change("what was proven is not watched in contact", REPORTS, "self.watch_outputs(state)?;", ""),
     change(
         "an event is done before it is on the journal",
         RUN,

@@ -97,6 +97,12 @@ impl Cell {
         self
     }
 
+    /// The feedback with this bit of `In` goes off in contact, and stays off.
+    pub fn whose_feedback_dies_in_contact(self, bit: u32) -> Self {
+        self.world.borrow_mut().dies_in_contact = Some(bit);
+        self
+    }
+
     pub fn with_record_that_fails_at(self, writes: usize) -> Self {
         Cell { fails_at: writes, ..self }
     }

@@ -68,7 +68,9 @@ impl World {
             moving: !self.queue.is_empty(),
             base_set: self.base.is_some(),
             tool_set: self.tool.is_some(),
-            inputs: (1 - is_on(2)) | is_on(3) << 1 | is_on(4) << 2 | is_on(5) << 3 | is_on(1) << 4,
+            inputs: ((1 - is_on(2)) | is_on(3) << 1 | is_on(4) << 2 | is_on(5) << 3 | is_on(1) << 4)
+                & !self.dead_feedbacks(),
+            outputs: (1..=5).fold(0, |bits, output| bits | is_on(output) << (output - 1)),
             done: CommandId(self.done),
             joints: self.joints,
             base_from_tcp: KukaPose::from_rigid(&tip),
@@ -76,6 +78,11 @@ impl World {
             flange_from_tool,
             ..standing_state()
         }
+    }
+
+    /// The bits of `In` that read off from the middle of the contact path on, whatever is behind them.
+    fn dead_feedbacks(&self) -> u32 {
+        if self.in_contact > 3 { self.dies_in_contact.map_or(0, |bit| 1 << bit) } else { 0 }
     }
 
     fn end_epoch(&mut self) -> u32 {

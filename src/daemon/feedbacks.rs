@@ -1,0 +1,77 @@
+//! What was proven of the outputs is watched while it is believed (R21).
+//!
+//! Each fact of the table about an output was proven by a switch: the controller told the output, and the feedback what is behind it.
+//! While the fact stands, each state of the robot must tell the same. Where one has told something else for
+//! [`CONTRARY_FOR_MS`], the table hears of it: whatever is going on is held, the tool is taken off the panel, and the output is
+//! proven again before it is needed. A shorter time is left to sensors: a flow switch flutters, and a sander slows down as it touches.
+//! What is being switched is watched by its own act.
+
+use super::wiring::Wiring;
+use crate::cell::Output;
+use crate::cycle::{Facts, Switch};
+use crate::eki::State;
+use crate::verdict::Reason;
+
+/// So long a state may tell something else than what was proven.
+const CONTRARY_FOR_MS: u32 = 500;
+
+/// A switch whose proof is gone, and since when by the controller's clock, ms.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Contrary(Option<(Switch, u32)>);
+
+impl Contrary {
+    /// What has been contrary for too long, as of this state.
+    pub(super) fn of(&mut self, wiring: &Wiring, facts: &Facts, state: &State) -> Option<Switch> {
+        let now_ms = state.time_ms;
+        let contrary = facts.proven().find(|switch| !wiring.proof(*switch).is_told(state));
+        // A clock that was set back counts anew.
+        let last = self.0.filter(|(last, since_ms)| Some(*last) == contrary && *since_ms <= now_ms);
+        self.0 = contrary.map(|switch| (switch, last.map_or(now_ms, |(_, since_ms)| since_ms)));
+        let (switch, since_ms) = self.0?;
+        (now_ms - since_ms >= CONTRARY_FOR_MS).then_some(switch)
+    }
+}
+
+/// What was proven, and the names of the output and the feedback that proved it.
+fn words(switch: Switch) -> (&'static str, Output) {
+    match switch {
+        Switch::ToolOn => ("the tool runs", Output::Tool),
+        Switch::ToolOff => ("the tool is off", Output::Tool),
+        Switch::Rinse => ("the rinse flows", Output::Spray),
+        Switch::Spray => ("the spray flows", Output::Spray),
+        Switch::WaterOff => ("the water is off", Output::Spray),
+        Switch::LightOn => ("the light is on", Output::Light),
+        Switch::LightOff => ("the light is off", Output::Light),
+        Switch::LensClear => ("the lens is clear", Output::LensShutter),
+        Switch::LensGuard => ("the lens is guarded", Output::LensShutter),
+        Switch::ExtractionOn => ("the extraction draws air", Output::Extraction),
+        Switch::ExtractionOff => ("the extraction is off", Output::Extraction),
+    }
+}
+
+fn told(on: bool) -> &'static str {
+    if on { "on" } else { "off" }
+}
+
+/// What is wrong, and where to look.
+pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) -> Reason {
+    let (was_proven, output) = words(switch);
+    let (is_output, feedback) = wiring.proof(switch).told_by(state);
+    let output_words = if is_output {
+        format!("the output {} is still told as it was set", output.name())
+    } else {
+        format!("the output {} was switched, and not from here", output.name())
+    };
+    let name = output.feedback().name();
+    let feedback_words = feedback.map_or(String::new(), |on| format!("; the feedback {name} reads {}", told(on)));
+    let contrary_s = f64::from(CONTRARY_FOR_MS) / 1_000.0;
+    Reason::new(
+        "feedback",
+        format!(
+            "it was proven that {was_proven}, and for {contrary_s:.1} s the controller has told otherwise: {output_words}{feedback_words}"
+        ),
+    )
+}
+
+#[cfg(test)]
+mod tests;

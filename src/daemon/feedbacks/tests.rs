@@ -1,0 +1,82 @@
+//! When a state that is contrary to what was proven is told.
+
+use super::*;
+use crate::cell::Cell;
+use crate::cycle::{Extraction, Lens, Light, Tool, Water};
+use crate::daemon::tests::standing_state;
+
+const IO: &str = "[io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
+                  [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\n";
+
+fn wiring() -> Wiring {
+    Wiring::of(Cell::check("cell.toml", IO).expect("good").io()).expect("complete")
+}
+
+/// In contact: tool and extraction on, lens guarded, water and light off. Bits of `Out` from the lowest: light, spray, lens, extraction,
+/// tool; of `In`: water off, lens shut, flow, running.
+const CONTACT: Facts = Facts {
+    tool: Tool::Running,
+    water: Water::Drained,
+    light: Light::Off,
+    lens: Lens::Guarded,
+    extraction: Extraction::Flowing,
+    ..Facts::UNKNOWN
+};
+
+fn state(outputs: u32, inputs: u32) -> State {
+    State { outputs, inputs, ..standing_state() }
+}
+
+/// Half a second, counted from the first contrary state; a state that agrees in between begins it anew.
+#[test]
+fn half_a_second_of_contrary_states_is_told() {
+    let (wiring, mut contrary) = (wiring(), Contrary::default());
+    let (good, dead) = (state(0b1_1100, 0b1111), state(0b1_1100, 0b0111));
+    let mut at = |ms, state: &State| contrary.of(&wiring, &CONTACT, &State { time_ms: ms, ..*state });
+    assert_eq!(at(0, &good), None);
+    assert_eq!(at(100, &dead), None);
+    assert_eq!(at(599, &dead), None);
+    assert_eq!(at(600, &dead), Some(Switch::ToolOn));
+    assert_eq!((at(700, &good), at(800, &dead), at(1_299, &dead)), (None, None, None));
+    assert_eq!(at(1_300, &dead), Some(Switch::ToolOn));
+    // The controller's clock was set back.
+    assert_eq!((at(10, &dead), at(509, &dead)), (None, None));
+    assert_eq!(at(510, &dead), Some(Switch::ToolOn));
+}
+
+/// Each bit of the outputs and feedbacks is watched, by the fact that it proved; what is not known is not.
+#[test]
+fn each_output_and_each_feedback_is_watched() {
+    let wiring = wiring();
+    let told = |facts: &Facts, outputs, inputs| {
+        let mut contrary = Contrary::default();
+        let first = contrary.of(&wiring, facts, &state(outputs, inputs));
+        assert_eq!(first, None);
+        contrary.of(&wiring, facts, &State { time_ms: 500, ..state(outputs, inputs) })
+    };
+    let switches = [Switch::LightOff, Switch::WaterOff, Switch::LensGuard, Switch::ExtractionOn, Switch::ToolOn];
+    for (bit, switch) in switches.into_iter().enumerate() {
+        assert_eq!(told(&CONTACT, 0b1_1100 ^ 1 << bit, 0b1111), Some(switch));
+        assert_eq!(told(&Facts::UNKNOWN, 0b1_1100 ^ 1 << bit, 0b1111), None);
+    }
+    for (bit, switch) in switches[1..].iter().enumerate() {
+        assert_eq!(told(&CONTACT, 0b1_1100, 0b1111 ^ 1 << bit), Some(*switch));
+    }
+}
+
+/// The words say what was proven, and which of its two witnesses says otherwise.
+#[test]
+fn the_reason_names_output_and_feedback() {
+    let wiring = wiring();
+    let leaks = contrary_reason(Switch::WaterOff, &wiring, &state(0b1_1100, 0b1110)).message;
+    assert!(
+        leaks.starts_with("it was proven that the water is off, and for 0.5 s the controller has told otherwise"),
+        "{leaks}"
+    );
+    assert!(
+        leaks.ends_with("the output spray is still told as it was set; the feedback water_off reads off"),
+        "{leaks}"
+    );
+    let switched = contrary_reason(Switch::LightOff, &wiring, &state(0b1_1101, 0b1111)).message;
+    assert!(switched.ends_with("the output light was switched, and not from here"), "{switched}");
+}
