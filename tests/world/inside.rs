@@ -67,6 +67,8 @@ pub struct Inside {
     pub dead_since_ms: Option<u64>,
     /// Until when what struck lasts, ms.
     pub lasts_until_ms: u64,
+    /// The same without feedbacks that do not follow.
+    pub others_last_until_ms: u64,
     /// Something struck whose effect may wait: half a message in a buffer, a base that will be wrong when it is set next.
     pub lingers: bool,
     /// Where the arm is may have been told falsely.
@@ -180,6 +182,7 @@ impl Inside {
             ended_since_ms: None,
             dead_since_ms: None,
             lasts_until_ms: 0,
+            others_last_until_ms: 0,
             lingers: false,
             places_lie: false,
             place: "",
@@ -239,6 +242,18 @@ impl Inside {
             || self.now_ms() < self.lasts_until_ms
             || self.home_at_ms.is_some()
             || disk::is_armed()
+    }
+
+    /// Whether nothing strikes or lasts but a feedback that does not follow, and what is said arrives as it was said.
+    pub fn is_calm_but_for_feedback(&self) -> bool {
+        let tampering = self.tampering.lock().unwrap_or_else(PoisonError::into_inner);
+        self.cell.all_heard()
+            && !self.is_strange()
+            && self.now_ms() > self.others_last_until_ms
+            && self.home_at_ms.is_none()
+            && !disk::is_armed()
+            && tampering.harms.is_empty()
+            && tampering.lies.is_empty()
     }
 
     /// Whether anything is left that may strike, or what struck may still have its effect.
@@ -311,6 +326,7 @@ impl Inside {
         }
         self.written_ms += late_ms;
         self.lasts_until_ms = self.lasts_until_ms.max(end_ms);
+        self.others_last_until_ms = self.others_last_until_ms.max(end_ms);
     }
 
     /// The arm is never farther along a contact path than the record says that it may be.

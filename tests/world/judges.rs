@@ -60,8 +60,7 @@ fn leaves_the_panel(world: &mut Inside, state: &State) {
     let in_contact = matches!(state.at, At::Execute(_))
         && state.intent.is_some_and(|intent| intent.motion.path == Path::Contact)
         && state.facts.tool == Tool::Running;
-    let is_heard = world.cell.all_heard() && !world.is_strange() && !world.is_troubled();
-    if !in_contact || !is_heard || !world.lock_around().is_dead(world.now_ms()) {
+    if !in_contact || !world.is_calm_but_for_feedback() || !world.lock_around().is_dead(world.now_ms()) {
         world.dead_since_ms = None;
         return;
     }

@@ -44,6 +44,9 @@ pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
     if odds.disk && draw.random_bool(0.06) {
         drawn.extend(full_disk(draw));
     }
+    if draw.random_bool(0.05) {
+        drawn.push(dead_in_contact(draw));
+    }
     drawn
 }
 
@@ -89,6 +92,13 @@ fn stuck(draw: &mut Pcg64) -> Vec<Entry> {
     let (input, on) = (draw.random_range(1..6), draw.random_bool(0.5));
     let fault = Fault::Feedback { input, on, for_ms: draw.random_range(7_000..12_000) };
     vec![within(draw, &["starting", "locate", "dry", "wet", "verify", "abrade", "rinse"], 1_500, fault)]
+}
+
+/// The tool or the extraction stands still while the pad is on its way, for a moment or for good.
+fn dead_in_contact(draw: &mut Pcg64) -> Entry {
+    let for_ms = if draw.random_bool(0.2) { draw.random_range(100..400) } else { draw.random_range(2_000..12_000) };
+    let fault = Fault::Feedback { input: draw.random_range(3..5), on: false, for_ms };
+    within(draw, &["abrade"], 6_000, fault)
 }
 
 /// The controller is started again while the cell is held.

@@ -37,6 +37,9 @@ impl Inside {
         *self.counts.faults.entry((fault.kind(), self.place)).or_default() += 1;
         let now_ms = self.now_ms();
         self.lasts_until_ms = self.lasts_until_ms.max(now_ms + fault.lasts_ms());
+        if !matches!(fault, Fault::Feedback { .. }) {
+            self.others_last_until_ms = self.others_last_until_ms.max(now_ms + fault.lasts_ms());
+        }
         self.struck_ms = now_ms;
         self.lingers |= matches!(fault, Fault::Bytes { .. } | Fault::Lie { .. } | Fault::Controller(_));
         self.places_lie |= may_displace_the_arm(&fault);
