@@ -163,6 +163,8 @@ impl Turn {
 
     /// The abort frame is answered: the robot stands, tool and water are off, nothing of the epoch is left.
     fn epoch_ended(&mut self, done: u32) {
+        // A controller whose program was selected anew counts from zero; what was told is executed.
+        let done = self.state.intent.map_or(done, |intent| done.max(intent.done));
         let (outcome, aborted) = match self.state.at {
             At::Holding(_) => (Outcome::Held, None),
             At::Aborting { cause } => (Outcome::Aborted, Some(cause)),

@@ -30,6 +30,17 @@ fn a_stop_of_a_held_cell_with_an_open_guard_is_at_once() {
     assert_eq!((story.at(), story.acts.len()), (At::Stopped, 0));
 }
 
+/// A controller whose program was selected anew counts from zero: what was told before was executed, and is booked.
+#[test]
+fn waypoints_that_were_told_are_not_forgotten_at_the_end_of_the_epoch() {
+    let mut story = Story::in_contact();
+    story.asked(Request::Abort);
+    let motion = story.cell.state.intent.expect("it is not answered").motion;
+    story.answer(Answer::Stands { done: 0 });
+    let closed = Effect::CloseIntent { motion, outcome: Outcome::Aborted, done: 2 };
+    assert_eq!(story.cell.effects, [closed]);
+}
+
 #[test]
 fn a_hold_in_contact_retracts_and_unhold_verifies_and_plans_the_rest_again() {
     let mut story = Story::in_contact();
