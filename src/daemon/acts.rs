@@ -207,7 +207,6 @@ impl Running<'_> {
             Waits::EpochEnd { done: Some(done) }
                 if stands && self.cell.wiring.tool_is_off(state) && self.cell.wiring.water_is_off(state) =>
             {
-                self.left_at = 0;
                 self.answer(id, Answer::Stands { done });
             }
             Waits::Frames(last) if state.done >= last && state.base_set && state.tool_set => {

@@ -56,7 +56,7 @@ pub(super) struct Running<'p> {
     pub pressing: Pressing,
     pub pending: Option<Pending>,
     pub sent: Option<Sent>,
-    /// Waypoints of a path whose epoch is over, until an answer tells them: what waits for that may be given up for something else.
+    /// Waypoints of the path whose epoch was ended last, until the next motion: an answer that tells them may be given up for something else.
     pub left_at: u32,
     pub robot_state: Option<eki::State>,
     pub condition: cycle::Robot,

@@ -48,8 +48,8 @@ impl Proof {
 
     /// Whether this state tells it.
     pub(super) fn is_told(&self, state: &State) -> bool {
-        state.outputs & self.outputs == self.outputs_on
-            && self.feedback.is_none_or(|(bit, on)| reads(state, bit) == on)
+        let (is_output, feedback) = self.told_by(state);
+        is_output && feedback == self.feedback.map(|(_, on)| on)
     }
 }
 

@@ -30,7 +30,7 @@ fn a_stop_of_a_held_cell_with_an_open_guard_is_at_once() {
     assert_eq!((story.at(), story.acts.len()), (At::Stopped, 0));
 }
 
-/// A controller whose program was selected anew counts from zero: what was told before was executed, and is booked.
+/// What was told was executed, and is booked, also where a later answer knows nothing of it.
 #[test]
 fn waypoints_that_were_told_are_not_forgotten_at_the_end_of_the_epoch() {
     let mut story = Story::in_contact();

@@ -36,9 +36,10 @@ impl Inside {
     fn strike(&mut self, fault: Fault) {
         *self.counts.faults.entry((fault.kind(), self.place)).or_default() += 1;
         let now_ms = self.now_ms();
-        self.lasts_until_ms = self.lasts_until_ms.max(now_ms + fault.lasts_ms());
+        let until_ms = now_ms + fault.lasts_ms();
+        self.lasts_until_ms = self.lasts_until_ms.max(until_ms);
         if !matches!(fault, Fault::Feedback { .. }) {
-            self.others_last_until_ms = self.others_last_until_ms.max(now_ms + fault.lasts_ms());
+            self.others_last_until_ms = self.others_last_until_ms.max(until_ms);
         }
         self.struck_ms = now_ms;
         self.lingers |= matches!(fault, Fault::Bytes { .. } | Fault::Lie { .. } | Fault::Controller(_));
