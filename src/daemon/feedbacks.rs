@@ -32,7 +32,7 @@ impl Contrary {
     }
 }
 
-/// What was proven, and the names of the output and the feedback that proved it.
+/// What a switch brings about, and the names of the output and the feedback that proved it.
 fn words(switch: Switch) -> (&'static str, Output) {
     match switch {
         Switch::ToolOn => ("the tool runs", Output::Tool),
@@ -53,24 +53,35 @@ fn told(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
 
-/// What is wrong, and where to look.
-pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) -> Reason {
-    let (was_proven, output) = words(switch);
+/// What the state tells of a switch's output and feedback.
+fn tells(switch: Switch, wiring: &Wiring, state: &State) -> String {
+    let (_, output) = words(switch);
     let (is_output, feedback) = wiring.proof(switch).told_by(state);
-    let output_words = if is_output {
-        format!("the output {} is still told as it was set", output.name())
-    } else {
-        format!("the output {} was switched, and not from here", output.name())
-    };
+    let told_as_set = if is_output { "told" } else { "not told" };
+    let output_words = format!("the output {} is {told_as_set} as it was set", output.name());
     let name = output.feedback().name();
-    let feedback_words = feedback.map_or(String::new(), |on| format!("; the feedback {name} reads {}", told(on)));
+    feedback.map_or(output_words.clone(), |on| format!("{output_words}; the feedback {name} reads {}", told(on)))
+}
+
+/// What was proven, and where to look now that it is not so any more.
+pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) -> Reason {
+    let ((was_proven, _), tells) = (words(switch), tells(switch, wiring, state));
     let contrary_s = f64::from(CONTRARY_FOR_MS) / 1_000.0;
-    Reason::new(
-        "feedback",
-        format!(
-            "it was proven that {was_proven}, and for {contrary_s:.1} s the controller has told otherwise: {output_words}{feedback_words}"
-        ),
-    )
+    let message = format!(
+        "it was proven that {was_proven}, and for {contrary_s:.1} s the controller has told otherwise: {tells}"
+    );
+    Reason::new("feedback", message)
+}
+
+/// What was asked and not proven by its deadline, and where to look; none where the state tells it by now.
+pub(super) fn unproven_reason(switch: Switch, wiring: &Wiring, state: &State) -> Option<Reason> {
+    if wiring.proof(switch).is_told(state) {
+        return None;
+    }
+    let ((is_asked, _), tells) = (words(switch), tells(switch, wiring, state));
+    let message =
+        format!("it was switched so that {is_asked}, and the controller did not tell so in time: {tells}");
+    Some(Reason::new("feedback", message))
 }
 
 #[cfg(test)]

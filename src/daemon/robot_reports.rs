@@ -2,11 +2,11 @@
 
 use super::answers::reason;
 use super::error::DaemonError;
-use super::feedbacks::{Contrary, contrary_reason};
+use super::feedbacks::{Contrary, contrary_reason, unproven_reason};
 use super::pending::{Pending, Waits};
 use super::ports::News;
 use super::running::Running;
-use crate::cycle::{self, Act, Answer, Event, Id, Path, Report, Trouble};
+use crate::cycle::{self, Act, Answer, Deadline, Event, Id, Path, Report, Trouble};
 use crate::eki::{self, Mode, StopCause};
 use crate::path::trace::PoseReport;
 use crate::record::Kind;
@@ -98,6 +98,17 @@ impl Running<'_> {
         }
         self.events.push_back(Event::Told(Report::Contrary(switch)));
         Ok(())
+    }
+
+    /// A switch whose deadline is over is told with what was waited for.
+    pub(super) fn name_unproven(&mut self, over: Report) -> Result<(), DaemonError> {
+        let Report::Deadline { id: over, which: Deadline::Answer } = over else { return Ok(()) };
+        let switch = self.pending.as_ref().filter(|pending| pending.id == over).map(|pending| pending.act);
+        let (Some(Act::Switch(switch)), Some(state)) = (switch, self.robot_state) else { return Ok(()) };
+        match unproven_reason(switch, &self.cell.wiring, &state) {
+            Some(why) => Ok(self.note(Kind::Robot, vec![why])?),
+            None => Ok(()),
+        }
     }
 
     fn becomes(&mut self, condition: cycle::Robot) {

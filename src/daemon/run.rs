@@ -211,6 +211,7 @@ impl Running<'_> {
             }
             let now = self.ports.robot.now();
             if let Some(report) = self.deadlines.over(now) {
+                self.name_unproven(report)?;
                 return Ok(Some(Event::Told(report)));
             }
             let computes = self.pending.as_ref().is_some_and(|pending| matches!(pending.waits, Waits::Computing));

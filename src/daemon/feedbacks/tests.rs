@@ -73,10 +73,15 @@ fn the_reason_names_output_and_feedback() {
         leaks.starts_with("it was proven that the water is off, and for 0.5 s the controller has told otherwise"),
         "{leaks}"
     );
-    assert!(
-        leaks.ends_with("the output spray is still told as it was set; the feedback water_off reads off"),
-        "{leaks}"
-    );
+    assert!(leaks.ends_with("the output spray is told as it was set; the feedback water_off reads off"), "{leaks}");
     let switched = contrary_reason(Switch::LightOff, &wiring, &state(0b1_1101, 0b1111)).message;
-    assert!(switched.ends_with("the output light was switched, and not from here"), "{switched}");
+    assert!(switched.ends_with("the output light is not told as it was set"), "{switched}");
+    let unproven = |inputs| unproven_reason(Switch::ToolOn, &wiring, &state(0b1_1100, inputs));
+    let dead = unproven(0b0111).expect("the tool does not turn").message;
+    assert!(
+        dead.starts_with("it was switched so that the tool runs, and the controller did not tell so in time"),
+        "{dead}"
+    );
+    assert!(dead.ends_with("the output tool is told as it was set; the feedback tool_running reads off"), "{dead}");
+    assert!(unproven(0b1111).is_none(), "it came");
 }

@@ -63,7 +63,7 @@ fn an_abort_in_contact_is_booked_with_its_motion() {
 #[test]
 fn a_feedback_that_goes_off_in_contact_holds() {
     for (bit, name) in [(2, "extraction_flow"), (3, "tool_running")] {
-        let cell = Fake::new(Scene::Good).slow().whose_feedback_dies_in_contact(bit);
+        let cell = Fake::new(Scene::Good).slow().whose_feedback_is_dead(bit, 4);
         let held = |state: &State| matches!(state.at, At::Held(_));
         let story = cell.run(Asks::one_cycle().with(held, cycle::Request::Stop));
         let (motion, outcome, done) = story.motions(Path::Contact)[0];
@@ -73,6 +73,21 @@ fn a_feedback_that_goes_off_in_contact_holds() {
         assert!(code == "feedback" && message.contains(&format!("the feedback {name} reads off")), "{message}");
         let found = story.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("what was touched");
         assert_eq!(found.number(name::EXECUTED), Some(f64::from(done)));
+    }
+}
+
+/// A dead cable of a sensor: the cycle is aborted as late, and the finding beside it says what was waited for.
+#[test]
+fn a_feedback_that_never_comes_is_named() {
+    for (bit, name, asked) in
+        [(4, "light_on", "the light is on"), (2, "extraction_flow", "the extraction draws air")]
+    {
+        let story = Fake::new(Scene::Good).whose_feedback_is_dead(bit, 0).run(Asks::one_cycle());
+        assert_eq!(story.outcome.verdict, Some(Verdict::Aborted), "{story}");
+        let told = story.findings.iter().find(|finding| finding.kind == Kind::Robot).expect("it is told");
+        let Reason { code, message, .. } = &told.judgement.reasons[0];
+        let names = message.contains(asked) && message.contains(&format!("the feedback {name} reads off"));
+        assert!(code == "feedback" && names, "{message}");
     }
 }
 

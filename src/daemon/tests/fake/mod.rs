@@ -97,9 +97,9 @@ impl Cell {
         self
     }
 
-    /// The feedback with this bit of `In` goes off in contact, and stays off.
-    pub fn whose_feedback_dies_in_contact(self, bit: u32) -> Self {
-        self.world.borrow_mut().dies_in_contact = Some(bit);
+    /// The feedback with this bit of `In` reads off from this waypoint in contact on.
+    pub fn whose_feedback_is_dead(self, bit: u32, from: u32) -> Self {
+        self.world.borrow_mut().dead_feedback = Some((bit, from));
         self
     }
 

@@ -80,9 +80,9 @@ impl World {
         }
     }
 
-    /// The bits of `In` that read off from the middle of the contact path on, whatever is behind them.
+    /// The bits of `In` that read off, whatever is behind them.
     fn dead_feedbacks(&self) -> u32 {
-        if self.in_contact > 3 { self.dies_in_contact.map_or(0, |bit| 1 << bit) } else { 0 }
+        self.dead_feedback.filter(|(_, from)| self.in_contact >= *from).map_or(0, |(bit, _)| 1 << bit)
     }
 
     fn end_epoch(&mut self) -> u32 {

@@ -39,8 +39,8 @@ pub(super) struct World {
     pub(super) in_contact: u32,
     /// The link is lost once the arm is well in contact.
     pub(super) loses_link: bool,
-    /// The bit of a feedback that goes off in contact.
-    pub(super) dies_in_contact: Option<u32>,
+    /// The bit of a feedback that reads off, and from which waypoint in contact on.
+    pub(super) dead_feedback: Option<(u32, u32)>,
     /// Nobody answers until the next state is heard.
     pub(super) is_lost: bool,
     pub(super) beyond: u32,
@@ -87,7 +87,7 @@ impl World {
             permitted: 0,
             in_contact: 0,
             loses_link: false,
-            dies_in_contact: None,
+            dead_feedback: None,
             is_lost: false,
             beyond: 0,
             pace: 1_000,
