@@ -80,7 +80,7 @@ fn names(cell: &Cell, simulates: bool) -> Vec<Unmet> {
             let message = "is missing; a cycle switches it: state the number n of its $OUT[n]";
             missing.push(Unmet::new(format!("io.outputs.{name}"), message));
         }
-        // The light is known by its time to settle, and proven by no feedback.
+        // The light is proven by its output as the controller tells it, and by `light_on` only where there is one.
         let is_read = simulates || output != Output::Light;
         if is_read && io.feedback(feedback).is_none() {
             let message = format!("is missing; it proves what became of {name}: state the number n of its $IN[n]");
