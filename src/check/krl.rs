@@ -1,7 +1,12 @@
 //! Programs and data lists of the controller: `.src`, `.sub`, `.dat`, checked as one program.
 
 use super::report::FileReport;
+use crate::config::Problem;
 use crate::krl::{File, Kss, analyse, parse};
+use std::collections::BTreeMap;
+
+/// Names that one warning lists.
+const LISTED: usize = 12;
 
 /// Whether this is the name of a KRL file.
 pub(super) fn is_krl(name: &str) -> bool {
@@ -11,15 +16,60 @@ pub(super) fn is_krl(name: &str) -> bool {
 
 /// Checks files, each with its place among all, its name and its text, for this version of KSS.
 pub(super) fn check(files: &[(usize, &str, &str)], kss: Kss) -> Vec<(usize, FileReport)> {
-    let (read, unreadable): (Vec<File>, Vec<_>) = files.iter().map(|(_, name, text)| parse(name, text)).unzip();
+    let read: Vec<File> = files.iter().map(|(_, name, text)| parse(name, text)).collect();
     let analysis = analyse(&read, kss);
-    let found = analysis.problems.into_iter().zip(analysis.warnings).zip(unreadable).zip(&read);
-    let mut reports = Vec::new();
-    for ((place, ..), (((problems, warnings), mut all), file)) in files.iter().zip(found) {
-        all.extend(problems);
-        all.sort_by_key(|problem| problem.line);
-        reports
-            .push((*place, FileReport { kind: Some("KRL"), problems: all, warnings, says: vec![file.sentence()] }));
+    let found = analysis.problems.into_iter().zip(analysis.warnings).zip(analysis.unexecuted).zip(&read);
+    let report = |(place, (((problems, warnings), unexecuted), file)): (usize, (((_, Vec<_>), Vec<_>), &File))| {
+        let says = [file.sentence()].into_iter().chain(only_checked(&unexecuted)).collect();
+        (place, FileReport { kind: Some("KRL"), problems, warnings: each_once(warnings), says })
+    };
+    files.iter().map(|(place, ..)| *place).zip(found).map(report).collect()
+}
+
+/// One warning in place of several that say the same of different names: at the line of the first, with all names.
+fn each_once(warnings: Vec<Problem>) -> Vec<Problem> {
+    let mut all: BTreeMap<String, Vec<Problem>> = BTreeMap::new();
+    for warning in warnings {
+        all.entry(warning.message.clone()).or_default().push(warning);
     }
-    reports
+    let mut all: Vec<Problem> = all.into_values().map(together).collect();
+    all.sort_by(|a, b| (a.line, &a.key).cmp(&(b.line, &b.key)));
+    all
+}
+
+/// At least one problem each, in the order of their lines.
+fn together(mut same: Vec<Problem>) -> Problem {
+    let first = same.remove(0);
+    if same.is_empty() {
+        return first;
+    }
+    let others = same.iter().take(LISTED - 1).map(|other| format!("{} (line {})", other.key, other.line));
+    let mut names: Vec<String> = [first.key].into_iter().chain(others).collect();
+    if same.len() >= LISTED {
+        names.push(format!("{} more", same.len() + 1 - LISTED));
+    }
+    Problem { line: first.line, key: names.join(", "), message: first.message }
+}
+
+/// What was read and checked and no rehearsal executes, by what it is: the lines, the first ones of many.
+fn only_checked(unexecuted: &[Problem]) -> Option<String> {
+    let mut lines: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+    for place in unexecuted {
+        lines.entry(&place.key).or_default().push(place.line);
+    }
+    let mut each: Vec<(usize, String)> = Vec::new();
+    for (what, mut of) in lines {
+        of.dedup();
+        let more = if of.len() > 3 { format!(" and {} more", of.len() - 3) } else { String::new() };
+        let first: Vec<String> = of.iter().take(3).map(usize::to_string).collect();
+        each.push((of.len(), format!("{what} (line {}{more})", first.join(", "))));
+    }
+    // What occurs most often comes first.
+    each.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
+    let rest = each.len().saturating_sub(LISTED);
+    let mut each: Vec<String> = each.into_iter().take(LISTED).map(|(_, words)| words).collect();
+    if rest > 0 {
+        each.push(format!("{rest} more"));
+    }
+    (!each.is_empty()).then(|| format!("checked, not executed by `mock-robot --programs`: {}", each.join("; ")))
 }

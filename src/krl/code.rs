@@ -2,8 +2,8 @@
 //!
 //! Between two statements another interpreter may run or an interrupt may occur; within a statement neither can.
 
+use super::routines::Builtin;
 use super::syntax::{Approximation, Binary, Motion};
-use super::system::Builtin;
 
 /// One value in memory or on the stack.
 #[derive(Debug, Clone, Copy, PartialEq)]

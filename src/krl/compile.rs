@@ -1,21 +1,25 @@
 //! Compiles KRL files to one program: names, types, memory, steps; and reports all their problems.
 //!
-//! `data` lays out the data lists, `place` finds variables, `value` and `operate` do expressions, `call` arguments,
-//! `body` statements; `flow` asks what may be read before it was assigned, and what ends without RETURN.
+//! `types` declares structures and enumerations, `data` lays out the data lists, `place` finds variables, `value` and
+//! `operate` do expressions, `call` arguments, `body` and `motion` statements; `flow` asks what may be read before it was
+//! assigned and what may end without RETURN, `memories` what EthernetKRL reads.
 
 mod body;
 mod call;
 mod compiler;
 mod data;
 mod flow;
+mod memories;
+mod motion;
 mod operate;
 mod place;
+mod types;
 mod value;
 
 use super::code::{Entry, LocalVariable, Op};
 use super::condense::Condensed;
 use super::program::Program;
-use super::syntax::{Declared, File, Routine};
+use super::syntax::{Declared, File, Item, Routine};
 use super::system::Kss;
 use super::types::Type;
 use crate::config::Problem;
@@ -26,11 +30,13 @@ use std::collections::BTreeMap;
 /// What was found in files that belong together.
 #[derive(Debug)]
 pub struct Analysis {
-    /// What a controller refuses, or stops at when it runs; for each file in the order of its lines.
+    /// What a controller refuses; for each file in the order of its lines.
     pub problems: Vec<Vec<Problem>>,
-    /// What these files cannot tell: names that another file may declare.
+    /// What was not checked, since it was not read or another file declares it, and what may go wrong at run time.
     pub warnings: Vec<Vec<Problem>>,
-    /// The program; it may be executed where there are neither problems nor warnings.
+    /// What was read and checked and is not executed: the line, and what it is.
+    pub unexecuted: Vec<Vec<Problem>>,
+    /// The program; it may be executed if there is no problem. A statement that is not executed stops it with its line.
     pub program: Program,
 }
 
@@ -38,74 +44,76 @@ pub struct Analysis {
 pub fn analyse(files: &[File], kss: Kss) -> Analysis {
     let mut compiler = Compiler::new(files, kss);
     compiler.program.files = files.iter().map(|file| file.name.clone()).collect();
+    compiler.find_constants();
     compiler.declare_types();
     compiler.declare_data();
     compiler.declare_routines();
     compiler.compile_routines();
-    let Compiler { mut problems, mut warnings, mut program, .. } = compiler;
-    program.condensed = Condensed::new(&program.code);
-    for found in problems.iter_mut().chain(&mut warnings) {
+    let Compiler { mut problems, mut warnings, mut unexecuted, mut program, .. } = compiler;
+    if !program.is_too_large {
+        program.condensed = Condensed::new(&program.code);
+    }
+    for found in problems.iter_mut().chain(&mut warnings).chain(&mut unexecuted) {
         found.sort_by(|a, b| (a.line, &a.key, &a.message).cmp(&(b.line, &b.key, &b.message)));
         found.dedup();
     }
-    Analysis { problems, warnings, program }
+    Analysis { problems, warnings, unexecuted, program }
 }
 
 impl Compiler<'_> {
     fn declare_routines(&mut self) {
         let files = self.files;
+        let mut place = 0;
         for (index, file) in files.iter().enumerate() {
             self.file = index;
-            for (place, routine) in file.routines.iter().enumerate() {
+            for (nth, routine) in file.routines.iter().enumerate() {
+                self.routine = Some(place);
                 self.line = routine.line;
+                self.statement = u32::MAX;
                 self.check_name(&routine.name);
-                let global = routine.global || (place == 0 && routine.name == file.module);
-                let clash = self
-                    .routines
-                    .iter()
-                    .any(|known| known.name == routine.name && (known.file == index || (known.global && global)));
-                if clash {
-                    self.problem(&routine.name, "a routine of this name is defined already");
-                }
-                let returns = routine.returns.as_deref().map(|name| self.type_named(name));
+                let global = routine.global || nth == 0;
+                self.report_clash(routine, global);
+                let returns = routine.returns.as_ref().map(|returned| {
+                    let kind = self.type_named(&returned.type_name);
+                    if kind == Type::Char && !returned.dimensions.is_empty() { Type::Text } else { kind }
+                });
                 let arguments = routine.parameters.iter().map(|parameter| {
                     let declared = declared(routine, &parameter.name);
-                    (parameter, declared)
+                    self.parameter(&parameter.name, parameter.by_value, declared)
                 });
-                let mut found = Vec::new();
-                for (parameter, declared) in arguments.collect::<Vec<_>>() {
-                    let (kind, dimensions) = match declared {
-                        Some((type_name, item)) => {
-                            let open = item.dimensions.iter().map(|size| self.dimension(size.as_ref()));
-                            let dimensions = open.collect::<Vec<_>>();
-                            (self.type_named(&type_name), dimensions)
-                        }
-                        None => {
-                            self.problem(&parameter.name, "the parameter's type is not declared");
-                            (Type::Unknown, Vec::new())
-                        }
-                    };
-                    found.push(Argument {
-                        name: parameter.name.clone(),
-                        by_value: parameter.by_value,
-                        kind,
-                        dimensions,
-                    });
-                }
-                let name = routine.name.clone();
-                self.routines.push(Signature { name, file: index, global, arguments: found, returns });
+                let arguments = arguments.collect();
+                self.routine_places.entry(routine.name.clone()).or_default().push(place);
+                self.routines.push(Signature { file: index, line: routine.line, global, arguments, returns });
+                place += 1;
             }
         }
     }
 
-    fn type_named(&mut self, name: &str) -> Type {
-        self.types.find(name).unwrap_or_else(|| {
-            self.warn(
-                name,
-                "this type is declared in none of the files named; name the file that declares it, too",
-            );
-            Type::Unknown
-        })
+    fn parameter(&mut self, name: &str, by_value: bool, declared: Option<(&str, &Item)>) -> Argument {
+        let (kind, dimensions) = match declared {
+            Some((type_name, item)) => {
+                let dimensions = item.dimensions.iter().map(|size| self.dimension(size.as_ref())).collect();
+                (self.type_named(type_name), dimensions)
+            }
+            None => {
+                self.problem(name, "the parameter's type is not declared");
+                (Type::Unknown, Vec::new())
+            }
+        };
+        Argument { name: name.to_owned(), by_value, kind, dimensions }
+    }
+
+    fn report_clash(&mut self, routine: &Routine, global: bool) {
+        let places = self.routine_places.get(&routine.name).into_iter().flatten();
+        let mut known = places.map(|place| &self.routines[*place]);
+        let clash = known.find(|known| known.file == self.file || (known.global && global));
+        let Some(Signature { file, line, .. }) = clash.filter(|_| !routine.name.is_empty()) else { return };
+        let place = if *file == self.file {
+            format!("line {line}")
+        } else {
+            format!("{}, line {line}", self.files[*file].name)
+        };
+        self.problem(&routine.name, format!("a routine of this name is defined already: {place}"));
     }
 
     fn compile_routines(&mut self) {
@@ -122,7 +130,10 @@ impl Compiler<'_> {
 
     fn compile_routine(&mut self, routine: &Routine, place: usize) {
         let signature = self.routines[place].clone();
+        self.routine = Some(place);
         self.line = routine.line;
+        // Of the routine's first statement.
+        self.statement = cells_u32(self.program.statements.len());
         (self.locals, self.frame_cells) = (BTreeMap::new(), 0);
         (self.ranges, self.returns) = (BTreeMap::new(), signature.returns);
         let mut locals = Vec::new();
@@ -150,6 +161,8 @@ impl Compiler<'_> {
             }
         }
         flow::check(self, routine, &signature);
+        self.check_labels(&routine.body);
+        self.check_memories(&routine.body);
         self.program.routines.push(Entry {
             name: routine.name.clone(),
             start,
@@ -163,44 +176,56 @@ impl Compiler<'_> {
     fn declare_locals(&mut self, routine: &Routine, signature: &Signature, locals: &mut Vec<LocalVariable>) {
         for declaration in &routine.declarations {
             self.line = declaration.line;
-            let Declared::Variables { type_name, items, constant } = &declaration.kind else { continue };
-            if declaration.global || *constant {
-                self.problem(&items[0].name, "GLOBAL and CONST belong into a data list, not into a routine");
-            }
-            for item in items {
-                if signature.arguments.iter().any(|argument| argument.name == item.name) {
+            let (type_name, items) = match &declaration.kind {
+                Declared::Variables { type_name, items, constant } => {
+                    if declaration.global || *constant {
+                        let message = "GLOBAL and CONST belong into a data list, not into a routine";
+                        self.problem(&items[0].name, message);
+                    }
+                    (type_name, items)
+                }
+                Declared::Import { type_name, name } => {
+                    let kind = self.type_named(type_name);
+                    self.locals.insert(name.clone(), data::nowhere(kind, Vec::new()));
                     continue;
                 }
-                self.check_name(&item.name);
-                let kind = self.type_named(type_name);
-                let dimensions: Vec<usize> =
-                    item.dimensions.iter().map(|size| self.dimension(size.as_ref())).collect();
-                let offset = self.reserve(self.types.cells(kind, &dimensions));
-                let variable = Variable {
-                    kind,
-                    dimensions,
-                    home: Home::Local(offset),
-                    constant: false,
-                    value: None,
-                    writable: true,
-                };
-                if self.locals.insert(item.name.clone(), variable).is_some() {
-                    self.problem(&item.name, "this name is declared twice in the routine");
+                Declared::Signal { name, from, to } => {
+                    let variable = self.signal(name, [from, to]);
+                    self.locals.insert(name.clone(), variable);
+                    continue;
                 }
-                if item.value.is_some() {
-                    self.problem(&item.name, "a local variable takes its first value by an assignment, not here");
+                _ => continue,
+            };
+            for item in items {
+                if signature.arguments.iter().all(|argument| argument.name != item.name) {
+                    self.declare_local(type_name, item, locals);
                 }
-                locals.push(LocalVariable { name: item.name.clone(), offset, by_reference: false });
             }
         }
+    }
+
+    fn declare_local(&mut self, type_name: &str, item: &Item, locals: &mut Vec<LocalVariable>) {
+        self.check_name(&item.name);
+        let kind = self.type_named(type_name);
+        let dimensions: Vec<usize> = item.dimensions.iter().map(|size| self.dimension(size.as_ref())).collect();
+        let offset = self.reserve(self.types.cells(kind, &dimensions));
+        let home = Home::Local(offset);
+        let variable = Variable { kind, dimensions, home, constant: false, value: None, writable: true };
+        if self.locals.insert(item.name.clone(), variable).is_some() {
+            self.problem(&item.name, "this name is declared twice in the routine");
+        }
+        if item.value.is_some() {
+            self.problem(&item.name, "a local variable takes its first value by an assignment, not here");
+        }
+        locals.push(LocalVariable { name: item.name.clone(), offset, by_reference: false });
     }
 }
 
 /// How a parameter is declared in its routine.
-fn declared(routine: &Routine, name: &str) -> Option<(String, super::syntax::Item)> {
+fn declared<'a>(routine: &'a Routine, name: &str) -> Option<(&'a str, &'a Item)> {
     routine.declarations.iter().find_map(|declaration| match &declaration.kind {
         Declared::Variables { type_name, items, .. } => {
-            items.iter().find(|item| item.name == name).map(|item| (type_name.clone(), item.clone()))
+            items.iter().find(|item| item.name == name).map(|item| (type_name.as_str(), item))
         }
         _ => None,
     })

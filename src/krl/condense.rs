@@ -7,6 +7,9 @@ use super::code::{Cell, Op, Space};
 use super::syntax::Binary;
 use super::system::SYSTEM_VARIABLES;
 
+/// Values that wait on the stack; more of them are no expression but a list, which is never taken together.
+const DEEPEST: usize = 32;
+
 /// What the steps from a place on come to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Together {
@@ -130,7 +133,7 @@ impl Reading<'_> {
                 }
                 _ => {}
             }
-            if self.take(op, next).is_none() {
+            if self.take(op, next).is_none() || self.stack.len() > DEEPEST {
                 return found;
             }
             if let (&[Item::Value(value)], true) = (self.stack.as_slice(), self.decided.is_empty() && at > from) {

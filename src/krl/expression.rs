@@ -1,17 +1,43 @@
 //! Reads the expressions of a line. Comparisons bind weakest in KRL: `A>0 AND B` is `A>(0 AND B)`.
 
 use super::lex::Token;
+use super::limits::{EXPRESSION_DEPTH, OPERATORS};
 use super::syntax::{Binary, Call, Expression, Step, Unary, VariableRef};
+
+/// Why a line is not read.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Unread {
+    /// A controller refuses it.
+    Wrong(String),
+    /// A controller may take it.
+    NotChecked(String),
+}
+
+impl From<String> for Unread {
+    fn from(message: String) -> Self {
+        Unread::Wrong(message)
+    }
+}
+
+impl From<&str> for Unread {
+    fn from(message: &str) -> Self {
+        Unread::Wrong(message.to_owned())
+    }
+}
+
+pub(super) type Read<T> = Result<T, Unread>;
 
 /// The tokens of one line, read from left to right.
 pub(super) struct Reader<'a> {
     tokens: &'a [Token],
     at: usize,
+    depth: usize,
+    operators: usize,
 }
 
 impl<'a> Reader<'a> {
     pub(super) fn new(tokens: &'a [Token]) -> Self {
-        Reader { tokens, at: 0 }
+        Reader { tokens, at: 0, depth: 0, operators: 0 }
     }
 
     pub(super) fn peek(&self) -> Option<&'a Token> {
@@ -22,7 +48,7 @@ impl<'a> Reader<'a> {
         self.tokens.get(self.at + count)
     }
 
-    /// What stands next, for a message.
+    /// What comes next, for a message.
     pub(super) fn found(&self) -> String {
         self.peek().map_or("the end of the line".to_owned(), |token| format!("'{token}'"))
     }
@@ -33,8 +59,12 @@ impl<'a> Reader<'a> {
         token
     }
 
+    pub(super) fn is_sign(&self, sign: &str) -> bool {
+        matches!(self.peek(), Some(Token::Sign(found)) if *found == sign)
+    }
+
     pub(super) fn takes_sign(&mut self, sign: &str) -> bool {
-        let is_it = matches!(self.peek(), Some(Token::Sign(found)) if *found == sign);
+        let is_it = self.is_sign(sign);
         self.at += usize::from(is_it);
         is_it
     }
@@ -49,128 +79,160 @@ impl<'a> Reader<'a> {
         is_it
     }
 
-    pub(super) fn sign(&mut self, sign: &str) -> Result<(), String> {
+    pub(super) fn sign(&mut self, sign: &str) -> Read<()> {
         if self.takes_sign(sign) {
             Ok(())
         } else {
-            Err(format!("'{sign}' is expected instead of {}", self.found()))
+            Err(format!("'{sign}' is expected instead of {}", self.found()).into())
         }
     }
 
-    pub(super) fn word(&mut self, word: &str) -> Result<(), String> {
-        if self.takes_word(word) { Ok(()) } else { Err(format!("{word} is expected instead of {}", self.found())) }
+    pub(super) fn word(&mut self, word: &str) -> Read<()> {
+        if self.takes_word(word) {
+            Ok(())
+        } else {
+            Err(format!("{word} is expected instead of {}", self.found()).into())
+        }
     }
 
-    pub(super) fn name(&mut self) -> Result<String, String> {
+    pub(super) fn name(&mut self) -> Read<String> {
         let found = self.found();
         match self.next() {
             Some(Token::Name(name)) => Ok(name.clone()),
-            _ => Err(format!("a name is expected instead of {found}")),
+            _ => Err(format!("a name is expected instead of {found}").into()),
         }
+    }
+
+    /// Goes on behind this word; false if it does not follow directly, or behind indices.
+    pub(super) fn skip_to_word(&mut self, word: &str) -> bool {
+        while !self.is_word(word) && self.peek().is_some() && !self.is_sign("=") {
+            self.at += 1;
+        }
+        self.takes_word(word)
+    }
+
+    /// The rest of the line, which is not read.
+    pub(super) fn skip_line(&mut self) {
+        self.at = self.tokens.len();
     }
 
     /// Nothing may be left on the line.
-    pub(super) fn end(&self) -> Result<(), String> {
+    pub(super) fn end(&self) -> Read<()> {
         match self.peek() {
             None => Ok(()),
-            Some(_) => Err(format!("{} is left over at the end of the line", self.found())),
+            Some(_) => Err(format!("{} is left over at the end of the line", self.found()).into()),
         }
     }
 
-    pub(super) fn expression(&mut self) -> Result<Expression, String> {
-        self.level(0)
+    pub(super) fn expression(&mut self) -> Read<Expression> {
+        self.binary(0)
     }
 
-    fn level(&mut self, level: usize) -> Result<Expression, String> {
-        let Some(operators) = LEVELS.get(level) else { return self.unary() };
-        let mut left = self.level(level + 1)?;
-        while let Some(operator) = self.operator(operators) {
-            let right = self.level(level + 1)?;
+    /// What operators of this level and stronger ones join.
+    fn binary(&mut self, weakest: usize) -> Read<Expression> {
+        let mut left = self.unary()?;
+        while let Some((operator, level)) = self.operator().filter(|(_, level)| *level >= weakest) {
+            self.at += 1;
+            self.operators += 1;
+            if self.operators > OPERATORS {
+                return Err(Unread::NotChecked(format!("the line has more than {OPERATORS} operators")));
+            }
+            let right = self.binary(level + 1)?;
             left = Expression::Binary(operator, Box::new(left), Box::new(right));
         }
         Ok(left)
     }
 
-    fn operator(&mut self, operators: &[(&str, Binary)]) -> Option<Binary> {
-        let (_, operator) = operators.iter().find(|(sign, _)| match self.peek() {
-            Some(Token::Sign(found)) => found == sign,
-            Some(Token::Name(found)) => found == sign,
-            _ => false,
-        })?;
-        self.at += 1;
-        Some(*operator)
+    fn operator(&self) -> Option<(Binary, usize)> {
+        let next = match self.peek()? {
+            Token::Sign(sign) => *sign,
+            Token::Name(name) => name.as_str(),
+            _ => return None,
+        };
+        OPERATOR_LEVELS.iter().find(|(sign, ..)| *sign == next).map(|(_, operator, level)| (*operator, *level))
     }
 
-    fn unary(&mut self) -> Result<Expression, String> {
+    /// One level deeper, as far as the limit allows.
+    fn deeper<T>(&mut self, read: impl FnOnce(&mut Self) -> Read<T>) -> Read<T> {
+        if self.depth >= EXPRESSION_DEPTH {
+            let message = format!("more than {EXPRESSION_DEPTH} brackets, braces or signs inside each other");
+            return Err(Unread::NotChecked(message));
+        }
+        self.depth += 1;
+        let found = read(self);
+        self.depth -= 1;
+        found
+    }
+
+    fn unary(&mut self) -> Read<Expression> {
         for (word, operator) in [("NOT", Unary::Not), ("B_NOT", Unary::BitNot)] {
             if self.takes_word(word) {
-                return Ok(Expression::Unary(operator, Box::new(self.unary()?)));
+                return Ok(Expression::Unary(operator, Box::new(self.deeper(Self::unary)?)));
             }
         }
         if self.takes_sign("-") {
-            return Ok(match self.unary()? {
+            if let Some(Token::Int(number)) = self.peek() {
+                self.at += 1;
+                return Ok(Expression::Int(i32::try_from(-number).unwrap_or(i32::MIN)));
+            }
+            return Ok(match self.deeper(Self::unary)? {
                 Expression::Int(number) => Expression::Int(number.wrapping_neg()),
                 Expression::Real(number) => Expression::Real(-number),
                 other => Expression::Unary(Unary::Minus, Box::new(other)),
             });
         }
         if self.takes_sign("+") {
-            return self.unary();
+            return self.deeper(Self::unary);
         }
         self.primary()
     }
 
-    fn primary(&mut self) -> Result<Expression, String> {
-        let found = self.found();
-        match self.peek() {
-            Some(Token::Sign("(")) => {
+    fn primary(&mut self) -> Read<Expression> {
+        let Some(token) = self.peek() else { return Err("a value is missing at the end of the line".into()) };
+        match token {
+            Token::Sign("(") => {
                 self.at += 1;
-                let inside = self.expression()?;
+                let inside = self.deeper(Self::expression)?;
                 self.sign(")")?;
-                Ok(inside)
+                return Ok(inside);
             }
-            Some(Token::Sign("{")) => self.aggregate(),
-            Some(Token::Name(name)) => match name.as_str() {
-                "TRUE" | "FALSE" => {
-                    self.at += 1;
-                    Ok(Expression::Bool(name == "TRUE"))
+            Token::Sign("{") => return self.deeper(Self::aggregate),
+            Token::Sign(":") if matches!(self.peek_behind(1), Some(Token::Name(_))) => {
+                self.at += 2;
+                return Ok(Expression::Channel);
+            }
+            Token::Name(name) if !matches!(name.as_str(), "TRUE" | "FALSE") => {
+                if matches!(self.peek_behind(1), Some(Token::Sign("("))) {
+                    return Ok(Expression::Call(self.call()?));
                 }
-                _ if matches!(self.peek_behind(1), Some(Token::Sign("("))) => Ok(Expression::Call(self.call()?)),
-                _ => Ok(Expression::Variable(self.place()?)),
-            },
-            Some(token) => {
-                let value = match token {
-                    Token::Int(number) => Expression::Int(*number),
-                    Token::Real(number) => Expression::Real(*number),
-                    Token::Text(text) => Expression::Text(text.clone()),
-                    Token::Word(word) => Expression::Word(word.clone()),
-                    Token::Sign(_) | Token::Name(_) => {
-                        return Err(format!("a value is expected instead of {found}"));
-                    }
-                };
-                self.at += 1;
-                Ok(value)
+                return Ok(Expression::Variable(self.place()?));
             }
-            None => Err("a value is missing at the end of the line".to_owned()),
+            _ => {}
         }
+        let value = match token {
+            Token::Name(name) => Expression::Bool(name == "TRUE"),
+            Token::Int(number) => match i32::try_from(*number) {
+                Ok(number) => Expression::Int(number),
+                Err(_) => return Err(format!("the number {number} does not fit into 32 bits").into()),
+            },
+            Token::Real(number) => Expression::Real(*number),
+            Token::Text(text) => Expression::Text(text.clone()),
+            Token::Word(word) => Expression::Word(word.clone()),
+            Token::Sign(_) | Token::Unreadable => {
+                return Err(format!("a value is expected instead of {}", self.found()).into());
+            }
+        };
+        self.at += 1;
+        Ok(value)
     }
 
     /// A name with its indices and components.
-    pub(super) fn place(&mut self) -> Result<VariableRef, String> {
+    pub(super) fn place(&mut self) -> Read<VariableRef> {
         let name = self.name()?;
         let mut steps = Vec::new();
         loop {
             if self.takes_sign("[") {
-                if self.takes_sign("]") {
-                    steps.push(Step::Whole);
-                    continue;
-                }
-                let mut indices = vec![self.expression()?];
-                while self.takes_sign(",") {
-                    indices.push(self.expression()?);
-                }
-                self.sign("]")?;
-                steps.push(Step::Index(indices));
+                steps.push(Step::Index(self.deeper(Self::indices)?));
             } else if self.takes_sign(".") {
                 steps.push(Step::Component(self.name()?));
             } else {
@@ -179,25 +241,44 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// A routine's name and its arguments in brackets.
-    pub(super) fn call(&mut self) -> Result<Call, String> {
+    /// `1,2]`, also `]`, `,]` and `3,]`.
+    fn indices(&mut self) -> Read<Vec<Option<Expression>>> {
+        let mut indices = Vec::new();
+        loop {
+            let is_left_out = self.is_sign(",") || self.is_sign("]");
+            indices.push(if is_left_out { None } else { Some(self.expression()?) });
+            if self.takes_sign("]") {
+                return Ok(indices);
+            }
+            self.sign(",")?;
+        }
+    }
+
+    /// A routine's name and its arguments in brackets; each may be left out.
+    pub(super) fn call(&mut self) -> Read<Call> {
         let name = self.name()?;
         self.sign("(")?;
-        let mut arguments = Vec::new();
-        if !self.takes_sign(")") {
-            loop {
-                arguments.push(self.expression()?);
-                if self.takes_sign(")") {
-                    break;
-                }
-                self.sign(",")?;
-            }
-        }
+        let arguments = self.deeper(Self::arguments)?;
         Ok(Call { name, arguments })
     }
 
+    fn arguments(&mut self) -> Read<Vec<Option<Expression>>> {
+        let mut arguments = Vec::new();
+        if self.takes_sign(")") {
+            return Ok(arguments);
+        }
+        loop {
+            let is_left_out = self.is_sign(",") || self.is_sign(")");
+            arguments.push(if is_left_out { None } else { Some(self.expression()?) });
+            if self.takes_sign(")") {
+                return Ok(arguments);
+            }
+            self.sign(",")?;
+        }
+    }
+
     /// `{X 1.0,Y 2.0}`, with or without its type: `{FRAME: X 1.0}`.
-    fn aggregate(&mut self) -> Result<Expression, String> {
+    fn aggregate(&mut self) -> Read<Expression> {
         self.sign("{")?;
         let type_name = match (self.peek(), self.peek_behind(1)) {
             (Some(Token::Name(name)), Some(Token::Sign(":"))) => {
@@ -218,20 +299,23 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// From the weakest operators to the strongest.
-const LEVELS: [&[(&str, Binary)]; 7] = [
-    &[
-        ("==", Binary::Equal),
-        ("<>", Binary::Unequal),
-        ("<=", Binary::AtMost),
-        (">=", Binary::AtLeast),
-        ("<", Binary::Less),
-        (">", Binary::Greater),
-    ],
-    &[("OR", Binary::Or), ("B_OR", Binary::BitOr)],
-    &[("EXOR", Binary::Exor), ("B_EXOR", Binary::BitExor)],
-    &[("AND", Binary::And), ("B_AND", Binary::BitAnd)],
-    &[("+", Binary::Plus), ("-", Binary::Minus)],
-    &[("*", Binary::Times), ("/", Binary::By)],
-    &[(":", Binary::Geometric)],
+/// Each operator with its level, from the weakest to the strongest.
+const OPERATOR_LEVELS: [(&str, Binary, usize); 17] = [
+    ("==", Binary::Equal, 0),
+    ("<>", Binary::Unequal, 0),
+    ("<=", Binary::AtMost, 0),
+    (">=", Binary::AtLeast, 0),
+    ("<", Binary::Less, 0),
+    (">", Binary::Greater, 0),
+    ("OR", Binary::Or, 1),
+    ("B_OR", Binary::BitOr, 1),
+    ("EXOR", Binary::Exor, 2),
+    ("B_EXOR", Binary::BitExor, 2),
+    ("AND", Binary::And, 3),
+    ("B_AND", Binary::BitAnd, 3),
+    ("+", Binary::Plus, 4),
+    ("-", Binary::Minus, 4),
+    ("*", Binary::Times, 5),
+    ("/", Binary::By, 5),
+    (":", Binary::Geometric, 6),
 ];

@@ -4,12 +4,15 @@
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Token {
     Name(String),
-    Int(i32),
+    /// Without its sign: 2147483648 is read, too, since `-2147483648` is an INT.
+    Int(i64),
     Real(f32),
     Text(String),
     /// The word behind `#`, in upper case.
     Word(String),
     Sign(&'static str),
+    /// From here on the line cannot be read; the message was reported.
+    Unreadable,
 }
 
 impl std::fmt::Display for Token {
@@ -21,56 +24,72 @@ impl std::fmt::Display for Token {
             Token::Text(text) => write!(f, "\"{text}\""),
             Token::Word(word) => write!(f, "#{word}"),
             Token::Sign(sign) => write!(f, "{sign}"),
+            Token::Unreadable => write!(f, "?"),
         }
     }
 }
 
-const SIGNS: [&str; 20] =
-    ["==", "<>", "<=", ">=", "<", ">", "=", "+", "-", "*", "/", "(", ")", "[", "]", "{", "}", ",", ":", "."];
+const SIGNS: [&str; 21] =
+    ["==", "<>", "<=", ">=", "<", ">", "=", "+", "-", "*", "/", "(", ")", "[", "]", "{", "}", ",", ":", ".", "!"];
 
-/// The tokens of a line; none for an empty line, a comment or a header line that begins with `&`.
-///
-/// # Errors
-/// Says in words what cannot be read.
-pub(super) fn tokens(line: &str) -> Result<Vec<Token>, String> {
-    let mut rest = line.trim_end_matches('\r');
+/// The tokens of a line; none for an empty line, a comment or a header line that begins with `&`. The message says why
+/// the line is read only up to its [`Token::Unreadable`].
+pub(super) fn tokens(line: &str) -> (Vec<Token>, Option<String>) {
+    let mut rest = line;
     let mut found = Vec::new();
     if rest.starts_with('&') {
-        return Ok(found);
+        return (found, None);
     }
     loop {
-        rest = rest.trim_start();
-        let Some(first) = rest.chars().next() else { return Ok(found) };
-        if first == ';' {
-            return Ok(found);
+        rest = rest.trim_start_matches(|c: char| c.is_whitespace() || c == '\0');
+        if rest.is_empty() || rest.starts_with(';') {
+            return (found, None);
         }
-        let (token, length) = match first {
-            '"' => text(rest)?,
-            '\'' => based(rest)?,
-            '#' => {
-                let length = name_length(&rest[1..]);
-                if length == 0 {
-                    return Err("'#' stands without the word of an enumeration behind it".to_owned());
-                }
-                (Token::Word(rest[1..=length].to_uppercase()), length + 1)
+        match token(rest) {
+            Ok((token, length)) => {
+                found.push(token);
+                rest = &rest[length..];
             }
-            '0'..='9' => number(rest)?,
-            'A'..='Z' | 'a'..='z' | '_' | '$' => {
-                let length = name_length(rest);
-                (Token::Name(rest[..length].to_uppercase()), length)
+            Err(message) => {
+                found.push(Token::Unreadable);
+                return (found, Some(message));
             }
-            _ => match SIGNS.iter().find(|sign| rest.starts_with(**sign)) {
-                Some(sign) => (Token::Sign(sign), sign.len()),
-                None => return Err(format!("the character '{first}' has no meaning in KRL")),
-            },
-        };
-        found.push(token);
-        rest = &rest[length..];
+        }
+    }
+}
+
+/// The token at the beginning of a text, and its length.
+fn token(rest: &str) -> Result<(Token, usize), String> {
+    let mut characters = rest.chars();
+    match (characters.next().unwrap_or_default(), characters.next()) {
+        ('"', _) => text(rest),
+        ('\'', _) => based(rest),
+        ('#', _) => word(rest),
+        ('0'..='9', _) | ('.', Some('0'..='9')) => number(rest),
+        ('A'..='Z' | 'a'..='z' | '_' | '$', _) => {
+            let length = name_length(rest);
+            Ok((Token::Name(rest[..length].to_uppercase()), length))
+        }
+        (first, _) => match SIGNS.iter().find(|sign| rest.starts_with(**sign)) {
+            Some(sign) => Ok((Token::Sign(sign), sign.len())),
+            None => Err(format!("the character '{first}' has no meaning in KRL outside of a comment or a text")),
+        },
     }
 }
 
 fn name_length(text: &str) -> usize {
     text.bytes().take_while(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'$')).count()
+}
+
+/// `#RED`, also `# RED`.
+fn word(rest: &str) -> Result<(Token, usize), String> {
+    let behind = &rest[1..];
+    let blanks = behind.len() - behind.trim_start_matches([' ', '\t']).len();
+    let length = name_length(&behind[blanks..]);
+    if length == 0 {
+        return Err("the word of an enumeration is missing behind '#'".to_owned());
+    }
+    Ok((Token::Word(behind[blanks..blanks + length].to_uppercase()), 1 + blanks + length))
 }
 
 fn text(rest: &str) -> Result<(Token, usize), String> {
@@ -90,7 +109,7 @@ fn based(rest: &str) -> Result<(Token, usize), String> {
         _ => return Err(wrong()),
     };
     let bits = u32::from_str_radix(digits, base).map_err(|_| wrong())?;
-    Ok((Token::Int(bits.cast_signed()), inside.len() + 2))
+    Ok((Token::Int(i64::from(bits.cast_signed())), inside.len() + 2))
 }
 
 fn number(rest: &str) -> Result<(Token, usize), String> {
@@ -113,7 +132,7 @@ fn number(rest: &str) -> Result<(Token, usize), String> {
     let token = if is_real {
         written.parse().ok().filter(|number: &f32| number.is_finite()).map(Token::Real)
     } else {
-        written.parse().ok().map(Token::Int)
+        written.parse().ok().filter(|number: &i64| *number <= 1 << 31).map(Token::Int)
     };
     token.map(|token| (token, length)).ok_or_else(|| format!("the number {written} does not fit into 32 bits"))
 }
@@ -123,7 +142,8 @@ mod tests {
     use super::*;
 
     fn words(line: &str) -> String {
-        let all = tokens(line).expect("a line of KRL");
+        let (all, problem) = tokens(line);
+        assert_eq!(problem, None, "{line}");
         all.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")
     }
 
@@ -133,14 +153,26 @@ mod tests {
         assert_eq!(words("X='H1F'+'b101' : {X 1.5E-1,Y -2}"), "X = 31 + 5 : { X 0.15 , Y - 2 }");
         assert_eq!(words("RET=EKI_Init(\"Cell;x\") ;c"), "RET = EKI_INIT ( \"Cell;x\" )");
         assert_eq!(words("$MODE_OP==#t1"), "$MODE_OP == #T1");
+        assert_eq!(words("H=SHOW(# state)"), "H = SHOW ( #STATE )");
+        assert_eq!(words("{Z -.6,A .5E1,B 5.}"), "{ Z - 0.6 , A 5 , B 5 }");
+        assert_eq!(words("I=-2147483648"), "I = - 2147483648");
+        assert_eq!(words("PTP !"), "PTP !");
         assert_eq!(words("&ACCESS RVP"), "");
         assert_eq!(words(";FOLD x"), "");
+        assert_eq!(words("END\u{a0}\0\0"), "END");
     }
 
+    /// What stands before the fault is kept, so that a block does not lose its first word.
     #[test]
-    fn what_cannot_be_read_is_said() {
-        for line in ["A=\"x", "A=2147483648", "A='Q1'", "A=1 % 2", "A=#", "A=1.0E99", "A='H'", "A='"] {
-            assert!(tokens(line).is_err(), "{line}");
+    fn what_cannot_be_read_is_reported() {
+        for line in ["A=\"x", "A=2147483649", "A='Q1'", "A=1 % 2", "A=#", "A=1.0E99", "A='H'", "A='"] {
+            let (found, problem) = tokens(line);
+            assert!(problem.is_some(), "{line}");
+            assert_eq!(
+                (&found[0], found.last()),
+                (&Token::Name("A".to_owned()), Some(&Token::Unreadable)),
+                "{line}"
+            );
         }
     }
 }

@@ -1,22 +1,31 @@
-//! KUKA's robot language, as far as the cell's programs and an integrator's additions use it: read, checked, and made
-//! into steps that the mock controller executes. `panelprep check` uses the same reader.
+//! KUKA's robot language: read, checked, and as far as the cell's programs use it made into steps that the mock controller
+//! executes. `panelprep check` uses the same reader for programs of other people.
 //!
-//! - the text: `lex` (a line to tokens), `parse`, `statement` and `expression` (lines to a tree), `syntax` (the tree)
-//! - the meaning: `types` (and how much memory each takes), `system` (the controller's own variables and routines),
-//!   `compile` (names, types, steps), `code` (the steps), `program` (all of them), `condense` (several of them as one),
-//!   `machine` (executes them)
+//! Three things are told apart. What is read and executed: the statements of the shipped programs. What is read and only
+//! checked, and stops an execution with its line: GOTO, circles, splines, relative motions, texts in variables, names that no
+//! file declares. What is not read: a warning with its line that begins with "not checked". README.md beside this file says
+//! where each rule comes from.
 //!
-//! Not supported, and reported with file and line: GOTO, CIRC and spline motions, relative motions, PULSE, SIGNAL,
-//! analog inputs and outputs, CREAD and its kin.
+//! - the text: `lex` (a line to tokens), `parse`, `declaration`, `statement`, `motion` and `expression` (lines to a tree),
+//!   `syntax` (the tree)
+//! - the meaning: `types` and `kuka_types` (and how much memory each takes), `system` (the controller's own variables),
+//!   `routines` (its own routines), `compile` (names, types, steps), `code` (the steps), `program` (all of them), `condense`
+//!   (several of them as one), `machine` (executes them)
+//! - `limits` bounds all of it for any input
 
 mod code;
 mod compile;
 mod condense;
+mod declaration;
 mod expression;
+mod kuka_types;
 mod lex;
+mod limits;
 mod machine;
+mod motion;
 mod parse;
 mod program;
+mod routines;
 mod statement;
 mod syntax;
 mod system;
@@ -29,5 +38,6 @@ pub use compile::{Analysis, RESERVED, analyse};
 pub use machine::{Caller, EkiAnswer, Host, INTERRUPT_DEPTH, Interpreter, Meaning, Memory, MotionRequest, Pause};
 pub use parse::parse;
 pub use program::Program;
+pub use routines::Builtin;
 pub use syntax::{Approximation, Binary, File, Motion};
-pub use system::{Builtin, Kss, LOWEST_KSS, SYSTEM_VARIABLES, SystemVariable};
+pub use system::{Kss, LOWEST_KSS, SYSTEM_VARIABLES, SystemVariable};

@@ -1,54 +1,152 @@
-//! Reads a file: its routines or its data list, with their declarations. A line that is wrong is told and passed over,
-//! so that one reading finds all problems of a file.
+//! Reads a file: its routines or its data list. A line that cannot be read is reported and its block goes on, so that one
+//! reading finds all problems of a file and none of them causes another.
 
-use super::expression::Reader;
+use super::compile::RESERVED;
+use super::declaration::{declaration, is_declaration, returned};
+use super::expression::{Read, Reader, Unread};
 use super::lex::{Token, tokens};
-use super::syntax::{Action, Data, Declaration, Declared, File, Item, Parameter, Routine, Statement};
+use super::limits::{FILE_BYTES, REPORTS};
+use super::routines::is_of_ethernet_krl_6;
+use super::syntax::{Action, Data, Declaration, File, Parameter, Returned, Routine, Statement};
 use crate::config::Problem;
 
-/// Reads one file; `name` is its name in messages, and its ending says whether it holds programs or data.
-/// What could be read comes back beside the problems, in the order of their lines.
-pub fn parse(name: &str, text: &str) -> (File, Vec<Problem>) {
-    let mut parser =
-        Parser { lines: Vec::new(), at: 0, ends_at: text.lines().count().max(1), problems: Vec::new() };
-    for (index, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
-        match tokens(line) {
-            Ok(tokens) if tokens.is_empty() => {}
-            Ok(tokens) => parser.lines.push((index + 1, tokens)),
-            Err(message) => parser.problem(index + 1, "", message),
-        }
-    }
+/// DOS ends a text with this character; what follows it is no part of the text.
+const END_OF_TEXT: char = '\u{1a}';
+
+/// Reads one file; `name` is its name in messages, and without folder and ending that of its module.
+pub fn parse(name: &str, text: &str) -> File {
     let base = name.rsplit(['/', '\\']).next().unwrap_or(name);
-    let module = base.split('.').next().unwrap_or(base).to_uppercase();
-    let mut file = File { name: name.to_owned(), module, routines: Vec::new(), data: None };
-    if parser.first_word().is_some_and(|(_, first)| first == "DEFDAT") {
-        file.data = Some(parser.data());
+    let module = base.rsplit_once('.').map_or(base, |(stem, _)| stem).to_uppercase();
+    let mut file = File {
+        name: name.to_owned(),
+        problems: Vec::new(),
+        warnings: Vec::new(),
+        of_ethernet_krl_6: false,
+        module,
+        routines: Vec::new(),
+        data: None,
+    };
+    let mut parser = Parser::default();
+    if text.len() > FILE_BYTES {
+        let (found, limit) = (text.len() >> 20, FILE_BYTES >> 20);
+        parser.warn(1, "", format!("not checked: the file has {found} MB; limit {limit} MB"));
     } else {
-        while parser.first_word().is_some() {
-            if let Some(routine) = parser.routine() {
-                file.routines.push(routine);
-            }
-        }
-        if file.routines.is_empty() {
-            parser.problem(1, "", "the file has neither DEF nor DEFFCT nor DEFDAT".to_owned());
-        }
+        parser.read_lines(text);
+        let mut names = parser.lines.iter().flat_map(|line| &line.tokens);
+        file.of_ethernet_krl_6 =
+            names.any(|token| matches!(token, Token::Name(name) if is_of_ethernet_krl_6(name)));
+        parser.file(&mut file);
     }
-    parser.problems.sort_by_key(|problem| problem.line);
-    (file, parser.problems)
+    (file.problems, file.warnings) = (in_order(parser.problems), in_order(parser.warnings));
+    file
 }
 
+/// By their lines, each once.
+fn in_order(mut reports: Vec<Problem>) -> Vec<Problem> {
+    reports.sort_by_key(|report| report.line);
+    reports.dedup();
+    reports
+}
+
+/// A line that is not empty.
+#[derive(Debug, Default)]
+struct Line {
+    number: usize,
+    tokens: Vec<Token>,
+}
+
+#[derive(Debug, Default)]
 pub(super) struct Parser {
-    lines: Vec<(usize, Vec<Token>)>,
+    lines: Vec<Line>,
     at: usize,
     ends_at: usize,
     problems: Vec<Problem>,
+    warnings: Vec<Problem>,
+    /// Blocks that are open.
+    pub(super) depth: usize,
 }
 
-const SIMPLE_TYPES: [&str; 9] = ["INT", "REAL", "BOOL", "CHAR", "FRAME", "POS", "E6POS", "AXIS", "E6AXIS"];
-
 impl Parser {
-    pub(super) fn problem(&mut self, line: usize, key: &str, message: String) {
-        self.problems.push(Problem { line, key: key.to_owned(), message });
+    fn read_lines(&mut self, text: &str) {
+        let text = text.trim_start_matches('\u{feff}');
+        let text = text.split(END_OF_TEXT).next().unwrap_or_default();
+        // A file without line feeds ends its lines with carriage returns alone.
+        let end = if text.contains('\n') { '\n' } else { '\r' };
+        for (index, line) in text.split(end).enumerate() {
+            let number = index + 1;
+            let (tokens, problem) = tokens(line);
+            if let Some(message) = problem {
+                self.problem(number, "", message);
+            }
+            if !tokens.is_empty() {
+                self.lines.push(Line { number, tokens });
+            }
+            if !line.is_empty() {
+                self.ends_at = number;
+            }
+        }
+        self.ends_at = self.ends_at.max(1);
+    }
+
+    fn file(&mut self, file: &mut File) {
+        if self.is_next("DEFDAT") {
+            file.data = Some(self.data());
+            return;
+        }
+        if !self.lines.iter().any(opens_a_routine) {
+            self.problems.clear();
+            self.problem(1, "", "the file has neither DEF nor DEFFCT nor DEFDAT: it is no KRL");
+            return;
+        }
+        while let Some(routine) = self.routine() {
+            file.routines.push(routine);
+        }
+        self.first_has_the_files_name(file);
+    }
+
+    /// A controller finds a module by its file and selects the routine of the same name.
+    fn first_has_the_files_name(&mut self, file: &File) {
+        let Some(first) = file.routines.first().filter(|first| !first.name.is_empty()) else { return };
+        if first.name == file.module {
+            return;
+        }
+        let (line, name, module) = (first.line, first.name.clone(), &file.module);
+        if !is_name(module) {
+            // It is called otherwise on the controller.
+            let message = format!("{module} is no name of KRL: a controller wants the file to be called {name}");
+            return self.warn(line, &name, message);
+        }
+        let message = match file.routines.iter().find(|routine| routine.name == *module) {
+            Some(other) => format!(
+                "the first routine of a file has the file's name: put {module} (line {}) before this one",
+                other.line
+            ),
+            None => {
+                format!("the first routine of a file has the file's name: name it {module}, or rename the file")
+            }
+        };
+        self.problem(line, &name, message);
+    }
+
+    pub(super) fn problem(&mut self, line: usize, key: &str, message: impl Into<String>) {
+        if self.problems.len() < REPORTS {
+            self.problems.push(Problem { line, key: key.to_owned(), message: message.into() });
+        }
+    }
+
+    fn warn(&mut self, line: usize, key: &str, message: String) {
+        if self.warnings.len() < REPORTS {
+            self.warnings.push(Problem { line, key: key.to_owned(), message });
+        }
+    }
+
+    /// Reports why a line is not read; nothing if its characters were reported already.
+    pub(super) fn report(&mut self, line: usize, tokens: &[Token], key: &str, unread: Unread) {
+        match unread {
+            Unread::Wrong(_) if tokens.contains(&Token::Unreadable) => {}
+            Unread::Wrong(message) => self.problem(line, key, message),
+            Unread::NotChecked(message) => self.warn(line, key, format!("not checked: {message}")),
+        }
     }
 
     pub(super) fn last_line(&self) -> usize {
@@ -57,49 +155,67 @@ impl Parser {
 
     /// The line that is to be read next, and its first word.
     pub(super) fn first_word(&self) -> Option<(usize, String)> {
-        let (line, tokens) = self.lines.get(self.at)?;
-        Some((*line, tokens.first().map(ToString::to_string).unwrap_or_default()))
+        let line = self.lines.get(self.at)?;
+        Some((line.number, line.tokens.first().map(ToString::to_string).unwrap_or_default()))
+    }
+
+    fn is_next(&self, word: &str) -> bool {
+        matches!(self.next_tokens().first(), Some(Token::Name(first)) if first == word)
+    }
+
+    pub(super) fn next_tokens(&self) -> &[Token] {
+        self.lines.get(self.at).map_or(&[], |line| &line.tokens)
     }
 
     pub(super) fn take_line(&mut self) -> Vec<Token> {
-        let tokens = self.lines.get_mut(self.at).map(|(_, tokens)| std::mem::take(tokens)).unwrap_or_default();
+        let tokens = self.lines.get_mut(self.at).map(|line| std::mem::take(&mut line.tokens)).unwrap_or_default();
         self.at += 1;
         tokens
     }
 
-    /// Takes the next line where it is this word alone.
+    /// Takes the next line if it begins with this word, which stands alone there.
     pub(super) fn next_line_is(&mut self, word: &str) -> bool {
-        let is_it = self.first_word().is_some_and(|(_, first)| first == word);
-        if is_it {
-            let line = self.first_word().map_or(1, |(line, _)| line);
-            if self.take_line().len() > 1 {
-                self.problem(line, word, format!("{word} stands alone on its line"));
+        let Some((line, first)) = self.first_word() else { return false };
+        if first != word {
+            return false;
+        }
+        if self.take_line().len() > 1 {
+            self.problem(line, word, format!("{word} stands alone on its line"));
+        }
+        true
+    }
+
+    /// A line that begins or ends a routine or a data list is in no block.
+    pub(super) fn closes_a_routine(&self) -> bool {
+        match self.lines.get(self.at) {
+            Some(line) if opens_a_routine(line) => true,
+            Some(line) => {
+                matches!(line.tokens.first(), Some(Token::Name(first)) if matches!(first.as_str(), "END" | "ENDFCT" | "DEFDAT" | "ENDDAT"))
+            }
+            None => false,
+        }
+    }
+
+    /// The next routine of the file; what comes before its first line belongs to none.
+    fn routine(&mut self) -> Option<Routine> {
+        if let Some((line, first)) =
+            self.first_word().filter(|_| !self.lines.get(self.at).is_some_and(opens_a_routine))
+        {
+            self.problem(line, &first, format!("DEF or DEFFCT is expected instead of '{first}'"));
+            while self.lines.get(self.at).is_some_and(|line| !opens_a_routine(line)) {
+                self.at += 1;
             }
         }
-        is_it
-    }
-
-    /// A line that begins or ends a routine stands in no block.
-    pub(super) fn closes_a_routine(&self, first: &str) -> bool {
-        let second = self.lines.get(self.at).and_then(|(_, tokens)| tokens.get(1));
-        let opens = matches!(second, Some(Token::Name(second)) if matches!(second.as_str(), "DEF" | "DEFFCT"));
-        matches!(first, "END" | "ENDFCT" | "DEF" | "DEFFCT" | "DEFDAT" | "ENDDAT") || (first == "GLOBAL" && opens)
-    }
-
-    fn routine(&mut self) -> Option<Routine> {
         let (line, first) = self.first_word()?;
         let tokens = self.take_line();
-        let mut reader = Reader::new(&tokens);
-        let head = routine_head(&mut reader);
-        let (global, returns, name, parameters) = match head {
-            Ok(head) => head,
-            Err(message) => {
-                self.problem(line, &first, message);
-                return None;
-            }
-        };
+        let is_function = tokens.iter().take(2).any(|token| *token == Token::Name("DEFFCT".to_owned()));
+        let head = routine_head(&mut Reader::new(&tokens)).unwrap_or_else(|unread| {
+            self.report(line, &tokens, &first, unread);
+            Head::default()
+        });
         let declarations = self.declarations();
-        let end = if returns.is_some() { "ENDFCT" } else { "END" };
+        let end = if is_function { "ENDFCT" } else { "END" };
+        self.depth = 0;
         let body = self.block(&[end]);
         let end_line = self.first_word().map_or(self.ends_at, |(line, _)| line);
         if !self.next_line_is(end)
@@ -107,21 +223,21 @@ impl Parser {
         {
             self.take_line();
         }
+        let Head { global, returns, name, parameters } = head;
         Some(Routine { name, line, end_line, global, returns, parameters, declarations, body })
     }
 
-    /// The declarations that stand here.
+    /// The declarations that come next.
     fn declarations(&mut self) -> Vec<Declaration> {
         let mut found = Vec::new();
         while let Some((line, first)) = self.first_word() {
-            let tokens = match self.lines.get(self.at) {
-                Some((_, tokens)) if is_declaration(tokens) => tokens.clone(),
-                _ => return found,
-            };
-            self.at += 1;
+            if !is_declaration(self.next_tokens()) {
+                break;
+            }
+            let tokens = self.take_line();
             match declaration(&mut Reader::new(&tokens), line) {
                 Ok(declaration) => found.push(declaration),
-                Err(message) => self.problem(line, &first, message),
+                Err(unread) => self.report(line, &tokens, &first, unread),
             }
         }
         found
@@ -129,48 +245,78 @@ impl Parser {
 
     /// DEFDAT … ENDDAT, declarations and first values mixed.
     fn data(&mut self) -> Data {
+        let line = self.first_word().map_or(1, |(line, _)| line);
         let tokens = self.take_line();
-        let public = tokens.iter().any(|token| matches!(token, Token::Name(name) if name == "PUBLIC"));
-        let mut data = Data { public, declarations: Vec::new(), values: Vec::new() };
+        let name = match tokens.get(1) {
+            Some(Token::Name(name)) => name.clone(),
+            _ => String::new(),
+        };
+        let public = tokens.contains(&Token::Name("PUBLIC".to_owned()));
+        let mut data = Data { line, name, public, declarations: Vec::new(), values: Vec::new() };
         loop {
             data.declarations.extend(self.declarations());
             let Some((line, first)) = self.first_word() else {
                 let line = self.ends_at;
-                self.problem(line, "", "the file ends before ENDDAT".to_owned());
+                self.problem(line, "", "the file ends before ENDDAT");
                 return data;
             };
             let tokens = self.take_line();
             if first == "ENDDAT" {
                 break;
             }
-            let mut reader = Reader::new(&tokens);
-            let value = reader.place().and_then(|to| {
-                reader.sign("=")?;
-                let value = reader.expression()?;
-                reader.end().map(|()| Statement { line, action: Action::Assign { to, value } })
-            });
-            match value {
+            match first_value(&mut Reader::new(&tokens), line) {
                 Ok(value) => data.values.push(value),
-                Err(message) => self.problem(line, &first, message),
+                Err(unread) => self.report(line, &tokens, &first, unread),
             }
         }
         if let Some((line, first)) = self.first_word() {
-            self.problem(line, &first, "nothing may stand behind ENDDAT".to_owned());
+            self.problem(line, &first, "nothing may follow ENDDAT");
         }
         data
     }
 }
 
-type Head = (bool, Option<String>, String, Vec<Parameter>);
+/// Whether a routine may be called like this.
+fn is_name(text: &str) -> bool {
+    let is_inside = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '$');
+    let begins = text.starts_with(|c: char| is_inside(c) && !c.is_ascii_digit());
+    begins && text.chars().all(is_inside) && RESERVED.binary_search(&text).is_err()
+}
 
-fn routine_head(reader: &mut Reader<'_>) -> Result<Head, String> {
+/// DEF, DEFFCT, GLOBAL DEF or GLOBAL DEFFCT.
+fn opens_a_routine(line: &Line) -> bool {
+    let word = |at: usize| match line.tokens.get(at) {
+        Some(Token::Name(name)) => name.as_str(),
+        _ => "",
+    };
+    let is_head = |word: &str| matches!(word, "DEF" | "DEFFCT");
+    is_head(word(0)) || (word(0) == "GLOBAL" && is_head(word(1)))
+}
+
+/// `NAME[1]=17` in a data list.
+fn first_value(reader: &mut Reader<'_>, line: usize) -> Read<Statement> {
+    let to = reader.place()?;
+    reader.sign("=")?;
+    let value = reader.expression()?;
+    reader.end()?;
+    Ok(Statement { line, action: Action::Assign { to, value } })
+}
+
+#[derive(Debug, Default)]
+struct Head {
+    global: bool,
+    returns: Option<Returned>,
+    name: String,
+    parameters: Vec<Parameter>,
+}
+
+fn routine_head(reader: &mut Reader<'_>) -> Read<Head> {
     let global = reader.takes_word("GLOBAL");
     let returns = if reader.takes_word("DEFFCT") {
-        Some(reader.name()?)
-    } else if reader.takes_word("DEF") {
-        None
+        Some(returned(reader)?)
     } else {
-        return Err(format!("DEF or DEFFCT is expected instead of {}", reader.found()));
+        reader.word("DEF")?;
+        None
     };
     let name = reader.name()?;
     reader.sign("(")?;
@@ -179,102 +325,25 @@ fn routine_head(reader: &mut Reader<'_>) -> Result<Head, String> {
         if !parameters.is_empty() {
             reader.sign(",")?;
         }
-        let name = reader.name()?;
-        if reader.takes_sign("[") {
-            while reader.takes_sign(",") {}
-            reader.sign("]")?;
-        }
-        let mut by_value = false;
-        if reader.takes_sign(":") {
-            by_value = reader.takes_word("IN");
-            if !by_value {
-                reader.word("OUT")?;
-            }
-        }
-        parameters.push(Parameter { name, by_value });
+        parameters.push(parameter(reader)?);
     }
     reader.end()?;
-    Ok((global, returns, name, parameters))
+    Ok(Head { global, returns, name, parameters })
 }
 
-fn is_declaration(tokens: &[Token]) -> bool {
-    let word = |at: usize| match tokens.get(at) {
-        Some(Token::Name(name)) => name.as_str(),
-        _ => "",
-    };
-    match word(0) {
-        "DECL" | "STRUC" | "ENUM" | "EXT" | "EXTFCT" => true,
-        "GLOBAL" => !matches!(word(1), "INTERRUPT" | "DEF" | "DEFFCT"),
-        first => SIMPLE_TYPES.contains(&first) && !word(1).is_empty(),
-    }
-}
-
-fn declaration(reader: &mut Reader<'_>, line: usize) -> Result<Declaration, String> {
-    let (mut global, mut constant) = (false, false);
-    loop {
-        if reader.takes_word("GLOBAL") {
-            global = true;
-        } else if reader.takes_word("CONST") {
-            constant = true;
-        } else if !reader.takes_word("DECL") {
-            break;
-        }
-    }
-    let kind = if reader.takes_word("STRUC") {
-        struc(reader)?
-    } else if reader.takes_word("ENUM") {
-        let name = reader.name()?;
-        let mut words = vec![reader.name()?];
-        while reader.takes_sign(",") {
-            words.push(reader.name()?);
-        }
-        Declared::Enumeration { name, words }
-    } else if reader.takes_word("EXT") || reader.takes_word("EXTFCT") {
-        return Ok(Declaration { line, global, kind: Declared::Foreign });
-    } else {
-        let type_name = reader.name()?;
-        let mut items = vec![item(reader)?];
-        while reader.takes_sign(",") {
-            items.push(item(reader)?);
-        }
-        Declared::Variables { constant, type_name, items }
-    };
-    reader.end()?;
-    Ok(Declaration { line, global, kind })
-}
-
-/// `STRUC NAME INT A,B,REAL C`: a component keeps the type before it.
-fn struc(reader: &mut Reader<'_>) -> Result<Declared, String> {
+/// `NAME`, `NAME:IN`, `NAME[,]:OUT`.
+fn parameter(reader: &mut Reader<'_>) -> Read<Parameter> {
     let name = reader.name()?;
-    let mut type_name = String::new();
-    let mut components = Vec::new();
-    loop {
-        if matches!(reader.peek_behind(1), Some(Token::Name(_))) {
-            type_name = reader.name()?;
-        }
-        if type_name.is_empty() {
-            return Err(format!("a type is expected instead of {}", reader.found()));
-        }
-        components.push((type_name.clone(), item(reader)?));
-        if !reader.takes_sign(",") {
-            return Ok(Declared::Struc { name, components });
-        }
-    }
-}
-
-fn item(reader: &mut Reader<'_>) -> Result<Item, String> {
-    let name = reader.name()?;
-    let mut dimensions = Vec::new();
     if reader.takes_sign("[") {
-        loop {
-            let is_open = matches!(reader.peek(), Some(Token::Sign("," | "]")));
-            dimensions.push(if is_open { None } else { Some(reader.expression()?) });
-            if reader.takes_sign("]") {
-                break;
-            }
-            reader.sign(",")?;
+        while reader.takes_sign(",") {}
+        reader.sign("]")?;
+    }
+    let mut by_value = false;
+    if reader.takes_sign(":") {
+        by_value = reader.takes_word("IN");
+        if !by_value {
+            reader.word("OUT")?;
         }
     }
-    let value = if reader.takes_sign("=") { Some(reader.expression()?) } else { None };
-    Ok(Item { name, dimensions, value })
+    Ok(Parameter { name, by_value })
 }

@@ -2,6 +2,7 @@
 
 use super::code::{Cell, Entry, Location, Op, Shared};
 use super::condense::Condensed;
+use std::collections::BTreeMap;
 
 /// A program that can be executed.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -20,6 +21,10 @@ pub struct Program {
     pub texts: Vec<String>,
     /// The files' names.
     pub files: Vec<String>,
+    /// Statements that are not executed, by their places, and what each names that is not.
+    pub unexecuted: BTreeMap<u32, String>,
+    /// It has more steps than are kept: it must not be executed.
+    pub is_too_large: bool,
     /// Steps that are taken together.
     pub(super) condensed: Condensed,
 }

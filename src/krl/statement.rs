@@ -1,93 +1,132 @@
 //! Reads the statements of a routine: one line each, blocks from their first word to their last.
 
-use super::expression::Reader;
+use super::expression::{Read, Reader, Unread};
 use super::lex::Token;
+use super::limits::BLOCK_DEPTH;
+use super::motion::{interrupt, motion, spline_head, spline_part, trigger};
 use super::parse::Parser;
-use super::syntax::{Action, Approximation, Call, Case, Expression, Motion, Statement};
+use super::syntax::{Action, Call, Case, Expression, Statement, VariableRef};
 
-/// First words of statements and declarations that this reader leaves out; a controller reads them.
-const OUTSIDE: [&str; 33] = [
-    "GOTO",
-    "CIRC",
-    "CIRC_REL",
-    "PTP_REL",
-    "LIN_REL",
-    "SPLINE",
-    "ENDSPLINE",
-    "SPTP",
-    "SLIN",
-    "SCIRC",
-    "SPL",
-    "PTP_SPLINE",
-    "PULSE",
-    "ANIN",
-    "ANOUT",
-    "SIGNAL",
-    "CHANNEL",
-    "CREAD",
-    "COPEN",
-    "CCLOSE",
-    "CWAIT",
-    "CONST_VEL",
-    "TIME_BLOCK",
-    "STOP",
-    "IMPORT",
-    "CONFIRM",
-    "SPTP_REL",
-    "SLIN_REL",
-    "SCIRC_REL",
-    "ASYPTP",
-    "ASYCONT",
-    "ASYSTOP",
-    "ASYCANCEL",
+/// First words of statements that are not read here; a controller reads them.
+const NOT_READ: [&str; 8] = ["ANIN", "ANOUT", "DIGIN", "ASYPTP", "ASYCONT", "ASYSTOP", "ASYCANCEL", "CANCEL"];
+
+/// The first and last words of blocks.
+const BLOCKS: [(&str, &str); 8] = [
+    ("IF", "ENDIF"),
+    ("SWITCH", "ENDSWITCH"),
+    ("FOR", "ENDFOR"),
+    ("WHILE", "ENDWHILE"),
+    ("REPEAT", "UNTIL"),
+    ("LOOP", "ENDLOOP"),
+    ("SPLINE", "ENDSPLINE"),
+    ("PTP_SPLINE", "ENDSPLINE"),
+];
+
+/// Words of other languages, and the KRL in their place.
+const OF_OTHER_LANGUAGES: [(&str, &str); 5] = [
+    ("ELSEIF", "KRL has no ELSEIF: write ELSE, then an IF with an ENDIF of its own"),
+    ("ELSIF", "KRL has no ELSIF: write ELSE, then an IF with an ENDIF of its own"),
+    ("ENDFUNCTION", "a function ends with ENDFCT"),
+    ("FUNCTION", "a function begins with DEFFCT"),
+    ("BREAK", "a loop is left with EXIT"),
 ];
 
 impl Parser {
     /// Statements up to a line that begins with one of these words, which is left where it is.
     pub(super) fn block(&mut self, ends: &[&str]) -> Vec<Statement> {
+        self.depth += 1;
         let mut found = Vec::new();
+        let mut is_closed = false;
         while let Some((line, first)) = self.first_word() {
-            if ends.contains(&first.as_str()) {
-                return found;
+            is_closed = ends.contains(&first.as_str()) && !is_label(self.next_tokens());
+            if is_closed {
+                break;
             }
-            if self.closes_a_routine(&first) {
+            if self.closes_a_routine() {
                 self.problem(line, &first, format!("{} is missing before this line", ends.join(" or ")));
-                return found;
+                is_closed = true;
+                break;
             }
-            match self.statement(line, &first) {
-                Ok(statement) => found.push(statement),
-                Err(message) => self.problem(line, &first, message),
-            }
+            let action = self.statement(line, &first);
+            found.push(Statement { line, action });
         }
-        let line = self.last_line();
-        self.problem(line, "", format!("the file ends before {}", ends.join(" or ")));
+        if !is_closed {
+            let line = self.last_line();
+            self.problem(line, "", format!("the file ends before {}", ends.join(" or ")));
+        }
+        self.depth -= 1;
         found
     }
 
-    fn statement(&mut self, line: usize, first: &str) -> Result<Statement, String> {
+    fn statement(&mut self, line: usize, first: &str) -> Action {
         let tokens = self.take_line();
-        let mut reader = Reader::new(&tokens);
-        let opens = matches!(first, "IF" | "SWITCH" | "FOR" | "WHILE" | "REPEAT" | "LOOP");
-        let action = match first {
-            "IF" => self.if_block(&mut reader),
-            "SWITCH" => self.switch_block(&mut reader),
-            "FOR" => self.for_block(&mut reader),
-            "WHILE" => self.while_block(&mut reader),
-            "REPEAT" => self.repeat_block(&mut reader),
-            "LOOP" => self.loop_block(&mut reader),
-            _ => simple(&mut reader, line, first),
-        }?;
-        if !opens {
-            reader.end()?;
+        if let Some((_, last)) = BLOCKS.iter().find(|(word, _)| *word == first).filter(|_| !is_assignment(&tokens))
+        {
+            if self.depth > BLOCK_DEPTH {
+                let unread = Unread::NotChecked(format!("more than {BLOCK_DEPTH} blocks inside each other"));
+                self.report(line, &tokens, first, unread);
+                self.skip_block(last);
+                return Action::NotRead;
+            }
+            return match first {
+                "IF" => self.if_block(line, &tokens),
+                "SWITCH" => self.switch_block(line, &tokens),
+                "FOR" => self.for_block(line, &tokens),
+                "WHILE" => self.while_block(line, &tokens),
+                "REPEAT" => self.repeat_block(line, &tokens),
+                "LOOP" => self.loop_block(line, &tokens),
+                _ => self.spline_block(line, &tokens),
+            };
         }
-        Ok(Statement { line, action })
+        let mut reader = Reader::new(&tokens);
+        let action = simple(&mut reader, line, first).and_then(|action| reader.end().map(|()| action));
+        action.unwrap_or_else(|unread| {
+            self.report(line, &tokens, first, unread);
+            Action::NotRead
+        })
     }
 
-    fn if_block(&mut self, reader: &mut Reader<'_>) -> Result<Action, String> {
+    /// Leaves out the rest of a block, with all blocks in it.
+    fn skip_block(&mut self, last: &str) {
+        let mut open = 1;
+        while let Some((_, first)) = self.first_word() {
+            if self.closes_a_routine() {
+                return;
+            }
+            open += usize::from(BLOCKS.iter().any(|(word, _)| *word == first));
+            if first == last || BLOCKS.iter().any(|(_, word)| *word == first) {
+                open -= 1;
+            }
+            self.take_line();
+            if open == 0 {
+                return;
+            }
+        }
+    }
+
+    /// The head of a block, reported if it cannot be read: its statements are checked anyway.
+    fn head<T>(
+        &mut self,
+        line: usize,
+        tokens: &[Token],
+        instead: T,
+        read: impl FnOnce(&mut Reader<'_>) -> Read<T>,
+    ) -> T {
+        let mut reader = Reader::new(tokens);
         reader.next();
-        let condition = reader.expression().and_then(|condition| {
+        let found = read(&mut reader).and_then(|found| reader.end().map(|()| found));
+        found.unwrap_or_else(|unread| {
+            let key = tokens.first().map(ToString::to_string).unwrap_or_default();
+            self.report(line, tokens, &key, unread);
+            instead
+        })
+    }
+
+    fn if_block(&mut self, line: usize, tokens: &[Token]) -> Action {
+        let condition = self.head(line, tokens, Expression::NotRead, |reader| {
+            let condition = reader.expression()?;
             reader.word("THEN")?;
-            reader.end().map(|()| condition)
+            Ok(condition)
         });
         let then = self.block(&["ELSE", "ENDIF"]);
         let mut otherwise = Vec::new();
@@ -95,38 +134,31 @@ impl Parser {
             otherwise = self.block(&["ENDIF"]);
         }
         self.next_line_is("ENDIF");
-        Ok(Action::If { condition: condition?, then, otherwise })
+        Action::If { condition, then, otherwise }
     }
 
-    fn switch_block(&mut self, reader: &mut Reader<'_>) -> Result<Action, String> {
+    fn switch_block(&mut self, line: usize, tokens: &[Token]) -> Action {
         const ENDS: [&str; 3] = ["CASE", "DEFAULT", "ENDSWITCH"];
-        reader.next();
-        let on = reader.expression().and_then(|on| reader.end().map(|()| on));
+        let on = self.head(line, tokens, Expression::NotRead, |reader| reader.expression());
         let (mut cases, mut default) = (Vec::new(), None);
-        let mut wrong = None;
         if let Some((line, first)) = self.first_word()
             && !ENDS.contains(&first.as_str())
         {
-            self.problem(line, &first, "behind SWITCH the next line must be CASE".to_owned());
+            self.problem(line, &first, "behind SWITCH the next line must be CASE");
             self.block(&ENDS);
         }
         while let Some((line, first)) = self.first_word() {
             match first.as_str() {
                 "CASE" => {
                     let tokens = self.take_line();
-                    let mut reader = Reader::new(&tokens);
-                    reader.next();
-                    let values = values(&mut reader);
+                    let values = self.head(line, &tokens, Vec::new(), values);
                     let body = self.block(&ENDS);
-                    match values {
-                        Ok(values) => cases.push(Case { line, values, body }),
-                        Err(message) => self.problem(line, "CASE", message),
-                    }
+                    cases.push(Case { line, values, body });
                 }
                 "DEFAULT" => {
-                    self.take_line();
+                    self.next_line_is("DEFAULT");
                     if default.replace(self.block(&ENDS)).is_some() {
-                        wrong = Some((line, "DEFAULT stands twice in one SWITCH"));
+                        self.problem(line, "DEFAULT", "there are two DEFAULT in one SWITCH");
                     }
                 }
                 _ => {
@@ -135,86 +167,113 @@ impl Parser {
                 }
             }
         }
-        if let Some((line, message)) = wrong {
-            self.problem(line, "DEFAULT", message.to_owned());
-        }
-        if cases.is_empty() {
-            return Err("SWITCH has no CASE".to_owned());
-        }
-        Ok(Action::Switch { on: on?, cases, default })
+        Action::Switch { on, cases, default }
     }
 
-    fn for_block(&mut self, reader: &mut Reader<'_>) -> Result<Action, String> {
-        reader.next();
-        let head = for_head(reader);
+    fn for_block(&mut self, line: usize, tokens: &[Token]) -> Action {
+        let head = self.head(line, tokens, None, |reader| for_head(reader).map(Some));
         let body = self.block(&["ENDFOR"]);
         self.next_line_is("ENDFOR");
-        let (variable, from, to, step) = head?;
-        Ok(Action::For { variable, from, to, step, body })
+        match head {
+            Some(ForHead { variable, from, to, step }) => Action::For { variable, from, to, step, body },
+            None => Action::While { condition: Expression::NotRead, body },
+        }
     }
 
-    fn while_block(&mut self, reader: &mut Reader<'_>) -> Result<Action, String> {
-        reader.next();
-        let condition = reader.expression().and_then(|condition| reader.end().map(|()| condition));
+    fn while_block(&mut self, line: usize, tokens: &[Token]) -> Action {
+        let condition = self.head(line, tokens, Expression::NotRead, |reader| reader.expression());
         let body = self.block(&["ENDWHILE"]);
         self.next_line_is("ENDWHILE");
-        Ok(Action::While { condition: condition?, body })
+        Action::While { condition, body }
     }
 
-    fn repeat_block(&mut self, reader: &mut Reader<'_>) -> Result<Action, String> {
-        reader.next();
-        let head = reader.end();
+    fn repeat_block(&mut self, line: usize, tokens: &[Token]) -> Action {
+        self.head(line, tokens, (), |_| Ok(()));
         let body = self.block(&["UNTIL"]);
-        let Some((until_line, _)) = self.first_word() else { return Err("UNTIL is missing".to_owned()) };
+        let Some((until_line, _)) = self.first_word().filter(|(_, first)| first == "UNTIL") else {
+            return Action::Repeat { body, until: Expression::NotRead, until_line: self.last_line() };
+        };
         let tokens = self.take_line();
-        let mut reader = Reader::new(&tokens);
-        reader.word("UNTIL")?;
-        let until = reader.expression()?;
-        reader.end()?;
-        head.map(|()| Action::Repeat { body, until, until_line })
+        let until = self.head(until_line, &tokens, Expression::NotRead, |reader| reader.expression());
+        Action::Repeat { body, until, until_line }
     }
 
-    fn loop_block(&mut self, reader: &mut Reader<'_>) -> Result<Action, String> {
-        reader.next();
-        let head = reader.end();
+    fn loop_block(&mut self, line: usize, tokens: &[Token]) -> Action {
+        self.head(line, tokens, (), |_| Ok(()));
         let body = self.block(&["ENDLOOP"]);
         self.next_line_is("ENDLOOP");
-        head.map(|()| Action::Loop { body })
+        Action::Loop { body }
+    }
+
+    fn spline_block(&mut self, line: usize, tokens: &[Token]) -> Action {
+        let mut with = self.head(line, tokens, Vec::new(), spline_head);
+        let body = self.block(&["ENDSPLINE"]);
+        if let Some((line, _)) = self.first_word().filter(|(_, first)| first == "ENDSPLINE") {
+            let tokens = self.take_line();
+            with.extend(self.head(line, &tokens, Vec::new(), spline_head));
+        }
+        Action::Spline { with, body }
     }
 }
 
-fn values(reader: &mut Reader<'_>) -> Result<Vec<Expression>, String> {
+/// `NAME:` alone on its line.
+fn is_label(tokens: &[Token]) -> bool {
+    matches!(tokens, [Token::Name(_), Token::Sign(":")])
+}
+
+/// `NAME=`, `NAME[`, `NAME.`
+fn is_assignment(tokens: &[Token]) -> bool {
+    matches!(tokens, [Token::Name(_), Token::Sign("=" | "[" | "."), ..])
+}
+
+fn values(reader: &mut Reader<'_>) -> Read<Vec<Expression>> {
     let mut values = vec![reader.expression()?];
     while reader.takes_sign(",") {
         values.push(reader.expression()?);
     }
-    reader.end().map(|()| values)
+    Ok(values)
 }
 
-type ForHead = (super::syntax::VariableRef, Expression, Expression, Option<Expression>);
+struct ForHead {
+    variable: VariableRef,
+    from: Expression,
+    to: Expression,
+    step: Option<Expression>,
+}
 
-fn for_head(reader: &mut Reader<'_>) -> Result<ForHead, String> {
+fn for_head(reader: &mut Reader<'_>) -> Read<ForHead> {
     let variable = reader.place()?;
     reader.sign("=")?;
     let from = reader.expression()?;
     reader.word("TO")?;
     let to = reader.expression()?;
     let step = if reader.takes_word("STEP") { Some(reader.expression()?) } else { None };
-    reader.end()?;
-    Ok((variable, from, to, step))
+    Ok(ForHead { variable, from, to, step })
 }
 
-fn simple(reader: &mut Reader<'_>, line: usize, first: &str) -> Result<Action, String> {
-    let is_assignment = matches!(reader.peek_behind(1), Some(Token::Sign("=" | "[" | ".")));
-    if is_assignment {
-        let to = reader.place()?;
-        reader.sign("=")?;
-        return Ok(Action::Assign { to, value: reader.expression()? });
+fn simple(reader: &mut Reader<'_>, line: usize, first: &str) -> Read<Action> {
+    match reader.peek_behind(1) {
+        Some(Token::Sign("=" | "[" | ".")) => {
+            let to = reader.place()?;
+            reader.sign("=")?;
+            return Ok(Action::Assign { to, value: reader.expression()? });
+        }
+        Some(Token::Sign("(")) if !matches!(first, "RETURN" | "CONFIRM") => {
+            return Ok(Action::Call(reader.call()?));
+        }
+        Some(Token::Sign(":")) if reader.peek_behind(2).is_none() => {
+            let name = reader.name()?;
+            reader.next();
+            return Ok(Action::Label(name));
+        }
+        Some(Token::Sign(":")) if matches!(reader.peek_behind(2), Some(Token::Sign("="))) => {
+            return Err("KRL assigns with '=', not with ':='".into());
+        }
+        _ => {}
     }
-    if matches!(reader.peek_behind(1), Some(Token::Sign("("))) && !matches!(first, "RETURN") {
-        return Ok(Action::Call(reader.call()?));
-    }
-    reader.next();
+    let Some(Token::Name(_)) = reader.next() else {
+        return Err(format!("a statement cannot begin with '{first}'").into());
+    };
     match first {
         "RETURN" => Ok(Action::Return(if reader.peek().is_some() { Some(reader.expression()?) } else { None })),
         "EXIT" => Ok(Action::Exit),
@@ -223,94 +282,43 @@ fn simple(reader: &mut Reader<'_>, line: usize, first: &str) -> Result<Action, S
         "CONTINUE" => Ok(Action::Continue),
         "RESUME" => Ok(Action::Resume),
         "BRAKE" => Ok(Action::Brake { fast: reader.takes_word("F") }),
+        "GOTO" => Ok(Action::Goto(reader.name()?)),
+        "CONFIRM" => Ok(Action::Checked { word: "CONFIRM", values: vec![(reader.expression()?, "INT")] }),
         "GLOBAL" => {
             reader.word("INTERRUPT")?;
             interrupt(reader, true)
         }
         "INTERRUPT" => interrupt(reader, false),
         "TRIGGER" => trigger(reader, line),
-        "PTP" => motion(reader, Motion::Ptp),
-        "LIN" => motion(reader, Motion::Lin),
         "WAIT" if reader.takes_word("SEC") => Ok(Action::WaitSeconds(reader.expression()?)),
         "WAIT" if reader.takes_word("FOR") => Ok(Action::WaitFor(reader.expression()?)),
-        "WAIT" => Err(format!("SEC or FOR is expected behind WAIT instead of {}", reader.found())),
-        "ELSE" | "ENDIF" | "CASE" | "DEFAULT" | "ENDSWITCH" | "ENDFOR" | "ENDWHILE" | "UNTIL" | "ENDLOOP" => {
-            Err("no block is open that this line could belong to".to_owned())
+        "WAIT" => Err(format!("SEC or FOR is expected behind WAIT instead of {}", reader.found()).into()),
+        "CASE" | "DEFAULT" => Err("no SWITCH is open that this line could belong to".into()),
+        "DECL" | "INT" | "REAL" | "BOOL" | "CHAR" | "STRUC" | "ENUM" | "EXT" | "EXTFCT" | "SIGNAL" => {
+            Err("a declaration is behind a statement; all declarations come first".into())
         }
-        "DECL" | "INT" | "REAL" | "BOOL" | "CHAR" | "STRUC" | "ENUM" | "EXT" | "EXTFCT" => {
-            Err("a declaration stands behind a statement; all declarations come first".to_owned())
-        }
-        _ if OUTSIDE.contains(&first) => Err(format!(
-            "{first} is KRL, but it is outside of what this program reads; write it with the statements of the \
-             shipped files, or keep it out of the files that are checked"
-        )),
-        _ => {
-            Err("this is no statement: neither an assignment, nor a call with brackets, nor a known word"
-                .to_owned())
-        }
+        _ => other(reader, first),
     }
 }
 
-fn interrupt(reader: &mut Reader<'_>, global: bool) -> Result<Action, String> {
-    if reader.takes_word("DECL") {
-        let number = reader.expression()?;
-        reader.word("WHEN")?;
-        let condition = reader.expression()?;
-        reader.word("DO")?;
-        return Ok(Action::InterruptDeclaration { global, number, condition, call: reader.call()? });
+/// A motion, a part of a spline, or no statement of KRL.
+fn other(reader: &mut Reader<'_>, first: &str) -> Read<Action> {
+    if let Some(found) = motion(reader, first).or_else(|| spline_part(reader, first)) {
+        return found;
     }
-    if global {
-        return Err(format!("DECL is expected behind GLOBAL INTERRUPT instead of {}", reader.found()));
+    if first == "ELSE" || BLOCKS.iter().any(|(_, last)| *last == first) {
+        return Err("no block is open that this line could belong to".into());
     }
-    let on = if reader.takes_word("ON") {
-        true
-    } else if reader.takes_word("OFF") {
-        false
-    } else {
-        return Err(format!("DECL, ON or OFF is expected behind INTERRUPT instead of {}", reader.found()));
+    if let Some((_, instead)) = OF_OTHER_LANGUAGES.iter().find(|(word, _)| *word == first) {
+        return Err((*instead).into());
+    }
+    let message = match reader.peek() {
+        _ if NOT_READ.contains(&first) => format!("{first} is a statement of KRL that is not read here"),
+        None => {
+            return Err(format!("this is no statement of KRL; a call has brackets: {first}( )").into());
+        }
+        Some(_) => format!("{first} begins no statement that is known here"),
     };
-    let number = if reader.peek().is_some() { Some(reader.expression()?) } else { None };
-    Ok(Action::InterruptSwitch { on, number })
-}
-
-/// `TRIGGER WHEN DISTANCE=1 DELAY=0 DO NAME( ) PRIO=-1`, or with an assignment behind DO.
-fn trigger(reader: &mut Reader<'_>, line: usize) -> Result<Action, String> {
-    reader.word("WHEN")?;
-    reader.word("DISTANCE")?;
-    reader.sign("=")?;
-    let distance = reader.expression()?;
-    reader.word("DELAY")?;
-    reader.sign("=")?;
-    let delay = reader.expression()?;
-    reader.word("DO")?;
-    let action = if matches!(reader.peek_behind(1), Some(Token::Sign("("))) {
-        Action::Call(Call { ..reader.call()? })
-    } else {
-        let to = reader.place()?;
-        reader.sign("=")?;
-        Action::Assign { to, value: reader.expression()? }
-    };
-    let mut priority = None;
-    if reader.takes_word("PRIO") {
-        reader.sign("=")?;
-        priority = Some(reader.expression()?);
-    } else if matches!(action, Action::Call(_)) {
-        return Err("a TRIGGER that calls a routine needs PRIO".to_owned());
-    }
-    Ok(Action::Trigger { distance, delay, action: Box::new(Statement { line, action }), priority })
-}
-
-fn motion(reader: &mut Reader<'_>, motion: Motion) -> Result<Action, String> {
-    let target = reader.expression()?;
-    let approximations = [
-        ("C_PTP", Approximation::Ptp),
-        ("C_DIS", Approximation::Distance),
-        ("C_VEL", Approximation::Velocity),
-        ("C_ORI", Approximation::Orientation),
-    ];
-    let approximates = approximations.iter().find(|(word, _)| reader.takes_word(word)).map(|(_, how)| *how);
-    if motion == Motion::Lin && approximates == Some(Approximation::Ptp) {
-        return Err("LIN is approximated with C_DIS, C_VEL or C_ORI; C_PTP belongs to PTP".to_owned());
-    }
-    Ok(Action::Motion { motion, target, approximates })
+    reader.skip_line();
+    Err(Unread::NotChecked(message))
 }

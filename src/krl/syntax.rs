@@ -1,10 +1,18 @@
 //! What a KRL file says, as a tree. All names are in upper case; every part keeps its line, from 1.
 
+use crate::config::Problem;
+
 /// A file that was read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct File {
     /// As the user wrote its name.
     pub name: String,
+    /// What a controller refuses in its text, in the order of the lines.
+    pub problems: Vec<Problem>,
+    /// What was not read, in the order of the lines.
+    pub warnings: Vec<Problem>,
+    /// It is written for EthernetKRL 6 (iiQKA.OS2).
+    pub(super) of_ethernet_krl_6: bool,
     /// The name without folder and ending, in upper case.
     pub(super) module: String,
     /// The DEF and DEFFCT of a `.src` or `.sub`.
@@ -27,19 +35,26 @@ impl File {
                 hidden.len()
             );
         };
-        let (mut constants, mut variables) = (0, 0);
+        let (mut constants, mut variables, mut signals) = (0, 0, 0);
         for declaration in &data.declarations {
-            if let Declared::Variables { constant, items, .. } = &declaration.kind {
-                *(if *constant { &mut constants } else { &mut variables }) += items.len();
+            match &declaration.kind {
+                Declared::Variables { constant: true, items, .. } => constants += items.len(),
+                Declared::Variables { items, .. } => variables += items.len(),
+                Declared::Signal { .. } => signals += 1,
+                _ => {}
             }
         }
-        format!("a data list: {constants} constants, {variables} variables")
+        let signals = if signals > 0 { format!(", {signals} signals") } else { String::new() };
+        format!("a data list: {constants} constants, {variables} variables{signals}")
     }
 }
 
 /// DEFDAT … ENDDAT.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Data {
+    pub(super) line: usize,
+    /// As DEFDAT has it; a controller wants the file's name.
+    pub(super) name: String,
     pub(super) public: bool,
     pub(super) declarations: Vec<Declaration>,
     /// `NAME[1]=17` below the declarations.
@@ -53,17 +68,24 @@ pub(super) struct Routine {
     pub(super) line: usize,
     pub(super) end_line: usize,
     pub(super) global: bool,
-    /// The type's name, for DEFFCT.
-    pub(super) returns: Option<String>,
+    /// For DEFFCT.
+    pub(super) returns: Option<Returned>,
     pub(super) parameters: Vec<Parameter>,
     pub(super) declarations: Vec<Declaration>,
     pub(super) body: Vec<Statement>,
 }
 
+/// What a DEFFCT gives back: a type, or an array of CHAR.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Returned {
+    pub(super) type_name: String,
+    pub(super) dimensions: Vec<Option<Expression>>,
+}
+
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Parameter {
     pub(super) name: String,
-    /// `:IN`, by value; else by reference, which is also what KRL takes where nothing is said.
+    /// `:IN`, by value; else by reference, which is also what KRL takes if nothing is said.
     pub(super) by_value: bool,
 }
 
@@ -90,7 +112,18 @@ pub(super) enum Declared {
         name: String,
         words: Vec<String>,
     },
-    /// EXT and EXTFCT: a routine that is defined elsewhere.
+    /// A name for an input or output, or for several up to `to`; `None` for `SIGNAL NAME FALSE`.
+    Signal {
+        name: String,
+        from: Option<VariableRef>,
+        to: Option<VariableRef>,
+    },
+    /// `IMPORT INT NAME IS /R1/OTHER..NAME`: a variable of another data list.
+    Import {
+        type_name: String,
+        name: String,
+    },
+    /// EXT and EXTFCT, a routine that is defined elsewhere, and CHANNEL.
     Foreign,
 }
 
@@ -112,7 +145,8 @@ pub(super) struct Statement {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Call {
     pub(super) name: String,
-    pub(super) arguments: Vec<Expression>,
+    /// `None` for an argument that is left out: `F(1, ,3)`.
+    pub(super) arguments: Vec<Option<Expression>>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -153,14 +187,19 @@ pub(super) enum Action {
     },
     Exit,
     Return(Option<Expression>),
+    /// `NAME:`
+    Label(String),
+    Goto(String),
     InterruptDeclaration {
         global: bool,
+        /// The arm is braked before the routine is called.
+        with_brake: bool,
         number: Expression,
         condition: Expression,
         call: Call,
     },
     InterruptSwitch {
-        on: bool,
+        how: InterruptSwitch,
         number: Option<Expression>,
     },
     Brake {
@@ -171,18 +210,27 @@ pub(super) enum Action {
     /// CONTINUE: the next line does not stop the advance run.
     Continue,
     Trigger {
-        distance: Expression,
-        delay: Expression,
+        at: TriggerPlace,
+        delay: Option<Expression>,
         action: Box<Statement>,
         priority: Option<Expression>,
     },
-    Motion {
-        motion: Motion,
-        target: Expression,
-        approximates: Option<Approximation>,
+    Motion(Box<MotionStatement>),
+    /// SPLINE or PTP_SPLINE … ENDSPLINE.
+    Spline {
+        with: Vec<(VariableRef, Expression)>,
+        body: Vec<Statement>,
     },
     WaitSeconds(Expression),
     WaitFor(Expression),
+    /// A statement whose expressions are checked and that is never executed: its first word, and its values with the
+    /// types that they must have.
+    Checked {
+        word: &'static str,
+        values: Vec<(Expression, &'static str)>,
+    },
+    /// What was not read; it was reported.
+    NotRead,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -192,7 +240,62 @@ pub(super) struct Case {
     pub(super) body: Vec<Statement>,
 }
 
-/// A motion statement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum InterruptSwitch {
+    On,
+    Off,
+    Enable,
+    Disable,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum TriggerPlace {
+    /// `DISTANCE=0` or `DISTANCE=1`: a motion's start or end.
+    Distance(Expression),
+    /// `PATH=-10`, mm from a motion's start or end.
+    Path(Expression),
+}
+
+/// A motion as it is written.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct MotionStatement {
+    /// Its first word.
+    pub(super) word: &'static str,
+    pub(super) path: PathKind,
+    /// The point that a circle passes.
+    pub(super) auxiliary: Option<Expression>,
+    pub(super) target: Expression,
+    /// `CA`, of a circle.
+    pub(super) angle: Option<Expression>,
+    pub(super) approximates: Vec<Approximation>,
+    /// `WITH $VEL.CP=0.2`, of a spline motion.
+    pub(super) with: Vec<(VariableRef, Expression)>,
+}
+
+impl MotionStatement {
+    /// How it is executed; `None` if it is only checked.
+    pub(super) fn executed(&self) -> Option<Motion> {
+        let motion = match self.word {
+            "PTP" => Motion::Ptp,
+            "LIN" => Motion::Lin,
+            _ => return None,
+        };
+        (self.approximates.len() < 2).then_some(motion)
+    }
+}
+
+/// The path of a motion, whether it is absolute, relative or of a spline.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum PathKind {
+    /// Axes together; the target may be axes or a pose.
+    Joint,
+    Line,
+    Circle,
+    /// SPL.
+    Curve,
+}
+
+/// A motion that is executed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Motion {
     /// Axes together.
@@ -212,6 +315,8 @@ pub enum Approximation {
     Velocity,
     /// C_ORI.
     Orientation,
+    /// C_SPL.
+    Spline,
 }
 
 /// A variable and the way to a part of it.
@@ -224,9 +329,8 @@ pub(super) struct VariableRef {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Step {
     Component(String),
-    Index(Vec<Expression>),
-    /// `[]`: the whole array.
-    Whole,
+    /// `[1,2]`; an index is left out in `[]`, `[,]` and `[3,]`: the array as a whole, or a row of it.
+    Index(Vec<Option<Expression>>),
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -238,9 +342,16 @@ pub(super) enum Expression {
     Word(String),
     Variable(VariableRef),
     Call(Call),
-    Aggregate { type_name: Option<String>, parts: Vec<(VariableRef, Expression)> },
+    Aggregate {
+        type_name: Option<String>,
+        parts: Vec<(VariableRef, Expression)>,
+    },
     Unary(Unary, Box<Expression>),
     Binary(Binary, Box<Expression>, Box<Expression>),
+    /// `:SER_1`, a channel of COPEN.
+    Channel,
+    /// What was not read; it was reported.
+    NotRead,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -287,4 +398,22 @@ pub enum Binary {
     Greater,
     /// `>=`
     AtLeast,
+}
+
+impl Action {
+    /// The blocks of statements inside.
+    pub(super) fn blocks(&self) -> Vec<&[Statement]> {
+        match self {
+            Action::If { then, otherwise, .. } => vec![then, otherwise],
+            Action::Switch { cases, default, .. } => {
+                cases.iter().map(|case| case.body.as_slice()).chain(default.as_deref()).collect()
+            }
+            Action::For { body, .. }
+            | Action::While { body, .. }
+            | Action::Repeat { body, .. }
+            | Action::Loop { body }
+            | Action::Spline { body, .. } => vec![body],
+            _ => Vec::new(),
+        }
+    }
 }

@@ -1,9 +1,10 @@
-//! The controller's own variables and routines, as far as programs of a cell use them.
+//! The controller's own variables, as far as programs of a cell use them.
 //!
 //! What a variable does to the advance run, who may write it, and in which versions of KSS it exists, follows KUKA's
-//! public manuals; where they are silent it is said beside the entry.
+//! public manuals; where they are silent it is said beside the entry. Sources of the others: README.md beside this file.
 
-use super::types::{Type, Types};
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
 
 /// A version of KUKA System Software, as `8.6`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -72,7 +73,7 @@ pub const SYSTEM_VARIABLES: [SystemVariable; 77] = [
     variable("$ADVANCE", "INT", 0, "w-", 0),
     variable("$ALARM_STOP", "BOOL", 0, "rs", 0),
     variable("$ALARM_STOP_INTERN", "BOOL", 0, "rs", 3),
-    variable("$APO", "APO", 0, "w-", 0),
+    variable("$APO", "CONT", 0, "w-", 0),
     variable("$AUT", "BOOL", 0, "rs", 0),
     variable("$AXIS_ACT", "E6AXIS", 0, "rs", 0),
     variable("$AXIS_ACT_MEAS", "E6AXIS", 0, "rs", 0),
@@ -93,7 +94,7 @@ pub const SYSTEM_VARIABLES: [SystemVariable; 77] = [
     variable("$ERR", "ERROR_T", 0, "w-", 2),
     variable("$EXT", "BOOL", 0, "rs", 0),
     variable("$FLAG", "BOOL", 1024, "w-", 0),
-    variable("$IN", "BOOL", 4096, "rs", 0),
+    variable("$IN", "BOOL", 8192, "rs", 0),
     variable("$IN_HOME", "BOOL", 0, "rs", 0),
     variable("$IPO_MODE", "IPO_MODE", 0, "w-", 0),
     variable("$LOAD", "LOAD", 0, "w-", 0),
@@ -103,8 +104,8 @@ pub const SYSTEM_VARIABLES: [SystemVariable; 77] = [
     variable("$NULLFRAME", "FRAME", 0, "r-", 0),
     variable("$ON_PATH", "BOOL", 0, "rs", 0),
     variable("$ORI_TYPE", "ORI_TYPE", 0, "w-", 0),
-    variable("$OUT", "BOOL", 4096, "ws", 0),
-    variable("$OUT_C", "BOOL", 4096, "w-", 0),
+    variable("$OUT", "BOOL", 8192, "ws", 0),
+    variable("$OUT_C", "BOOL", 8192, "w-", 0),
     variable("$OV_PRO", "INT", 0, "w-", 0),
     variable("$PERI_RDY", "BOOL", 0, "rs", 0),
     variable("$POS_ACT", "E6POS", 0, "rs", 0),
@@ -150,101 +151,80 @@ pub(super) fn find(name: &str) -> Option<usize> {
     SYSTEM_VARIABLES.iter().position(|variable| variable.name == name)
 }
 
-/// A routine of the controller, told apart by its place in the list of routines.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[allow(missing_docs)] // each is the routine of its name
-pub enum Builtin {
-    Abs,
-    Sqrt,
-    Sin,
-    Cos,
-    Tan,
-    Acos,
-    Atan2,
-    InvPos,
-    Bas,
-    IrStopm,
-    Cwrite,
-    Varstate,
-    OnErrorProceed,
-    ErrClear,
-    EkiInit,
-    EkiOpen,
-    EkiClose,
-    EkiClear,
-    EkiCheckBuffer,
-    EkiClearBuffer,
-    EkiLock,
-    EkiUnlock,
-    EkiGetBool,
-    EkiGetInt,
-    EkiGetReal,
-    EkiGetFrame,
-    EkiSetBool,
-    EkiSetInt,
-    EkiSetReal,
-    EkiSetFrame,
-    EkiSend,
-    EkiCheck,
+/// A variable that is known by its type and never executed: the controller's own, or one that every `$config.dat` declares.
+#[derive(Debug, Clone)]
+pub(super) struct Named {
+    pub(super) type_name: &'static str,
+    /// How many there are; their sizes differ between controllers.
+    pub(super) dimensions: usize,
 }
 
-/// How an argument of the controller's own routines is handed over.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Wants {
-    /// A value of this type.
-    Value(&'static str),
-    /// A variable of this type, whatever it holds.
-    Variable(&'static str),
-    /// A variable of this type that must hold a value before: EthernetKRL stops the program else.
-    Filled(&'static str),
+/// The variable of this name.
+pub(super) fn named(name: &str) -> Option<&'static Named> {
+    static NAMED: LazyLock<BTreeMap<&'static str, Named>> = LazyLock::new(|| {
+        let mut all = BTreeMap::new();
+        for line in NAMES.lines() {
+            let mut words = line.split(' ');
+            let type_name = words.next().unwrap_or_default();
+            for word in words.filter(|word| !word.is_empty()) {
+                let (name, sizes) = word.split_once('[').map_or((word, None), |(name, sizes)| (name, Some(sizes)));
+                let dimensions = sizes.map_or(0, |sizes| 1 + sizes.matches(',').count());
+                all.insert(name, Named { type_name, dimensions });
+            }
+        }
+        all
+    });
+    NAMED.get(name)
 }
 
-/// Name, routine, arguments, type of its value; empty where it has none.
-pub(super) type Row = (&'static str, Builtin, &'static [Wants], &'static str);
+/// A type, and the variables of it; `ANY` for a type that is left open. First the system variables, then those of
+/// `$config.dat`.
+const NAMES: &str = "\
+BOOL $AUX_POWER $BRAKETEST_MONTIME $BRAKETEST_REQ_EX $BRAKETEST_REQ_INT $BRAKETEST_WARN $BWDSTART $CHCK_MOVENA $COLLMON_ACTIVE_COM $COLLMON_ACTIVE_PRO $COLL_ALARM $COLL_ENABLE \
+$CONF_MESS $CONSENT $DATA_INTEGRITY $DRIVES_ENABLE $EXCLU $EXT_START $IMM_STOP $IMPROVED_COLLMON $IN_HOME1 $IN_HOME2 $IN_HOME3 $IN_HOME4 $IN_HOME5 $IOSIM_OPT $IS_OFFICE_LITE $I_O_ACT $I_O_ACTCONF $KCP_CONNECT \
+$LINE_SEL_OK $LOOP_CONT $MASTERINGTEST_ACTIVE $MASTERINGTEST_REQ_EXT $MASTERINGTEST_REQ_INT $MASTERINGTEST_SWITCH_OK $MODE_AUTO $MODE_TEST $MOT_STOP $MOVE_BCO $NEAR_POSRET $OUT_NODRIVE $PAL_MODE $POWER_FAIL \
+$PRO_START $SAFEGATE_OP $SAFETY_DRIVES_ENABLED $SHUTDOWN $SIMULATE $SS_MODE $TCP_IPO $TURN $US2_VOLTAGE_ON $WAIT_FOR_ON $WAIT_FOR_ON1 $WORKSTATE1 $WORKSTATE2 $WORKSTATE3 $WORKSTATE4 $WORKSTATE5 $WORKSTATE6 $WORKSTATE7 $WORKSTATE8 \
+$DEF_A4FIX $DEF_A5LINK $ZERO_MOVE $ZUST_ASYNC
+INT $ACT_EX_AX $ACT_GROUP $ASYNC_AXIS $ASYNC_EX_AX_DECOUPLE $BRAKE_SIG $COLLMON_IDX $COLLMON_MAX[] $COLLMON_TOL_ACT[] $COLLMON_TOL_COM[] $COLLMON_TOL_PRO[] $COLLMON_TOL_PRO_C[] $COLLMON_TOL_PRO_DEF[] \
+$COUNT_I[] $DEF_FLT_CP $DEF_FLT_PTP $EX_AX_ASYNC $EX_AX_IGNORE $EX_AX_NUM $FILTER $INPOSITION $INTERPRETER $JUS_TOOL_NO $KR_SERIALNO $MASTERINGTEST_GROUP $MOT_TEMP[] $NUM_AX $NUM_IN $NUM_OUT $OV_ACT $OV_AJOG[] $OV_JOG \
+$OV_ROB $ROBRUNTIME $SEN_PINT[] $SEN_PINT_C[] $SET_IO_SIZE $STOPMB_ID $TECH_MAX $TORQMON[] $TORQMON_COM[] $TORQMON_COM_DEF[] $TORQMON_DEF[] $TORQ_DIFF[] $TORQ_DIFF2[] $USER_LEVEL
+REAL $ACT_POWER $ANIN[] $ANOUT[] $CAL_DIFF $CONST_VEL $CONST_VEL_C $CURR_ACT[] $DEF_LA3_M $DEF_L_M $DIST_NEXT $FOL_ERROR[] $GEAR_JERK[] $JOINT_OFFSET[] $LENGTH_A $LENGTH_B $MAMES[] $MAMES_ACT[] \
+$RAISE_TIME[] $RED_JUS_UEB $SEN_PREA[] $SEN_PREA_C[] $SOFTN_END[] $SOFTP_END[] $TORQUE_AXIS_ACT[] $VEL_ACT $VEL_AXIS_ACT[] $VEL_AXIS_MA[]
+CHAR $DATAPATH[] $IPO_WAIT_FOR[] $JKMODE[] $LANGUAGE[] $LK_MASTER[] $LK_SLAVES[] $LOOP_MSG[] $MODEL_NAME[] $PRO_I_O[] $PRO_NAME[] $PRO_NAME1[] $RCV_INFO[] $ROBNAME[] $ROBTRAFO[] $TRACE_FOLDER[] \
+$TRAFONAME[] $V_R1MADA[] $V_STEUMADA[] $WAIT_FOR[] $WAIT_FOR1[]
+FRAME $DEF_LA3_CM $DEF_L_CM $ERSYSROOT $ROBROOT_C $TFLWP $TIRORO
+E6AXIS $AXIS_HOME[] $H_AXIS_TOL[] $H_POS $H_POS_TOL
+LOAD $LOAD_A1 $LOAD_A2 $LOAD_A3
+INERTIA $DEF_LA3_J $DEF_L_J
+CIRC_TYPE $CIRC_TYPE
+CP $ACC_OV
+JERK_STRUC $JERK $JERK_MA
+DATE $DATE_HOST
+ANY $ADAP_ACC $ASYNC_STATE $AXWORKSPACE $CIRC_MODE $COOP_KRC $COSYS $DEVICE $ECO_LEVEL $IOBUS_INFO $KINCLASS $MAIN_AXIS $MOTION_MODE $MOVE_STATE $MSG_T $PRO_IP $PRO_IP1 $PRO_MODE $PROG_INFO $RINT_LIST $SINT_LIST $SPL_TECH \
+$SPL_TECH_C $SPL_VEL_MODE $TECH $TECHPAR $TOOL_DIRECTION $TRACE $WAIT_STATE $WORKSPACE $WRIST_AXIS
+E6AXIS XHOME XHOME1 XHOME2 XHOME3 XHOME4 XHOME5
+FRAME TOOL_DATA[] BASE_DATA[] TOOL_CORR BASE_CORR M_BASE_CORR
+LOAD LOAD_DATA[] LOAD_A1_DATA LOAD_A2_DATA LOAD_A3_DATA
+CHAR TOOL_NAME[,] BASE_NAME[,]
+FDAT FHOME FDAT_ACT
+PDAT PDEFAULT PDAT_ACT
+LDAT LDEFAULT LDAT_ACT
+BOOL BASE_CORR_ON CHECK_HOME M_BAS_COR_ON STOPM_FLAG TOOL_CORR_ON TOOL_CORR_W_ON
+INT APPL_RUN COMPL_GROUP DEF_ACC_PTP DEF_ADVANCE DEF_APO_CPTP DEF_APO_CVEL DEF_GROUP[] DEF_VEL_PTP ERR_TO_PLC MAX_BASE MAX_TOOL PGNO PGNO_ERROR PGNO_FBIT PGNO_FBIT_REFL PGNO_LENGTH PGNO_PARITY PGNO_REQ PGNO_TYPE PGNO_VALID POWER REFLECT_PROG_NR
+REAL DEF_ACC_CP DEF_ACC_ORI1 DEF_ACC_ORI2 DEF_APO_CDIS DEF_APO_CORI DEF_VEL_CP DEF_VEL_FACT DEF_VEL_ORI1 DEF_VEL_ORI2 REDACCEXAX[] REDVELEXAX[]
+ANY MACHINE_DEF MACHINE_FRAME_DAT MACHINE_TOOL_DAT ODAT_ACT";
 
-const TEXT: Wants = Wants::Value("TEXT");
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// The controller's own routines.
-#[rustfmt::skip] // a row for each routine
-pub(super) const BUILTINS: [Row; 32] = [
-    ("ABS", Builtin::Abs, &[Wants::Value("NUMBER")], "REAL"),
-    ("SQRT", Builtin::Sqrt, &[Wants::Value("REAL")], "REAL"),
-    ("SIN", Builtin::Sin, &[Wants::Value("REAL")], "REAL"),
-    ("COS", Builtin::Cos, &[Wants::Value("REAL")], "REAL"),
-    ("TAN", Builtin::Tan, &[Wants::Value("REAL")], "REAL"),
-    ("ACOS", Builtin::Acos, &[Wants::Value("REAL")], "REAL"),
-    ("ATAN2", Builtin::Atan2, &[Wants::Value("REAL"), Wants::Value("REAL")], "REAL"),
-    ("INV_POS", Builtin::InvPos, &[Wants::Value("FRAME")], "FRAME"),
-    ("BAS", Builtin::Bas, &[Wants::Value("BAS_COMMAND"), Wants::Value("REAL")], ""),
-    ("IR_STOPM", Builtin::IrStopm, &[], ""),
-    ("CWRITE", Builtin::Cwrite, &[Wants::Value("INT"), Wants::Variable("STATE_T"), Wants::Filled("MODUS_T"), TEXT], ""),
-    ("VARSTATE", Builtin::Varstate, &[TEXT], "VAR_STATE"),
-    ("ON_ERROR_PROCEED", Builtin::OnErrorProceed, &[], ""),
-    ("ERR_CLEAR", Builtin::ErrClear, &[Wants::Variable("ERROR_T")], ""),
-    ("EKI_INIT", Builtin::EkiInit, &[TEXT], "EKI_STATUS"),
-    ("EKI_OPEN", Builtin::EkiOpen, &[TEXT], "EKI_STATUS"),
-    ("EKI_CLOSE", Builtin::EkiClose, &[TEXT], "EKI_STATUS"),
-    ("EKI_CLEAR", Builtin::EkiClear, &[TEXT], "EKI_STATUS"),
-    ("EKI_CHECKBUFFER", Builtin::EkiCheckBuffer, &[TEXT, TEXT], "EKI_STATUS"),
-    ("EKI_CLEARBUFFER", Builtin::EkiClearBuffer, &[TEXT, TEXT], "EKI_STATUS"),
-    ("EKI_LOCK", Builtin::EkiLock, &[TEXT], "EKI_STATUS"),
-    ("EKI_UNLOCK", Builtin::EkiUnlock, &[TEXT], "EKI_STATUS"),
-    ("EKI_GETBOOL", Builtin::EkiGetBool, &[TEXT, TEXT, Wants::Filled("BOOL")], "EKI_STATUS"),
-    ("EKI_GETINT", Builtin::EkiGetInt, &[TEXT, TEXT, Wants::Filled("INT")], "EKI_STATUS"),
-    ("EKI_GETREAL", Builtin::EkiGetReal, &[TEXT, TEXT, Wants::Filled("REAL")], "EKI_STATUS"),
-    ("EKI_GETFRAME", Builtin::EkiGetFrame, &[TEXT, TEXT, Wants::Filled("FRAME")], "EKI_STATUS"),
-    ("EKI_SETBOOL", Builtin::EkiSetBool, &[TEXT, TEXT, Wants::Value("BOOL")], "EKI_STATUS"),
-    ("EKI_SETINT", Builtin::EkiSetInt, &[TEXT, TEXT, Wants::Value("INT")], "EKI_STATUS"),
-    ("EKI_SETREAL", Builtin::EkiSetReal, &[TEXT, TEXT, Wants::Value("REAL")], "EKI_STATUS"),
-    ("EKI_SETFRAME", Builtin::EkiSetFrame, &[TEXT, TEXT, Wants::Value("FRAME")], "EKI_STATUS"),
-    ("EKI_SEND", Builtin::EkiSend, &[TEXT, TEXT], "EKI_STATUS"),
-    ("EKI_CHECK", Builtin::EkiCheck, &[Wants::Value("EKI_STATUS"), Wants::Value("EKI_MODE")], ""),
-];
-
-/// The type of a wanted argument; `None` for what is not one type, NUMBER and TEXT.
-pub(super) fn wanted_type(types: &Types, name: &str) -> Option<Type> {
-    match name {
-        "TEXT" => Some(Type::Text),
-        _ => types.find(name),
+    #[test]
+    fn a_variable_is_known_by_its_type_and_its_size() {
+        let of = |name: &str| named(name).map(|named| (named.type_name, named.dimensions));
+        assert_eq!(of("$POWER_FAIL"), Some(("BOOL", 0)));
+        assert_eq!(of("$ANIN"), Some(("REAL", 1)));
+        assert_eq!(of("TOOL_NAME"), Some(("CHAR", 2)));
+        assert_eq!(of("$NOWHERE"), None);
+        assert!(SYSTEM_VARIABLES.iter().all(|variable| named(variable.name).is_none()), "one place for each");
     }
 }

@@ -1,21 +1,28 @@
 //! What is read, and what is told: the shipped files, and one planted fault for each rule.
 
 use super::{Kss, analyse, parse};
+use crate::config::Problem;
 
 const HIGHEST: Kss = Kss { major: 8, minor: 7 };
-const DATA: &str = "DEFDAT CELL_DATA PUBLIC\nSTRUC POINT INT ID,N,REAL R,FRAME P\nENUM COLOUR RED,GREEN\n\
+const DATA: &str = "DEFDAT CELL_DATA PUBLIC\nGLOBAL STRUC POINT INT ID,N,REAL R,FRAME P\nGLOBAL ENUM COLOUR RED,GREEN\n\
     DECL GLOBAL CONST INT TEN=10\nDECL GLOBAL INT COUNT=0\nDECL GLOBAL INT LIST[10]\nLIST[10]=3\n\
     DECL GLOBAL POINT PLACES[2]\nDECL GLOBAL COLOUR SHADE=#RED\nDECL GLOBAL CHAR WORDS[8]\n\
     WORDS[]=\"abc\"\nENDDAT\n";
 
-/// Everything that is told of a program beside [`DATA`], `line: key: message`.
+/// Everything that is reported of a program beside [`DATA`], `line: key: message`.
 fn told(program: &str) -> Vec<String> {
-    let read = [("cell_data.dat", DATA), ("a.src", program)].map(|(name, text)| parse(name, text));
-    let mut all: Vec<_> = read.iter().flat_map(|(_, problems)| problems.clone()).collect();
-    let files = read.map(|(file, _)| file);
+    let [problems, warnings, _] = reported(program);
+    [problems, warnings].concat()
+}
+
+/// Problems, warnings, and what is not executed.
+fn reported(program: &str) -> [Vec<String>; 3] {
+    let files = [("cell_data.dat", DATA), ("a.src", program)].map(|(name, text)| parse(name, text));
     let analysis = analyse(&files, HIGHEST);
-    all.extend(analysis.problems.into_iter().chain(analysis.warnings).flatten());
-    all.iter().map(|problem| format!("{}: {}: {}", problem.line, problem.key, problem.message)).collect()
+    [analysis.problems, analysis.warnings, analysis.unexecuted].map(|found| {
+        let line = |problem: &Problem| format!("{}: {}: {}", problem.line, problem.key, problem.message);
+        found.concat().iter().map(line).collect()
+    })
 }
 
 /// Of these statements in a routine with `I`, `R`, `B` assigned.
@@ -43,13 +50,12 @@ fn the_shipped_files_are_right() {
     );
     let mut files = Vec::new();
     for (name, text) in texts {
-        let (file, problems) = parse(name, text);
-        assert_eq!(problems, [], "{name}");
-        files.push(file);
+        files.push(parse(name, text));
     }
     let analysis = analyse(&files, HIGHEST);
     assert_eq!(analysis.problems.concat(), []);
     assert_eq!(analysis.warnings.concat(), []);
+    assert_eq!(analysis.unexecuted.concat(), []);
     assert!(analysis.program.statements.len() > 600 && analysis.program.routine("CELL_CYCLE").is_some());
 }
 
@@ -73,13 +79,16 @@ fn each_slip_is_told_with_its_line() {
     for (statement, expected) in [
         ("I=", "10: I: a value is missing at the end of the line"),
         ("I=1 2", "10: I: '2' is left over at the end of the line"),
-        ("GOTO X", "10: GOTO: GOTO is KRL, but it is outside of what this program reads"),
-        ("CIRC P.P,P.P", "10: CIRC: CIRC is KRL, but it is outside"),
-        ("MOVE ME", "10: MOVE: this is no statement"),
+        ("GOTO X", "10: X: GOTO leads to a label of its own routine"),
+        ("X:\nI=2\nX:", "12: X: this label is there twice: line 10"),
+        ("CIRC P.P", "10: CIRC: ',' is expected instead of the end of the line"),
+        ("MOVE ME", "10: MOVE: not checked: MOVE begins no statement"),
+        ("MOVE_ME", "10: MOVE_ME: this is no statement of KRL; a call has brackets"),
+        ("I:=2", "10: I: KRL assigns with '='"),
         ("IF B\nENDIF", "10: IF: THEN is expected instead of the end of the line"),
         ("IF B THEN", "11: END: ELSE or ENDIF is missing before this line"),
         ("ENDIF", "10: ENDIF: no block is open that this line could belong to"),
-        ("DECL INT LATE", "10: DECL: a declaration stands behind a statement"),
+        ("DECL INT LATE", "10: DECL: a declaration is behind a statement"),
         ("SWITCH I\nI=2\nCASE 1\nENDSWITCH", "11: I: behind SWITCH the next line must be CASE"),
         ("I=2 OR B", "10: OR: this does not go between INT and BOOL; in KRL comparisons bind weaker"),
         ("B=I==1 AND B", "10: AND: this does not go between INT and BOOL"),
@@ -98,16 +107,18 @@ fn each_slip_is_told_with_its_line() {
         ("$FLAG[1025]=TRUE", "10: $FLAG: the index 1025 is outside of the array, 1 to 1024"),
         ("I=P.Q", "10: P: POINT has no component Q; it has ID, N, R, P"),
         ("SHADE=#BLUE", "10: #BLUE: this is no word of COLOUR; its words are #RED, #GREEN"),
-        ("P={ID 1,M 2}", "10: M: POINT has no such component"),
-        ("I=SUM(1)", "10: SUM: 1 arguments are given, 2 are wanted"),
+        ("P={ID 1,M 2}", "10: M: POINT has no component M; it has ID, N, R, P"),
+        ("I=SUM(1,R,2)", "10: SUM: 3 arguments are given, 2 are wanted"),
+        ("BAS(#INITMOV,0,1)", "10: BAS: 3 arguments are given, 2 are wanted"),
         ("I=SUM(1,2.0)", "10: Y: SUM takes this argument as a variable (:OUT)"),
         ("I=SUM(1,I)", "10: I: a variable of type REAL is wanted, this one is INT"),
         ("I=SUM(B,R)", "10: X: INT is wanted, BOOL is given"),
-        ("I=EKI_Open(\"C\")", "10: I: INT is wanted, EKI_STATUS is given"),
+        ("I=EKI_Open(\"C\")", "10: EKI_OPEN: gives back an INT in EthernetKRL 6"),
+        ("R=EKI_Open(\"C\")", "10: R: REAL is wanted, EKI_STATUS is given"),
         ("RETURN 1", "10: RETURN: a DEF gives back no value"),
         ("EXIT", "10: EXIT: EXIT leaves a loop, and there is none around it"),
         ("LIN I", "10: : INT is no target of this motion"),
-        ("LIN P.P C_PTP", "10: LIN: LIN is approximated with"),
+        ("LIN P.P C_PTP", "10: LIN: not checked: LIN is approximated with"),
         ("WAIT 3", "10: WAIT: SEC or FOR is expected behind WAIT"),
         ("TRIGGER WHEN DISTANCE=1 DELAY=0 DO A( )", "10: TRIGGER: a TRIGGER that calls a routine needs PRIO"),
         ("A_NAME_THAT_IS_FAR_TOO_LONG=1", "10: A_NAME_THAT_IS_FAR_TOO_LONG: declared in none"),
@@ -128,7 +139,7 @@ fn what_a_routine_leaves_open_is_told() {
         ("DEF A( )\nDECL INT I\nI=EKI_GetInt(\"C\",\"T\",I)\nEND", "3: I: this local variable may be read"),
         (
             "DEF A( )\nEND\nDEFFCT INT F( )\nIF COUNT>0 THEN\nRETURN 1\nENDIF\nENDFCT",
-            "7: F: a way through this function ends",
+            "7: F: a way through this function may end",
         ),
         ("DEF A(X:IN)\nEND", "1: X: the parameter's type is not declared"),
         (
@@ -153,14 +164,77 @@ fn what_a_routine_leaves_open_is_told() {
 
 #[test]
 fn the_version_decides_which_system_variables_there_are() {
-    let (file, _) = parse("a.src", "DEF A( )\nIF $COULD_START_MOTION THEN\nENDIF\nEND");
+    let file = parse("a.src", "DEF A( )\nIF $COULD_START_MOTION THEN\nENDIF\nEND");
     let told = |kss: &str| analyse(std::slice::from_ref(&file), kss.parse().expect("a version")).problems.concat();
     assert_eq!(told("8.5"), []);
     assert_eq!(told("8.4")[0].message.split(';').next(), Some("KSS 8.4 has no such variable (from 8.5 on)"));
     assert!("9.1".parse::<Kss>().is_err() && "8.1".parse::<Kss>().is_err() && "8".parse::<Kss>().is_err());
 }
 
-/// Whatever stands in a file, it is told or read; nothing panics.
+/// What may go wrong at run time is a warning, and so is what a file does not show; each name once.
+#[test]
+fn a_doubt_is_no_problem() {
+    let program = "DEF A( )\nDECL INT I\nDECL NEW_T N\nIF COUNT>0 THEN\nI=1\nENDIF\nCOUNT=I\nN=#ON\nIF N==#OFF THEN\nUNKNOWN=1\n\
+        UNKNOWN=2\nENDIF\nFOR I=1 TO 11\nIF I<=10 THEN\nLIST[I]=0\nENDIF\nENDFOR\nEND\nDEFFCT INT F( )\nIF COUNT>0 THEN\n\
+        RETURN 1\nENDIF\nENDFCT";
+    let [problems, warnings, _] = reported(program);
+    assert_eq!(problems, Vec::<String>::new());
+    let begins: Vec<&str> = warnings.iter().map(|warning| &warning[..warning.len().min(34)]).collect();
+    assert_eq!(
+        begins,
+        [
+            "3: NEW_T: this type is declared in",
+            "7: I: this local variable may be r",
+            "10: UNKNOWN: declared in none of t",
+            "15: LIST: the index 11 is outside ",
+            "23: F: a way through this function"
+        ]
+    );
+}
+
+/// What no rehearsal executes is known by its statement, and only that stops an execution.
+#[test]
+fn what_is_only_checked_is_known_by_its_line() {
+    let [problems, warnings, unexecuted] = reported(
+        "DEF A( )\nDECL INT I\nDECL FRAME F\nI=1\nF=$POS_ACT\nSWITCH I\nCASE 1\nCIRC F,F\nCASE COUNT\nI=2\nENDSWITCH\nI=STRLEN(\"a\")\n\
+         I=3\nEND",
+    );
+    assert_eq!([problems, warnings], [Vec::<String>::new(), Vec::new()]);
+    assert_eq!(unexecuted, ["8: CIRC: is not executed", "12: STRLEN: is not executed"]);
+}
+
+/// Types of one name in two modules are two types; a variable of another data list is seen if it is GLOBAL.
+#[test]
+fn a_name_is_known_where_it_is_declared() {
+    let list = |name: &str, words: &str, more: &str| {
+        format!(
+            "DEFDAT {name} PUBLIC\nENUM SIDE_T {words}\nDECL SIDE_T {name}_SIDE=#{}\n{more}ENDDAT\n",
+            &words[..4]
+        )
+    };
+    let one =
+        (parse("one.dat", &list("ONE", "LEFT,SAME", "")), parse("one.src", "DEF ONE( )\nONE_SIDE=#SAME\nEND"));
+    let two = list("TWO", "BACK,SAME", "DECL GLOBAL INT TWO_N=1\n");
+    let two = (parse("two.dat", &two), parse("two.src", "DEF TWO( )\nTWO_SIDE=#BACK\nONE_SIDE=#LEFT\nEND"));
+    let files = [one.0, one.1, two.0, two.1];
+    let analysis = analyse(&files, HIGHEST);
+    assert_eq!(analysis.problems.concat(), []);
+    let told: Vec<String> = analysis.warnings.concat().into_iter().map(|warning| warning.message).collect();
+    assert_eq!(
+        told,
+        ["only the program beside one.dat sees this; declared GLOBAL in a list that is PUBLIC all do"]
+    );
+    let hidden = parse("four.src", "DEF FOUR( )\nDECL SIDE_T S\nS=#LEFT\nEND");
+    let told = analyse(&[files[0].clone(), hidden], HIGHEST).warnings.concat();
+    assert!(told[0].message.starts_with("this type is declared for another module only"), "{told:?}");
+    // Declared twice, and where.
+    let again = parse("three.dat", "DEFDAT THREE PUBLIC\nDECL GLOBAL INT TWO_N=2\nENDDAT\n");
+    let [_, _, two, _] = files;
+    let told = analyse(&[two, again], HIGHEST).problems.concat();
+    assert_eq!(told[0].message, "this name is declared twice: two.dat, line 4");
+}
+
+/// Whatever is in a file, it is reported or read; nothing panics.
 #[test]
 fn torn_files_are_told_and_harm_nothing() {
     let whole = include_str!("../../config/kuka/cell_motion.src");
@@ -169,13 +243,11 @@ fn torn_files_are_told_and_harm_nothing() {
         for skip in 0..step {
             let torn: String =
                 words.iter().enumerate().filter(|(at, _)| at % step != skip).map(|(_, word)| *word).collect();
-            let (file, problems) = parse("a.src", &torn);
-            let analysis = analyse(&[file], HIGHEST);
-            assert!(!problems.is_empty() || !analysis.problems[0].is_empty());
+            let analysis = analyse(&[parse("a.src", &torn)], HIGHEST);
+            assert!(!analysis.problems[0].is_empty());
         }
     }
     for cut in (0..whole.len()).step_by(97) {
-        let (file, _) = parse("a.src", &whole[..cut]);
-        analyse(&[file], HIGHEST);
+        analyse(&[parse("a.src", &whole[..cut])], HIGHEST);
     }
 }

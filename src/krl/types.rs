@@ -1,11 +1,16 @@
 //! Types and how many cells of memory each takes: a simple value one, a structure those of its components in order.
+//!
+//! A type is declared in a routine, in a module or for all files; KUKA's own are known everywhere and may be declared
+//! again, as a controller's data lists do.
 
+use super::kuka_types::kuka_types;
+use super::limits::LISTED;
 use std::collections::BTreeMap;
 
 /// The type of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Type {
-    /// Not known, since its declaration is missing; told once, where it is missing.
+    /// Not known, since its declaration is missing; reported once, at the declaration that names it.
     Unknown,
     /// 32 bits.
     Int,
@@ -45,6 +50,15 @@ pub struct Struc {
     pub components: Vec<Component>,
     /// Cells.
     pub size: usize,
+    /// No file declares it: it is KUKA's own as far as it is known here, and may have more components.
+    pub(super) kuka: bool,
+}
+
+impl Struc {
+    /// The component of this name.
+    pub(super) fn component(&self, name: &str) -> Option<&Component> {
+        self.components.iter().find(|component| component.name == name)
+    }
 }
 
 /// An enumeration.
@@ -52,103 +66,108 @@ pub struct Struc {
 pub(super) struct Enumeration {
     pub(super) name: String,
     pub(super) words: Vec<String>,
+    places: BTreeMap<String, u16>,
+    /// As of a structure.
+    pub(super) kuka: bool,
+}
+
+/// Where a type is known; the innermost one counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Scope {
+    Routine {
+        file: usize,
+        place: usize,
+    },
+    Module(usize),
+    Everywhere,
+    /// The controller's own.
+    Kuka,
 }
 
 /// All types that are known.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Types {
     pub(super) strucs: Vec<Struc>,
     pub(super) enumerations: Vec<Enumeration>,
-    names: BTreeMap<String, Type>,
+    names: BTreeMap<String, Vec<(Scope, Type)>>,
 }
 
-/// KUKA's own structures, components as `TYPE NAME`.
-const STRUCS: [(&str, &str); 13] = [
-    ("FRAME", "REAL X,Y,Z,A,B,C"),
-    ("POS", "REAL X,Y,Z,A,B,C,INT S,T"),
-    ("E6POS", "REAL X,Y,Z,A,B,C,INT S,T,REAL E1,E2,E3,E4,E5,E6"),
-    ("AXIS", "REAL A1,A2,A3,A4,A5,A6"),
-    ("E6AXIS", "REAL A1,A2,A3,A4,A5,A6,E1,E2,E3,E4,E5,E6"),
-    ("CP", "REAL CP,ORI1,ORI2"),
-    ("APO", "REAL CDIS,INT CPTP,CVEL,REAL CORI"),
-    ("INERTIA", "REAL X,Y,Z"),
-    ("LOAD", "REAL M,FRAME CM,INERTIA J"),
-    ("DATE", "INT CSEC,SEC,MIN,HOUR,DAY,MONTH,YEAR"),
-    ("EKI_STATUS", "INT BUFF,READ,MSG_NO,BOOL CONNECTED,INT COUNTER"),
-    ("STATE_T", "CMD_STAT RET1,INT HITS,LENGTH"),
-    ("ERROR_T", "INT NUMBER"),
-];
-
-/// KUKA's own enumerations.
-const ENUMERATIONS: [(&str, &str); 11] = [
-    ("MODE_OP", "T1 T2 AUT EX INVALID"),
-    ("PRO_STATE", "P_FREE P_RESET P_ACTIVE P_STOP P_END"),
-    ("MODUS_T", "SYNC ASYNC COND ABS SEQ"),
-    ("CMD_STAT", "CMD_OK CMD_TIMEOUT DATA_OK DATA_BLK DATA_END CMD_ABORT CMD_REJ CMD_PART CMD_SYN FMT_ERR"),
-    ("IPO_MODE", "BASE TCP"),
-    ("ORI_TYPE", "VAR CONSTANT JOINT"),
-    (
-        "BAS_COMMAND",
-        "INITMOV ACC_CP ACC_PTP VEL_CP VEL_PTP ACC_GLUE TOOL BASE EX_BASE PTP_DAT CP_DAT FRAMES CP_PARAMS PTP_PARAMS",
-    ),
-    ("VAR_STATE", "DECLARED INITIALIZED UNDEFINED"),
-    ("EKI_MODE", "NOTIFY STATE QUIT"),
-    ("PRO_IP_MODE", "GO MSTEP ISTEP PSTEP BSTEP CSTEP"),
-    ("CP_VEL_TYPE", "CONSTANT VAR_T1 VAR_ALL VAR_ALL_MODEL"),
-];
-
-impl Default for Types {
-    fn default() -> Self {
-        let simple = [("INT", Type::Int), ("REAL", Type::Real), ("BOOL", Type::Bool), ("CHAR", Type::Char)];
-        let names = simple.map(|(name, kind)| (name.to_owned(), kind)).into();
-        let mut types = Types { strucs: Vec::new(), enumerations: Vec::new(), names };
-        for (name, words) in ENUMERATIONS {
-            types.add_enumeration(name, words.split(' ').map(str::to_owned).collect());
-        }
-        for (name, list) in STRUCS {
-            let mut kind = Type::Unknown;
-            let components = list.split(',').map(|part| {
-                let component = match part.split_once(' ') {
-                    Some((type_name, component)) => {
-                        kind = types.find(type_name).unwrap_or(Type::Unknown);
-                        component
-                    }
-                    None => part,
-                };
-                (component.to_owned(), kind, Vec::new())
-            });
-            let components: Vec<_> = components.collect();
-            types.add_struc(name, components);
-        }
-        types
-    }
+/// A component that is to be placed.
+pub(super) struct NewComponent {
+    pub(super) name: String,
+    pub(super) kind: Type,
+    pub(super) dimensions: Vec<usize>,
 }
+
+/// How the components of KUKA's poses begin; a shorter one is the beginning of a longer one.
+const POSES: [&str; 4] = ["FRAME", "POS", "E3POS", "E6POS"];
+/// As of the poses.
+const AXES: [&str; 3] = ["AXIS", "E3AXIS", "E6AXIS"];
 
 impl Types {
-    /// The type of this name.
-    pub(super) fn find(&self, name: &str) -> Option<Type> {
-        self.names.get(name).copied()
+    /// KUKA's own types, and the simple ones.
+    pub(super) fn kuka() -> Self {
+        kuka_types().clone()
     }
 
-    /// False where the name is taken.
-    pub(super) fn add_enumeration(&mut self, name: &str, words: Vec<String>) -> bool {
+    /// Adds the simple types.
+    pub(super) fn add_simple(&mut self) {
+        for (name, kind) in [("INT", Type::Int), ("REAL", Type::Real), ("BOOL", Type::Bool), ("CHAR", Type::Char)] {
+            self.names.insert(name.to_owned(), vec![(Scope::Kuka, kind)]);
+        }
+    }
+
+    /// The type of this name as the scopes see it, KUKA's own last.
+    pub(super) fn find(&self, name: &str, scopes: &[Scope]) -> Option<Type> {
+        let known = self.names.get(name)?;
+        let of = |scope: &Scope| known.iter().find(|(known, _)| known == scope).map(|(_, kind)| *kind);
+        scopes.iter().chain(&[Scope::Everywhere, Scope::Kuka]).find_map(of)
+    }
+
+    /// Whether a type of this name is declared where others do not see it.
+    pub(super) fn is_hidden(&self, name: &str) -> bool {
+        self.names.contains_key(name)
+    }
+
+    /// A type of KUKA's own; [`Type::Text`] for a text.
+    pub(super) fn own(&self, name: &str) -> Type {
+        match name {
+            "TEXT" => Type::Text,
+            _ => self.find(name, &[]).unwrap_or(Type::Unknown),
+        }
+    }
+
+    /// False if the name is taken in this scope.
+    pub(super) fn add_enumeration(&mut self, scope: Scope, name: &str, words: Vec<String>) -> bool {
         let kind = Type::Enumeration(self.enumerations.len());
-        self.enumerations.push(Enumeration { name: name.to_owned(), words });
-        self.names.insert(name.to_owned(), kind).is_none()
+        let places = (0..=u16::MAX).zip(&words).map(|(place, word)| (word.clone(), place)).collect();
+        let kuka = scope == Scope::Kuka;
+        self.enumerations.push(Enumeration { name: name.to_owned(), words, places, kuka });
+        self.add(scope, name, kind)
     }
 
-    /// False where the name is taken.
-    pub(super) fn add_struc(&mut self, name: &str, components: Vec<(String, Type, Vec<usize>)>) -> bool {
-        let mut size = 0;
+    /// False if the name is taken in this scope.
+    pub(super) fn add_struc(&mut self, scope: Scope, name: &str, components: Vec<NewComponent>) -> bool {
+        let mut size = 0_usize;
         let mut placed = Vec::new();
-        for (name, kind, dimensions) in components {
+        for NewComponent { name, kind, dimensions } in components {
             let cells = self.cells(kind, &dimensions);
             placed.push(Component { name, kind, dimensions, offset: size });
-            size += cells;
+            size = size.saturating_add(cells);
         }
         let kind = Type::Struc(self.strucs.len());
-        self.strucs.push(Struc { name: name.to_owned(), components: placed, size });
-        self.names.insert(name.to_owned(), kind).is_none()
+        let kuka = scope == Scope::Kuka;
+        self.strucs.push(Struc { name: name.to_owned(), components: placed, size, kuka });
+        self.add(scope, name, kind)
+    }
+
+    fn add(&mut self, scope: Scope, name: &str, kind: Type) -> bool {
+        let known = self.names.entry(name.to_owned()).or_default();
+        let is_free = known.iter().all(|(taken, _)| *taken != scope);
+        if is_free {
+            known.push((scope, kind));
+        }
+        is_free
     }
 
     /// How many cells a value of this type takes.
@@ -159,9 +178,9 @@ impl Types {
         }
     }
 
-    /// How many cells an array of this type takes.
+    /// How many cells an array of this type takes; the greatest number if it is no number of this computer.
     pub(super) fn cells(&self, kind: Type, dimensions: &[usize]) -> usize {
-        dimensions.iter().product::<usize>() * self.size(kind)
+        dimensions.iter().fold(self.size(kind), |cells, dimension| cells.saturating_mul(*dimension))
     }
 
     /// The type's name, for messages.
@@ -183,24 +202,64 @@ impl Types {
         if let Type::Struc(index) = kind { self.strucs.get(index) } else { None }
     }
 
-    /// Whether this is KUKA's own structure of this name.
-    pub(super) fn is(&self, kind: Type, name: &str) -> bool {
-        self.struc(kind).is_some_and(|struc| struc.name == name)
+    /// The enumeration behind a type.
+    pub(super) fn enumeration(&self, kind: Type) -> Option<&Enumeration> {
+        if let Type::Enumeration(index) = kind { self.enumerations.get(index) } else { None }
+    }
+
+    fn is_one_of(&self, kind: Type, names: &[&str]) -> bool {
+        self.struc(kind).is_some_and(|struc| names.contains(&struc.name.as_str()))
     }
 
     /// Whether it begins with X, Y, Z, A, B, C.
     pub(super) fn is_pose(&self, kind: Type) -> bool {
-        ["FRAME", "POS", "E6POS"].iter().any(|name| self.is(kind, name))
+        self.is_one_of(kind, &POSES)
     }
 
     /// Whether it begins with A1 to A6.
     pub(super) fn is_axes(&self, kind: Type) -> bool {
-        ["AXIS", "E6AXIS"].iter().any(|name| self.is(kind, name))
+        self.is_one_of(kind, &AXES)
+    }
+
+    /// Whether the controller changes one into the other: two poses, or two sets of axes.
+    pub(super) fn are_alike(&self, one: Type, other: Type) -> bool {
+        (self.is_pose(one) && self.is_pose(other)) || (self.is_axes(one) && self.is_axes(other))
+    }
+
+    /// Whether two types are the same: a type of KUKA's own may be declared once more.
+    pub(super) fn are_same(&self, one: Type, other: Type) -> bool {
+        match (one, other) {
+            (Type::Enumeration(_), Type::Enumeration(_)) | (Type::Struc(_), Type::Struc(_)) => {
+                self.name(one) == self.name(other)
+            }
+            _ => one == other,
+        }
     }
 
     /// The place of this word in its enumeration.
-    pub(super) fn word(&self, kind: Type, word: &str) -> Option<usize> {
-        let Type::Enumeration(index) = kind else { return None };
-        self.enumerations[index].words.iter().position(|known| known == word)
+    pub(super) fn word(&self, kind: Type, word: &str) -> Option<u16> {
+        self.enumeration(kind)?.places.get(word).copied()
     }
+}
+
+impl Struc {
+    /// Its components, for a message.
+    pub(super) fn listed(&self) -> String {
+        listed(self.components.iter().map(|component| component.name.as_str()), "")
+    }
+}
+
+impl Enumeration {
+    /// Its words, for a message.
+    pub(super) fn listed(&self) -> String {
+        listed(self.words.iter().map(String::as_str), "#")
+    }
+}
+
+fn listed<'a>(names: impl Iterator<Item = &'a str>, sign: &str) -> String {
+    let mut all: Vec<String> = names.take(LISTED + 1).map(|name| format!("{sign}{name}")).collect();
+    if all.len() > LISTED {
+        all[LISTED] = "…".to_owned();
+    }
+    all.join(", ")
 }

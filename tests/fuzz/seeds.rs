@@ -216,13 +216,51 @@ pub fn zivid_settings() -> Vec<Vec<u8>> {
     ["config/zivid/scan.yml", "config/zivid/film.yml"].map(shipped).to_vec()
 }
 
-/// The controller's programs, and one of each statement.
+/// The controller's programs, one of each statement, what integrators write (`fixtures/krl`), and what would be too deep or
+/// too large for a reader without limits.
 pub fn programs() -> Vec<Vec<u8>> {
     let small = "DEF a()\nDECL INT i[3]\nDECL FRAME f\nFOR i[1]=1 TO 3 STEP 1\nIF i[1]==2 THEN\nLIN f C_DIS\nENDIF\nENDFOR\n\
         f={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}\nWAIT FOR $IN[1]\nEND\nDEFFCT REAL g(x:IN)\nREAL x\nRETURN x*2.0+SIN(x)\nENDFCT\n";
     let files = ["cell_config.dat", "cell_judge.src", "cell_link.src", "cell_user.src"];
     let shipped = files.into_iter().map(|name| shipped(&format!("config/kuka/{name}")));
-    shipped.chain(texts(&[small])).collect()
+    shipped.chain(texts(&[small])).chain(integrators()).chain(hostile_programs()).collect()
+}
+
+fn integrators() -> Vec<Vec<u8>> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/krl");
+    let mut files: Vec<_> =
+        std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("it").path()).collect();
+    files.sort();
+    files.iter().filter(|file| file.is_file()).map(|file| std::fs::read(file).expect("a file")).collect()
+}
+
+/// Within the length that changes keep, each a thousand times as deep as a person writes.
+pub fn hostile_programs() -> Vec<Vec<u8>> {
+    let body = |lines: &str| format!("DEF a()\nINT i\nBOOL b\ni=0\n{lines}END\n");
+    let nested = |open: &str, inside: &str, close: &str, depth: usize| {
+        format!("{}{inside}{}", open.repeat(depth), close.repeat(depth))
+    };
+    let cycle: String = (0..500).map(|n| format!("STRUC s{n} s{} x\n", (n + 1) % 500)).collect();
+    let tower: String = (1..40).map(|n| format!("STRUC t{n} t{} x[100]\n", n - 1)).collect();
+    let list = |lines: &str| format!("DEFDAT a PUBLIC\n{lines}ENDDAT\n");
+    texts(&[
+        &body(&nested("IF b THEN\n", "i=1\n", "ENDIF\n", 4_000)),
+        &body(&nested("LOOP\n", "", "", 9_000)),
+        &body(&nested("SWITCH i\nCASE 1\n", "i=1\n", "ENDSWITCH\n", 2_000)),
+        &body(&format!("i={}\n", nested("(", "1", ")", 20_000))),
+        &body(&format!("b={}\n", nested("NOT ", "b", "", 10_000))),
+        &body(&format!("i={}\n", nested("-", "i", "", 20_000))),
+        &body(&format!("i={}\n", nested("{X ", "1", "}", 10_000))),
+        &body(&format!("i={}\n", nested("f(", "1", ")", 10_000))),
+        &body(&format!("i={}\n", nested("i[", "1", "]", 10_000))),
+        &body(&format!("i={}1\n", "1+".repeat(20_000))),
+        &body(&"i=i+1\n".repeat(9_000)),
+        &list("DECL REAL a[2147483647]\nDECL INT b[60000,60000,60000]\nDECL CHAR c[9000000]\n"),
+        &list(&cycle),
+        &list(&format!("STRUC t0 INT x\n{tower}DECL t39 big\nDECL t2 all[99]\n")),
+        &list(&format!("STRUC wide INT {}\nDECL wide w\n{}", "x,".repeat(5_000) + "y", "w={y 1}\n".repeat(2_000))),
+        &list(&format!("ENUM e {}\nDECL e v=#x\n", "x,".repeat(9_000) + "y")),
+    ])
 }
 
 /// An archive with a cell's file, its seal left out: a seal is put behind whatever comes.

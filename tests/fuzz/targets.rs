@@ -258,9 +258,9 @@ fn zivid_settings(bytes: &[u8]) {
 }
 
 fn program(bytes: &[u8]) {
-    let (file, _) = krl::parse("cell.src", &String::from_utf8_lossy(bytes));
+    let file = krl::parse("cell.src", &String::from_utf8_lossy(bytes));
     let analysis = krl::analyse(&[file], krl::LOWEST_KSS);
-    assert_eq!((analysis.problems.len(), analysis.warnings.len()), (1, 1));
+    assert_eq!((analysis.problems.len(), analysis.warnings.len(), analysis.unexecuted.len()), (1, 1, 1));
 }
 
 /// With the seal that belongs to these bytes, so that what is behind it is reached.

@@ -1,15 +1,18 @@
 //! Statements to steps.
 
 use super::super::code::{Cell, Op};
-use super::super::syntax::{Action, Binary, Call, Case, Expression, Motion, Statement, VariableRef};
+use super::super::syntax::{Action, Binary, Call, Case, Expression, InterruptSwitch, Statement, VariableRef};
 use super::super::types::Type;
 use super::compiler::{Compiler, cells_u32};
 
 impl Compiler<'_> {
     pub(super) fn block(&mut self, statements: &[Statement]) {
+        // What follows the block belongs to the statement around it again.
+        let around = self.statement;
         for statement in statements {
             self.statement(statement);
         }
+        self.statement = around;
     }
 
     fn statement(&mut self, statement: &Statement) {
@@ -50,13 +53,19 @@ impl Compiler<'_> {
                 }
             }
             Action::Return(value) => self.return_value(value.as_ref()),
-            _ => self.of_the_robot(statement),
+            Action::Label(_) => {}
+            Action::Goto(_) => self.not_executed("GOTO"),
+            Action::NotRead => self.not_executed("what was not read"),
+            _ => self.of_the_robot(&statement.action),
         }
     }
 
-    fn of_the_robot(&mut self, statement: &Statement) {
-        match &statement.action {
-            Action::InterruptDeclaration { global, number, condition, call } => {
+    fn of_the_robot(&mut self, action: &Action) {
+        match action {
+            Action::InterruptDeclaration { global, with_brake, number, condition, call } => {
+                if *with_brake {
+                    self.not_executed("INTERRUPT WITH BRAKE");
+                }
                 self.typed_value(number, Type::Int, "INTERRUPT DECL");
                 let declaration = self.emit(Op::InterruptDeclaration { global: *global, call: 0, after: 0 });
                 self.typed_value(condition, Type::Bool, "WHEN");
@@ -69,31 +78,12 @@ impl Compiler<'_> {
                 self.emit(Op::EndInterrupt);
                 self.lead_here(declaration);
             }
-            Action::InterruptSwitch { on, number: Some(number) } => {
-                self.typed_value(number, Type::Int, "INTERRUPT");
-                self.emit(Op::InterruptSwitch { on: *on });
+            Action::InterruptSwitch { how, number } => self.interrupt_switch(*how, number.as_ref()),
+            Action::Trigger { at, delay, action, priority } => {
+                self.trigger(at, delay.as_ref(), action, priority.as_ref());
             }
-            Action::InterruptSwitch { on, number: None } => {
-                self.emit(Op::InterruptSwitchAll { on: *on });
-            }
-            Action::Trigger { distance, delay, action, priority } => {
-                self.typed_value(distance, Type::Int, "DISTANCE");
-                self.typed_value(delay, Type::Real, "DELAY");
-                let priority = priority.as_ref().unwrap_or(&Expression::Int(-1));
-                self.typed_value(priority, Type::Int, "PRIO");
-                let trigger = self.emit(Op::Trigger { after: 0 });
-                match &action.action {
-                    Action::Assign { to, value } => self.assign(to, value),
-                    Action::Call(call) => self.call_and_forget(call),
-                    _ => {}
-                }
-                self.emit(Op::EndInterrupt);
-                self.lead_here(trigger);
-            }
-            Action::Motion { motion, target, approximates } => {
-                let axes = self.target(*motion, target);
-                self.emit(Op::Motion { motion: *motion, axes, approximates: *approximates });
-            }
+            Action::Motion(motion) => self.motion(motion),
+            Action::Spline { with, body } => self.spline(with, body),
             Action::WaitSeconds(seconds) => {
                 self.typed_value(seconds, Type::Real, "WAIT SEC");
                 self.emit(Op::WaitSeconds);
@@ -112,53 +102,51 @@ impl Compiler<'_> {
             Action::Halt => {
                 self.emit(Op::Halt);
             }
+            Action::Checked { word, values } => {
+                for (value, type_name) in values {
+                    let kind = self.types.own(type_name);
+                    self.typed_value(value, kind, word);
+                }
+                self.not_executed(word);
+            }
             _ => {
                 self.emit(Op::Continue);
             }
         }
-        let is_submit = self.files[self.file].name.to_lowercase().ends_with(".sub");
-        if is_submit && !matches!(statement.action, Action::WaitSeconds(_)) {
-            self.problem("", "a submit program may not move, wait for a condition, or use interrupts");
+    }
+
+    fn interrupt_switch(&mut self, how: InterruptSwitch, number: Option<&Expression>) {
+        let on = match how {
+            InterruptSwitch::On => true,
+            InterruptSwitch::Off => false,
+            InterruptSwitch::Enable | InterruptSwitch::Disable => {
+                self.not_executed("INTERRUPT ENABLE and DISABLE");
+                false
+            }
+        };
+        match number {
+            Some(number) => {
+                self.typed_value(number, Type::Int, "INTERRUPT");
+                self.emit(Op::InterruptSwitch { on });
+            }
+            None => {
+                self.emit(Op::InterruptSwitchAll { on });
+            }
         }
     }
 
-    /// True for axes, false for a pose; 6 numbers are on the stack.
-    fn target(&mut self, motion: Motion, target: &Expression) -> bool {
-        let wanted = if motion == Motion::Ptp { "AXIS" } else { "FRAME" };
-        let wanted = self.types.find(wanted).unwrap_or(Type::Unknown);
-        let kind = self.value(target, wanted);
-        let cells = cells_u32(self.types.size(kind));
-        let axes = self.types.is_axes(kind);
-        if cells > 6 {
-            self.emit(Op::Keep { first: 6, of: cells });
-        }
-        if kind != Type::Unknown && !self.types.is_pose(kind) && !(axes && motion == Motion::Ptp) {
-            let name = self.types.name(kind);
-            self.problem("", format!("{name} is no target of this motion"));
-        }
-        axes
-    }
-
-    fn assign(&mut self, to: &VariableRef, value: &Expression) {
+    pub(super) fn assign(&mut self, to: &VariableRef, value: &Expression) {
         let Some(found) = self.address(to) else {
             self.value(value, Type::Unknown);
             return;
         };
-        if !found.writable {
-            self.problem(&to.name, "this is never written by a program: a constant, or read only");
-        }
+        self.check_writable(&to.name, &found, "this is never written by a program: a constant, or read only");
         self.ranges.remove(&to.name);
-        let size = cells_u32(self.types.size(found.kind));
         if !found.dimensions.is_empty() {
-            let text = self.value(value, Type::Text);
-            if found.kind != Type::Char || ![Type::Text, Type::Unknown].contains(&text) {
-                self.problem(&to.name, "an array as a whole cannot be assigned; an index is missing");
-            }
-            let cells = cells_u32(self.types.cells(found.kind, &found.dimensions));
-            self.emit(Op::StoreText(cells));
-            return;
+            return self.assign_array(to, value, &found.dimensions, found.kind);
         }
         self.typed_value(value, found.kind, &to.name);
+        let size = cells_u32(self.types.size(found.kind));
         self.emit(match value {
             Expression::Aggregate { .. } => Op::StoreAggregate(size),
             _ if size == 1 => Op::Store,
@@ -166,8 +154,24 @@ impl Compiler<'_> {
         });
     }
 
-    fn call_and_forget(&mut self, call: &Call) {
-        if let Some(kind) = self.call(call)
+    /// `TEXT[]="abc"`; no other array is assigned as a whole.
+    fn assign_array(&mut self, to: &VariableRef, value: &Expression, dimensions: &[usize], kind: Type) {
+        let given = self.value(value, Type::Text);
+        let is_text = [Type::Text, Type::Char, Type::Unknown].contains(&given);
+        if kind == Type::Unknown {
+            self.not_executed(&to.name);
+        } else if kind != Type::Char || !is_text {
+            self.problem(&to.name, "an array as a whole cannot be assigned; an index is missing");
+        }
+        if given == Type::Char || to.steps.len() > 1 {
+            self.not_executed("a text in a variable");
+        }
+        let cells = cells_u32(self.types.cells(kind, dimensions));
+        self.emit(Op::StoreText(cells));
+    }
+
+    pub(super) fn call_and_forget(&mut self, call: &Call) {
+        if let Some(kind) = self.call(call, Type::Unknown)
             && kind != Type::Unknown
         {
             let cells = cells_u32(self.types.size(kind));
@@ -175,7 +179,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// A condition, and the jump that is taken where it is FALSE.
+    /// A condition, and the jump that is taken if it is FALSE.
     fn condition(&mut self, condition: &Expression) -> usize {
         let kind = self.value(condition, Type::Bool);
         if ![Type::Bool, Type::Unknown].contains(&kind) {
@@ -304,6 +308,9 @@ impl Compiler<'_> {
             }
             (Some(value), Some(kind)) => {
                 self.typed_value(value, kind, "RETURN");
+                if kind == Type::Text {
+                    self.not_executed("a text that a function gives back");
+                }
                 let cells = cells_u32(self.types.size(kind));
                 self.emit(Op::Return(cells));
             }

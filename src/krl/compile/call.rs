@@ -1,85 +1,187 @@
 //! Calls: the number of arguments, their types, and whether they are handed over by value or as a variable.
 
 use super::super::code::Op;
-use super::super::syntax::{Call, Expression};
-use super::super::system::{BUILTINS, Row, Wants, wanted_type};
+use super::super::routines::{Builtin, Known, Wants, known};
+use super::super::syntax::{Call, Expression, VariableRef};
 use super::super::types::Type;
 use super::compiler::{Argument, Compiler, cells_u32};
 
 impl Compiler<'_> {
-    /// Calls a routine; the type of what it gives back, `None` where it gives back nothing.
-    pub(super) fn call(&mut self, call: &Call) -> Option<Type> {
-        let own = self.routines.iter().position(|known| known.name == call.name && known.file == self.file);
-        let any = || self.routines.iter().position(|known| known.name == call.name && known.global);
-        if let Some(index) = own.or_else(any) {
-            let signature = self.routines[index].clone();
-            self.check_count(call, signature.arguments.len());
-            for (given, wanted) in call.arguments.iter().zip(&signature.arguments) {
-                self.argument(&call.name, given, wanted);
-            }
-            self.emit(Op::Call(cells_u32(index)));
-            return signature.returns;
+    /// Calls a routine; the type of what it gives back, `None` if it gives back nothing. `wanted` is the type that is
+    /// expected of it.
+    pub(super) fn call(&mut self, call: &Call, wanted: Type) -> Option<Type> {
+        if let Some(index) = self.routine_seen(&call.name) {
+            return self.call_routine(call, index);
         }
-        if let Some(row) = BUILTINS.iter().find(|(name, ..)| *name == call.name) {
-            return self.call_builtin(call, row);
+        if let Some(known) = known(&call.name) {
+            return self.call_known(call, known, wanted);
         }
-        if self.routines.iter().any(|known| known.name == call.name) {
-            self.problem(&call.name, "this routine is seen in its own file only; it needs GLOBAL before DEF");
+        self.not_executed(&call.name);
+        if let Some(other) = self.routine_places.get(&call.name).and_then(|places| places.first()) {
+            let file = &self.files[self.routines[*other].file].name;
+            let message = format!("{file} has it for itself only; it needs GLOBAL before DEF");
+            self.warn_once(&call.name, message);
         } else {
-            self.warn(&call.name, "this routine is defined in none of the files named; name its file, too");
+            self.warn_once(&call.name, "this routine is defined in none of the files named; name its file, too");
         }
-        for given in &call.arguments {
-            self.value(given, Type::Unknown);
-        }
+        call.arguments.iter().flatten().for_each(|given| self.any(given));
         Some(Type::Unknown)
     }
 
-    fn check_count(&mut self, call: &Call, wanted: usize) {
-        let given = call.arguments.len();
-        if given != wanted {
+    /// The routine of this name that this file sees: its own, else a global one.
+    pub(super) fn routine_seen(&self, name: &str) -> Option<usize> {
+        let places = self.routine_places.get(name)?;
+        let own = places.iter().find(|place| self.routines[**place].file == self.file);
+        own.or_else(|| places.iter().find(|place| self.routines[**place].global)).copied()
+    }
+
+    fn call_routine(&mut self, call: &Call, index: usize) -> Option<Type> {
+        let signature = self.routines[index].clone();
+        let (given, wanted) = (call.arguments.len(), signature.arguments.len());
+        if given > wanted {
             self.problem(&call.name, format!("{given} arguments are given, {wanted} are wanted"));
+        }
+        if given != wanted || call.arguments.contains(&None) {
+            // The routine asks by VARSTATE what it was given.
+            self.not_executed(&call.name);
+        }
+        for (given, wanted) in call.arguments.iter().zip(&signature.arguments) {
+            if let Some(given) = given {
+                self.argument(&call.name, given, wanted);
+            }
+        }
+        self.emit(Op::Call(cells_u32(index)));
+        signature.returns
+    }
+
+    /// An argument of which nothing is known: a value, a variable, an array.
+    fn any(&mut self, given: &Expression) {
+        if let Expression::Variable(place) = given {
+            self.address(place);
+        } else {
+            self.value(given, Type::Unknown);
         }
     }
 
     fn argument(&mut self, routine: &str, given: &Expression, wanted: &Argument) {
+        if !wanted.dimensions.is_empty() && (wanted.by_value || !matches!(given, Expression::Variable(_))) {
+            return self.array_by_value(given, wanted);
+        }
         if wanted.by_value {
             return self.typed_value(given, wanted.kind, &wanted.name);
         }
         let Expression::Variable(place) = given else {
-            return self.problem(
-                &wanted.name,
-                format!("{routine} takes this argument as a variable (:OUT); a value cannot be handed over"),
-            );
+            let message = format!("{routine} takes this argument as a variable (:OUT); a value is given");
+            self.warn(&wanted.name, message);
+            self.not_executed(routine);
+            self.value(given, wanted.kind);
+            return;
         };
         let Some(found) = self.address(place) else { return };
         if !found.writable {
-            self.problem(
+            // Whether the routine writes it is not looked at.
+            self.warn(
                 &place.name,
                 format!("{routine} takes this argument as a variable; this one is never written"),
             );
+            self.not_executed(routine);
         }
-        if found.kind != wanted.kind && ![found.kind, wanted.kind].contains(&Type::Unknown) {
-            let (given, wanted) = (self.types.name(found.kind), self.types.name(wanted.kind));
-            self.problem(&place.name, format!("a variable of type {wanted} is wanted, this one is {given}"));
-        }
+        self.same_variable(place, found.kind, wanted.kind);
         if found.dimensions.len() != wanted.dimensions.len() {
-            self.problem(&place.name, "an array is handed over as NAME[ ], and only where one is wanted");
+            self.problem(&place.name, "an array is handed over as NAME[ ], and only if one is wanted");
         }
     }
 
-    fn call_builtin(&mut self, call: &Call, row: &Row) -> Option<Type> {
-        let (_, builtin, wants, returns) = *row;
-        let optional = usize::from(call.name == "EKI_CHECK" && call.arguments.len() == 3);
-        self.check_count(call, wants.len() + optional);
-        for (given, wanted) in call.arguments.iter().zip(wants) {
-            self.builtin_argument(call, given, *wanted);
+    /// A text, or an array as a whole.
+    fn array_by_value(&mut self, given: &Expression, wanted: &Argument) {
+        self.not_executed("an array by value");
+        let found = match given {
+            Expression::Variable(place) => match self.address(place) {
+                Some(found) if found.dimensions.is_empty() && found.kind != Type::Unknown => {
+                    return self.problem(&place.name, "an array is wanted here, handed over as NAME[ ]");
+                }
+                Some(found) => found.kind,
+                None => return,
+            },
+            _ => self.value(given, Type::Text),
+        };
+        let is_text = wanted.kind == Type::Char && matches!(found, Type::Text | Type::Char);
+        let is_known = found != Type::Unknown && wanted.kind != Type::Unknown;
+        if is_known && !is_text && !self.types.are_same(found, wanted.kind) {
+            self.mismatched(found, wanted.kind, &wanted.name);
         }
-        self.emit(Op::Builtin(builtin));
-        if returns.is_empty() { None } else { self.types.find(returns) }
     }
 
-    fn builtin_argument(&mut self, call: &Call, given: &Expression, wanted: Wants) {
+    /// A variable that is handed over has the wanted type, or one that the controller changes into it.
+    fn same_variable(&mut self, place: &VariableRef, found: Type, wanted: Type) {
+        if found == Type::Unknown || wanted == Type::Unknown || self.types.are_same(found, wanted) {
+            return;
+        }
+        self.not_executed(&place.name);
+        let (given, needed) = (self.types.name(found), self.types.name(wanted));
+        let message = format!("a variable of type {needed} is wanted, this one is {given}");
+        let is_number = |kind: Type| matches!(kind, Type::Int | Type::Real | Type::Char);
+        if self.types.are_alike(found, wanted) || (is_number(found) && is_number(wanted)) {
+            self.warn(&place.name, message);
+        } else {
+            self.problem(&place.name, message);
+        }
+    }
+
+    fn call_known(&mut self, call: &Call, known: &'static Known, wanted: Type) -> Option<Type> {
+        if known.of_ethernet_krl_6 {
+            self.warn_once(&call.name, "belongs to EthernetKRL 6 (iiQKA.OS2); KSS 8 does not have it");
+        }
+        let (given, most) = (call.arguments.len(), known.wants.len());
+        if given > most && !known.open {
+            self.problem(&call.name, format!("{given} arguments are given, {most} are wanted"));
+        } else if given < known.least {
+            self.warn(&call.name, format!("{given} arguments are given, {} are wanted", known.least));
+        }
+        for (place, given) in call.arguments.iter().enumerate() {
+            let Some(given) = given else { continue };
+            match known.wants.get(place) {
+                Some(wants) => self.known_argument(call, given, *wants),
+                None => self.any(given),
+            }
+        }
+        self.check_text_of_varstate(call, known);
+        match known.builtin {
+            Some(builtin) if executed_with(builtin, known) == given && !call.arguments.contains(&None) => {
+                self.emit(Op::Builtin(builtin));
+            }
+            _ => self.not_executed(&call.name),
+        }
+        let returns = known.returns.map(|name| self.types.own(name));
+        let of_6 = self.files[self.file].of_ethernet_krl_6;
+        if known.returns == Some("EKI_STATUS") && (of_6 || wanted == Type::Int) {
+            if !of_6 {
+                let message = "gives back an INT in EthernetKRL 6 (iiQKA.OS2) only; with KSS 8 it is an EKI_STATUS";
+                self.warn_once(&call.name, message);
+            }
+            self.not_executed(&call.name);
+            return Some(Type::Unknown);
+        }
+        returns
+    }
+
+    /// VARSTATE takes the text as a name: an index in it is a number.
+    fn check_text_of_varstate(&mut self, call: &Call, known: &Known) {
+        let Some(Some(Expression::Text(text))) = call.arguments.first() else { return };
+        let index = text.split_once('[').and_then(|(_, behind)| behind.split_once(']')).map(|(index, _)| index);
+        let is_number = |index: &str| index.chars().all(|c| c.is_ascii_digit() || matches!(c, ',' | ' '));
+        if known.builtin == Some(Builtin::Varstate) && index.is_some_and(|index| !is_number(index)) {
+            let message = format!("the text \"{text}\" is a name, not an expression: write the index as a number");
+            self.problem(&call.name, message);
+        }
+    }
+
+    fn known_argument(&mut self, call: &Call, given: &Expression, wanted: Wants) {
         match wanted {
+            Wants::Any => {
+                self.any(given);
+                self.not_executed(&call.name);
+            }
             Wants::Value("NUMBER") => {
                 let kind = self.value(given, Type::Real);
                 if kind == Type::Int {
@@ -89,7 +191,7 @@ impl Compiler<'_> {
                 }
             }
             Wants::Value("FRAME") => {
-                let frame = self.types.find("FRAME").unwrap_or(Type::Unknown);
+                let frame = self.types.own("FRAME");
                 let kind = self.value(given, frame);
                 let cells = cells_u32(self.types.size(kind));
                 if self.types.is_pose(kind) {
@@ -99,23 +201,37 @@ impl Compiler<'_> {
                 }
             }
             Wants::Value(name) => {
-                let kind = wanted_type(&self.types, name).unwrap_or(Type::Unknown);
+                let kind = self.types.own(name);
                 self.typed_value(given, kind, &call.name);
             }
-            Wants::Variable(name) | Wants::Filled(name) => {
-                let kind = wanted_type(&self.types, name).unwrap_or(Type::Unknown);
-                let Expression::Variable(place) = given else {
-                    return self.problem(&call.name, format!("a variable of type {name} is wanted"));
-                };
-                let Some(found) = self.address(place) else { return };
-                if found.kind != kind && found.kind != Type::Unknown {
-                    let given = self.types.name(found.kind);
-                    self.problem(&place.name, format!("a variable of type {name} is wanted, this one is {given}"));
-                }
-                if !found.writable {
-                    self.problem(&place.name, "this variable is never written, and the call writes it");
-                }
-            }
+            Wants::Variable(name) | Wants::Filled(name) => self.known_variable(call, given, name),
         }
+    }
+
+    fn known_variable(&mut self, call: &Call, given: &Expression, name: &str) {
+        let kind = self.types.own(name);
+        let Expression::Variable(place) = given else {
+            let message = format!("a variable of type {name} is wanted");
+            self.value(given, kind);
+            return self.problem(&call.name, message);
+        };
+        let Some(found) = self.address(place) else { return };
+        if kind == Type::Text {
+            self.not_executed("a text in a variable");
+            if ![Type::Char, Type::Unknown].contains(&found.kind) {
+                self.mismatched(found.kind, Type::Char, &place.name);
+            }
+        } else {
+            self.same_variable(place, found.kind, kind);
+        }
+        self.check_writable(&place.name, &found, "this variable is never written, and the call writes it");
+    }
+}
+
+/// How many arguments a routine takes in its execution.
+fn executed_with(builtin: Builtin, known: &Known) -> usize {
+    match builtin {
+        Builtin::Bas => 2,
+        _ => known.least,
     }
 }

@@ -2,34 +2,50 @@
 
 use crate::config::Problem;
 use crate::krl::code::{Cell, Location, Op};
+use crate::krl::limits::{MEMORY_VALUES, REPORTS, STEPS};
 use crate::krl::program::Program;
 use crate::krl::syntax::File;
 use crate::krl::system::Kss;
-use crate::krl::types::{Type, Types};
-use std::collections::BTreeMap;
+use crate::krl::types::{Scope, Type, Types};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Longer names do not compile on a controller.
 const LONGEST_NAME: usize = 24;
 
-/// Where a variable lies.
+/// Where a variable is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Home {
     Global(u32),
     Local(u32),
     Referred(u32),
     System(u16),
+    /// One input or output, from 1: a SIGNAL.
+    Bit {
+        variable: u16,
+        number: i32,
+    },
+    /// Known by its type alone: a statement that names it is not executed.
+    Nowhere,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Variable {
     pub(super) kind: Type,
-    /// 0 where the size is the caller's.
+    /// 0 if the size is the caller's, or not known.
     pub(super) dimensions: Vec<usize>,
     pub(super) home: Home,
     pub(super) constant: bool,
     /// Of a constant.
     pub(super) value: Option<Cell>,
     pub(super) writable: bool,
+}
+
+/// A variable of a data list, and the place of its declaration.
+#[derive(Debug, Clone)]
+pub(super) struct SharedVariable {
+    pub(super) variable: Variable,
+    pub(super) file: usize,
+    pub(super) line: usize,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -43,8 +59,8 @@ pub(super) struct Argument {
 /// What a caller must know of a routine.
 #[derive(Debug, Clone)]
 pub(super) struct Signature {
-    pub(super) name: String,
     pub(super) file: usize,
+    pub(super) line: usize,
     pub(super) global: bool,
     pub(super) arguments: Vec<Argument>,
     pub(super) returns: Option<Type>,
@@ -54,17 +70,31 @@ pub(super) struct Compiler<'a> {
     pub(super) files: &'a [File],
     pub(super) kss: Kss,
     pub(super) types: Types,
+    /// The module of each file: a data list and the program of the same name share one.
+    pub(super) modules: Vec<usize>,
     /// Variables that every file sees.
-    pub(super) globals: BTreeMap<String, Variable>,
+    pub(super) globals: BTreeMap<String, SharedVariable>,
     /// Variables of a data list that only the program of the same name sees.
-    pub(super) of_module: BTreeMap<(String, String), Variable>,
+    pub(super) of_module: BTreeMap<(usize, String), SharedVariable>,
+    /// Values of constants, of a module or of all files.
+    pub(super) constants: BTreeMap<(Option<usize>, String), Cell>,
     pub(super) routines: Vec<Signature>,
+    /// The places of all routines of a name.
+    pub(super) routine_places: BTreeMap<String, Vec<usize>>,
     pub(super) program: Program,
     pub(super) problems: Vec<Vec<Problem>>,
     pub(super) warnings: Vec<Vec<Problem>>,
+    /// What is understood and not executed.
+    pub(super) unexecuted: Vec<Vec<Problem>>,
+    /// Names of each file that were reported as not known.
+    pub(super) reported: BTreeSet<(usize, String)>,
+    pub(super) text_places: BTreeMap<String, u32>,
     /// Of what is being compiled.
     pub(super) file: usize,
     pub(super) line: usize,
+    pub(super) routine: Option<usize>,
+    /// The statement that is being compiled, as the execution counts it.
+    pub(super) statement: u32,
     pub(super) locals: BTreeMap<String, Variable>,
     pub(super) frame_cells: usize,
     pub(super) returns: Option<Type>,
@@ -80,15 +110,23 @@ impl<'a> Compiler<'a> {
         Compiler {
             files,
             kss,
-            types: Types::default(),
+            types: Types::kuka(),
+            modules: modules(files),
             globals: BTreeMap::new(),
             of_module: BTreeMap::new(),
+            constants: BTreeMap::new(),
             routines: Vec::new(),
+            routine_places: BTreeMap::new(),
             program: Program::default(),
-            problems: vec![Vec::new(); files.len()],
-            warnings: vec![Vec::new(); files.len()],
+            problems: files.iter().map(|file| file.problems.clone()).collect(),
+            warnings: files.iter().map(|file| file.warnings.clone()).collect(),
+            unexecuted: vec![Vec::new(); files.len()],
+            reported: BTreeSet::new(),
+            text_places: BTreeMap::new(),
             file: 0,
             line: 1,
+            routine: None,
+            statement: 0,
             locals: BTreeMap::new(),
             frame_cells: 0,
             returns: None,
@@ -98,15 +136,46 @@ impl<'a> Compiler<'a> {
     }
 }
 
+/// Files of one name are one module; if several data lists have it, those of one folder.
+fn modules(files: &[File]) -> Vec<usize> {
+    let folder = |file: &File| file.name.rfind(['/', '\\']).map_or(String::new(), |at| file.name[..at].to_owned());
+    let mut lists: BTreeMap<&str, usize> = BTreeMap::new();
+    for file in files.iter().filter(|file| file.data.is_some()) {
+        *lists.entry(&file.module).or_default() += 1;
+    }
+    let mut known: BTreeMap<(String, String), usize> = BTreeMap::new();
+    let mut number = |file: &File| {
+        let is_one = lists.get(file.module.as_str()).is_none_or(|count| *count < 2);
+        let key = (file.module.clone(), if is_one { String::new() } else { folder(file) });
+        let next = known.len();
+        *known.entry(key).or_insert(next)
+    };
+    files.iter().map(&mut number).collect()
+}
+
 impl Compiler<'_> {
     pub(super) fn problem(&mut self, key: &str, message: impl Into<String>) {
         let problem = Problem { line: self.line, key: key.to_owned(), message: message.into() };
-        self.problems[self.file].push(problem);
+        push(&mut self.problems[self.file], problem);
     }
 
     pub(super) fn warn(&mut self, key: &str, message: impl Into<String>) {
         let problem = Problem { line: self.line, key: key.to_owned(), message: message.into() };
-        self.warnings[self.file].push(problem);
+        push(&mut self.warnings[self.file], problem);
+    }
+
+    /// Warns of a name once for each file.
+    pub(super) fn warn_once(&mut self, name: &str, message: impl Into<String>) {
+        if self.reported.insert((self.file, name.to_owned())) {
+            self.warn(name, message);
+        }
+    }
+
+    /// The statement that is being compiled is understood and not executed.
+    pub(super) fn not_executed(&mut self, what: &str) {
+        let problem = Problem { line: self.line, key: what.to_owned(), message: "is not executed".to_owned() };
+        push(&mut self.unexecuted[self.file], problem);
+        self.program.unexecuted.entry(self.statement).or_insert_with(|| what.to_owned());
     }
 
     pub(super) fn check_name(&mut self, name: &str) {
@@ -114,13 +183,39 @@ impl Compiler<'_> {
             let length = name.len();
             self.problem(name, format!("the name has {length} characters; KRL allows {LONGEST_NAME}"));
         }
-        if RESERVED.contains(&name) {
+        if RESERVED.binary_search(&name).is_ok() {
             self.problem(name, "this is a word of KRL itself; choose another name");
         }
     }
 
+    /// Where a type is looked for, the innermost place first.
+    pub(super) fn scopes(&self) -> Vec<Scope> {
+        let routine = self.routine.map(|place| Scope::Routine { file: self.file, place });
+        routine.into_iter().chain([Scope::Module(self.modules[self.file])]).collect()
+    }
+
+    /// The type of this name; a warning if it is not known.
+    pub(super) fn type_named(&mut self, name: &str) -> Type {
+        if let Some(kind) = self.types.find(name, &self.scopes()) {
+            return kind;
+        }
+        self.warn_once(
+            name,
+            if self.types.is_hidden(name) {
+                "this type is declared for another module only; declared GLOBAL all see it"
+            } else {
+                "this type is declared in none of the files named; name the file that declares it, too"
+            },
+        );
+        Type::Unknown
+    }
+
     pub(super) fn emit(&mut self, op: Op) -> usize {
-        self.program.code.push(op);
+        if self.program.code.len() < STEPS {
+            self.program.code.push(op);
+        } else {
+            self.program.is_too_large = true;
+        }
         self.program.code.len() - 1
     }
 
@@ -131,9 +226,9 @@ impl Compiler<'_> {
     /// A statement begins.
     pub(super) fn mark(&mut self, line: usize) {
         self.line = line;
-        let index = cells_u32(self.program.statements.len());
+        self.statement = cells_u32(self.program.statements.len());
         self.program.statements.push(Location { file: self.file, line });
-        self.emit(Op::Statement(index));
+        self.emit(Op::Statement(self.statement));
     }
 
     /// Lets a jump lead to where the next step will be.
@@ -146,11 +241,21 @@ impl Compiler<'_> {
         }
     }
 
-    /// Cells of the frame for a counter.
+    /// Cells of the frame for a variable or a counter. What does not fit into memory is not laid out.
     pub(super) fn reserve(&mut self, cells: usize) -> u32 {
         let offset = self.frame_cells;
-        self.frame_cells += cells;
+        if cells <= MEMORY_VALUES.saturating_sub(offset) {
+            self.frame_cells += cells;
+        } else {
+            self.not_executed("a variable of this size");
+        }
         cells_u32(offset)
+    }
+}
+
+fn push(list: &mut Vec<Problem>, problem: Problem) {
+    if list.len() < REPORTS {
+        list.push(problem);
     }
 }
 

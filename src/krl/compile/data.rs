@@ -1,67 +1,71 @@
-//! Data lists: types, variables, their place in shared memory and their first values.
+//! Data lists: variables, their place in shared memory and their first values.
 
 use super::super::code::{Cell, Shared};
-use super::super::syntax::{Action, Data, Declaration, Declared, Expression, Item, Step, Unary};
-use super::super::types::{Type, Types};
-use super::compiler::{Compiler, Home, Variable, cells_u32};
+use super::super::limits::{ARRAY_VALUES, MEMORY_VALUES};
+use super::super::syntax::{Action, Data, Declaration, Declared, Expression, Item, Step, Unary, VariableRef};
+use super::super::system;
+use super::super::types::Type;
+use super::compiler::{Compiler, Home, SharedVariable, Variable, cells_u32};
+use super::types::is_seen_everywhere;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Part of a shared variable that takes a first value.
+#[derive(Clone)]
+struct Part {
+    /// Its first cell; `None` if it is not laid out.
+    at: Option<usize>,
+    kind: Type,
+    dimensions: Vec<usize>,
+}
 
 impl Compiler<'_> {
-    /// STRUC and ENUM of all files. A structure may use one that stands behind it.
-    pub(super) fn declare_types(&mut self) {
-        let files = self.files;
-        let mut strucs = Vec::new();
-        for (index, file) in files.iter().enumerate() {
-            let of_data = file.data.iter().flat_map(|data| &data.declarations);
-            let of_routines = file.routines.iter().flat_map(|routine| &routine.declarations);
-            for declaration in of_data.chain(of_routines) {
-                (self.file, self.line) = (index, declaration.line);
-                match &declaration.kind {
-                    Declared::Enumeration { name, words } => {
-                        self.check_name(name);
-                        if !self.types.add_enumeration(name, words.clone()) {
-                            self.problem(name, "a type of this name is declared already");
-                        }
-                    }
-                    Declared::Struc { name, components } => {
-                        strucs.push((index, declaration.line, name, components))
-                    }
-                    Declared::Variables { .. } | Declared::Foreign => {}
-                }
-            }
-        }
-        while !strucs.is_empty() {
-            let known = |types: &Types, components: &[(String, Item)]| {
-                components.iter().all(|(type_name, _)| types.find(type_name).is_some())
-            };
-            // Where none is ready the first one is told to be wrong.
-            let ready = strucs.iter().position(|(_, _, _, components)| known(&self.types, components));
-            let (file, line, name, components) = strucs.remove(ready.unwrap_or(0));
-            (self.file, self.line) = (file, line);
-            self.declare_struc(name, components);
-        }
-    }
-
-    fn declare_struc(&mut self, name: &str, components: &[(String, Item)]) {
-        self.check_name(name);
-        let mut placed = Vec::new();
-        for (type_name, item) in components {
-            let kind = self.type_named(type_name);
-            let dimensions = item.dimensions.iter().map(|size| self.dimension(size.as_ref())).collect();
-            placed.push((item.name.clone(), kind, dimensions));
-        }
-        if !self.types.add_struc(name, placed) {
-            self.problem(name, "a type of this name is declared already");
-        }
-    }
-
-    /// An array's size; 0 where it is the caller's.
+    /// An array's size; 0 if it is the caller's.
     pub(super) fn dimension(&mut self, size: Option<&Expression>) -> usize {
         let Some(size) = size else { return 0 };
         match self.constant(size) {
             Some(Cell::Int(size)) if size >= 1 => usize::try_from(size).unwrap_or(1),
+            None if self.may_be_constant(size) => 0,
             _ => {
                 self.problem("", "an array's size is a whole number of at least 1 that is known before the start");
                 1
+            }
+        }
+    }
+
+    /// Whether a size may be known on the controller: by a constant of a file that is not named.
+    fn may_be_constant(&self, size: &Expression) -> bool {
+        match size {
+            Expression::Variable(place) => self.shared_variable(&place.name).is_none_or(|known| known.constant),
+            Expression::Binary(_, left, right) => self.may_be_constant(left) || self.may_be_constant(right),
+            Expression::Unary(_, inner) => self.may_be_constant(inner),
+            _ => false,
+        }
+    }
+
+    /// The values of constants, which sizes of other lists may name before their own list is laid out.
+    pub(super) fn find_constants(&mut self) {
+        let files = self.files;
+        // Twice: a constant may name one of a later list.
+        for _ in 0..2 {
+            for (index, file) in files.iter().enumerate() {
+                self.file = index;
+                let Some(data) = &file.data else { continue };
+                let below = data.values.iter().filter_map(|value| match &value.action {
+                    Action::Assign { to, value } if to.steps.is_empty() => Some((to.name.as_str(), value)),
+                    _ => None,
+                });
+                let below: BTreeMap<&str, &Expression> = below.collect();
+                for declaration in &data.declarations {
+                    let Declared::Variables { constant: true, items, .. } = &declaration.kind else { continue };
+                    let is_global = declaration.global || is_seen_everywhere(data);
+                    let module = if is_global { None } else { Some(self.modules[index]) };
+                    for item in items.iter().filter(|item| item.dimensions.is_empty()) {
+                        let value = item.value.as_ref().or_else(|| below.get(item.name.as_str()).copied());
+                        if let Some(cell) = value.and_then(|value| self.constant(value)) {
+                            self.constants.insert((module, item.name.clone()), cell);
+                        }
+                    }
+                }
             }
         }
     }
@@ -72,10 +76,8 @@ impl Compiler<'_> {
         for (index, file) in files.iter().enumerate() {
             self.file = index;
             let Some(data) = &file.data else { continue };
-            for declaration in &data.declarations {
-                self.line = declaration.line;
-                self.declare_shared(declaration, data, &file.module);
-            }
+            self.declare_list(data);
+            self.values_of_constants(data);
             for value in &data.values {
                 self.line = value.line;
                 if let Action::Assign { to, value } = &value.action {
@@ -85,154 +87,334 @@ impl Compiler<'_> {
         }
     }
 
-    fn declare_shared(&mut self, declaration: &Declaration, data: &Data, module: &str) {
-        let Declared::Variables { type_name, items, constant } = &declaration.kind else { return };
-        if declaration.global && !data.public {
-            self.problem(&items[0].name, "GLOBAL needs a data list that is PUBLIC");
+    fn declare_list(&mut self, data: &Data) {
+        for declaration in &data.declarations {
+            self.line = declaration.line;
+            // A statement that is executed never belongs to a declaration.
+            self.statement = u32::MAX;
+            match &declaration.kind {
+                Declared::Variables { constant, type_name, items } => {
+                    self.declare_shared(declaration, data, type_name, items, *constant);
+                }
+                Declared::Signal { name, from, to } => {
+                    let variable = self.signal(name, [from, to]);
+                    self.add_shared(declaration, data, name, variable);
+                }
+                Declared::Import { type_name, name } => {
+                    let kind = self.type_named(type_name);
+                    let variable = nowhere(kind, Vec::new());
+                    self.add_shared(declaration, data, name, variable);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn declare_shared(
+        &mut self,
+        declaration: &Declaration,
+        data: &Data,
+        type_name: &str,
+        items: &[Item],
+        constant: bool,
+    ) {
+        if declaration.global && !data.public && !is_seen_everywhere(data) {
+            self.warn(&items[0].name, "GLOBAL needs a data list that is PUBLIC: other programs may not see this");
         }
         for item in items {
             self.check_name(&item.name);
             let kind = self.type_named(type_name);
             let dimensions: Vec<usize> = item.dimensions.iter().map(|size| self.dimension(size.as_ref())).collect();
-            let cells = self.types.cells(kind, &dimensions);
-            let offset = cells_u32(self.program.memory.len());
-            self.program.memory.resize(self.program.memory.len() + cells, Cell::Unset);
-            self.program.shared.push(Shared { name: item.name.clone(), offset, cells: cells_u32(cells) });
+            let at = self.lay_out(&item.name, kind, &dimensions);
             let mut value = None;
             if let Some(expression) = &item.value {
-                let at = usize::try_from(offset).unwrap_or_default();
-                self.write_value(at, kind, &dimensions, expression);
-                value = self.program.memory.get(at).copied().filter(|_| *constant && cells == 1);
-            } else if *constant {
-                self.problem(&item.name, "a CONST takes its value in its declaration");
+                self.write_value(&item.name, Part { at, kind, dimensions: dimensions.clone() }, expression);
+                let is_simple = dimensions.is_empty() && self.types.size(kind) == 1;
+                value = at.and_then(|at| self.program.memory.get(at).copied()).filter(|_| constant && is_simple);
             }
-            let home = Home::Global(offset);
-            let variable = Variable { kind, dimensions, home, constant: *constant, value, writable: !*constant };
-            let name = item.name.clone();
-            let taken = if declaration.global {
-                self.globals.insert(name, variable)
-            } else {
-                self.of_module.insert((module.to_owned(), name), variable)
-            };
-            if taken.is_some() {
-                self.problem(&item.name, "this name is declared twice");
+            let home = at.map_or(Home::Nowhere, |at| Home::Global(cells_u32(at)));
+            let variable = Variable { kind, dimensions, home, constant, value, writable: !constant };
+            self.add_shared(declaration, data, &item.name, variable);
+        }
+    }
+
+    /// The first cell of a shared variable; `None` if it does not fit into memory.
+    fn lay_out(&mut self, name: &str, kind: Type, dimensions: &[usize]) -> Option<usize> {
+        let cells = self.types.cells(kind, dimensions);
+        if cells > ARRAY_VALUES {
+            let message =
+                format!("the array has {cells} values; limit {ARRAY_VALUES}: no controller has memory for more");
+            self.problem(name, message);
+        }
+        let offset = self.program.memory.len();
+        if cells > MEMORY_VALUES.saturating_sub(offset) {
+            self.not_executed("a variable of this size");
+            return None;
+        }
+        self.program.memory.resize(offset + cells, Cell::Unset);
+        self.program.shared.push(Shared {
+            name: name.to_owned(),
+            offset: cells_u32(offset),
+            cells: cells_u32(cells),
+        });
+        Some(offset)
+    }
+
+    fn add_shared(&mut self, declaration: &Declaration, data: &Data, name: &str, variable: Variable) {
+        let (file, line) = (self.file, declaration.line);
+        let shared = SharedVariable { variable, file, line };
+        let own_list = is_seen_everywhere(data);
+        let taken = if declaration.global || own_list {
+            self.globals.insert(name.to_owned(), shared)
+        } else {
+            self.of_module.insert((self.modules[file], name.to_owned()), shared)
+        };
+        let Some(other) = taken else { return };
+        let place = if other.file == file {
+            format!("line {}", other.line)
+        } else {
+            format!("{}, line {}", self.files[other.file].name, other.line)
+        };
+        let is_of_controller = |file: usize| self.files[file].data.as_ref().is_some_and(is_seen_everywhere);
+        if other.file != file && (own_list || is_of_controller(other.file)) {
+            self.warn(
+                name,
+                format!("this name is declared in one of the controller's own data lists, too: {place}"),
+            );
+        } else {
+            self.problem(name, format!("this name is declared twice: {place}"));
+        }
+    }
+
+    /// `SIGNAL NAME $OUT[3]` is a BOOL, one of several outputs an INT, an analog one a REAL.
+    pub(super) fn signal(&mut self, name: &str, [from, to]: [&Option<VariableRef>; 2]) -> Variable {
+        self.check_name(name);
+        let analog = from.as_ref().is_some_and(|from| matches!(from.name.as_str(), "$ANIN" | "$ANOUT"));
+        let kind = match to {
+            _ if analog => Type::Real,
+            Some(_) => Type::Int,
+            None => Type::Bool,
+        };
+        let mut variable = nowhere(kind, Vec::new());
+        if let (Some(from), None, false) = (from, to, analog)
+            && let Some((index, number)) = self.bit(from)
+        {
+            variable.home = Home::Bit { variable: index, number };
+            variable.writable = system::SYSTEM_VARIABLES[usize::from(index)].writable;
+        }
+        variable
+    }
+
+    /// `$OUT[3]`: the system variable and the number.
+    fn bit(&mut self, place: &VariableRef) -> Option<(u16, i32)> {
+        let index = system::find(&place.name)?;
+        let [Step::Index(indices)] = &place.steps[..] else { return None };
+        let [Some(number)] = &indices[..] else { return None };
+        let Some(Cell::Int(number)) = self.constant(number) else { return None };
+        let count = system::SYSTEM_VARIABLES[index].count;
+        if !usize::try_from(number).is_ok_and(|number| (1..=count).contains(&number)) {
+            self.problem(&place.name, format!("the index {number} is outside of the array, 1 to {count}"));
+            return None;
+        }
+        Some((u16::try_from(index).ok()?, number))
+    }
+
+    /// A CONST without a value in its declaration takes one below.
+    fn values_of_constants(&mut self, data: &Data) {
+        let valued: BTreeSet<&str> = data
+            .values
+            .iter()
+            .filter_map(|value| match &value.action {
+                Action::Assign { to, .. } => Some(to.name.as_str()),
+                _ => None,
+            })
+            .collect();
+        for declaration in &data.declarations {
+            let Declared::Variables { constant: true, items, .. } = &declaration.kind else { continue };
+            self.line = declaration.line;
+            for item in items.iter().filter(|item| item.value.is_none() && !valued.contains(item.name.as_str())) {
+                self.warn(&item.name, "a CONST without a value: it takes one in its declaration or below");
             }
         }
     }
 
     /// `NAME[1]=17` in a data list.
-    fn first_value(&mut self, to: &super::super::syntax::VariableRef, value: &Expression) {
-        let module = self.files[self.file].module.clone();
-        let of_module = self.of_module.get(&(module, to.name.clone()));
-        let Some(variable) = of_module.or_else(|| self.globals.get(&to.name)).cloned() else {
+    fn first_value(&mut self, to: &VariableRef, value: &Expression) {
+        self.statement = u32::MAX;
+        let Some(variable) = self.shared_variable(&to.name).cloned() else {
             if !to.name.starts_with('$') {
-                self.problem(&to.name, "a value is given to a name that this data list does not declare");
+                self.warn_once(&to.name, "not checked: a value for a name that none of the files named declares");
             }
             return;
         };
-        let (Home::Global(start), mut kind) = (variable.home, variable.kind) else { return };
-        let (mut at, mut dimensions) = (start as usize, variable.dimensions);
+        let at = if let Home::Global(start) = variable.home { Some(start as usize) } else { None };
+        let mut part = Part { at, kind: variable.kind, dimensions: variable.dimensions };
         for step in &to.steps {
             match step {
                 Step::Index(indices) => {
-                    let Some(offset) = self.constant_index(&to.name, indices, &dimensions) else { return };
-                    at += offset * self.types.size(kind);
-                    dimensions = Vec::new();
+                    if self.index_part(&to.name, indices, &mut part).is_none() {
+                        return;
+                    }
                 }
                 Step::Component(name) => {
-                    let found = self.types.struc(kind).and_then(|struc| {
-                        struc.components.iter().find(|component| component.name == *name).cloned()
-                    });
-                    let Some(component) = found else {
-                        let type_name = self.types.name(kind);
-                        return self.problem(&to.name, format!("{type_name} has no component {name}"));
-                    };
-                    at += component.offset;
-                    (kind, dimensions) = (component.kind, component.dimensions);
+                    if self.component_part(&to.name, name, &mut part).is_none() {
+                        return;
+                    }
                 }
-                Step::Whole => {}
             }
         }
-        self.write_value(at, kind, &dimensions, value);
+        self.write_value(&to.name, part.clone(), value);
+        if to.steps.is_empty()
+            && variable.constant
+            && let Some(cell) = part.at.and_then(|at| self.program.memory.get(at).copied())
+        {
+            self.set_constant(&to.name, cell);
+        }
     }
 
-    fn constant_index(&mut self, name: &str, indices: &[Expression], dimensions: &[usize]) -> Option<usize> {
+    fn set_constant(&mut self, name: &str, cell: Cell) {
+        let of_module = self.of_module.get_mut(&(self.modules[self.file], name.to_owned()));
+        if let Some(shared) = of_module.or_else(|| self.globals.get_mut(name)) {
+            shared.variable.value = Some(cell);
+        }
+    }
+
+    fn component_part(&mut self, variable: &str, name: &str, part: &mut Part) -> Option<()> {
+        if part.kind == Type::Unknown {
+            return None;
+        }
+        let component = self.component_of(variable, part.kind, name)?;
+        part.at = part.at.map(|at| at + component.offset);
+        (part.kind, part.dimensions) = (component.kind, component.dimensions);
+        Some(())
+    }
+
+    /// An element, or a row of a table: `NAME[2,]`.
+    fn index_part(&mut self, name: &str, indices: &[Option<Expression>], part: &mut Part) -> Option<()> {
+        let dimensions = std::mem::take(&mut part.dimensions);
         if indices.len() != dimensions.len() {
+            // Text in a row of characters is written with [].
+            if indices.iter().all(Option::is_none) {
+                part.dimensions = dimensions;
+                return Some(());
+            }
             self.problem(name, format!("{} indices for {} dimensions", indices.len(), dimensions.len()));
             return None;
         }
-        let mut offset = 0;
-        for (index, &count) in indices.iter().zip(dimensions) {
-            let index = match self.constant(index) {
-                Some(Cell::Int(index)) => index,
-                _ => {
-                    self.problem(name, "in a data list an index is a whole number");
-                    return None;
-                }
+        let mut offset = 0_usize;
+        for (index, &count) in indices.iter().zip(&dimensions) {
+            let Some(index) = index else {
+                part.dimensions.push(count);
+                offset = offset.saturating_mul(count);
+                continue;
             };
-            let inside = usize::try_from(index).ok().filter(|index| (1..=count).contains(index));
+            let Some(Cell::Int(index)) = self.constant(index) else {
+                part.at = None;
+                continue;
+            };
+            let inside = usize::try_from(index).ok().filter(|index| *index >= 1 && (count == 0 || *index <= count));
             let Some(inside) = inside else {
                 self.problem(name, format!("the index {index} is outside of the array, 1 to {count}"));
                 return None;
             };
-            offset = offset * count + inside - 1;
+            offset = offset.saturating_mul(count).saturating_add(inside - 1);
         }
-        Some(offset)
+        if dimensions.contains(&0) {
+            part.at = None;
+        }
+        let size = self.types.size(part.kind);
+        part.at = part.at.map(|at| at.saturating_add(offset.saturating_mul(size)));
+        Some(())
     }
 
-    fn write_value(&mut self, at: usize, kind: Type, dimensions: &[usize], value: &Expression) {
+    fn write_value(&mut self, name: &str, part: Part, value: &Expression) {
+        let Part { at, kind, dimensions } = part;
         match value {
             Expression::Text(text) if kind == Type::Char => {
-                let cells = self.types.cells(kind, dimensions);
-                if text.len() > cells {
-                    self.problem("", format!("the text has {} characters, the variable {cells}", text.len()));
+                let cells = self.types.cells(kind, &dimensions);
+                let length = text.chars().count();
+                if length > cells && !dimensions.contains(&0) {
+                    self.warn(name, format!("the text has {length} characters, the variable {cells}"));
                 }
-                for (place, byte) in text.bytes().take(cells).enumerate() {
-                    self.program.memory[at + place] = Cell::Char(byte);
-                }
-            }
-            Expression::Aggregate { parts, .. } if self.types.struc(kind).is_some() => {
-                for (component, value) in parts {
-                    let found = self.types.struc(kind).and_then(|struc| {
-                        struc.components.iter().find(|known| known.name == component.name).cloned()
-                    });
-                    match found {
-                        Some(found) => self.write_value(at + found.offset, found.kind, &found.dimensions, value),
-                        None => {
-                            let type_name = self.types.name(kind);
-                            self.problem(&component.name, format!("{type_name} has no such component"));
-                        }
-                    }
+                // The execution knows one byte for each character.
+                let bytes = text.chars().map(|character| u8::try_from(u32::from(character)).unwrap_or(b'?'));
+                for (place, byte) in bytes.take(cells).enumerate() {
+                    self.set(at.map(|at| at + place), Cell::Char(byte));
                 }
             }
-            Expression::Word(word) => match self.types.word(kind, word).and_then(|word| u16::try_from(word).ok()) {
-                Some(place) => self.program.memory[at] = Cell::Word(place),
-                None => {
-                    let type_name = self.types.name(kind);
-                    self.problem("", format!("#{word} is no word of {type_name}"));
+            Expression::Aggregate { type_name, parts } => {
+                self.write_aggregate(name, (at, kind), type_name.as_deref(), parts)
+            }
+            Expression::Word(word) => {
+                if let Some(place) = self.word_place(word, kind) {
+                    self.set(at, Cell::Word(place));
                 }
-            },
-            _ => {
-                let found = match (self.constant(value), kind) {
-                    (_, Type::Unknown) => return,
-                    (Some(Cell::Int(number)), Type::Real) => Some(Cell::Real(number as f32)),
-                    (Some(Cell::Real(number)), Type::Int) => Some(Cell::Int(number.round() as i32)),
-                    (Some(cell @ Cell::Int(_)), Type::Int) => Some(cell),
-                    (Some(cell @ Cell::Real(_)), Type::Real) => Some(cell),
-                    (Some(cell @ Cell::Bool(_)), Type::Bool) => Some(cell),
-                    _ => None,
+            }
+            _ => self.write_simple(name, at, kind, value),
+        }
+    }
+
+    fn write_aggregate(
+        &mut self,
+        name: &str,
+        (at, kind): (Option<usize>, Type),
+        type_name: Option<&str>,
+        parts: &[(VariableRef, Expression)],
+    ) {
+        let stated = type_name.map(|name| self.type_named(name)).filter(|stated| *stated != Type::Unknown);
+        let kind = match stated {
+            Some(stated) if kind == Type::Unknown || self.types.are_alike(stated, kind) => stated,
+            _ => kind,
+        };
+        if kind == Type::Unknown {
+            return;
+        }
+        if self.types.struc(kind).is_none() {
+            let type_name = self.types.name(kind);
+            return self.problem(name, format!("components are given where {type_name} is wanted"));
+        }
+        for (place, value) in parts {
+            let Some(component) = self.component_of(name, kind, &place.name) else { continue };
+            let at = at.map(|at| at + component.offset);
+            let mut part = Part { at, kind: component.kind, dimensions: component.dimensions };
+            for step in &place.steps {
+                let found = match step {
+                    Step::Index(indices) => self.index_part(&place.name, indices, &mut part),
+                    Step::Component(name) => self.component_part(&place.name, name, &mut part),
                 };
-                match found {
-                    Some(cell) => self.program.memory[at] = cell,
-                    None => {
-                        let type_name = self.types.name(kind);
-                        self.problem(
-                            "",
-                            format!("a first value of type {type_name} is expected that is known here"),
-                        );
-                    }
+                if found.is_none() {
+                    part.kind = Type::Unknown;
                 }
             }
+            self.write_value(&place.name, part, value);
+        }
+    }
+
+    fn write_simple(&mut self, name: &str, at: Option<usize>, kind: Type, value: &Expression) {
+        let found = self.constant(value);
+        let cell = match (found, kind) {
+            (_, Type::Unknown) => return,
+            (Some(Cell::Int(number)), Type::Real) => Cell::Real(number as f32),
+            (Some(Cell::Real(number)), Type::Int) => Cell::Int(number.round() as i32),
+            (Some(Cell::Int(number)), Type::Char) => Cell::Char(number as u8),
+            (Some(cell @ Cell::Int(_)), Type::Int) => cell,
+            (Some(cell @ Cell::Real(_)), Type::Real) => cell,
+            (Some(cell @ Cell::Bool(_)), Type::Bool) => cell,
+            (Some(_), _) => {
+                let type_name = self.types.name(kind);
+                return self.problem(name, format!("a first value of type {type_name} is expected"));
+            }
+            (None, _) => {
+                let message = "not checked: a first value that is not known before the start";
+                return self.warn(name, message);
+            }
+        };
+        self.set(at, cell);
+    }
+
+    fn set(&mut self, at: Option<usize>, cell: Cell) {
+        if let Some(place) = at.and_then(|at| self.program.memory.get_mut(at)) {
+            *place = cell;
         }
     }
 
@@ -247,7 +429,14 @@ impl Compiler<'_> {
                 if self.locals.contains_key(&place.name) {
                     return None;
                 }
-                self.shared_variable(&place.name).filter(|variable| variable.constant)?.value
+                match self.shared_variable(&place.name) {
+                    Some(variable) => variable.value.filter(|_| variable.constant),
+                    None => {
+                        let module = self.modules[self.file];
+                        let of = |module| self.constants.get(&(module, place.name.clone())).copied();
+                        of(Some(module)).or_else(|| of(None))
+                    }
+                }
             }
             Expression::Unary(Unary::Minus, inner) => match self.constant(inner)? {
                 Cell::Int(number) => Some(Cell::Int(number.checked_neg()?)),
@@ -273,7 +462,13 @@ impl Compiler<'_> {
 
     /// A variable of a data list that this file sees.
     pub(super) fn shared_variable(&self, name: &str) -> Option<&Variable> {
-        let module = &self.files[self.file].module;
-        self.of_module.get(&(module.clone(), name.to_owned())).or_else(|| self.globals.get(name))
+        let module = self.modules[self.file];
+        let of_module = self.of_module.get(&(module, name.to_owned()));
+        of_module.or_else(|| self.globals.get(name)).map(|shared| &shared.variable)
     }
+}
+
+/// A variable that is known by its type alone.
+pub(super) fn nowhere(kind: Type, dimensions: Vec<usize>) -> Variable {
+    Variable { kind, dimensions, home: Home::Nowhere, constant: false, value: None, writable: true }
 }

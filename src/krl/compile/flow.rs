@@ -1,40 +1,79 @@
-//! What a routine may read before it was assigned, and whether a function can end without RETURN.
+//! What a routine may read before it was assigned, and whether a function can end without RETURN. Both are warnings: what
+//! an IF keeps from happening is not known here.
 //!
-//! A variable counts as assigned where every way to the place has assigned it or a part of it. What is handed to a
-//! routine as a variable counts as assigned by it; EthernetKRL's readers want a variable that holds a value already.
+//! A variable counts as assigned if every way to the place has assigned it or a part of it. What is handed to a routine as a
+//! variable counts as assigned by it; EthernetKRL's readers want a variable that holds a value already. A routine with
+//! labels is not looked at: a GOTO may come from anywhere.
 
-use super::super::syntax::{Action, Call, Declared, Expression, Routine, Statement, Step, VariableRef};
-use super::super::system::{BUILTINS, Wants};
+use super::super::routines::{Wants, known};
+use super::super::syntax::{
+    Action, Call, Declared, Expression, MotionStatement, Routine, Statement, Step, TriggerPlace, VariableRef,
+};
 use super::compiler::{Compiler, Signature};
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
-/// The names that are assigned; `None` where this place is never reached.
-type Assigned = Option<BTreeSet<String>>;
+/// Which local variables are assigned, by their numbers; `None` if this place is never reached.
+type Assigned = Option<Set>;
+
+/// A set of local variables.
+#[derive(Debug, Clone, Default)]
+struct Set(Vec<u64>);
+
+impl Set {
+    fn insert(&mut self, number: usize) {
+        let word = number / 64;
+        if self.0.len() <= word {
+            self.0.resize(word + 1, 0);
+        }
+        self.0[word] |= 1 << (number % 64);
+    }
+
+    fn contains(&self, number: usize) -> bool {
+        self.0.get(number / 64).is_some_and(|word| word >> (number % 64) & 1 == 1)
+    }
+
+    fn common(mut self, other: &Set) -> Set {
+        self.0.truncate(other.0.len());
+        self.0.iter_mut().zip(&other.0).for_each(|(one, other)| *one &= other);
+        self
+    }
+}
 
 struct Flow<'a, 'b> {
     compiler: &'a mut Compiler<'b>,
-    locals: BTreeSet<String>,
-    told: BTreeSet<String>,
+    locals: BTreeMap<&'a str, usize>,
+    reported: Set,
     /// What holds where an EXIT leaves a loop.
-    exits: Vec<Vec<BTreeSet<String>>>,
+    exits: Vec<Vec<Set>>,
 }
 
 pub(super) fn check(compiler: &mut Compiler<'_>, routine: &Routine, signature: &Signature) {
-    let mut locals = BTreeSet::new();
+    if has_labels(&routine.body) {
+        return;
+    }
+    let mut locals = BTreeMap::new();
     for declaration in &routine.declarations {
         if let Declared::Variables { items, .. } = &declaration.kind {
-            locals.extend(items.iter().map(|item| item.name.clone()));
+            for item in items.iter().filter(|item| item.value.is_none()) {
+                let number = locals.len();
+                locals.entry(item.name.as_str()).or_insert(number);
+            }
         }
     }
-    for argument in &signature.arguments {
-        locals.remove(&argument.name);
-    }
-    let mut flow = Flow { compiler, locals, told: BTreeSet::new(), exits: Vec::new() };
-    let ends = flow.block(&routine.body, Some(BTreeSet::new()));
+    locals.retain(|name, _| signature.arguments.iter().all(|argument| argument.name != *name));
+    let mut flow = Flow { compiler, locals, reported: Set::default(), exits: Vec::new() };
+    let ends = flow.block(&routine.body, Some(Set::default()));
     if ends.is_some() && signature.returns.is_some() {
         compiler.line = routine.end_line;
-        compiler.problem(&routine.name, "a way through this function ends without RETURN");
+        compiler.warn(&routine.name, "a way through this function may end without RETURN");
     }
+}
+
+fn has_labels(body: &[Statement]) -> bool {
+    body.iter().any(|statement| {
+        matches!(statement.action, Action::Label(_) | Action::Goto(_))
+            || statement.action.blocks().into_iter().any(has_labels)
+    })
 }
 
 impl Flow<'_, '_> {
@@ -51,8 +90,7 @@ impl Flow<'_, '_> {
         match &statement.action {
             Action::Assign { to, value } => {
                 self.read(value, &mut now);
-                self.read_indices(to, &mut now);
-                now.insert(to.name.clone());
+                self.assign(to, &mut now);
             }
             Action::Call(call) => self.call(call, &mut now),
             Action::If { condition, then, otherwise } => {
@@ -77,7 +115,7 @@ impl Flow<'_, '_> {
                 for value in [Some(from), Some(to), step.as_ref()].into_iter().flatten() {
                     self.read(value, &mut now);
                 }
-                now.insert(variable.name.clone());
+                self.assign(variable, &mut now);
                 return self.looped(body, now, true);
             }
             Action::While { condition, body } => {
@@ -93,6 +131,10 @@ impl Flow<'_, '_> {
                 }
                 let exits = self.exits.pop().unwrap_or_default();
                 return exits.into_iter().fold(after, |after, exit| both(after, Some(exit)));
+            }
+            Action::Spline { with, body } => {
+                self.settings(with, &mut now);
+                return self.block(body, Some(now));
             }
             Action::Exit => {
                 if let Some(exits) = self.exits.last_mut() {
@@ -110,23 +152,41 @@ impl Flow<'_, '_> {
                 self.read(condition, &mut now);
                 self.call(call, &mut now);
             }
-            Action::Trigger { distance, delay, action, priority } => {
-                for value in [Some(distance), Some(delay), priority.as_ref()].into_iter().flatten() {
+            Action::Trigger { at, delay, action, priority } => {
+                let (TriggerPlace::Distance(at) | TriggerPlace::Path(at)) = at;
+                for value in [Some(at), delay.as_ref(), priority.as_ref()].into_iter().flatten() {
                     self.read(value, &mut now);
                 }
                 return self.statement(action, Some(now));
             }
-            Action::Motion { target: value, .. } | Action::WaitSeconds(value) | Action::WaitFor(value) => {
-                self.read(value, &mut now);
+            Action::Motion(motion) => self.motion(motion, &mut now),
+            Action::WaitSeconds(value) | Action::WaitFor(value) => self.read(value, &mut now),
+            Action::InterruptSwitch { number, .. } => {
+                number.iter().for_each(|number| self.read(number, &mut now));
             }
-            Action::InterruptSwitch { number, .. } => number.iter().for_each(|number| self.read(number, &mut now)),
-            Action::Brake { .. } | Action::Halt | Action::Continue => {}
+            Action::Checked { values, .. } => values.iter().for_each(|(value, _)| self.read(value, &mut now)),
+            // What was not read may have assigned anything.
+            Action::NotRead => (0..self.locals.len()).for_each(|number| now.insert(number)),
+            Action::Brake { .. } | Action::Halt | Action::Continue | Action::Label(_) | Action::Goto(_) => {}
         }
         Some(now)
     }
 
-    /// `may_skip` where the body may be left out, and the loop ends by itself.
-    fn looped(&mut self, body: &[Statement], now: BTreeSet<String>, may_skip: bool) -> Assigned {
+    fn motion(&mut self, motion: &MotionStatement, now: &mut Set) {
+        self.settings(&motion.with, now);
+        let values = [motion.auxiliary.as_ref(), Some(&motion.target), motion.angle.as_ref()];
+        values.into_iter().flatten().for_each(|value| self.read(value, now));
+    }
+
+    fn settings(&mut self, with: &[(VariableRef, Expression)], now: &mut Set) {
+        for (to, value) in with {
+            self.read(value, now);
+            self.assign(to, now);
+        }
+    }
+
+    /// `may_skip` if the body may be left out, and the loop ends by itself.
+    fn looped(&mut self, body: &[Statement], now: Set, may_skip: bool) -> Assigned {
         self.exits.push(Vec::new());
         self.block(body, Some(now.clone()));
         let exits = self.exits.pop().unwrap_or_default();
@@ -134,7 +194,14 @@ impl Flow<'_, '_> {
         exits.into_iter().fold(after, |after, exit| both(after, Some(exit)))
     }
 
-    fn read(&mut self, value: &Expression, now: &mut BTreeSet<String>) {
+    fn assign(&mut self, to: &VariableRef, now: &mut Set) {
+        self.read_indices(to, now);
+        if let Some(number) = self.locals.get(to.name.as_str()) {
+            now.insert(*number);
+        }
+    }
+
+    fn read(&mut self, value: &Expression, now: &mut Set) {
         match value {
             Expression::Variable(place) => {
                 self.read_indices(place, now);
@@ -151,36 +218,35 @@ impl Flow<'_, '_> {
         }
     }
 
-    fn want(&mut self, name: &str, now: &BTreeSet<String>) {
-        if self.locals.contains(name) && !now.contains(name) && self.told.insert(name.to_owned()) {
-            self.compiler.problem(name, "this local variable may be read here before it was given a value");
+    fn want(&mut self, name: &str, now: &Set) {
+        let Some(number) = self.locals.get(name).copied() else { return };
+        if !now.contains(number) && !self.reported.contains(number) {
+            self.reported.insert(number);
+            self.compiler.warn(name, "this local variable may be read here before it was given a value");
         }
     }
 
-    fn read_indices(&mut self, place: &VariableRef, now: &mut BTreeSet<String>) {
+    fn read_indices(&mut self, place: &VariableRef, now: &mut Set) {
         for step in &place.steps {
             if let Step::Index(indices) = step {
-                indices.iter().for_each(|index| self.read(index, now));
+                indices.iter().flatten().for_each(|index| self.read(index, now));
             }
         }
     }
 
-    fn call(&mut self, call: &Call, now: &mut BTreeSet<String>) {
-        let routine = self.compiler.routines.iter().find(|known| known.name == call.name);
-        let by_value: Option<Vec<bool>> =
-            routine.map(|routine| routine.arguments.iter().map(|argument| argument.by_value).collect());
-        let wants = BUILTINS.iter().find(|(name, ..)| *name == call.name).map(|(_, _, wants, _)| *wants);
+    fn call(&mut self, call: &Call, now: &mut Set) {
+        let routine = self.compiler.routine_seen(&call.name);
+        let own = routine.map(|place| self.compiler.routines[place].clone());
+        let wants = known(&call.name).map(|known| &known.wants);
         for (index, argument) in call.arguments.iter().enumerate() {
-            let is_written = match (&by_value, wants) {
-                (Some(by_value), _) => by_value.get(index) == Some(&false),
-                (None, Some(wants)) => matches!(wants.get(index), Some(Wants::Variable(_))),
+            let Some(argument) = argument else { continue };
+            let is_written = match (&own, wants) {
+                (Some(routine), _) => routine.arguments.get(index).is_some_and(|argument| !argument.by_value),
+                (None, Some(wants)) => !matches!(wants.get(index), Some(Wants::Value(_) | Wants::Filled(_))),
                 (None, None) => true,
             };
             match argument {
-                Expression::Variable(place) if is_written => {
-                    self.read_indices(place, now);
-                    now.insert(place.name.clone());
-                }
+                Expression::Variable(place) if is_written => self.assign(place, now),
                 _ => self.read(argument, now),
             }
         }
@@ -190,7 +256,7 @@ impl Flow<'_, '_> {
 /// What is assigned on both ways that meet here.
 fn both(one: Assigned, other: Assigned) -> Assigned {
     match (one, other) {
-        (Some(one), Some(other)) => Some(one.intersection(&other).cloned().collect()),
+        (Some(one), Some(other)) => Some(one.common(&other)),
         (one, other) => one.or(other),
     }
 }

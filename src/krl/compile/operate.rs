@@ -11,8 +11,9 @@ impl Compiler<'_> {
             Binary::And | Binary::Or => self.logical(operator, left, right),
             Binary::Geometric => self.geometric(left, right),
             Binary::Equal | Binary::Unequal => {
-                // A word is of the enumeration on the other side.
-                let (left, right) = if matches!(left, Expression::Word(_)) { (right, left) } else { (left, right) };
+                // A word is of the enumeration on the other side, a text of one character a CHAR if that is one.
+                let is_of_other = matches!(left, Expression::Word(_) | Expression::Text(_));
+                let (left, right) = if is_of_other { (right, left) } else { (left, right) };
                 self.compare(operator, left, right)
             }
             Binary::Less | Binary::AtMost | Binary::Greater | Binary::AtLeast => {
@@ -34,7 +35,7 @@ impl Compiler<'_> {
         (left, self.value(right, left))
     }
 
-    /// INT beside REAL becomes REAL.
+    /// INT beside REAL becomes REAL; CHAR is a number from 0 to 255.
     fn number(&mut self, operator: Binary, left: Type, right: Type) -> Type {
         match (left, right) {
             (Type::Unknown, _) | (_, Type::Unknown) => Type::Unknown,
@@ -47,6 +48,10 @@ impl Compiler<'_> {
             (Type::Real, Type::Int) => {
                 self.emit(Op::ToReal(0));
                 Type::Real
+            }
+            (Type::Char | Type::Int | Type::Real, Type::Char | Type::Int | Type::Real) => {
+                self.not_executed("a calculation with CHAR");
+                if left == Type::Real || right == Type::Real { Type::Real } else { Type::Int }
             }
             _ => self.mismatch(operator, left, right),
         }
@@ -65,7 +70,11 @@ impl Compiler<'_> {
     fn same(&mut self, operator: Binary, left: &Expression, right: &Expression, wanted: Type) -> Type {
         let (left, right) = self.two(left, right);
         self.emit(Op::Binary(operator));
-        let fits = |kind: Type| kind == wanted || kind == Type::Unknown;
+        if wanted == Type::Int && (left == Type::Char || right == Type::Char) {
+            self.not_executed("a calculation with CHAR");
+        }
+        let fits =
+            |kind: Type| kind == wanted || kind == Type::Unknown || (wanted == Type::Int && kind == Type::Char);
         if fits(left) && fits(right) { wanted } else { self.mismatch(operator, left, right) }
     }
 
@@ -82,19 +91,26 @@ impl Compiler<'_> {
     fn compare(&mut self, operator: Binary, left: &Expression, right: &Expression) -> Type {
         let (left, right) = self.two(left, right);
         let ordered = !matches!(operator, Binary::Equal | Binary::Unequal);
-        let simple = |kind: Type| !matches!(kind, Type::Struc(_) | Type::Text);
-        if left == right && simple(left) && (!ordered || matches!(left, Type::Int | Type::Real | Type::Char)) {
-            self.emit(Op::Binary(operator));
-            return Type::Bool;
+        match (left, right) {
+            (Type::Struc(_), Type::Struc(_)) if !ordered && self.types.are_same(left, right) => {
+                self.not_executed("a comparison of structures");
+            }
+            (Type::Text | Type::Char, Type::Text) | (Type::Text, Type::Char) => {
+                self.not_executed("a comparison of texts");
+            }
+            _ if self.types.are_same(left, right)
+                && (!ordered || matches!(left, Type::Int | Type::Real | Type::Char | Type::Enumeration(_))) => {}
+            _ => {
+                self.number(operator, left, right);
+            }
         }
-        self.number(operator, left, right);
         self.emit(Op::Binary(operator));
         Type::Bool
     }
 
     /// `POS:FRAME` and so on: 6 numbers each, 6 numbers come out.
     fn geometric(&mut self, left: &Expression, right: &Expression) -> Type {
-        let frame = self.types.find("FRAME").unwrap_or(Type::Unknown);
+        let frame = self.types.own("FRAME");
         let mut sides = [Type::Unknown; 2];
         for (side, expression) in sides.iter_mut().zip([left, right]) {
             *side = self.value(expression, frame);

@@ -1,11 +1,12 @@
 //! Addresses of variables and of their components and elements.
 
-use super::super::code::Cell;
-use super::super::code::Op;
+use super::super::code::{Cell, Op};
+use super::super::routines::VARIABLES_OF_ETHERNET_KRL_6;
 use super::super::syntax::{Expression, Step, VariableRef};
 use super::super::system::{self, SYSTEM_VARIABLES};
-use super::super::types::Type;
+use super::super::types::{Component, Type};
 use super::compiler::{Compiler, Home, Variable, cells_u32};
+use super::data::nowhere;
 
 /// A variable or part of one, whose address the steps have put on the stack.
 pub(super) struct Found {
@@ -13,6 +14,7 @@ pub(super) struct Found {
     /// Of an array as a whole; empty for one value.
     pub(super) dimensions: Vec<usize>,
     pub(super) writable: bool,
+    pub(super) constant: bool,
 }
 
 impl Compiler<'_> {
@@ -23,56 +25,132 @@ impl Compiler<'_> {
         if let Some(variable) = self.shared_variable(name) {
             return Some(variable.clone());
         }
-        if !name.starts_with('$') {
-            self.warn(name, "declared in none of the files named; name the file that declares it, too");
-            return None;
+        if let Some(index) = system::find(name) {
+            return Some(self.system_variable(index));
         }
-        let Some(index) = system::find(name) else {
-            self.warn(
-                name,
-                "this system variable is not among those that are known here; see KUKA's list for your KSS",
-            );
-            return None;
+        if let Some(named) = system::named(name) {
+            let kind = if named.type_name == "ANY" { Type::Unknown } else { self.types.own(named.type_name) };
+            return (kind != Type::Unknown).then(|| nowhere(kind, vec![0; named.dimensions]));
+        }
+        self.report_unknown(name);
+        None
+    }
+
+    /// A constant is never written; whether a program that writes what the controller only reads is refused is not known.
+    pub(super) fn check_writable(&mut self, name: &str, found: &Found, message: &str) {
+        if found.writable {
+            return;
+        }
+        self.not_executed(name);
+        if found.constant {
+            self.problem(name, message);
+        } else {
+            self.warn(name, message);
+        }
+    }
+
+    fn report_unknown(&mut self, name: &str) {
+        if self.reported.contains(&(self.file, name.to_owned())) {
+            return;
+        }
+        let hidden = self.of_module.iter().find(|((_, known), _)| known == name).map(|(_, shared)| shared.file);
+        let message = if let Some(file) = hidden {
+            let other = &self.files[file].name;
+            format!("only the program beside {other} sees this; declared GLOBAL in a list that is PUBLIC all do")
+        } else if VARIABLES_OF_ETHERNET_KRL_6.contains(&name) {
+            "belongs to EthernetKRL 6 (iiQKA.OS2); KSS 8 does not have it".to_owned()
+        } else if name.starts_with('$') {
+            "this system variable is not among those that are known here; see KUKA's list for your KSS".to_owned()
+        } else {
+            "declared in none of the files named; name the file that declares it, too".to_owned()
         };
+        self.warn_once(name, message);
+    }
+
+    fn system_variable(&mut self, index: usize) -> Variable {
         let row = SYSTEM_VARIABLES[index];
         if row.since > self.kss.minor {
-            let kss = self.kss;
-            self.problem(
-                name,
-                format!(
-                    "KSS {kss} has no such variable (from 8.{} on); do without, or raise the lowest KSS",
-                    row.since
-                ),
-            );
+            let (kss, since) = (self.kss, row.since);
+            let message =
+                format!("KSS {kss} has no such variable (from 8.{since} on); do without, or raise the lowest KSS");
+            self.problem(row.name, message);
         }
-        Some(Variable {
-            kind: self.types.find(row.type_name).unwrap_or(Type::Unknown),
+        Variable {
+            kind: self.types.own(row.type_name),
             dimensions: if row.count > 0 { vec![row.count] } else { Vec::new() },
             home: Home::System(u16::try_from(index).unwrap_or_default()),
             constant: false,
             value: None,
             writable: row.writable,
-        })
+        }
     }
 
-    /// Puts the address of a variable or of a part of it on the stack; `None` where it is not known.
+    /// Puts the address of a variable or of a part of it on the stack; `None` if it is not known, and then the statement
+    /// is not executed.
     pub(super) fn address(&mut self, place: &VariableRef) -> Option<Found> {
-        let variable = self.variable(&place.name)?;
+        let Some(variable) = self.variable(&place.name) else {
+            self.not_executed(&place.name);
+            self.check_indices(place);
+            return None;
+        };
+        self.push_home(&place.name, &variable);
+        let by_reference = matches!(variable.home, Home::Referred(_));
+        let Variable { kind, dimensions, writable, constant, .. } = variable;
+        let mut found = Found { kind, dimensions, writable, constant };
+        for step in &place.steps {
+            match step {
+                Step::Index(indices) => self.index(&place.name, indices, &mut found, by_reference)?,
+                Step::Component(name) => self.component(&place.name, name, &mut found)?,
+            }
+        }
+        Some(found)
+    }
+
+    fn push_home(&mut self, name: &str, variable: &Variable) {
+        if variable.home == Home::Nowhere {
+            self.not_executed(name);
+        }
         self.emit(match variable.home {
             Home::Global(offset) => Op::Global(offset),
             Home::Local(offset) => Op::Local(offset),
             Home::Referred(offset) => Op::Referred(offset),
-            Home::System(index) => Op::System(index),
+            Home::System(index) | Home::Bit { variable: index, .. } => Op::System(index),
+            Home::Nowhere => Op::Push(Cell::Unset),
         });
-        let mut found = Found { kind: variable.kind, dimensions: variable.dimensions, writable: variable.writable };
+        if let Home::Bit { variable, number } = variable.home {
+            let count = cells_u32(SYSTEM_VARIABLES[usize::from(variable)].count);
+            self.emit(Op::Push(Cell::Int(number)));
+            self.emit(Op::Index { count, size: 1 });
+        }
+    }
+
+    /// The indices of a variable that is not known: the variables in them may be.
+    fn check_indices(&mut self, place: &VariableRef) {
         for step in &place.steps {
-            match step {
-                Step::Index(indices) => self.index(&place.name, indices, &mut found)?,
-                Step::Component(name) => self.component(&place.name, name, &mut found)?,
-                Step::Whole => {}
+            if let Step::Index(indices) = step {
+                indices.iter().flatten().for_each(|index| self.typed_value(index, Type::Int, &place.name));
             }
         }
-        Some(found)
+    }
+
+    /// The component of this name; a report if there is none.
+    pub(super) fn component_of(&mut self, variable: &str, kind: Type, name: &str) -> Option<Component> {
+        let struc = self.types.struc(kind);
+        if let Some(component) = struc.and_then(|struc| struc.component(name)) {
+            return Some(component.clone());
+        }
+        let (is_kukas, known) = struc.map_or((false, String::new()), |struc| (struc.kuka, struc.listed()));
+        let is_complete = self.types.is_pose(kind) || self.types.is_axes(kind);
+        let type_name = self.types.name(kind);
+        if is_kukas && !is_complete {
+            let key = format!("{variable}.{name}");
+            self.warn_once(&key, format!("not checked: {type_name} is known here with {known}"));
+            self.not_executed(&key);
+            return None;
+        }
+        let known = if known.is_empty() { String::new() } else { format!("; it has {known}") };
+        self.problem(variable, format!("{type_name} has no component {name}{known}"));
+        None
     }
 
     fn component(&mut self, variable: &str, name: &str, found: &mut Found) -> Option<()> {
@@ -83,22 +161,10 @@ impl Compiler<'_> {
             self.problem(variable, format!("an index is missing before .{name}"));
             return None;
         }
-        let component = self
-            .types
-            .struc(found.kind)
-            .and_then(|struc| struc.components.iter().find(|component| component.name == name).cloned());
-        let Some(component) = component else {
-            let type_name = self.types.name(found.kind);
-            let known = self.types.struc(found.kind).map(|struc| {
-                struc.components.iter().map(|component| component.name.as_str()).collect::<Vec<_>>().join(", ")
-            });
-            let known = known.map_or(String::new(), |known| format!("; it has {known}"));
-            self.problem(variable, format!("{type_name} has no component {name}{known}"));
-            return None;
-        };
+        let component = self.component_of(variable, found.kind, name)?;
         let offset = cells_u32(component.offset);
         match self.program.code.last_mut() {
-            Some(Op::Global(at) | Op::Local(at)) => *at += offset,
+            Some(Op::Global(at) | Op::Local(at)) => *at = at.saturating_add(offset),
             _ if offset == 0 => {}
             _ => {
                 self.emit(Op::Component(offset));
@@ -108,7 +174,21 @@ impl Compiler<'_> {
         Some(())
     }
 
-    fn index(&mut self, variable: &str, indices: &[Expression], found: &mut Found) -> Option<()> {
+    fn index(
+        &mut self,
+        variable: &str,
+        indices: &[Option<Expression>],
+        found: &mut Found,
+        by_reference: bool,
+    ) -> Option<()> {
+        if indices.iter().all(Option::is_none) {
+            // The array as a whole.
+            return Some(());
+        }
+        if found.kind == Type::Unknown && found.dimensions.is_empty() {
+            indices.iter().flatten().for_each(|index| self.typed_value(index, Type::Int, variable));
+            return None;
+        }
         if indices.len() != found.dimensions.len() {
             let (given, has) = (indices.len(), found.dimensions.len());
             self.problem(variable, format!("{given} indices are given, the variable has {has}"));
@@ -117,26 +197,42 @@ impl Compiler<'_> {
         let size = self.types.size(found.kind);
         let dimensions = std::mem::take(&mut found.dimensions);
         for (place, (index, &count)) in indices.iter().zip(&dimensions).enumerate() {
+            let Some(index) = index else {
+                found.dimensions.push(count);
+                self.not_executed("a row of an array");
+                continue;
+            };
             self.check_bounds(variable, index, count);
-            let inner: usize = dimensions[place + 1..].iter().product();
+            let inner = dimensions[place + 1..].iter().fold(size, |cells, count| cells.saturating_mul(*count));
             self.typed_value(index, Type::Int, variable);
+            if count == 0 && !by_reference {
+                self.not_executed(variable);
+            }
             let count = if count == 0 { u32::MAX } else { cells_u32(count) };
-            self.emit(Op::Index { count, size: cells_u32(size * inner) });
+            self.emit(Op::Index { count, size: cells_u32(inner) });
         }
         Some(())
     }
 
     /// An index that is known before the program runs, or by the FOR around it.
     fn check_bounds(&mut self, variable: &str, index: &Expression, count: usize) {
-        let range = match (self.constant(index), index) {
-            (Some(Cell::Int(index)), _) => Some((index, index)),
-            (_, Expression::Variable(place)) if place.steps.is_empty() => self.ranges.get(&place.name).copied(),
-            _ => None,
-        };
-        let Some((low, high)) = range.filter(|_| count > 0) else { return };
-        let inside = |index: i32| usize::try_from(index).is_ok_and(|index| (1..=count).contains(&index));
-        if let Some(wrong) = [low, high].into_iter().find(|index| !inside(*index)) {
-            self.problem(variable, format!("the index {wrong} is outside of the array, 1 to {count}"));
+        if count == 0 {
+            return;
+        }
+        let is_outside =
+            |index: &i32| usize::try_from(*index).is_ok_and(|index| !(1..=count).contains(&index)) || *index < 1;
+        let message = |index: i32| format!("the index {index} is outside of the array, 1 to {count}");
+        if let Some(Cell::Int(index)) = self.constant(index) {
+            if is_outside(&index) {
+                self.problem(variable, message(index));
+            }
+            return;
+        }
+        let Expression::Variable(place) = index else { return };
+        let range = self.ranges.get(&place.name).filter(|_| place.steps.is_empty()).copied();
+        // Perhaps an IF leaves it out.
+        if let Some(wrong) = range.and_then(|(low, high)| [low, high].into_iter().find(is_outside)) {
+            self.warn(variable, message(wrong));
         }
     }
 

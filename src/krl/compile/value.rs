@@ -1,25 +1,23 @@
 //! Values: expressions that put something on the stack.
 
 use super::super::code::{Cell, Op};
-use super::super::syntax::{Expression, Unary, VariableRef};
+use super::super::limits::AGGREGATE_VALUES;
+use super::super::syntax::{Expression, Step, Unary, VariableRef};
 use super::super::types::Type;
 use super::compiler::{Compiler, cells_u32};
 
 impl Compiler<'_> {
-    /// Puts the value of an expression on the stack and says its type. `wanted` tells which enumeration a word is of,
-    /// and which structure an aggregate.
+    /// Puts the value of an expression on the stack and returns its type. `wanted` says which enumeration a word is of,
+    /// which structure an aggregate, and whether a text of one character is a CHAR.
     pub(super) fn value(&mut self, expression: &Expression, wanted: Type) -> Type {
         match expression {
             Expression::Int(number) => self.push(Cell::Int(*number), Type::Int),
             Expression::Real(number) => self.push(Cell::Real(*number), Type::Real),
             Expression::Bool(value) => self.push(Cell::Bool(*value), Type::Bool),
-            Expression::Text(text) => {
-                let index = self.text(text);
-                self.push(Cell::Text(index), Type::Text)
-            }
+            Expression::Text(text) => self.text_value(text, wanted),
             Expression::Word(word) => self.word(word, wanted),
             Expression::Variable(place) => self.variable_value(place),
-            Expression::Call(call) => match self.call(call) {
+            Expression::Call(call) => match self.call(call, wanted) {
                 Some(kind) => kind,
                 None => {
                     self.problem(&call.name, "this routine gives back no value");
@@ -29,6 +27,8 @@ impl Compiler<'_> {
             Expression::Aggregate { type_name, parts } => self.aggregate(type_name.as_deref(), parts, wanted),
             Expression::Unary(operator, inner) => self.unary(*operator, inner),
             Expression::Binary(operator, left, right) => self.binary(*operator, left, right),
+            Expression::Channel => self.unknown("a channel"),
+            Expression::NotRead => self.unknown("what was not read"),
         }
     }
 
@@ -37,33 +37,60 @@ impl Compiler<'_> {
         kind
     }
 
-    pub(super) fn text(&mut self, text: &str) -> u32 {
-        let texts = &mut self.program.texts;
-        let index = texts.iter().position(|known| known == text).unwrap_or_else(|| {
-            texts.push(text.to_owned());
-            texts.len() - 1
-        });
-        cells_u32(index)
+    /// A value of a type that is not known.
+    fn unknown(&mut self, what: &str) -> Type {
+        self.not_executed(what);
+        self.push(Cell::Unset, Type::Unknown)
+    }
+
+    fn text_value(&mut self, text: &str, wanted: Type) -> Type {
+        if wanted == Type::Char
+            && let (Some(character), true) = (text.bytes().next(), text.len() == 1)
+        {
+            return self.push(Cell::Char(character), Type::Char);
+        }
+        let place = self.text_place(text);
+        self.push(Cell::Text(place), Type::Text)
+    }
+
+    fn text_place(&mut self, text: &str) -> u32 {
+        if let Some(place) = self.text_places.get(text) {
+            return *place;
+        }
+        let place = cells_u32(self.program.texts.len());
+        self.program.texts.push(text.to_owned());
+        self.text_places.insert(text.to_owned(), place);
+        place
     }
 
     fn word(&mut self, word: &str, wanted: Type) -> Type {
         if wanted == Type::Unknown {
-            return self.push(Cell::Word(u16::MAX), Type::Unknown);
+            return self.unknown("a word of an enumeration that is not known");
         }
-        match self.types.word(wanted, word).and_then(|place| u16::try_from(place).ok()) {
+        match self.word_place(word, wanted) {
             Some(place) => self.push(Cell::Word(place), wanted),
-            None => {
-                let name = self.types.name(wanted);
-                let known = match wanted {
-                    Type::Enumeration(index) => {
-                        format!("; its words are #{}", self.types.enumerations[index].words.join(", #"))
-                    }
-                    _ => String::new(),
-                };
-                self.problem(&format!("#{word}"), format!("this is no word of {name}{known}"));
-                Type::Unknown
-            }
+            None => self.unknown("a word of an enumeration that is not known"),
         }
+    }
+
+    /// The place of a word in its enumeration; a report if it has none there.
+    pub(super) fn word_place(&mut self, word: &str, kind: Type) -> Option<u16> {
+        if kind == Type::Unknown {
+            return None;
+        }
+        if let Some(place) = self.types.word(kind, word) {
+            return Some(place);
+        }
+        let (is_kukas, known) =
+            self.types.enumeration(kind).map_or((false, String::new()), |known| (known.kuka, known.listed()));
+        let (key, name) = (format!("#{word}"), self.types.name(kind));
+        if is_kukas {
+            self.warn_once(&key, format!("not checked: {name} is known here with {known}"));
+        } else {
+            let known = if known.is_empty() { String::new() } else { format!("; its words are {known}") };
+            self.problem(&key, format!("this is no word of {name}{known}"));
+        }
+        None
     }
 
     fn variable_value(&mut self, place: &VariableRef) -> Type {
@@ -72,10 +99,39 @@ impl Compiler<'_> {
             self.load(found.kind);
             return found.kind;
         }
-        if found.kind != Type::Char {
-            self.problem(&place.name, "an array as a whole is no value; an index is missing");
+        if found.kind == Type::Char {
+            self.not_executed("a text in a variable");
+            return Type::Text;
         }
-        Type::Text
+        if found.kind != Type::Unknown {
+            let is_written = place.steps.iter().any(|step| matches!(step, Step::Index(_)));
+            let message = if is_written {
+                "an array as a whole is no value"
+            } else {
+                "an array as a whole is no value; an index is missing"
+            };
+            self.problem(&place.name, message);
+        }
+        Type::Unknown
+    }
+
+    /// An aggregate of no type that is wanted or stated is what its components are of.
+    pub(super) fn kind_of_parts(&self, parts: &[(VariableRef, Expression)]) -> Type {
+        let has = |name: &str| parts.iter().any(|(place, _)| place.name == name);
+        let any = |names: &[&str]| names.iter().any(|name| has(name));
+        let has_extra = any(&["E1", "E2", "E3", "E4", "E5", "E6"]);
+        let name = if any(&["X", "Y", "Z", "A", "B", "C", "S", "T"]) {
+            match (has_extra, any(&["S", "T"])) {
+                (true, _) => "E6POS",
+                (false, true) => "POS",
+                (false, false) => "FRAME",
+            }
+        } else if has_extra {
+            "E6AXIS"
+        } else {
+            "AXIS"
+        };
+        self.types.own(name)
     }
 
     fn aggregate(&mut self, type_name: Option<&str>, parts: &[(VariableRef, Expression)], wanted: Type) -> Type {
@@ -85,18 +141,24 @@ impl Compiler<'_> {
                 let name = self.types.name(kind);
                 self.problem("{", format!("components are given where {name} is wanted"));
             }
-            return Type::Unknown;
+            parts.iter().for_each(|(_, value)| {
+                self.value(value, Type::Unknown);
+            });
+            return self.unknown("components of a type that is not known");
         };
         for (place, _) in parts {
-            let known = struc.components.iter().any(|component| component.name == place.name);
-            if !known || !place.steps.is_empty() {
-                self.problem(&place.name, format!("{} has no such component", struc.name));
+            if self.component_of(&place.name, kind, &place.name).is_none() || !place.steps.is_empty() {
+                self.not_executed("{…}");
             }
+        }
+        if struc.size > AGGREGATE_VALUES {
+            self.not_executed("{…}");
         }
         for component in &struc.components {
             let given = parts.iter().find(|(place, _)| place.name == component.name);
             match given {
-                Some((_, value)) => self.typed_value(value, component.kind, &component.name),
+                Some((place, value)) => self.part(place, value, component.kind, &component.dimensions),
+                None if struc.size > AGGREGATE_VALUES => {}
                 None => {
                     for _ in 0..self.types.cells(component.kind, &component.dimensions) {
                         self.emit(Op::Push(Cell::Unset));
@@ -107,21 +169,40 @@ impl Compiler<'_> {
         kind
     }
 
+    /// One component of an aggregate: `X 1`, `NAME[] "abc"`, `LIST[2] 7`.
+    fn part(&mut self, place: &VariableRef, value: &Expression, kind: Type, dimensions: &[usize]) {
+        match place.steps.first() {
+            None if dimensions.is_empty() => self.typed_value(value, kind, &place.name),
+            Some(Step::Component(_)) => {
+                self.value(value, Type::Unknown);
+            }
+            _ if kind == Type::Char => {
+                self.not_executed("a text in a component");
+                let given = self.value(value, Type::Text);
+                if ![Type::Text, Type::Char, Type::Int, Type::Unknown].contains(&given) {
+                    self.mismatched(given, Type::Text, &place.name);
+                }
+            }
+            _ => {
+                self.not_executed("{…}");
+                self.typed_value(value, kind, &place.name);
+            }
+        }
+    }
+
     fn unary(&mut self, operator: Unary, inner: &Expression) -> Type {
         let kind = self.value(inner, Type::Unknown);
-        let (op, allowed): (Op, &[Type]) = match operator {
-            Unary::Minus => (Op::Negate, &[Type::Int, Type::Real]),
-            Unary::Not => (Op::Not, &[Type::Bool]),
-            Unary::BitNot => (Op::BitNot, &[Type::Int]),
+        let (op, sign, allowed): (Op, &str, &[Type]) = match operator {
+            Unary::Minus => (Op::Negate, "-", &[Type::Int, Type::Real]),
+            Unary::Not => (Op::Not, "NOT", &[Type::Bool]),
+            Unary::BitNot => (Op::BitNot, "B_NOT", &[Type::Int, Type::Char]),
         };
         self.emit(op);
+        if kind == Type::Char {
+            self.not_executed("a calculation with CHAR");
+        }
         if kind != Type::Unknown && !allowed.contains(&kind) {
             let name = self.types.name(kind);
-            let sign = match operator {
-                Unary::Minus => "-",
-                Unary::Not => "NOT",
-                Unary::BitNot => "B_NOT",
-            };
             self.problem(sign, format!("{sign} does not go with {name}"));
             return Type::Unknown;
         }
@@ -135,19 +216,39 @@ impl Compiler<'_> {
     }
 
     pub(super) fn convert(&mut self, found: Type, wanted: Type, key: &str) {
+        if found == Type::Unknown || wanted == Type::Unknown || self.types.are_same(found, wanted) {
+            return;
+        }
         match (found, wanted) {
-            (Type::Unknown, _) | (_, Type::Unknown) => {}
-            (found, wanted) if found == wanted => {}
             (Type::Int, Type::Real) => {
                 self.emit(Op::ToReal(0));
             }
             (Type::Real, Type::Int) => {
                 self.emit(Op::ToInt);
             }
-            _ => {
-                let (found, wanted) = (self.types.name(found), self.types.name(wanted));
-                self.problem(key, format!("{wanted} is wanted, {found} is given"));
+            (Type::Int, Type::Char) | (Type::Char, Type::Int | Type::Real) | (Type::Text, Type::Char) => {
+                self.not_executed("a CHAR from another type");
             }
+            // One character in place of a text.
+            (Type::Char, Type::Text) => self.not_executed("a text in a variable"),
+            _ if self.types.are_alike(found, wanted) => self.resize(found, wanted),
+            _ => self.mismatched(found, wanted, key),
         }
+    }
+
+    /// A pose or axes of one type as those of another: the shorter is the beginning of the longer.
+    fn resize(&mut self, found: Type, wanted: Type) {
+        let [from, to] = [found, wanted].map(|kind| cells_u32(self.types.size(kind)));
+        if from > to {
+            self.emit(Op::Keep { first: to, of: from });
+        }
+        for _ in from..to {
+            self.emit(Op::Push(Cell::Unset));
+        }
+    }
+
+    pub(super) fn mismatched(&mut self, found: Type, wanted: Type, key: &str) {
+        let (found, wanted) = (self.types.name(found), self.types.name(wanted));
+        self.problem(key, format!("{wanted} is wanted, {found} is given"));
     }
 }

@@ -4,8 +4,8 @@ use super::interpreter::Interpreter;
 use super::memory::Memory;
 use crate::krl::code::Cell;
 use crate::krl::program::Program;
+use crate::krl::routines::Builtin;
 use crate::krl::syntax::{Approximation, Motion};
-use crate::krl::system::Builtin;
 
 /// A motion as the program states it.
 #[derive(Debug, Clone, Copy, PartialEq)]

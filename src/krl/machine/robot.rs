@@ -2,7 +2,7 @@
 
 use super::super::code::{Address, Cell, Op};
 use super::super::program::Program;
-use super::super::system::Builtin;
+use super::super::routines::Builtin;
 use super::host::{Caller, Host, MotionRequest};
 use super::interpreter::{Interpreter, Trigger};
 use super::memory::Memory;

@@ -18,6 +18,9 @@ impl Interpreter {
             let Some(op) = program.code.get(self.at) else { return Pause::Ended };
             if let Op::Statement(index) = op {
                 self.begin_statement(*index as usize, program, memory);
+                if let Some(what) = program.unexecuted.get(index) {
+                    return Pause::Fault(format!("{}: {what} is not executed here", self.place(program)));
+                }
                 self.at += 1;
             } else {
                 let stepped = match self.condensed(program, memory, host) {

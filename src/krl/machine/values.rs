@@ -2,7 +2,7 @@
 
 use super::super::code::{Cell, Op};
 use super::super::program::Program;
-use super::super::system::Builtin;
+use super::super::routines::Builtin;
 use super::calculate;
 use super::host::Host;
 use super::interpreter::Interpreter;

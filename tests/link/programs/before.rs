@@ -141,7 +141,7 @@ fn no_channel_is_cleared_before_it_was_initialised() {
 fn every_version_of_the_page_has_the_system_variables() {
     let lacking = |folder: &str, minor: u8| {
         let texts = texts(folder);
-        let files: Vec<_> = texts.iter().map(|(name, text)| parse(name, text).0).collect();
+        let files: Vec<_> = texts.iter().map(|(name, text)| parse(name, text)).collect();
         let problems = analyse(&files, Kss { major: 8, minor }).problems;
         problems.into_iter().flatten().map(|problem| problem.key).collect::<Vec<_>>()
     };

@@ -2,6 +2,7 @@
 
 use super::super::error::MockError;
 use super::super::options::CHECKSUM;
+use crate::config::Problem;
 use crate::krl::{Kss, Meaning, Program, analyse, parse};
 use std::sync::Arc;
 
@@ -23,6 +24,10 @@ pub struct Programs {
     pub busy_submit: bool,
     /// Told in place of the checksum that the programs make, so that no client takes a mock controller for a real one.
     pub checksum: Option<i32>,
+    /// Inputs and outputs are what `cell_config.dat` says; else those of the mock controller's setup take their place.
+    pub keeps_config: bool,
+    /// What a person should know before these programs are executed: file, line and what is not executed or not known.
+    pub remarks: Vec<String>,
 }
 
 /// Programs and data lists as they ship.
@@ -38,29 +43,36 @@ const SHIPPED: [(&str, &str); 8] = [
 ];
 
 impl Programs {
-    /// Reads programs and data lists, each a name and a text.
+    /// Reads programs and data lists, each a name and a text. What is not executed, and what is doubtful, is remarked.
     ///
     /// # Errors
     /// Where a file is not right, with file and line.
     pub fn load(files: &[(&str, &str)]) -> Result<Self, MockError> {
-        let (read, told): (Vec<_>, Vec<_>) = files.iter().map(|(name, text)| parse(name, text)).unzip();
-        // The versions of KSS differ in what they lack; a program that asks for it is told so by `panelprep check`.
+        let read: Vec<_> = files.iter().map(|(name, text)| parse(name, text)).collect();
+        // The versions of KSS differ in what they lack; `panelprep check` reports what a version does not have.
         let analysis = analyse(&read, Kss { major: 8, minor: 7 });
-        let all = told.into_iter().zip(analysis.problems).zip(analysis.warnings);
-        for ((name, _), ((told, problems), warnings)) in files.iter().zip(all) {
-            if let Some(problem) = told.iter().chain(&problems).chain(&warnings).next() {
-                let message = format!("{name}:{}: {}: {}", problem.line, problem.key, problem.message);
-                return Err(MockError::Program(message));
+        let place =
+            |name: &str, Problem { line, key, message }: &Problem| format!("{name}:{line}: {key}: {message}");
+        for ((name, _), problems) in files.iter().zip(&analysis.problems) {
+            if let Some(problem) = problems.first() {
+                return Err(MockError::Program(place(name, problem)));
             }
+        }
+        if analysis.program.is_too_large {
+            return Err(MockError::Program("the programs are too large to be executed here".to_owned()));
         }
         for name in ["CELL_INIT", "CELL_CYCLE", "CELL_MOTION"] {
             if analysis.program.routine(name).is_none() {
                 return Err(MockError::Program(format!("the programs define no {name}")));
             }
         }
-        let program = Arc::new(analysis.program);
+        let remarks = files.iter().zip(analysis.warnings.iter().zip(&analysis.unexecuted));
+        let remarks = remarks.flat_map(|((name, _), (warnings, unexecuted))| {
+            warnings.iter().chain(unexecuted).map(|problem| place(name, problem))
+        });
         Ok(Programs {
-            program,
+            remarks: remarks.collect(),
+            program: Arc::new(analysis.program),
             meaning: Meaning::default(),
             seed: 0,
             adverse: false,
@@ -68,7 +80,21 @@ impl Programs {
             uptime_ms: 0,
             busy_submit: false,
             checksum: None,
+            keeps_config: false,
         })
+    }
+
+    /// The programs that ship with files of one's own in their place or beside them: a file takes the place of the
+    /// shipped one of its name.
+    ///
+    /// # Errors
+    /// Where a file is not right, with file and line.
+    pub fn with_own(own: &[(&str, &str)]) -> Result<Self, MockError> {
+        let is_own = |name: &str| own.iter().any(|(of, _)| base_name(of).eq_ignore_ascii_case(name));
+        let shipped = SHIPPED.iter().copied().filter(|(name, _)| !is_own(name));
+        let files: Vec<_> = own.iter().copied().chain(shipped).collect();
+        let keeps_config = is_own("cell_config.dat");
+        Ok(Programs { checksum: Some(CHECKSUM), keeps_config, ..Programs::load(&files)? })
     }
 
     /// The programs that ship, as a mock controller executes them: identified by its own checksum.
@@ -83,4 +109,9 @@ impl Programs {
     pub fn program(&self) -> &Program {
         &self.program
     }
+}
+
+/// A file's name without its folder.
+fn base_name(name: &str) -> &str {
+    name.rsplit(['/', '\\']).next().unwrap_or(name)
 }

@@ -5,7 +5,7 @@ use super::super::setup::Setup;
 use super::held::HeldDocuments;
 use super::programs::Programs;
 use super::values::Values;
-use crate::krl::{Cell, Interpreter, Memory, Program};
+use crate::krl::{Cell, Interpreter, Memory};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::collections::VecDeque;
@@ -71,7 +71,7 @@ impl Running {
     pub(in super::super) fn new(programs: Programs, setup: &Setup) -> Self {
         let program = programs.program.clone();
         let mut memory = Memory::new(&program);
-        configure(&mut memory, &program, setup);
+        configure(&mut memory, &programs, setup);
         let cell = |name: &str| program.cell(name);
         let cells = Cells {
             epoch: cell("CELL_EP"),
@@ -122,7 +122,7 @@ impl Running {
         if self.programs.cold_start {
             let (hits, branches) = (self.memory.hits.clone(), self.memory.branches.clone());
             self.memory = Memory { hits, branches, ..Memory::new(&self.programs.program) };
-            configure(&mut self.memory, &self.programs.program, setup);
+            configure(&mut self.memory, &self.programs, setup);
         }
         self.robot.clear();
         self.submit.clear();
@@ -133,8 +133,9 @@ impl Running {
     }
 }
 
-/// Sets what `cell_config.dat` says of inputs and outputs to what this controller has.
-fn configure(memory: &mut Memory, program: &Program, setup: &Setup) {
+/// Sets what `cell_config.dat` says of inputs and outputs to what this controller has; an own `cell_config.dat` stays.
+fn configure(memory: &mut Memory, programs: &Programs, setup: &Setup) {
+    let program = &programs.program;
     let mut set = |name: &str, index: usize, value: i32| {
         let cell = program.cell(name).and_then(|cell| memory.cells.get_mut(cell as usize + index));
         if let Some(cell) = cell {
@@ -142,12 +143,15 @@ fn configure(memory: &mut Memory, program: &Program, setup: &Setup) {
         }
     };
     let count = |list: usize| i32::try_from(list).unwrap_or(i32::MAX);
+    set("CELL_SEQ", 0, setup.first_state);
+    if programs.keeps_config {
+        return;
+    }
     set("CELL_OFF_N", 0, count(setup.off_after_ms.len().min(31)));
     for (index, (number, after_ms)) in setup.off_after_ms.iter().take(31).enumerate() {
         set("CELL_OFF", index, i32::from(*number));
         set("CELL_OFF_MS", index, i32::try_from(*after_ms).unwrap_or(i32::MAX));
     }
-    set("CELL_SEQ", 0, setup.first_state);
     for (size, list, numbers) in
         [("CELL_OUT_N", "CELL_OUT", &setup.outputs), ("CELL_IN_N", "CELL_IN", &setup.inputs)]
     {

@@ -1,0 +1,107 @@
+//! Reading a memory of EthernetKRL that was cleared just before: EKI_Get does not wait, it finds the memory empty.
+//!
+//! Looked at is one block, statement by statement: anything that may wait in between, or that is not known, ends the
+//! search.
+
+use super::super::routines::Builtin::{EkiCheckBuffer, EkiClear, EkiClearBuffer, EkiClose};
+use super::super::routines::{Builtin, known};
+use super::super::syntax::{Action, Call, Expression, Statement};
+use super::compiler::Compiler;
+
+/// A memory, or all of a channel, that was cleared.
+struct Cleared<'a> {
+    channel: &'a str,
+    tag: Option<&'a str>,
+    by: &'a str,
+    line: usize,
+}
+
+impl Compiler<'_> {
+    pub(super) fn check_memories(&mut self, body: &[Statement]) {
+        let mut cleared: Vec<Cleared<'_>> = Vec::new();
+        for statement in body {
+            match &statement.action {
+                Action::Assign { value: Expression::Call(call), .. } | Action::Call(call) => {
+                    self.look_at(call, statement.line, &mut cleared);
+                }
+                // A plain assignment takes no time.
+                Action::Assign { value, .. } if !calls(value) => {}
+                action => {
+                    cleared.clear();
+                    action.blocks().into_iter().for_each(|block| self.check_memories(block));
+                }
+            }
+        }
+    }
+
+    fn look_at<'a>(&mut self, call: &'a Call, line: usize, cleared: &mut Vec<Cleared<'a>>) {
+        let text = |place: usize| match call.arguments.get(place) {
+            Some(Some(Expression::Text(text))) => Some(text.as_str()),
+            _ => None,
+        };
+        let builtin = known(&call.name).and_then(|known| known.builtin);
+        let reads = call.name.starts_with("EKI_GET");
+        match (builtin, text(0)) {
+            (Some(EkiClear | EkiClose), Some(channel)) => {
+                cleared.push(Cleared { channel, tag: None, by: &call.name, line });
+            }
+            (Some(EkiClearBuffer), Some(channel)) if text(1).is_some() => {
+                cleared.push(Cleared { channel, tag: text(1), by: &call.name, line });
+            }
+            (_, Some(channel)) if reads => {
+                let tag = text(1).unwrap_or_default();
+                let found =
+                    cleared.iter().find(|cleared| cleared.channel == channel && is_within(tag, cleared.tag));
+                if let Some(Cleared { by, line: cleared_at, .. }) = found {
+                    self.line = line;
+                    let message = format!(
+                        "{by} (line {cleared_at}) has emptied this memory, and nothing waits in between: wait for the flag of \
+                         the element, or ask EKI_CheckBuffer"
+                    );
+                    self.problem(&call.name, message);
+                }
+            }
+            (Some(builtin), _) if takes_no_time(builtin) => {}
+            _ => cleared.clear(),
+        }
+    }
+}
+
+/// EKI_CheckBuffer says whether something has come; what opens or sends takes time.
+fn takes_no_time(builtin: Builtin) -> bool {
+    use Builtin::{
+        Bas, Cwrite, EkiCheck, EkiClear, EkiClearBuffer, EkiInit, EkiLock, EkiOpen, EkiSend, EkiUnlock, IrStopm,
+    };
+    !matches!(
+        builtin,
+        EkiCheckBuffer
+            | EkiOpen
+            | EkiInit
+            | EkiSend
+            | EkiLock
+            | EkiUnlock
+            | EkiCheck
+            | EkiClear
+            | EkiClearBuffer
+            | Bas
+            | Cwrite
+            | IrStopm
+    )
+}
+
+/// Whether a tag is what was cleared, or a part of it.
+fn is_within(tag: &str, cleared: Option<&str>) -> bool {
+    cleared.is_none_or(|cleared| {
+        tag.strip_prefix(cleared).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+    })
+}
+
+fn calls(value: &Expression) -> bool {
+    match value {
+        Expression::Call(_) => true,
+        Expression::Unary(_, inner) => calls(inner),
+        Expression::Binary(_, left, right) => calls(left) || calls(right),
+        Expression::Aggregate { parts, .. } => parts.iter().any(|(_, value)| calls(value)),
+        _ => false,
+    }
+}

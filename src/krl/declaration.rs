@@ -1,0 +1,143 @@
+//! Reads declarations: variables, structures, enumerations, signals, and what is declared elsewhere.
+
+use super::expression::{Read, Reader, Unread};
+use super::lex::Token;
+use super::syntax::{Declaration, Declared, Expression, Item, Returned};
+
+/// Types that need no DECL before them.
+const SIMPLE_TYPES: [&str; 11] =
+    ["INT", "REAL", "BOOL", "CHAR", "FRAME", "POS", "E3POS", "E6POS", "AXIS", "E3AXIS", "E6AXIS"];
+/// Routines that are defined elsewhere; KUKA's own data lists have the two with P.
+const FOREIGN: [&str; 4] = ["EXT", "EXTFCT", "EXTP", "EXTFCTP"];
+
+/// Whether a line declares something.
+pub(super) fn is_declaration(tokens: &[Token]) -> bool {
+    let word = |at: usize| match tokens.get(at) {
+        Some(Token::Name(name)) => name.as_str(),
+        _ => "",
+    };
+    let has_name = !word(1).is_empty();
+    match word(0) {
+        "DECL" | "STRUC" | "ENUM" => true,
+        "GLOBAL" => !matches!(word(1), "INTERRUPT" | "DEF" | "DEFFCT"),
+        "CONST" | "SIGNAL" | "IMPORT" => has_name,
+        "CHANNEL" => matches!(tokens.get(1), Some(Token::Sign(":"))),
+        first if FOREIGN.contains(&first) => has_name,
+        first => SIMPLE_TYPES.contains(&first) && has_name,
+    }
+}
+
+pub(super) fn declaration(reader: &mut Reader<'_>, line: usize) -> Read<Declaration> {
+    let (mut global, mut constant) = (false, false);
+    loop {
+        if reader.takes_word("GLOBAL") {
+            global = true;
+        } else if reader.takes_word("CONST") {
+            constant = true;
+        } else if !reader.takes_word("DECL") {
+            break;
+        }
+    }
+    let kind = if reader.takes_word("STRUC") {
+        struc(reader)?
+    } else if reader.takes_word("ENUM") {
+        enumeration(reader)?
+    } else if reader.takes_word("SIGNAL") {
+        signal(reader)?
+    } else if reader.takes_word("IMPORT") {
+        import(reader)?
+    } else if reader.takes_word("CHANNEL") || FOREIGN.iter().any(|word| reader.takes_word(word)) {
+        reader.skip_line();
+        Declared::Foreign
+    } else {
+        let type_name = reader.name()?;
+        let mut items = vec![item(reader)?];
+        while reader.takes_sign(",") {
+            items.push(item(reader)?);
+        }
+        Declared::Variables { constant, type_name, items }
+    };
+    reader.end()?;
+    Ok(Declaration { line, global, kind })
+}
+
+/// The type of a DEFFCT: `INT`, or `CHAR[20]` for a text.
+pub(super) fn returned(reader: &mut Reader<'_>) -> Read<Returned> {
+    Ok(Returned { type_name: reader.name()?, dimensions: dimensions(reader)? })
+}
+
+fn enumeration(reader: &mut Reader<'_>) -> Read<Declared> {
+    let name = reader.name()?;
+    let mut words = vec![reader.name()?];
+    while reader.takes_sign(",") {
+        words.push(reader.name()?);
+    }
+    Ok(Declared::Enumeration { name, words })
+}
+
+/// `STRUC NAME INT A,B,REAL C`: a component keeps the type before it.
+fn struc(reader: &mut Reader<'_>) -> Read<Declared> {
+    let name = reader.name()?;
+    let mut type_name = String::new();
+    let mut components = Vec::new();
+    loop {
+        if matches!(reader.peek_behind(1), Some(Token::Name(_))) {
+            type_name = reader.name()?;
+        }
+        if type_name.is_empty() {
+            return Err(format!("a type is expected instead of {}", reader.found()).into());
+        }
+        components.push((type_name.clone(), item(reader)?));
+        if !reader.takes_sign(",") {
+            return Ok(Declared::Struc { name, components });
+        }
+    }
+}
+
+/// `SIGNAL NAME $OUT[3]`, `SIGNAL NAME $IN[1] TO $IN[8]`, `SIGNAL NAME FALSE`.
+fn signal(reader: &mut Reader<'_>) -> Read<Declared> {
+    let name = reader.name()?;
+    if reader.takes_word("FALSE") || reader.takes_word("TRUE") {
+        return Ok(Declared::Signal { name, from: None, to: None });
+    }
+    let from = reader.place()?;
+    let to = if reader.takes_word("TO") { Some(reader.place()?) } else { None };
+    Ok(Declared::Signal { name, from: Some(from), to })
+}
+
+/// `IMPORT INT NAME IS /R1/OTHER..NAME`
+fn import(reader: &mut Reader<'_>) -> Read<Declared> {
+    let type_name = reader.name()?;
+    let name = reader.name()?;
+    if !reader.skip_to_word("IS") {
+        return Err(format!("IS is expected instead of {}", reader.found()).into());
+    }
+    reader.skip_line();
+    Ok(Declared::Import { type_name, name })
+}
+
+fn item(reader: &mut Reader<'_>) -> Read<Item> {
+    if matches!(reader.peek(), Some(Token::Sign("!"))) {
+        return Err(Unread::NotChecked("a name is still to be filled in ('!')".to_owned()));
+    }
+    let name = reader.name()?;
+    let dimensions = dimensions(reader)?;
+    let value = if reader.takes_sign("=") { Some(reader.expression()?) } else { None };
+    Ok(Item { name, dimensions, value })
+}
+
+/// `[3,4]`, `[]`, or nothing.
+fn dimensions(reader: &mut Reader<'_>) -> Read<Vec<Option<Expression>>> {
+    let mut dimensions = Vec::new();
+    if !reader.takes_sign("[") {
+        return Ok(dimensions);
+    }
+    loop {
+        let is_open = reader.is_sign(",") || reader.is_sign("]");
+        dimensions.push(if is_open { None } else { Some(reader.expression()?) });
+        if reader.takes_sign("]") {
+            return Ok(dimensions);
+        }
+        reader.sign(",")?;
+    }
+}
