@@ -18,13 +18,16 @@ use crate::cell::{
 use crate::config::{self, Problem, Problems};
 use crate::krl::{Kss, LOWEST_KSS};
 use crate::office::ArchiveSettings;
-use crate::recipe::{RECIPE_KEYS, Recipe};
-use crate::requirements::recipe_fits::unfit;
-use crate::requirements::{Purpose, Unmet, unmet};
+use crate::recipe::RECIPE_KEYS;
+use crate::requirements::recipe_fits::{plausible, unfit};
+use crate::requirements::{
+    CALIBRATION_ADVICE, Lack, Purpose, ReadNamed, Unmet, incomplete, not_looked_at, problems_of,
+};
 use says::{say_archive, say_cell, say_correction, say_intrinsics, say_mount, say_recipe, say_removal};
 
+pub use krl::is_krl;
 pub use report::FileReport;
-pub use text::{NotText, decode, not_utf_8};
+pub use text::{Decoded, NotText, decode, not_utf_8};
 
 /// A kind of file: its name, the keys at its top, how it is checked.
 struct Kind {
@@ -38,7 +41,7 @@ const KINDS: [Kind; 10] = [
     Kind {
         name: RECIPE,
         keys: &RECIPE_KEYS,
-        check: |name, text| Recipe::check(name, text).map(|recipe| say_recipe(&recipe)),
+        check: |name, text| plausible(name, text).map(|recipe| say_recipe(&recipe)),
     },
     Kind {
         name: "intrinsics",
@@ -70,20 +73,34 @@ const fn mount<M: Mount>(keys: &'static [&'static str]) -> Kind {
     Kind { name: M::TABLE, keys, check: |name, text| MountedPose::<M>::check(name, text).map(say_mount) }
 }
 
-/// Checks the texts of configuration files, by themselves and against each other; a file is its name in messages and
-/// its text. A cell must say all that the purpose needs, where one is given. KRL is checked for the lowest version of
-/// KSS that the installation page names.
-pub fn check_files(files: &[(&str, &str)], purpose: Option<Purpose>) -> Vec<FileReport> {
-    check_files_for(files, purpose, LOWEST_KSS)
+/// What files are checked for.
+#[derive(Clone, Copy)]
+pub struct CheckedFor<'a> {
+    /// A cell must say all that this needs; `None` for what commands on files need.
+    pub purpose: Option<Purpose>,
+    /// Files that the cell names and that are not there yet are a warning, not a problem.
+    pub may_lack_files: bool,
+    /// Reads the files that the cell names.
+    pub read: ReadNamed<'a>,
+    /// KRL is checked for controllers with this version of KSS and higher ones.
+    pub kss: Kss,
 }
 
-/// [`check_files`] for controllers with this version of KSS and higher ones.
-pub fn check_files_for(files: &[(&str, &str)], purpose: Option<Purpose>, kss: Kss) -> Vec<FileReport> {
+/// Checks the texts of configuration files, by themselves and against each other; a file is its name in messages and
+/// its text. A cell must say all that the purpose needs, where one is given; the files that it names are not looked at. KRL is
+/// checked for the lowest version of KSS that the installation page names.
+pub fn check_files(files: &[(&str, &str)], purpose: Option<Purpose>) -> Vec<FileReport> {
+    let checked_for = CheckedFor { purpose, may_lack_files: true, read: &not_looked_at, kss: LOWEST_KSS };
+    check_files_for(files, &checked_for)
+}
+
+/// [`check_files`], and what the cell's files are for.
+pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> Vec<FileReport> {
     let mut channels = Vec::new();
     let mut programs = Vec::new();
     let mut reports = Vec::new();
     for (place, &(name, text)) in files.iter().enumerate() {
-        if krl::is_krl(name) {
+        if is_krl(name) {
             programs.push((place, name, text));
             reports.push(FileReport { kind: None, problems: vec![], warnings: vec![], says: vec![] });
             continue;
@@ -93,7 +110,7 @@ pub fn check_files_for(files: &[(&str, &str)], purpose: Option<Purpose>, kss: Ks
             continue;
         }
         if !is_eki(name, text) {
-            reports.push(check_ours(name, text, purpose));
+            reports.push(check_ours(name, text, checked_for));
             continue;
         }
         let checked = eki::check(name, text);
@@ -104,17 +121,23 @@ pub fn check_files_for(files: &[(&str, &str)], purpose: Option<Purpose>, kss: Ks
     let channels: Vec<_> = channels.iter().map(|(place, name, channel)| (*place, *name, channel)).collect();
     for (place, problem) in eki::clashes(&channels) {
         reports[place].problems.push(problem);
-        reports[place].problems.sort_by_key(|problem| problem.line);
     }
-    for (place, report) in krl::check(&programs, kss) {
+    for (place, warning) in eki::addresses_apart(&channels) {
+        reports[place].warnings.push(warning);
+    }
+    for (place, report) in krl::check(&programs, checked_for.kss) {
         reports[place] = report;
     }
-    hold_recipes_against_the_cell(files, &mut reports);
+    hold_recipes_against_the_cell(files, checked_for.read, &mut reports);
+    for report in &mut reports {
+        report.problems.sort_by_key(|problem| problem.line);
+        report.warnings.sort_by_key(|warning| warning.line);
+    }
     reports
 }
 
 /// What recipes ask for and the cell cannot do, where one cell is among the files.
-fn hold_recipes_against_the_cell(files: &[(&str, &str)], reports: &mut [FileReport]) {
+fn hold_recipes_against_the_cell(files: &[(&str, &str)], read: ReadNamed<'_>, reports: &mut [FileReport]) {
     let of_kind = |kind: &'static str, reports: &[FileReport]| -> Vec<usize> {
         (0..files.len()).filter(|place| reports[*place].kind == Some(kind)).collect()
     };
@@ -122,14 +145,10 @@ fn hold_recipes_against_the_cell(files: &[(&str, &str)], reports: &mut [FileRepo
     let Ok(cell) = Cell::check(files[cell].0, files[cell].1) else { return };
     for place in of_kind(RECIPE, reports) {
         let (name, text) = files[place];
-        let Ok(recipe) = Recipe::check(name, text) else { continue };
-        reports[place].problems.extend(unfit(&cell, &recipe).into_iter().map(|unmet| problem(text, unmet)));
+        let Ok(recipe) = plausible(name, text) else { continue };
+        let unfit = unfit(&cell, &recipe, read);
+        reports[place].problems.extend(problems_of(text, unfit));
     }
-}
-
-/// At the line of its key.
-fn problem(text: &str, Unmet { key, message }: Unmet) -> Problem {
-    Problem { line: config::line_of_key(text, &key), key, message }
 }
 
 /// Checks the text of any configuration file by itself, for no purpose; `name` is the file's name in messages.
@@ -154,15 +173,18 @@ fn check_zivid(name: &str, text: &str) -> FileReport {
     FileReport { kind: Some("zivid_settings"), problems, warnings: vec![], says }
 }
 
-fn check_ours(name: &str, text: &str, purpose: Option<Purpose>) -> FileReport {
+fn check_ours(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> FileReport {
     let Some(kind) = kind_of(&config::top_keys(text)) else {
         let begins = KINDS.map(|kind| format!("{} ({})", kind.name, kind.keys.join(", ")));
         return unclear(format!("not clear what this file is; its top would tell: {}", begins.join("; ")));
     };
     match (kind.check)(name, text) {
         Ok(says) => {
-            let problems = purpose.map_or(vec![], |purpose| unmet_of(kind.name, (name, text), purpose));
-            FileReport { kind: Some(kind.name), problems, warnings: vec![], says }
+            let (problems, warnings) = match kind.name {
+                CELL => completeness(name, text, checked_for),
+                _ => (vec![], vec![]),
+            };
+            FileReport { kind: Some(kind.name), problems, warnings, says }
         }
         Err(problems) => {
             FileReport { kind: Some(kind.name), problems: problems.list, warnings: vec![], says: vec![] }
@@ -175,16 +197,33 @@ const CELL: &str = "cell";
 /// The kind that is held against a cell.
 const RECIPE: &str = "recipe";
 
-/// What a cell's file does not say and this purpose needs, each at its line.
-fn unmet_of(kind: &str, (name, text): (&str, &str), purpose: Purpose) -> Vec<Problem> {
-    let cell = Some(kind).filter(|kind| *kind == CELL).and_then(|_| Cell::check(name, text).ok());
-    let needed = |Unmet { key, message }: Unmet| {
-        problem(text, Unmet { key, message: format!("{message} ({} need it)", purpose.commands()) })
-    };
-    let mut problems: Vec<Problem> =
-        cell.map_or(vec![], |cell| unmet(&cell, purpose)).into_iter().map(needed).collect();
-    problems.sort_by_key(|problem| problem.line);
-    problems
+/// What a cell's file does not say and the purpose needs, each at its line; the first one names the purpose. Files that are
+/// not there are one warning, if they may be made later.
+fn completeness(name: &str, text: &str, checked_for: &CheckedFor<'_>) -> (Vec<Problem>, Vec<Problem>) {
+    let Ok(cell) = Cell::check(name, text) else { return (vec![], vec![]) };
+    // Without a purpose no value must be there; what is there must be right all the same.
+    let mut all = incomplete(&cell, checked_for.purpose.unwrap_or(Purpose::Cycle), checked_for.read);
+    all.retain(|unmet| checked_for.purpose.is_some() || unmet.lack != Lack::Value);
+    let may_lack = |unmet: &Unmet| checked_for.may_lack_files && unmet.lack == Lack::MissingFile;
+    let (missing, unmet): (Vec<Unmet>, Vec<Unmet>) = all.into_iter().partition(may_lack);
+    let mut problems = problems_of(text, unmet);
+    if let (Some(first), Some(purpose)) = (problems.first_mut(), checked_for.purpose) {
+        first.message = format!("{} ({} need all that is listed here)", first.message, purpose.commands());
+    }
+    (problems, files_to_be_made(text, missing).into_iter().collect())
+}
+
+/// One warning for all files that are not there, at the line of the first.
+fn files_to_be_made(text: &str, missing: Vec<Unmet>) -> Option<Problem> {
+    let lines = missing.iter().map(|unmet| config::line_of_key(text, &unmet.key));
+    let line = lines.min()?;
+    let keys: Vec<String> = missing.into_iter().map(|unmet| unmet.key).collect();
+    let files = if keys.len() == 1 { "the file that it names is" } else { "the files that these name are" };
+    Some(Problem {
+        line,
+        key: keys.join(", "),
+        message: format!("{files} not there, and a cycle needs all of them; a calibration {CALIBRATION_ADVICE}"),
+    })
 }
 
 fn unclear(message: String) -> FileReport {
@@ -216,6 +255,7 @@ fn most(score: impl Fn(&Kind) -> usize) -> Option<&'static Kind> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recipe::Recipe;
 
     fn says(name: &str, text: &str) -> Vec<String> {
         check_file(name, text).problems.into_iter().map(|problem| problem.message).collect()

@@ -15,7 +15,7 @@ mod traps;
 
 use crate::config::Problem;
 use crate::eki::channel::{Findings, StatedChannel, read};
-pub(super) use clash::clashes;
+pub(super) use clash::{addresses_apart, clashes};
 
 /// What was found in one file.
 pub(super) struct Checked {

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 const LISTED: usize = 12;
 
 /// Whether this is the name of a KRL file.
-pub(super) fn is_krl(name: &str) -> bool {
+pub fn is_krl(name: &str) -> bool {
     let name = name.to_lowercase();
     [".src", ".sub", ".dat"].iter().any(|ending| name.ends_with(ending))
 }

@@ -1,50 +1,119 @@
-//! Decodes the bytes of a file to text: finds out which of the usual encodings it has.
+//! Decodes the bytes of a file to text: finds out which encoding it has.
+//!
+//! Files of the controller come in many encodings. Their structure is ASCII; what is not stands in comments and texts, so that
+//! no byte is a reason to refuse one. Files of ours are UTF-8, as every command reads them.
+
+use crate::config::Problem;
+use encoding_rs::{Encoding, UTF_8, UTF_16BE, UTF_16LE, WINDOWS_1252};
 
 /// A file that is no text in an encoding that is read here.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct NotText(String);
 
-/// Which line is not UTF-8, and what to do: only XML can name another encoding.
-pub fn not_utf_8(bytes: &[u8], error: &std::str::Utf8Error) -> NotText {
-    let line = 1 + bytes[..error.valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
-    let is_xml = bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'<');
-    let remedy = match is_xml {
-        true => ", or name its encoding in the XML declaration, as <?xml version=\"1.0\" encoding=\"ISO-8859-1\"?>",
-        false => "",
-    };
-    NotText(format!("line {line} is not UTF-8; save the file as UTF-8{remedy}"))
+/// A file's text.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Decoded {
+    /// The text.
+    pub text: String,
+    /// What was assumed to read it, where its author must have meant another encoding than the file states.
+    pub warning: Option<Problem>,
 }
 
-/// The text of these bytes: UTF-8 or UTF-16 by the byte order mark, else what an XML declaration says, else UTF-8. A KRL
-/// file that is not UTF-8 is taken for ISO-8859-1, in which controllers of the western world write comments.
+/// Which line is not UTF-8, and what to do.
+pub fn not_utf_8(bytes: &[u8], error: &std::str::Utf8Error) -> NotText {
+    if matches!(bytes, [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..]) {
+        return NotText("is UTF-16, as PowerShell's > writes it; save the file as UTF-8".to_owned());
+    }
+    NotText(format!("line {} is not UTF-8; save the file as UTF-8", line_of(bytes, error.valid_up_to())))
+}
+
+fn line_of(bytes: &[u8], at: usize) -> usize {
+    1 + bytes[..at].iter().filter(|byte| **byte == b'\n').count()
+}
+
+/// The text of these bytes: a file of ours is UTF-8. XML and KRL are UTF-8 or UTF-16 by their first bytes, else what an XML
+/// declaration names, else UTF-8, else a byte a character as in Windows-1252, in which controllers of the western world write.
 ///
 /// # Errors
 /// Says which encoding is wrong or not known, and what to do.
-pub fn decode(name: &str, bytes: &[u8]) -> Result<String, NotText> {
+pub fn decode(name: &str, bytes: &[u8]) -> Result<Decoded, NotText> {
+    let is_xml = is_xml(name, bytes);
+    if !is_xml && !super::is_krl(name) {
+        let text = std::str::from_utf8(bytes).map_err(|error| not_utf_8(bytes, &error))?;
+        return Ok(Decoded { text: text.to_owned(), warning: None });
+    }
+    if let Some(encoding) = by_first_bytes(bytes) {
+        return utf_16(bytes, encoding);
+    }
+    let stated = is_xml.then(|| declared(bytes)).flatten();
+    let encoding = match &stated {
+        None => UTF_8,
+        Some(label) => Encoding::for_label(label.as_bytes()).ok_or_else(|| {
+            let message = format!(
+                "the XML declaration names the encoding {label}, which is not known; save the file as UTF-8"
+            );
+            NotText(message)
+        })?,
+    };
+    Ok(declared_or_assumed(bytes, encoding, stated.as_deref(), is_xml))
+}
+
+/// Whether a file of this name with these bytes is XML, as `is_eki` finds it of the text.
+fn is_xml(name: &str, bytes: &[u8]) -> bool {
+    let mark = [0xFF, 0xFE, 0xEF, 0xBB, 0xBF, 0];
+    let mut start = bytes.iter().filter(|byte| !mark.contains(*byte) && !byte.is_ascii_whitespace());
+    name.to_lowercase().ends_with(".xml") || start.next() == Some(&b'<')
+}
+
+/// UTF-16 by its mark, or by a first character that is ASCII.
+fn by_first_bytes(bytes: &[u8]) -> Option<&'static Encoding> {
     match bytes {
-        [0xFF, 0xFE, rest @ ..] => return utf_16(rest, u16::from_le_bytes),
-        [0xFE, 0xFF, rest @ ..] => return utf_16(rest, u16::from_be_bytes),
-        // UTF-16 without its mark: the first character of an XML file is '<'.
-        [b'<', 0, ..] => return utf_16(bytes, u16::from_le_bytes),
-        [0, b'<', ..] => return utf_16(bytes, u16::from_be_bytes),
-        _ => {}
+        [0xFF, 0xFE, ..] => Some(UTF_16LE),
+        [0xFE, 0xFF, ..] => Some(UTF_16BE),
+        [1..0x80, 0, ..] => Some(UTF_16LE),
+        [0, 1..0x80, ..] => Some(UTF_16BE),
+        _ => None,
     }
-    let stated = declared(bytes).map(|stated| stated.to_lowercase());
-    match stated.as_deref() {
-        Some("iso-8859-1" | "iso8859-1" | "latin1" | "latin-1" | "us-ascii" | "ascii") => Ok(latin_1(bytes)),
-        Some("windows-1252" | "cp1252") if !bytes.iter().any(|byte| (0x80..0xA0).contains(byte)) => {
-            Ok(latin_1(bytes))
+}
+
+fn utf_16(bytes: &[u8], encoding: &'static Encoding) -> Result<Decoded, NotText> {
+    let (text, is_broken) = encoding.decode_with_bom_removal(bytes);
+    if is_broken {
+        return Err(NotText("begins as UTF-16 and is not; save the file as UTF-8".to_owned()));
+    }
+    Ok(Decoded { text: text.into_owned(), warning: None })
+}
+
+/// In the encoding that is declared, or UTF-8; a byte a character if the bytes are not that.
+fn declared_or_assumed(bytes: &[u8], encoding: &'static Encoding, stated: Option<&str>, is_xml: bool) -> Decoded {
+    let read = encoding.decode_without_bom_handling_and_without_replacement(bytes);
+    // What a UTF-16 file declares is known by its first bytes alone; here there are none.
+    let is_wide = [UTF_16LE, UTF_16BE].contains(&encoding);
+    if let Some(text) = read.filter(|_| !is_wide) {
+        return Decoded { text: text.into_owned(), warning: None };
+    }
+    let utf_8 = std::str::from_utf8(bytes);
+    let (text, line, taken_as) = match utf_8 {
+        Ok(text) => (text.to_owned(), 1, "UTF-8"),
+        Err(error) => {
+            let (text, _) = WINDOWS_1252.decode_without_bom_handling(bytes);
+            (text.into_owned(), line_of(bytes, error.valid_up_to()), "Windows-1252")
         }
-        None | Some("utf-8" | "utf8") => match std::str::from_utf8(bytes) {
-            Ok(text) => Ok(text.to_owned()),
-            Err(_) if super::krl::is_krl(name) => Ok(latin_1(bytes)),
-            Err(error) => Err(not_utf_8(bytes, &error)),
-        },
-        Some(other) => Err(NotText(format!(
-            "the XML declaration names the encoding {other}; UTF-8, UTF-16 and ISO-8859-1 are read here"
-        ))),
-    }
+    };
+    let warning = || {
+        let found = match stated {
+            Some(label) => format!("the XML declaration names {label}, and the file is not written in it"),
+            None => "is not UTF-8, which XML without a declaration is".to_owned(),
+        };
+        let message = format!(
+            "{found}: read as {taken_as}; save the file as UTF-8, or name its encoding in the declaration, as \
+             <?xml version=\"1.0\" encoding=\"GBK\"?>"
+        );
+        Problem { line, key: "encoding".to_owned(), message }
+    };
+    // KRL knows no declaration: its editor writes as the controller's language has it.
+    Decoded { text, warning: is_xml.then(warning) }
 }
 
 /// The encoding that an XML declaration names.
@@ -58,45 +127,77 @@ fn declared(bytes: &[u8]) -> Option<String> {
     behind[1..].split(quote).next().map(str::to_owned)
 }
 
-/// Each byte is the character of its number.
-fn latin_1(bytes: &[u8]) -> String {
-    bytes.iter().map(|&byte| char::from(byte)).collect()
-}
-
-fn utf_16(bytes: &[u8], unit: impl Fn([u8; 2]) -> u16) -> Result<String, NotText> {
-    let (pairs, rest) = bytes.as_chunks::<2>();
-    let wrong = || NotText("begins as UTF-16 and is not; save the file as UTF-8".to_owned());
-    if !rest.is_empty() {
-        return Err(wrong());
-    }
-    char::decode_utf16(pairs.iter().map(|&pair| unit(pair))).collect::<Result<_, _>>().map_err(|_| wrong())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     const TEXT: &str = "<?xml version=\"1.0\" encoding=\"ISO-8859-1\"?>\n<!-- für -->\n<ETHERNETKRL/>";
 
+    fn text(name: &str, bytes: &[u8]) -> Result<String, String> {
+        let decoded = decode(name, bytes).map_err(|error| error.to_string())?;
+        assert_eq!(decoded.warning, None, "{name}");
+        Ok(decoded.text)
+    }
+
+    fn is(text: &str) -> Result<String, String> {
+        Ok(text.to_owned())
+    }
+
     #[test]
     fn the_usual_encodings_are_read() {
         let latin: Vec<u8> = TEXT.chars().map(|c| u8::try_from(u32::from(c)).expect("Latin-1")).collect();
-        assert_eq!(decode("a.xml", &latin).as_deref(), Ok(TEXT));
+        assert_eq!(text("a.xml", &latin), is(TEXT));
         let little: Vec<u8> = TEXT.encode_utf16().flat_map(u16::to_le_bytes).collect();
-        assert_eq!(decode("a.xml", &little).as_deref(), Ok(TEXT), "without a mark");
-        assert_eq!(decode("a.xml", &[&[0xFF, 0xFE][..], &little].concat()).as_deref(), Ok(TEXT));
+        assert_eq!(text("a.xml", &little), is(TEXT), "without a mark");
+        assert_eq!(text("a", &[&[0xFF, 0xFE][..], &little].concat()), is(TEXT));
         let big: Vec<u8> = TEXT.encode_utf16().flat_map(u16::to_be_bytes).collect();
-        assert_eq!(decode("a.xml", &[&[0xFE, 0xFF][..], &big].concat()).as_deref(), Ok(TEXT));
-        assert_eq!(decode("a.src", b"; f\xFCr").as_deref(), Ok("; für"));
-        assert_eq!(decode("a.toml", "x = 'ü'".as_bytes()).as_deref(), Ok("x = 'ü'"));
+        assert_eq!(text("a.xml", &[&[0xFE, 0xFF][..], &big].concat()), is(TEXT));
+        assert_eq!(text("a.src", b"; f\xFCr"), is("; für"));
+        let wide: Vec<u8> = "&ACCESS".encode_utf16().flat_map(u16::to_le_bytes).collect();
+        assert_eq!(text("a.src", &wide), is("&ACCESS"));
+        assert_eq!(text("a.toml", "x = 'ü'".as_bytes()), is("x = 'ü'"));
+        // By the table of Windows-1252, 0x93 and 0x94 are quotes; by GBK's, D6D0 CEC4 is the word for Chinese.
+        let declared = |label: &str, bytes: &[u8]| {
+            text("a.xml", &[format!("<?xml version='1.0' encoding='{label}'?>").as_bytes(), bytes].concat())
+        };
+        assert!(declared("windows-1252", b"<!--\x93a\x94-->").is_ok_and(|text| text.ends_with("<!--“a”-->")));
+        assert!(declared("GB2312", b"<!--\xD6\xD0\xCE\xC4-->").is_ok_and(|text| text.ends_with("<!--中文-->")));
+        assert!(declared("Shift_JIS", b"<A/>").is_ok());
+    }
+
+    /// Whatever its author meant, the structure is read, and the line with the first such byte is named.
+    #[test]
+    fn xml_in_another_encoding_than_it_states_is_read_with_a_warning() {
+        let warned = |bytes: &[u8]| {
+            let decoded = decode("a.xml", bytes).expect("read");
+            let warning = decoded.warning.expect("a warning");
+            (warning.line, warning.message, decoded.text)
+        };
+        let (line, message, text) = warned(b"<A>\n<!-- \xD6\xD0 -->\n</A>");
+        assert_eq!((line, text.lines().last()), (2, Some("</A>")));
+        assert!(
+            message.starts_with("is not UTF-8, which XML without a declaration is: read as Windows-1252"),
+            "{message}"
+        );
+        let (_, message, text) = warned("<?xml version=\"1.0\" encoding=\"utf-16\"?><A b='ü'/>".as_bytes());
+        assert!(
+            message
+                .starts_with("the XML declaration names utf-16, and the file is not written in it: read as UTF-8")
+        );
+        assert!(text.ends_with("<A b='ü'/>"));
+        let (_, message, _) = warned(b"<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<!-- f\xFCr -->");
+        assert!(message.contains("names utf-8, and the file is not"), "{message}");
     }
 
     #[test]
     fn what_is_no_text_is_said_with_its_line() {
-        let says = |bytes: &[u8]| decode("a.xml", bytes).expect_err("no text").to_string();
-        assert!(says(b"<A>\n<!-- f\xFCr -->").starts_with("line 2 is not UTF-8; "));
-        assert!(says(b"<?xml version='1.0' encoding='EBCDIC'?>").contains("names the encoding ebcdic; "));
-        assert!(says(b"\xFF\xFE<").starts_with("begins as UTF-16"));
-        assert!(says(b"\xFF\xFE\x00\xDC").starts_with("begins as UTF-16"));
+        let says = |name: &str, bytes: &[u8]| decode(name, bytes).expect_err("no text").to_string();
+        assert_eq!(says("a.toml", b"x = 1\ny = '\xFC'"), "line 2 is not UTF-8; save the file as UTF-8");
+        assert!(says("a.toml", b"\xFF\xFEp\0").starts_with("is UTF-16, as PowerShell's"));
+        assert!(
+            says("a.xml", b"<?xml version='1.0' encoding='EBCDIC'?>").contains("names the encoding EBCDIC, which")
+        );
+        assert!(says("a.xml", b"\xFF\xFE<").starts_with("begins as UTF-16"));
+        assert!(says("a.xml", b"\xFF\xFE\x00\xDC").starts_with("begins as UTF-16"));
     }
 }

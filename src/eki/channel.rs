@@ -23,4 +23,4 @@ pub use file::{ChannelError, ChannelFile, Element, Memory};
 pub(crate) use findings::Findings;
 pub use kinds::{Environment, Kind, Peer, Protocol, ReadOrder};
 pub(crate) use reading::read;
-pub(crate) use stated::{Signal, StatedChannel, StatedElement, StatedRaw};
+pub(crate) use stated::{Signal, Stated, StatedChannel, StatedElement, StatedRaw};

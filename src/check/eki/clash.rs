@@ -1,7 +1,8 @@
-//! Conflicts between the channels of one controller: the same name, port, flag or output.
+//! Conflicts between the channels of one controller: the same name, port, flag or output, and addresses that differ.
 
+use super::traps::is_address;
 use crate::config::Problem;
-use crate::eki::channel::StatedChannel;
+use crate::eki::channel::{Stated, StatedChannel};
 
 /// The ports and signals that two channels both use, as problems of both: the channel's place in the list, and the
 /// problem.
@@ -17,6 +18,27 @@ pub(crate) fn clashes(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize,
     found
 }
 
+/// Channels on which one controller listens at different addresses, as warnings of all but the first: a controller has few
+/// networks, and mostly one for this.
+pub(crate) fn addresses_apart(channels: &[(usize, &str, &StatedChannel)]) -> Vec<(usize, Problem)> {
+    let listening = channels.iter().filter(|(_, _, channel)| channel.listens());
+    let mut stated = listening.filter_map(|(place, file, channel)| {
+        let ip = channel.internal.ip.as_ref().filter(|ip| is_address(&ip.value))?;
+        Some((*place, *file, ip))
+    });
+    let Some((_, first_file, first)) = stated.next() else { return Vec::new() };
+    let others = stated.filter(|(_, _, ip)| ip.value != first.value);
+    let warning = |(place, _, ip): (usize, &str, &Stated<String>)| {
+        let message = format!(
+            "is {}, and {first_file} has {}: the controller listens on the network adapter with this address; if it has none, \
+             EKI_Open fails, and a PC that looks for it at the other address finds no port open",
+            ip.value, first.value
+        );
+        (place, Problem { line: ip.line, key: "CONFIGURATION/INTERNAL/IP".to_owned(), message })
+    };
+    others.map(warning).collect()
+}
+
 fn pair(channel: &StatedChannel, other_file: &str, other: &StatedChannel) -> Vec<Problem> {
     let mut found = Vec::new();
     let mut note = |line: usize, key: String, message: String| found.push(Problem { line, key, message });
@@ -29,7 +51,11 @@ fn pair(channel: &StatedChannel, other_file: &str, other: &StatedChannel) -> Vec
         let port = |channel: &StatedChannel| channel.internal.port.as_ref().map_or(54_600, |port| port.value);
         if port(channel) == port(other) {
             let line = channel.internal.port.as_ref().map_or(channel.internal_line, |port| port.line);
-            let message = format!("is {}, as in {other_file}; each channel needs a port of its own", port(channel));
+            let message = format!(
+                "is {}, as in {other_file}; each channel needs a port of its own: while one of the two is open, EKI_Open of the \
+                 other fails with \"Create server failed\"",
+                port(channel)
+            );
             note(line, "CONFIGURATION/INTERNAL/PORT".to_owned(), message);
         }
     }

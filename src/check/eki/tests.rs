@@ -319,7 +319,8 @@ fn files_of_one_controller_are_held_against_each_other() {
     assert_begins(
         &lines(&reports[0].problems),
         &[
-            "4 CONFIGURATION/INTERNAL/PORT: is 54600, as in CELLCMD.xml; each channel needs a port of its own",
+            "4 CONFIGURATION/INTERNAL/PORT: is 54600, as in CELLCMD.xml; each channel needs a port of its own: while one of the two \
+             is open, EKI_Open of the other fails",
             "6 RECEIVE ELEMENT[A]: $FLAG[2] is raised by the arrival of A in b/TWO.xml too (line 6)",
         ],
         &other,
@@ -336,4 +337,44 @@ fn files_of_one_controller_are_held_against_each_other() {
     );
     let reports = check_files(&[("a/ONE.xml", &away), ("b/one.XML", COMMANDS)], None);
     assert_begins(&lines(&reports[1].problems), &["1 : a/ONE.xml is a channel ONE too"], COMMANDS);
+}
+
+/// What a project's file of flags has: 2,688 is no number of the manual's range, and that is the one thing to say.
+#[test]
+fn a_flag_that_is_none_is_told_once() {
+    let flags = |number: &str| {
+        let receive = RECEIVE.replace("Set_Flag=\"2\"", &format!("Set_Flag=\"{number}\""));
+        assert_ne!(receive, RECEIVE);
+        let report = check_file("a.xml", &file(INTERNAL, &receive, ""));
+        let about =
+            |list: &[Problem]| lines(list).into_iter().filter(|line| line.contains("1025")).collect::<Vec<_>>();
+        [about(&report.problems), about(&report.warnings)]
+    };
+    let [problems, warnings] = flags("2688");
+    assert!(problems.len() == 1 && problems[0].contains("allowed is a whole number 1 to 1025"), "{problems:?}");
+    assert_eq!(warnings, Vec::<String>::new());
+    let [problems, warnings] = flags("1025");
+    assert_eq!((problems.len(), warnings.len()), (0, 1), "{warnings:?}");
+    assert_eq!(flags("1024"), [Vec::<String>::new(), vec![]]);
+}
+
+/// One channel on the adapter of another network: the controller opens it there, or not at all.
+#[test]
+fn channels_at_two_addresses_are_told() {
+    let address = "<IP>172.31.1.147</IP>";
+    assert!(COMMANDS.contains(address) && STATE.contains(address));
+    let other = STATE.replace(address, "<IP>192.168.1.147</IP>");
+    let told = |second: &str| {
+        let reports = check_files(&[("CELLCMD.xml", COMMANDS), ("CELLSTAT.xml", second)], None);
+        assert!(reports.iter().all(|report| report.problems.is_empty()), "{reports:?}");
+        reports.into_iter().map(|report| lines(&report.warnings)).collect::<Vec<_>>()
+    };
+    assert_eq!(told(STATE), [Vec::<String>::new(), vec![]]);
+    let [first, second] = &told(&other)[..] else { panic!("two files") };
+    assert_eq!((first.len(), second.len()), (0, 1), "{second:?}");
+    assert!(second[0].contains("CONFIGURATION/INTERNAL/IP: is 192.168.1.147, and CELLCMD.xml has 172.31.1.147"));
+    // A controller that dials has no address of its own there.
+    let dials = other.replace("<TYPE>Client</TYPE>", "<TYPE>Server</TYPE><IP>172.31.1.10</IP><PORT>7000</PORT>");
+    let reports = check_files(&[("CELLCMD.xml", COMMANDS), ("CELLSTAT.xml", &dials)], None);
+    assert!(!lines(&reports[1].warnings).iter().any(|line| line.contains("has 172.31.1.147")), "{reports:?}");
 }

@@ -5,8 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// The ports that the controller's firewall opens.
 const PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
-/// The last `$FLAG`; the manual's range for Set_Flag goes one further.
-const LAST_FLAG: u32 = 1024;
+/// One more than the last `$FLAG`, and the end of the manual's range for Set_Flag; what is above is refused as no number of
+/// that range.
+const FIRST_NO_FLAG: u32 = 1025;
 
 /// Notes everything about one channel that its file alone shows.
 pub(super) fn find(channel: &StatedChannel, found: &mut Findings) {
@@ -75,7 +76,8 @@ fn addresses(channel: &StatedChannel, found: &mut Findings) {
     }
 }
 
-fn is_address(text: &str) -> bool {
+/// Whether this is an address of four numbers.
+pub(super) fn is_address(text: &str) -> bool {
     let parts: Vec<&str> = text.split('.').collect();
     parts.len() == 4 && parts.iter().all(|part| part.parse::<u8>().is_ok())
 }
@@ -127,12 +129,8 @@ fn signals(channel: &StatedChannel, found: &mut Findings) {
             );
             found.wrong(signal.line, &key, message);
         }
-        if signal.is_flag && signal.number > LAST_FLAG {
-            found.warn(
-                signal.line,
-                &key,
-                format!("$FLAG ends at {LAST_FLAG}, though the manual allows {}", signal.number),
-            );
+        if signal.is_flag && signal.number == FIRST_NO_FLAG {
+            found.warn(signal.line, &key, "$FLAG ends at 1024, though the manual allows 1025");
         }
     }
 }
