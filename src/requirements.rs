@@ -1,51 +1,23 @@
 //! What a cell's file must say for what is to be done with the cell: decided here for every command.
 //!
 //! A file may leave out what offline work does not need. What a motion or a cycle would refuse later is refused here before
-//! anything begins, and `panelprep check` says so at the desk. Nothing is looked at but the file: whether the files that
-//! it names are there, and whether devices answer, is for `panelprep doctor`.
+//! anything begins, and `panelprep check` says so at the desk. [`unmet`] looks at the cell's file alone, [`incomplete`] also
+//! at the files that it names; `check`, `doctor`, `run` and `cycle` all ask these two. Whether devices answer is for
+//! `panelprep doctor`.
 
+mod findings;
+mod named_files;
 pub mod recipe_fits;
+
+pub use findings::{Lack, Purpose, Unmet, problems_of};
+pub use named_files::{CALIBRATION_ADVICE, NamedFile, ReadNamed, is_measured_with, not_looked_at};
 
 use crate::cell::{Camera, Cell, Output, RobotKind};
 use crate::geometry::{Joints, Rigid};
 use crate::path::Kinematics;
 use crate::path::reach::joint_motion;
-use crate::words::plain;
+use crate::words::{fixed, plain};
 use nalgebra::Isometry3;
-
-/// What is to be done with a cell.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Purpose {
-    /// One function of the robot at a time.
-    Robot,
-    /// A cycle, or its path in the air.
-    Cycle,
-}
-
-impl Purpose {
-    /// The commands that do it.
-    pub fn commands(self) -> &'static str {
-        match self {
-            Purpose::Robot => "`panelprep robot` and `mock-robot`",
-            Purpose::Cycle => "`panelprep cycle`, `air-run` and `run`",
-        }
-    }
-}
-
-/// What a cell's file does not say, or says in a way that cannot be done.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Unmet {
-    /// The key with its tables, `poses.park.a1_deg`.
-    pub key: String,
-    /// What was found, what is needed, what to do.
-    pub message: String,
-}
-
-impl Unmet {
-    fn new(key: impl Into<String>, message: impl Into<String>) -> Self {
-        Unmet { key: key.into(), message: message.into() }
-    }
-}
 
 /// All that this purpose needs and the cell's file does not have; empty where nothing is missing.
 pub fn unmet(cell: &Cell, purpose: Purpose) -> Vec<Unmet> {
@@ -60,6 +32,11 @@ pub fn unmet(cell: &Cell, purpose: Purpose) -> Vec<Unmet> {
             parts.concat()
         }
     }
+}
+
+/// [`unmet`], and of the files that the cell's file names those that are not there or not right.
+pub fn incomplete(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<Unmet> {
+    unmet(cell, purpose).into_iter().chain(named_files::unmet(cell, purpose, read)).collect()
 }
 
 /// The cameras with whether they are simulated.
@@ -137,9 +114,25 @@ fn beyond(cell: &Cell, name: &str, pose: &Joints) -> Vec<Unmet> {
 }
 
 fn limits(cell: &Cell) -> Vec<Unmet> {
-    let message = "is missing, as is box_max_mm; nothing moves in lines without a box for the tool's tip";
-    let missing = cell.limits().workspace().is_none().then(|| Unmet::new("limits.box_min_mm", message));
-    missing.into_iter().collect()
+    let Some(space) = cell.limits().workspace() else {
+        let message = "is missing, as is box_max_mm; nothing moves in lines without a box for the tool's tip";
+        return vec![Unmet::new("limits.box_min_mm", message)];
+    };
+    let [low, high] = [space.min, space.max].map(|corner| [corner.mm.x, corner.mm.y, corner.mm.z]);
+    in_metres("limits.box_max_mm", low, high).into_iter().collect()
+}
+
+/// No box in which a robot works is as small as this, mm: its numbers are metres.
+const SMALLEST_BOX_MM: f64 = 10.0;
+
+/// A box whose longest edge is so short that its numbers must be metres.
+fn in_metres(key: &str, low: [f64; 3], high: [f64; 3]) -> Option<Unmet> {
+    let edges = [0, 1, 2].map(|axis| high[axis] - low[axis]);
+    let message = || {
+        let [x, y, z] = edges.map(|edge| fixed(edge, 2));
+        format!("found a box of {x} × {y} × {z} mm; are these metres? write millimetres")
+    };
+    edges.iter().all(|edge| *edge < SMALLEST_BOX_MM).then(|| Unmet::new(key, message()))
 }
 
 fn calibrations(cell: &Cell) -> Vec<Unmet> {
@@ -219,6 +212,14 @@ mod tests {
             (replaced("light_on = 5", ""), vec!["io.feedbacks.light_on"]),
             (replaced("box_min_mm = [", "# [").replacen("box_max_mm = [", "# [", 1), vec!["limits.box_min_mm"]),
             (replaced("flange_from_tool =", "# "), vec!["calibration.flange_from_tool"]),
+            (
+                replaced("box_min_mm = [", "box_min_mm = [0.1, -0.4, 0.0] # [").replacen(
+                    "box_max_mm = [",
+                    "box_max_mm = [0.8, 0.4, 0.9] # [",
+                    1,
+                ),
+                vec!["limits.box_max_mm"],
+            ),
             (eki("172.31.1.147"), vec!["scanner.kind", "flange_camera.kind"]),
             (eki("127.0.0.1"), vec![]),
             (eki("localhost").replace("light_on = 5", ""), vec!["io.feedbacks.light_on"]),

@@ -2,18 +2,17 @@
 
 use super::args::{Check, PurposeName};
 use super::disk;
-use super::fault::{CALIBRATION_ADVICE, Fault};
+use super::fault::Fault;
 use super::outcome::Outcome;
-use crate::cell::Cell;
-use crate::check::{FileReport, check_files_for, decode};
-use crate::config::{Problem, line_of_key};
+use crate::check::{CheckedFor, Decoded, FileReport, check_files_for, decode};
+use crate::config::Problem;
 use crate::requirements::Purpose;
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 use std::path::Path;
 
-/// Checks every file; all problems of all files are told, traps too. EthernetKRL files are checked against each other,
-/// KRL files as one program. A file that cannot be read is told beside the others, with exit code 2.
+/// Checks every file; all problems of all files are reported, warnings too. EthernetKRL files are checked against each other,
+/// KRL files as one program. A file that cannot be read is reported beside the others, with exit code 2.
 ///
 /// # Errors
 /// None; what cannot be read is part of the outcome.
@@ -21,25 +20,27 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
     let mut files = Vec::new();
     let mut lines = Vec::new();
     let mut reasons = Vec::new();
-    let texts: Vec<(String, Result<String, String>)> = args.files.iter().map(|file| named_text(file)).collect();
-    let named: Vec<(&str, &str)> =
-        texts.iter().filter_map(|(name, text)| Some((name.as_str(), text.as_deref().ok()?))).collect();
-    let mut found = check_files_for(&named, purpose(args.purpose), args.kss).into_iter();
-    for (name, text) in &texts {
-        let report = match text {
+    let texts: Vec<(String, Result<Decoded, String>)> = args.files.iter().map(|file| named_text(file)).collect();
+    let named: Vec<(&str, &str)> = texts
+        .iter()
+        .filter_map(|(name, decoded)| Some((name.as_str(), decoded.as_ref().ok()?.text.as_str())))
+        .collect();
+    let mut found = check_files_for(&named, &checked_for(args)).into_iter();
+    for (name, decoded) in &texts {
+        let report = match decoded {
             Ok(_) => found.next(),
             Err(message) => Some(unreadable(message)),
         };
         let Some(mut report) = report else { continue };
-        report.warnings.extend(calibrations_that_are_not_there(name, report.kind));
+        report.warnings.splice(0..0, decoded.iter().filter_map(|decoded| decoded.warning.clone()));
         let warnings: Vec<String> = report.warnings.iter().map(warning).collect();
         let ok = report.problems.is_empty();
         lines.push(format!("{name}: {}", if ok { "ok" } else { "not right" }));
         for problem in &report.problems {
-            lines.push(match problem.key.is_empty() && text.is_err() {
+            lines.push(match problem.key.is_empty() && decoded.is_err() {
                 // It names the file or the line itself.
                 true => format!("  {}", problem.message),
-                false => format!("  line {}: {}: {}", problem.line, problem.key, problem.message),
+                false => format!("  {}", placed(problem)),
             });
         }
         lines.extend(warnings.iter().chain(&report.says).map(|sentence| format!("  {sentence}")));
@@ -53,7 +54,7 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
     }
     let verdict = if reasons.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let mut outcome = Outcome::of(&Judgement { verdict, reasons });
-    if texts.iter().any(|(_, text)| text.is_err()) {
+    if texts.iter().any(|(_, decoded)| decoded.is_err()) {
         outcome.exit = 2;
     }
     outcome.words = lines;
@@ -62,11 +63,11 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
 }
 
 /// A file's name in messages, and its text or why it has none.
-fn named_text(file: &Path) -> (String, Result<String, String>) {
+fn named_text(file: &Path) -> (String, Result<Decoded, String>) {
     let name = file.display().to_string();
     let bytes = disk::read(file).map_err(|fault| fault.to_string());
-    let text = bytes.and_then(|bytes| decode(&name, &bytes).map_err(|error| error.to_string()));
-    (name, text)
+    let decoded = bytes.and_then(|bytes| decode(&name, &bytes).map_err(|error| error.to_string()));
+    (name, decoded)
 }
 
 fn unreadable(message: &str) -> FileReport {
@@ -74,26 +75,24 @@ fn unreadable(message: &str) -> FileReport {
     FileReport { kind: None, problems: vec![problem], warnings: Vec::new(), says: Vec::new() }
 }
 
-fn purpose(name: PurposeName) -> Option<Purpose> {
-    match name {
-        PurposeName::Files => None,
-        PurposeName::Robot => Some(Purpose::Robot),
-        PurposeName::Cycle => Some(Purpose::Cycle),
-    }
+/// Without a purpose a cell's file must be complete for a cycle, and the files that it names may still be made: it is written
+/// before the calibrations are.
+fn checked_for(args: &Check) -> CheckedFor<'_> {
+    let purpose = match args.purpose {
+        None | Some(PurposeName::Cycle) => Some(Purpose::Cycle),
+        Some(PurposeName::Robot) => Some(Purpose::Robot),
+        Some(PurposeName::Files) => None,
+    };
+    let may_lack_files = matches!(args.purpose, None | Some(PurposeName::Files));
+    CheckedFor { purpose, may_lack_files, read: &disk::read_named, kss: args.kss }
 }
 
-/// A cell's file may be right before its calibrations are made; nothing that needs one can be done before.
-fn calibrations_that_are_not_there(name: &str, kind: Option<&str>) -> Vec<Problem> {
-    let text = disk::read_text(Path::new(name)).unwrap_or_default();
-    let cell = (kind == Some("cell")).then(|| Cell::check(name, &text).ok()).flatten();
-    let away = |(key, file): (&str, &Path)| {
-        let key = format!("calibration.{key}");
-        let message = format!("{} is not there; {}", file.display(), CALIBRATION_ADVICE);
-        (!file.exists()).then(|| Problem { line: line_of_key(&text, &key), key, message })
-    };
-    cell.iter().flat_map(|cell| cell.calibration().named()).filter_map(away).collect()
+/// With its line and its key, if it has one.
+fn placed(Problem { line, key, message }: &Problem) -> String {
+    let key = if key.is_empty() { String::new() } else { format!("{key}: ") };
+    format!("line {line}: {key}{message}")
 }
 
 fn warning(warning: &Problem) -> String {
-    format!("warning, line {}: {}: {}", warning.line, warning.key, warning.message)
+    format!("warning, {}", placed(warning))
 }

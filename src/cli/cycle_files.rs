@@ -9,10 +9,13 @@ use super::part;
 use super::zivid;
 use crate::calib::budget;
 use crate::cell::LensExtent;
+use crate::config::Problems;
 use crate::cycle::Request;
 use crate::daemon::{Calibrations, CellSetup, CycleSetup, PreparedCycle};
 use crate::recipe::Recipe;
 use crate::record::PartNames;
+use crate::requirements::problems_of;
+use crate::requirements::recipe_fits::{plausible, unfit};
 use crate::stages::removal::RemovedBefore;
 use crate::store::{CycleStart, PassesOfCycle};
 use std::path::Path;
@@ -86,7 +89,7 @@ impl TaughtRecipe {
     /// Reads the recipe and loads what was taught of its panel.
     ///
     /// # Errors
-    /// Where the recipe has problems, or its panel was not taught, or with another region.
+    /// Where the recipe has problems or asks for what the cell cannot do, or its panel was not taught, or with another region.
     pub fn read(files: &CellFiles, recipe_file: &Path) -> Result<Self, Fault> {
         Self::of(files, recipe_file, disk::read_text(recipe_file)?)
     }
@@ -96,7 +99,12 @@ impl TaughtRecipe {
     /// # Errors
     /// As [`TaughtRecipe::read`].
     pub fn of(files: &CellFiles, recipe_file: &Path, recipe_text: String) -> Result<Self, Fault> {
-        let recipe = Recipe::check(&recipe_file.display().to_string(), &recipe_text)?;
+        let name = recipe_file.display().to_string();
+        let recipe = plausible(&name, &recipe_text)?;
+        let unfit = unfit(&files.cell, &recipe, &disk::read_named);
+        if !unfit.is_empty() {
+            return Err(Problems { file: name, list: problems_of(&recipe_text, unfit) }.into());
+        }
         let taught = load::taught(files, recipe_file, &recipe)?;
         Ok(TaughtRecipe { recipe, recipe_text, taught, part: None, earlier: vec![] })
     }

@@ -3,6 +3,7 @@
 use super::fault::Fault;
 use crate::check::not_utf_8;
 use crate::disk;
+use crate::requirements::NamedFile;
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -22,6 +23,19 @@ pub fn read(file: &Path) -> Result<Vec<u8>, Fault> {
 pub fn read_text(file: &Path) -> Result<String, Fault> {
     String::from_utf8(read(file)?)
         .map_err(|error| Fault::file(file, not_utf_8(error.as_bytes(), &error.utf8_error())))
+}
+
+/// A file that a cell's file names.
+pub fn read_named(file: &Path) -> NamedFile {
+    let bytes = match disk::read(file) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return NamedFile::Missing,
+        Err(error) => return NamedFile::Unreadable(error.to_string()),
+    };
+    match String::from_utf8(bytes) {
+        Ok(text) => NamedFile::Text(text),
+        Err(error) => NamedFile::Unreadable(not_utf_8(error.as_bytes(), &error.utf8_error()).to_string()),
+    }
 }
 
 /// Writes a file beside its place and renames it there, so that it is never half written.

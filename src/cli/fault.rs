@@ -6,7 +6,7 @@ mod devices;
 mod record;
 mod teaching;
 
-pub use calibration::{CALIBRATION_ADVICE, CalibrationFault};
+pub use calibration::CalibrationFault;
 pub use clip::ClipFault;
 pub use devices::DeviceFault;
 pub use record::RecordFault;
@@ -183,12 +183,13 @@ pub enum Fault {
     Stage(Box<dyn Error + Send + Sync>),
 }
 
-/// A line for each thing that is missing.
+/// A line for each thing that is missing; the first one names who needs it.
 fn each(cell: &Path, purpose: Purpose, unmet: &[Unmet]) -> String {
-    let line = |Unmet { key, message }: &Unmet| {
-        format!("{}: {key}: {message} ({} need it)", cell.display(), purpose.commands())
+    let mut needed_by = format!(" ({} need it)", purpose.commands());
+    let mut line = |Unmet { key, message, .. }: &Unmet| {
+        format!("{}: {key}: {message}{}", cell.display(), std::mem::take(&mut needed_by))
     };
-    unmet.iter().map(line).collect::<Vec<_>>().join("\n")
+    unmet.iter().map(&mut line).collect::<Vec<_>>().join("\n")
 }
 
 impl Fault {

@@ -6,12 +6,15 @@ use super::fault::{DeviceFault, Fault};
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::cell::{Cell, RobotKind};
+use crate::check::{decode, is_krl};
 use crate::devices::mock::{ChannelFile, Clock, Controller, MockServer, Ports, Programs, Setup};
 use crate::devices::world::SimulatedWorld;
 use crate::eki::{CELLCMD, CELLSTAT};
 use crate::requirements::Purpose;
 use crate::sim;
 use crate::words::fixed;
+use std::fs::DirEntry;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// How often what happened is told.
@@ -37,7 +40,13 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
     // Only its water, light and tool matter here: no camera looks at it.
     let world = SimulatedWorld::new(sim::Cell::new(1, sim::Scene::Good, 8), &files.cell).map_err(Fault::stage)?;
     let faults = args.fault.clone().unwrap_or_default();
-    let programs = if args.programs { Some(Programs::shipped().map_err(Fault::stage)?) } else { None };
+    let programs = match &args.programs {
+        None => None,
+        Some(None) => Some(Programs::shipped().map_err(Fault::stage)?),
+        Some(Some(folder)) => Some(own_programs(folder)?),
+    };
+    let remarks = programs.iter().flat_map(|programs| &programs.remarks);
+    remarks.for_each(|remark| tell(&format!("note: {remark}")));
     let setup = Setup { clock: Clock::Free, faults, programs, ..world.setup(&files.cell, commands, states) };
     let mut controller = Controller::new(setup, world.terminals()).map_err(Fault::stage)?;
     controller.boot();
@@ -52,6 +61,26 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
         server.handle().with(|controller| told.news(controller)).iter().for_each(|line| tell(line));
         std::thread::sleep(ROUND);
     }
+}
+
+/// The programs that ship with those of a folder in their place or beside them.
+fn own_programs(folder: &Path) -> Result<Programs, Fault> {
+    let named = |error: std::io::Error| Fault::file(folder, error);
+    let entries: Vec<_> = std::fs::read_dir(folder).and_then(Iterator::collect).map_err(named)?;
+    let mut files: Vec<PathBuf> = entries.iter().map(DirEntry::path).collect();
+    files.retain(|file| file.file_name().is_some_and(|name| is_krl(&name.to_string_lossy())));
+    files.sort();
+    if files.is_empty() {
+        return Err(Fault::file(folder, "has no .src, .sub or .dat file: name the folder with your programs"));
+    }
+    let read = |file: &PathBuf| {
+        let name = file.display().to_string();
+        let decoded = decode(&name, &disk::read(file)?).map_err(|error| Fault::file(file, error))?;
+        Ok((name, decoded.text))
+    };
+    let texts = files.iter().map(read).collect::<Result<Vec<_>, Fault>>()?;
+    let texts: Vec<(&str, &str)> = texts.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
+    Programs::with_own(&texts).map_err(Fault::stage)
 }
 
 /// The cell's ports; with EthernetKRL files of one's own those of the files, which must be the ones that the cell's robot is
@@ -80,6 +109,8 @@ struct Told {
     epoch: i32,
     executed: usize,
     stops: usize,
+    /// What ended an interpreter of the programs.
+    faults: usize,
     outputs: Vec<u16>,
 }
 
@@ -108,6 +139,9 @@ impl Told {
                 stop.cause.words()
             ));
         }
+        let faults = controller.program_faults();
+        lines.extend(faults[self.faults..].iter().map(|fault| format!("{now}  the programs stopped: {fault}")));
+        self.faults = faults.len();
         (self.executed, self.stops) = (controller.executed().len(), controller.stops().len());
         let on: Vec<u16> = controller.outputs().iter().filter(|(_, on)| **on).map(|(number, _)| *number).collect();
         if on != self.outputs {

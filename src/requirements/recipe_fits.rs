@@ -1,11 +1,12 @@
 //! Whether a recipe can be done in a cell: what both files say of the tool.
 
-use super::Unmet;
-use crate::cell::{Cell, CompliantTool};
+use super::{NamedFile, ReadNamed, Unmet, in_metres, problems_of};
+use crate::cell::{Cell, CompliantTool, Intrinsics};
+use crate::config::Problems;
 use crate::force::Weight;
 use crate::recipe::Recipe;
 use crate::removal::model::UNKNOWN;
-use crate::words::fixed;
+use crate::words::{fixed, plain};
 
 /// Recipe and tool do not agree on a force.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -60,18 +61,67 @@ pub fn force_fits(tool: Option<&CompliantTool>, recipe: &Recipe) -> Result<(), F
     }
 }
 
-/// What a recipe asks for and this cell cannot do, by the recipe's keys; empty where both fit.
-pub fn unfit(cell: &Cell, recipe: &Recipe) -> Vec<Unmet> {
+/// What a recipe asks for and this cell cannot do, by the recipe's keys; empty where both fit. The region is held against the
+/// picture of the scanner whose calibration the cell names.
+pub fn unfit(cell: &Cell, recipe: &Recipe, read: ReadNamed<'_>) -> Vec<Unmet> {
     let force = force_fits(cell.tool().compliant(), recipe).err();
     let force = force.map(|mismatch| Unmet::new("path.force_n", mismatch.to_string()));
     let is_unknown = recipe.removal().is_some() && cell.calibration().removal.is_none();
     let removal = is_unknown.then(|| Unmet::new("removal", UNKNOWN));
-    force.into_iter().chain(removal).collect()
+    let outside = picture_px(cell, read).and_then(|size_px| corner_outside(recipe, size_px));
+    force.into_iter().chain(removal).chain(feed_fits(cell, recipe).err()).chain(outside).collect()
+}
+
+/// Whether the feed is no faster than the cell allows.
+///
+/// # Errors
+/// The key, what is stated, and the limit.
+pub fn feed_fits(cell: &Cell, recipe: &Recipe) -> Result<(), Unmet> {
+    let (found, limit) = (recipe.path().feed_mm_s(), cell.limits().max_speed_mm_s());
+    if found <= limit {
+        return Ok(());
+    }
+    let [found, limit] = [found, limit].map(plain);
+    let message = format!("found {found}, the cell's [limits] max_speed_mm_s is {limit}: lower the feed");
+    Err(Unmet::new("path.feed_mm_s", message))
+}
+
+/// Reads a recipe, and refuses one that no cell could do: with its box in metres.
+///
+/// # Errors
+/// Its problems.
+pub fn plausible(name: &str, text: &str) -> Result<Recipe, Problems> {
+    let recipe = Recipe::check(name, text)?;
+    let locate = recipe.locate();
+    let in_metres = in_metres("locate.box_max_mm", locate.box_min_mm(), locate.box_max_mm());
+    match in_metres {
+        None => Ok(recipe),
+        Some(unmet) => Err(Problems { file: name.to_owned(), list: problems_of(text, vec![unmet]) }),
+    }
+}
+
+/// The size of the scanner's picture, as its calibration states it.
+fn picture_px(cell: &Cell, read: ReadNamed<'_>) -> Option<[usize; 2]> {
+    let file = cell.calibration().scanner.as_deref()?;
+    let NamedFile::Text(text) = read(file) else { return None };
+    let lens = Intrinsics::check(&file.display().to_string(), &text).ok()?;
+    Some([lens.camera.width_px, lens.camera.height_px])
+}
+
+fn corner_outside(recipe: &Recipe, [width_px, height_px]: [usize; 2]) -> Option<Unmet> {
+    let is_outside =
+        |[u, v]: &[f64; 2]| !(0.0..=width_px as f64).contains(u) || !(0.0..=height_px as f64).contains(v);
+    let [u, v] = recipe.region().corners_px().into_iter().find(is_outside)?.map(plain);
+    let message =
+        format!("the corner ({u}, {v}) is outside of the scanner's picture of {width_px} × {height_px} px");
+    Some(Unmet::new("region.corners_px", message))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::not_looked_at;
     use super::*;
+    use crate::geometry::PinholeCamera;
 
     fn keys(cell: &str, recipe: &str) -> Vec<String> {
         let cell = Cell::check("cell.toml", cell).unwrap_or_else(|problems| panic!("{problems}"));
@@ -79,7 +129,48 @@ mod tests {
                       corners_px = [[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0]]\nrows = 1\ncolumns = 1\n";
         let recipe = Recipe::check("recipe.toml", &format!("{region}{recipe}"))
             .unwrap_or_else(|problems| panic!("{problems}"));
-        unfit(&cell, &recipe).into_iter().map(|unmet| unmet.key).collect()
+        unfit(&cell, &recipe, &not_looked_at).into_iter().map(|unmet| unmet.key).collect()
+    }
+
+    /// By hand: 250 mm/s where the cell states nothing; a corner at 12,970 px in a picture of 1,944.
+    #[test]
+    fn a_feed_a_region_and_a_box_that_cannot_be_are_named() {
+        let feed = |feed_mm_s: u32| format!("[path]\nfeed_mm_s = {feed_mm_s}\n");
+        assert_eq!([keys("", &feed(250)), keys("", &feed(251))], [vec![], vec!["path.feed_mm_s".to_owned()]]);
+        assert_eq!(keys("[limits]\nmax_speed_mm_s = 400\n", &feed(400)), Vec::<String>::new());
+        let camera = PinholeCamera { width_px: 1944, height_px: 1200, ..fixture() };
+        let lens = Intrinsics::of(camera).to_toml();
+        let cell = Cell::check("cell.toml", "[calibration]\nscanner = \"lens.toml\"\n");
+        let cell = cell.unwrap_or_else(|problems| panic!("{problems}"));
+        let text = |corner: &str, high: &str| {
+            format!(
+                "panel = \"p\"\n[locate]\nbox_min_mm = [0.0, 0.0, 0.0]\nbox_max_mm = {high}\n[region]\n\
+                 corners_px = [[0.0, 0.0], [{corner}], [9.0, 9.0], [0.0, 9.0]]\nrows = 1\ncolumns = 1\n"
+            )
+        };
+        let told = |corner: &str| {
+            let recipe = plausible("recipe.toml", &text(corner, "[900, 900, 900]"));
+            let recipe = recipe.unwrap_or_else(|problems| panic!("{problems}"));
+            unfit(&cell, &recipe, &|_| NamedFile::Text(lens.clone()))
+        };
+        assert_eq!(told("1297.0, 0.0"), []);
+        let outside = told("12970.0, 0.0");
+        assert_eq!(outside.len(), 1);
+        assert_eq!(
+            outside[0].message,
+            "the corner (12970, 0) is outside of the scanner's picture of 1944 × 1200 px"
+        );
+        let box_of = |high: &str| plausible("recipe.toml", &text("9.0, 0.0", high)).map(drop);
+        assert_eq!(box_of("[170, 480, 4]"), Ok(()));
+        let problems = box_of("[0.17, 0.48, 0.36]").expect_err("metres").to_string();
+        let told = "recipe.toml:4: locate.box_max_mm: found a box of 0.17 × 0.48 × 0.36 mm; are these metres? write millimetres";
+        assert_eq!(problems, told);
+    }
+
+    fn fixture() -> PinholeCamera {
+        let lens = "[camera]\nwidth_px = 20\nheight_px = 20\nfx_px = 1000.0\nfy_px = 1000.0\ncx_px = 10.0\ncy_px = 10.0\nk1 = 0\n\
+                    k2 = 0\np1 = 0\np2 = 0\nk3 = 0\n";
+        Intrinsics::check("lens.toml", lens).unwrap_or_else(|problems| panic!("{problems}")).camera
     }
 
     /// By hand: of 100 N the payload of 1.5 kg takes 14.7 and the band 5: 80.2 N fit, 80.4 do not.

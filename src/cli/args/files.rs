@@ -24,20 +24,20 @@ pub struct Check {
     /// The lowest version of KUKA System Software that the KRL files are for, 8.2 to 8.7.
     #[arg(long, value_name = "VERSION", default_value_t = crate::krl::LOWEST_KSS)]
     pub kss: crate::krl::Kss,
-    /// What a cell's file must be complete for.
-    #[arg(long = "for", value_name = "PURPOSE", value_enum, default_value_t)]
-    pub purpose: PurposeName,
+    /// What a cell's file must be complete for, with the files that it names; without it for a cycle whose calibrations may still
+    /// be made.
+    #[arg(long = "for", value_name = "PURPOSE", value_enum)]
+    pub purpose: Option<PurposeName>,
 }
 
 /// What a cell's file must be complete for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum PurposeName {
     /// Commands on files alone: what is there must be right, nothing must be there.
     Files,
     /// One function of the robot at a time.
     Robot,
-    /// `cycle`, `air-run` and `run`.
-    #[default]
+    /// `cycle`, `air-run` and `run`: calibrations and camera settings must be there and right.
     Cycle,
 }
 

@@ -119,9 +119,10 @@ pub struct MockRobot {
     /// What goes wrong, and when: see below.
     #[arg(long, value_name = "SPEC")]
     pub fault: Option<FaultSpec>,
-    /// Execute the controller's KRL programs as they ship, in place of the model of them.
-    #[arg(long)]
-    pub programs: bool,
+    /// Execute the controller's KRL programs in place of the model of them: as they ship, or with a folder its .src, .sub and
+    /// .dat files, each in place of the one that ships by its name. What of yours is not executed is listed.
+    #[arg(long, value_name = "FOLDER")]
+    pub programs: Option<Option<PathBuf>>,
     /// Address to listen at.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
     pub host: std::net::IpAddr,

@@ -7,22 +7,34 @@ use crate::check::check_files;
 use crate::cli::args::Common;
 use crate::cli::calibrate::now_unix_s;
 use crate::cli::disk;
-use crate::cli::fault::Fault;
+use crate::cli::fault::{CalibrationFault, Fault};
 use crate::cli::load::{CellFiles, last_touch};
 use crate::eki::{CELLCMD, CELLSTAT, ChannelFile};
-use crate::requirements::{Purpose, Unmet, unmet};
+use crate::requirements::{Lack, Purpose, Unmet, incomplete};
 use crate::store::{Store, StoreError, calibration_hash};
 use std::path::Path;
 
-/// The cell's file, which was read.
+/// Keys whose files have a check of their own, [`calibrations`] and that of the scanner.
+const CHECKED_BELOW: [&str; 7] = [
+    "calibration.scanner",
+    "calibration.base_from_camera",
+    "calibration.flange_camera",
+    "calibration.flange_from_camera",
+    "calibration.flange_from_tool",
+    "scanner.settings",
+    "scanner.settings_2d",
+];
+
+/// The cell's file, which was read, and the other files that it names.
 pub(super) fn file(common: &Common, files: &CellFiles) -> Vec<Check> {
     let name = common.cell.display().to_string();
-    let unmet = unmet(&files.cell, Purpose::Cycle);
+    let mut unmet = incomplete(&files.cell, Purpose::Cycle, &disk::read_named);
+    unmet.retain(|unmet| unmet.lack == Lack::Value || !CHECKED_BELOW.contains(&unmet.key.as_str()));
     if unmet.is_empty() {
         return vec![Check::right("cell file", name)];
     }
     let advice = format!("change it in {name}; {} need it", Purpose::Cycle.commands());
-    let wrong = |Unmet { key, message }| Check::wrong("cell file", format!("{key}: {message}"), &*advice);
+    let wrong = |Unmet { key, message, .. }| Check::wrong("cell file", format!("{key}: {message}"), &*advice);
     unmet.into_iter().map(wrong).collect()
 }
 
@@ -113,11 +125,14 @@ pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Chec
 }
 
 fn unread(name: &str, fault: &Fault) -> Check {
-    Check::wrong(
-        format!("calibration of the {name}"),
-        fault.to_string(),
-        "run `panelprep calibrate --help` for how it is made",
-    )
+    let found = match fault {
+        // How it is made is the advice.
+        Fault::Calibration(CalibrationFault::CalibrationAway { file, .. }) => {
+            format!("{} is not there", file.display())
+        }
+        other => other.to_string(),
+    };
+    Check::wrong(format!("calibration of the {name}"), found, "run `panelprep calibrate --help` for how it is made")
 }
 
 fn verified((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &str) -> Check {

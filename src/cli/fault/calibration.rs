@@ -1,10 +1,7 @@
 //! What stops a command at a calibration: one that is missing, contradicts another, or lacks what it is measured by.
 
+use crate::requirements::CALIBRATION_ADVICE;
 use std::path::PathBuf;
-
-/// How a calibration file comes to be.
-pub const CALIBRATION_ADVICE: &str = "of config/cell.toml it is written by `panelprep demo`, of another simulated cell by \
-                                      `panelprep render`, of a real one by `panelprep calibrate`";
 
 /// Why a calibration cannot be used or made.
 #[derive(Debug, thiserror::Error)]

@@ -14,7 +14,7 @@ use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, PinholeCamer
 use crate::locate::ScanErrors;
 use crate::path::Kinematics;
 use crate::removal::model::Model;
-use crate::requirements::{Purpose, unmet};
+use crate::requirements::{Purpose, incomplete, is_measured_with};
 use crate::store::{Store, calibration_hash};
 use std::path::{Path, PathBuf};
 
@@ -171,18 +171,16 @@ impl CellFiles {
         last_touch(&self.store().ok()?, &self.hash_with_arm(&[tool_text]))
     }
 
-    /// Refuses where the cell's file does not say what this needs, or a calibration that it names is not there.
+    /// Refuses a cell's file that does not say what this needs, or names a file that is not there or not right.
     ///
     /// # Errors
     /// All that is missing, each with its key.
     pub fn require(&self, purpose: Purpose) -> Result<(), Fault> {
-        let unmet = unmet(&self.cell, purpose);
-        if !unmet.is_empty() {
-            return Err(Fault::Unmet { cell: self.file.clone(), purpose, unmet });
+        let unmet = incomplete(&self.cell, purpose, &disk::read_named);
+        if unmet.is_empty() {
+            return Ok(());
         }
-        let named = self.cell.calibration().named();
-        let away = named.into_iter().find(|(_, file)| purpose == Purpose::Cycle && !file.exists());
-        away.map_or(Ok(()), |(key, file)| Err(self.away(key, file)))
+        Err(Fault::Unmet { cell: self.file.clone(), purpose, unmet })
     }
 
     fn away(&self, key: &'static str, file: &Path) -> Fault {
@@ -210,13 +208,12 @@ impl CellFiles {
 
     /// A mount's robot poses were corrected as this cell corrects them.
     fn measured_with_this_arm<M: Mount>(&self, name: &str, mount: &MountedPose<M>) -> Result<(), Fault> {
-        // What a person wrote by hand was not measured with the robot.
-        let is_measured = mount.provenance.program.is_some() || mount.robot_correction.is_some();
-        let (found, ours) = (mount.robot_correction.clone(), self.correction_hash());
-        match is_measured && found != ours {
-            true => Err(CalibrationFault::OtherCorrection { file: name.into(), found, ours }.into()),
-            false => Ok(()),
+        let ours = self.correction_hash();
+        if is_measured_with(mount, ours.as_deref()) {
+            return Ok(());
         }
+        let found = mount.robot_correction.clone();
+        Err(CalibrationFault::OtherCorrection { file: name.into(), found, ours }.into())
     }
 
     /// A mount that was measured with this arm, with its file's name and text.

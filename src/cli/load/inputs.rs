@@ -7,6 +7,7 @@ use crate::files;
 use crate::geometry::{Base, Camera, ColorPicture, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid};
 use crate::panel::panel_from_base_at_teaching;
 use crate::recipe::Recipe;
+use crate::requirements::recipe_fits::plausible;
 use std::path::{Path, PathBuf};
 
 /// Reads and checks a recipe.
@@ -14,7 +15,7 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// Where it cannot be read or has problems.
 pub fn recipe(file: &Path) -> Result<Recipe, Fault> {
-    Ok(Recipe::check(&name(file), &disk::read_text(file)?)?)
+    Ok(plausible(&name(file), &disk::read_text(file)?)?)
 }
 
 /// Reads an organised scan and holds it against the camera's calibration.

@@ -2,6 +2,7 @@
 
 use super::super::fault::Fault;
 use super::super::output::tell_line;
+use crate::words::plain;
 use std::io::BufRead;
 use std::ops::RangeInclusive;
 
@@ -76,15 +77,23 @@ impl Asker<'_> {
     }
 }
 
+/// What is wrong with an answer, and what is allowed.
+pub(super) type Refusal = Result<(), String>;
+
 impl Asker<'_> {
-    /// Any words.
-    pub fn words(&mut self, question: &Question<'_>) -> Result<String, Fault> {
-        self.ask(question, words)
+    /// Any words that `check` accepts.
+    pub fn words(&mut self, question: &Question<'_>, check: impl Fn(&String) -> Refusal) -> Result<String, Fault> {
+        self.ask(question, |answer| checked(words(answer)?, &check))
     }
 
-    /// One of these.
-    pub fn one_of<T: Copy>(&mut self, question: &Question<'_>, allowed: &[(&str, T)]) -> Result<T, Fault> {
-        self.ask(question, |answer| one_of(answer, allowed))
+    /// One of these, if `check` accepts it.
+    pub fn one_of<T: Copy>(
+        &mut self,
+        question: &Question<'_>,
+        allowed: &[(&str, T)],
+        check: impl Fn(&T) -> Refusal,
+    ) -> Result<T, Fault> {
+        self.ask(question, |answer| checked(one_of(answer, allowed)?, &check))
     }
 
     /// A whole number in this range.
@@ -96,10 +105,45 @@ impl Asker<'_> {
         })
     }
 
-    /// Numbers, apart by commas or spaces.
-    pub fn numbers<const N: usize>(&mut self, question: &Question<'_>) -> Result<[f64; N], Fault> {
-        self.ask(question, numbers)
+    /// Numbers that `check` accepts, apart by commas or spaces.
+    pub fn numbers<const N: usize>(
+        &mut self,
+        question: &Question<'_>,
+        check: impl Fn(&[f64; N]) -> Refusal,
+    ) -> Result<[f64; N], Fault> {
+        self.ask(question, |answer| checked(numbers(answer)?, &check))
     }
+
+    /// Both corners of a box that `check` accepts; what it refuses may be in either, so both are asked again.
+    pub fn box_mm(
+        &mut self,
+        [least, greatest]: [Question<'_>; 2],
+        check: impl Fn(&BoxMm) -> Refusal,
+    ) -> Result<BoxMm, Fault> {
+        loop {
+            let corners = [self.numbers(&least, any)?, self.numbers(&greatest, any)?];
+            let Err(problem) = check(&corners) else { return Ok(corners) };
+            let is_asked = |question: &Question<'_>| question.given.is_none() && !self.takes_proposals;
+            if !is_asked(&least) && !is_asked(&greatest) {
+                let found = corners[1].map(plain).join(",");
+                return Err(Fault::BadAnswer { option: greatest.option, found, problem });
+            }
+            tell_line(&problem);
+        }
+    }
+}
+
+/// A box: its least and its greatest corner, mm in the robot's base.
+pub(super) type BoxMm = [[f64; 3]; 2];
+
+/// Accepts every answer.
+pub(super) fn any<T>(_: &T) -> Refusal {
+    Ok(())
+}
+
+fn checked<T>(answer: T, check: impl Fn(&T) -> Refusal) -> Result<T, String> {
+    check(&answer)?;
+    Ok(answer)
 }
 
 fn words(answer: &str) -> Result<String, String> {
@@ -148,7 +192,8 @@ mod tests {
     /// The option first, then what is typed, an empty line takes the proposal, and a wrong answer is asked again.
     #[test]
     fn an_answer_comes_from_the_option_the_terminal_or_the_proposal() {
-        let of = |mut asker: Asker<'_>, question: &Question<'_>| asker.numbers::<1>(question).map(|[rows]| rows);
+        let of =
+            |mut asker: Asker<'_>, question: &Question<'_>| asker.numbers::<1>(question, any).map(|[rows]| rows);
         assert_eq!(of(asker("5\n", false), &question(Some("3"), Some("4"))).expect("given"), 3.0);
         assert_eq!(of(asker("5\n", false), &question(None, Some("4"))).expect("typed"), 5.0);
         assert_eq!(of(asker("\n", false), &question(None, Some("4"))).expect("proposed"), 4.0);
@@ -173,6 +218,31 @@ mod tests {
             let told = of(wrong).expect_err("refused").to_string();
             assert!(told.contains(&format!("--rows \"{wrong}\": allowed is 1 to 50")), "{told}");
         }
+    }
+
+    /// What is wrong with a box may be in either corner; what no one was asked for is refused by its option.
+    #[test]
+    fn a_box_that_is_refused_is_asked_again_whole() {
+        let corners = |given: [Option<&str>; 2]| {
+            let least = Question::new("least", "--min", given[0]).proposing("0,0,0");
+            [least, Question::new("greatest", "--max", given[1]).proposing("9,9,9")]
+        };
+        let check = |[least, greatest]: &BoxMm| match least[0] < greatest[0] {
+            true => Ok(()),
+            false => Err("no box".to_owned()),
+        };
+        let of = |mut asker: Asker<'_>, given| asker.box_mm(corners(given), check);
+        assert_eq!(
+            of(asker("7,0,0\n5,1,1\n1,0,0\n\n", false), [None; 2]).expect("the second"),
+            [[1.0, 0.0, 0.0], [9.0; 3]]
+        );
+        let given = [Some("7,0,0"), None];
+        assert_eq!(
+            of(asker("5,1,1\n8,1,1\n", false), given).expect("the second"),
+            [[7.0, 0.0, 0.0], [8.0, 1.0, 1.0]]
+        );
+        let told = of(asker("", true), [Some("9,0,0"), None]).expect_err("refused").to_string();
+        assert_eq!(told, "--max \"9,9,9\": no box");
     }
 
     #[test]

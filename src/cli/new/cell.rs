@@ -9,12 +9,15 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::super::output::tell_line;
-use super::ask::{Asker, Question};
+use super::ask::{Asker, BoxMm, Question, Refusal, any};
 use super::connected::{self, Found};
 use super::recipe::parsed;
-use super::setting::set;
+use super::setting::{joined, refusal, set};
 use crate::cell::Cell;
+use crate::config::Problems;
+use crate::requirements::{Purpose, problems_of, unmet};
 use crate::verdict::{Judgement, Verdict};
+use clap::ValueEnum;
 use serde_json::json;
 use toml_edit::Array;
 
@@ -26,11 +29,21 @@ const SERVICE_SOCKET: &str = "/run/panelprep/panelprep.sock";
 /// Tables of a real cell whose numbers are its own.
 const OF_THE_CELL: [&str; 5] = ["poses.park", "io.outputs", "io.off_after_s", "io.feedbacks", "limits"];
 /// Those that it can do without.
-const OPTIONAL: [&str; 4] = ["poses.service", "rough.base_from_camera", "arm", "keep_out"];
+const OPTIONAL: [&str; 6] =
+    ["poses.ready", "poses.verify", "poses.service", "rough.base_from_camera", "arm", "keep_out"];
 /// A key whose number is a statement that only a person can make.
 const STATED: &str = "tool_error_mm";
 
-/// What was answered.
+/// What `panelprep check` finds in the text of a cell's file; the files that it names may still be made.
+fn problems(name: &str, text: &str) -> Problems {
+    match Cell::check(name, text) {
+        Err(problems) => problems,
+        Ok(cell) => Problems { file: name.to_owned(), list: problems_of(text, unmet(&cell, Purpose::Cycle)) },
+    }
+}
+
+/// What was answered; before, what is proposed.
+#[derive(Clone)]
 struct Answers {
     scanner: ScannerKind,
     scanner_serial: Option<String>,
@@ -45,11 +58,17 @@ struct Answers {
 }
 
 /// What bounds the motion of a real cell.
+#[derive(Clone)]
 struct Motion {
     park_deg: [f64; 6],
-    box_min_mm: [f64; 3],
-    box_max_mm: [f64; 3],
+    box_mm: BoxMm,
 }
+
+/// As the sample has it.
+const MOTION: Motion = Motion {
+    park_deg: [-90.0, -120.0, 120.0, 0.0, 60.0, 0.0],
+    box_mm: [[250.0, -450.0, 50.0], [750.0, 450.0, 900.0]],
+};
 
 /// Where the networks of the cell stand for the service's unit.
 const NETWORKS: &str = "/etc/systemd/system/panelprep.service.d/network.conf";
@@ -62,10 +81,16 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     let answers = Answers::of(args, common, &mut Asker::on_terminal(args.yes))?;
     let name = args.out.display().to_string();
     let text = text(&name, &answers)?;
-    Cell::check(&name, &text)?;
+    let problems = problems(&name, &text);
+    if !problems.list.is_empty() {
+        return Err(problems.into());
+    }
     disk::write_new(&args.out, &text)?;
     let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
-    outcome.words = vec![format!("written: {name}; `panelprep check {name}` accepts it")];
+    outcome.words = vec![
+        format!("written: {name}; `panelprep check {name}` accepts it"),
+        format!("the files that it names are still to be made: `panelprep check --for cycle {name}` lists them"),
+    ];
     let to_check: &[&str] = if answers.robot == RobotKindName::Eki { &OF_THE_CELL } else { &[] };
     if !to_check.is_empty() {
         let tables = to_check.join(", ");
@@ -97,40 +122,74 @@ fn looked(args: &NewCell, look: impl FnOnce() -> Found) -> Vec<String> {
 }
 
 impl Answers {
+    /// A cell that needs no device.
+    fn proposed() -> Self {
+        Answers {
+            scanner: ScannerKind::Simulated,
+            scanner_serial: None,
+            flange_camera: FlangeCameraKind::Simulated,
+            flange_camera_by: None,
+            robot: RobotKindName::Mock,
+            host: None,
+            motion: None,
+            store: "store".to_owned(),
+        }
+    }
+
     fn of(args: &NewCell, common: &Common, asker: &mut Asker<'_>) -> Result<Self, Fault> {
-        let (scanner, scanner_serial) = scanner(args, asker)?;
-        let (flange_camera, flange_camera_by) = flange_camera(args, asker)?;
-        let (robot, host) = robot(args, asker)?;
-        let motion = match robot {
-            RobotKindName::Eki => Some(motion(args, asker)?),
-            RobotKindName::Mock => None,
-        };
-        let proposal = match robot {
-            RobotKindName::Eki => SERVICE_STORE,
-            RobotKindName::Mock => "store",
-        };
+        // The robot first: which cameras may be simulated depends on it.
+        let answers = robot(args, asker, Answers::proposed())?;
+        let answers = scanner(args, asker, answers)?;
+        let mut answers = flange_camera(args, asker, answers)?;
+        let is_real = answers.robot == RobotKindName::Eki;
+        if is_real {
+            answers.motion = Some(motion(args, asker, &answers)?);
+        }
         let given = common.store.as_ref().map(|folder| folder.display().to_string());
         let question = Question::new("the store's folder", "--store", given.as_deref());
-        let store = asker.words(&question.proposing(proposal))?;
-        Ok(Answers { scanner, scanner_serial, flange_camera, flange_camera_by, robot, host, motion, store })
+        let proposal = if is_real { SERVICE_STORE } else { "store" };
+        answers.store = asker.words(&question.proposing(proposal), |store| {
+            Answers { store: store.clone(), ..answers.clone() }.accepted("store")
+        })?;
+        Ok(answers)
+    }
+
+    /// Whether the file that these answers make has no problem at keys that begin with this.
+    fn accepted(&self, keys: &str) -> Refusal {
+        let text = text("", self).map_err(|fault| fault.to_string())?;
+        refusal(problems("", &text).list, keys)
+    }
+
+    /// Whether the robot's controller is another machine: then no camera may be simulated.
+    fn is_robot_elsewhere(&self) -> bool {
+        Answers { scanner: ScannerKind::Simulated, ..self.clone() }.accepted("scanner.kind").is_err()
     }
 }
 
-fn scanner(args: &NewCell, asker: &mut Asker<'_>) -> Result<(ScannerKind, Option<String>), Fault> {
+/// Refuses what an option says.
+fn given<T: ValueEnum>(option: &'static str, value: T, check: impl Fn(&T) -> Refusal) -> Result<T, Fault> {
+    let Err(problem) = check(&value) else { return Ok(value) };
+    let found = value.to_possible_value().map_or(String::new(), |word| word.get_name().to_owned());
+    Err(Fault::BadAnswer { option, found, problem })
+}
+
+fn scanner(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Result<Answers, Fault> {
     let found = match (args.scanner, &args.scanner_serial) {
         (None | Some(ScannerKind::Zivid), None) => looked(args, connected::zivid_camera),
         _ => vec![],
     };
-    let proposal = if found.is_empty() && args.scanner_serial.is_none() { "simulated" } else { "zivid" };
+    let is_none = found.is_empty() && args.scanner_serial.is_none() && !answers.is_robot_elsewhere();
+    let proposal = if is_none { "simulated" } else { "zivid" };
     let kinds = [("simulated", ScannerKind::Simulated), ("zivid", ScannerKind::Zivid)];
-    let kind = match args.scanner {
-        Some(kind) => kind,
+    let check = |scanner: &ScannerKind| Answers { scanner: *scanner, ..answers.clone() }.accepted("scanner.kind");
+    let scanner = match args.scanner {
+        Some(kind) => given("--scanner", kind, check)?,
         None => {
             let question = Question::new("the fixed 3D camera: simulated or zivid", "--scanner", None);
-            asker.one_of(&question.proposing(proposal), &kinds)?
+            asker.one_of(&question.proposing(proposal), &kinds, check)?
         }
     };
-    let serial = match (kind, &args.scanner_serial) {
+    let scanner_serial = match (scanner, &args.scanner_serial) {
         (ScannerKind::Simulated, _) => {
             let given = [("--scanner-serial", &args.scanner_serial)];
             none_of("--scanner zivid", "--scanner simulated", &given)?;
@@ -140,28 +199,31 @@ fn scanner(args: &NewCell, asker: &mut Asker<'_>) -> Result<(ScannerKind, Option
         // Without one, the only camera that is connected is taken.
         (ScannerKind::Zivid, None) => found.into_iter().next(),
     };
-    Ok((kind, serial))
+    Ok(Answers { scanner, scanner_serial, ..answers })
 }
 
-type FlangeCamera = (FlangeCameraKind, Option<(&'static str, String)>);
-
-fn flange_camera(args: &NewCell, asker: &mut Asker<'_>) -> Result<FlangeCamera, Fault> {
+fn flange_camera(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Result<Answers, Fault> {
     let is_named = args.flange_camera_serial.is_some() || args.flange_camera_address.is_some();
     let found = match args.flange_camera {
         Some(FlangeCameraKind::Simulated) => vec![],
         _ if is_named => vec![],
         _ => looked(args, connected::gige_cameras),
     };
-    let proposal = if found.is_empty() && !is_named { "simulated" } else { "gige" };
+    let is_none = found.is_empty() && !is_named && !answers.is_robot_elsewhere();
+    let proposal = if is_none { "simulated" } else { "gige" };
     let kinds = [("simulated", FlangeCameraKind::Simulated), ("gige", FlangeCameraKind::Gige)];
-    let kind = match args.flange_camera {
-        Some(kind) => kind,
+    let check = |flange_camera: &FlangeCameraKind| {
+        Answers { flange_camera: *flange_camera, ..answers.clone() }.accepted("flange_camera.kind")
+    };
+    let flange_camera = match args.flange_camera {
+        Some(kind) => given("--flange-camera", kind, check)?,
         None => {
             let question = Question::new("the camera on the flange: simulated or gige", "--flange-camera", None);
-            asker.one_of(&question.proposing(proposal), &kinds)?
+            asker.one_of(&question.proposing(proposal), &kinds, check)?
         }
     };
-    let by = match kind {
+    let answers = Answers { flange_camera, ..answers };
+    let flange_camera_by = match flange_camera {
         FlangeCameraKind::Simulated => {
             let given = [
                 ("--flange-camera-serial", &args.flange_camera_serial),
@@ -170,24 +232,32 @@ fn flange_camera(args: &NewCell, asker: &mut Asker<'_>) -> Result<FlangeCamera, 
             none_of("--flange-camera gige", "--flange-camera simulated", &given)?;
             None
         }
-        FlangeCameraKind::Gige => match &args.flange_camera_address {
-            Some(address) => Some(("address", address.clone())),
-            None => {
-                let given = args.flange_camera_serial.as_deref();
-                let question =
-                    Question::new("serial number of the camera on the flange", "--flange-camera-serial", given);
-                let question = match found.first() {
-                    Some(serial) => question.proposing(serial.clone()),
-                    None => question,
-                };
-                Some(("serial", asker.words(&question)?))
-            }
-        },
+        FlangeCameraKind::Gige => {
+            let (key, question) = match &args.flange_camera_address {
+                Some(address) => {
+                    let words = "address of the camera on the flange";
+                    ("address", Question::new(words, "--flange-camera-address", Some(address)))
+                }
+                None => {
+                    let given = args.flange_camera_serial.as_deref();
+                    let words = "serial number of the camera on the flange";
+                    ("serial", Question::new(words, "--flange-camera-serial", given))
+                }
+            };
+            let question = match found.first() {
+                Some(serial) => question.proposing(serial.clone()),
+                None => question,
+            };
+            let by = asker.words(&question, |by| {
+                Answers { flange_camera_by: Some((key, by.clone())), ..answers.clone() }.accepted("flange_camera")
+            })?;
+            Some((key, by))
+        }
     };
-    Ok((kind, by))
+    Ok(Answers { flange_camera_by, ..answers })
 }
 
-fn robot(args: &NewCell, asker: &mut Asker<'_>) -> Result<(RobotKindName, Option<String>), Fault> {
+fn robot(args: &NewCell, asker: &mut Asker<'_>, answers: Answers) -> Result<Answers, Fault> {
     let of_eki = [
         ("--host", &args.host),
         ("--park-deg", &args.park_deg),
@@ -195,37 +265,50 @@ fn robot(args: &NewCell, asker: &mut Asker<'_>) -> Result<(RobotKindName, Option
         ("--box-max-mm", &args.box_max_mm),
     ];
     let kinds = [("mock", RobotKindName::Mock), ("eki", RobotKindName::Eki)];
-    let kind = match args.robot {
+    let robot = match args.robot {
         Some(kind) => kind,
         None => {
             let words = "the robot's controller: mock (inside this program) or eki (a KUKA controller)";
             let proposal = if of_eki.iter().any(|(_, value)| value.is_some()) { "eki" } else { "mock" };
-            asker.one_of(&Question::new(words, "--robot", None).proposing(proposal), &kinds)?
+            asker.one_of(&Question::new(words, "--robot", None).proposing(proposal), &kinds, any)?
         }
     };
-    if kind == RobotKindName::Mock {
+    if robot == RobotKindName::Mock {
         none_of("--robot eki", "--robot mock", &of_eki)?;
-        return Ok((kind, None));
+        return Ok(answers);
     }
+    let answers = Answers { robot, motion: Some(MOTION), ..answers };
     let question = Question::new("the controller's address on its KLI network", "--host", args.host.as_deref());
-    let host = asker.words(&question)?;
+    let host =
+        asker.words(&question, |host| Answers { host: Some(host.clone()), ..answers.clone() }.accepted("robot"))?;
     if !args.no_search {
         tell_line(&connected::controller(&host, STATE_PORT));
     }
-    Ok((kind, Some(host)))
+    Ok(Answers { host: Some(host), ..answers })
 }
 
-fn motion(args: &NewCell, asker: &mut Asker<'_>) -> Result<Motion, Fault> {
+fn motion(args: &NewCell, asker: &mut Asker<'_>, answers: &Answers) -> Result<Motion, Fault> {
     let words =
         "axis angles where the arm is clear of the panel and of both cameras' view, degrees: a1,a2,a3,a4,a5,a6";
     let question = Question::new(words, "--park-deg", args.park_deg.as_deref());
-    let park_deg = asker.numbers(&question.proposing("-90,-120,120,0,60,0"))?;
+    let park_deg = asker.numbers(&question.proposing(joined(&MOTION.park_deg)), |park_deg: &[f64; 6]| {
+        if park_deg.iter().all(|angle| *angle == 0.0) {
+            return Err("all axes at 0 is no place to park: state where the arm stands clear".to_owned());
+        }
+        let motion = Motion { park_deg: *park_deg, ..MOTION };
+        Answers { motion: Some(motion), ..answers.clone() }.accepted("poses")
+    })?;
+    let [least, greatest] = MOTION.box_mm.map(|corner| joined(&corner));
     let words = "least corner of the box that the tool's tip stays in, mm in the robot's base: x,y,z";
-    let question = Question::new(words, "--box-min-mm", args.box_min_mm.as_deref());
-    let box_min_mm = asker.numbers(&question.proposing("250,-450,50"))?;
-    let question = Question::new("its greatest corner: x,y,z", "--box-max-mm", args.box_max_mm.as_deref());
-    let box_max_mm = asker.numbers(&question.proposing("750,450,900"))?;
-    Ok(Motion { park_deg, box_min_mm, box_max_mm })
+    let corners = [
+        Question::new(words, "--box-min-mm", args.box_min_mm.as_deref()).proposing(least),
+        Question::new("its greatest corner: x,y,z", "--box-max-mm", args.box_max_mm.as_deref()).proposing(greatest),
+    ];
+    let box_mm = asker.box_mm(corners, |box_mm| {
+        let motion = Motion { park_deg, box_mm: *box_mm };
+        Answers { motion: Some(motion), ..answers.clone() }.accepted("limits")
+    })?;
+    Ok(Motion { park_deg, box_mm })
 }
 
 /// Of the state channel, as the samples have it.
@@ -315,10 +398,10 @@ fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
     if let Some(host) = &answers.host {
         set(&mut cell, "robot", "host", host.as_str());
     }
-    if let Some(Motion { park_deg, box_min_mm, box_max_mm }) = &answers.motion {
+    if let Some(Motion { park_deg, box_mm: [least, greatest] }) = &answers.motion {
         let array = |numbers: &[f64]| numbers.iter().copied().collect::<Array>();
-        set(&mut cell, "limits", "box_min_mm", array(box_min_mm));
-        set(&mut cell, "limits", "box_max_mm", array(box_max_mm));
+        set(&mut cell, "limits", "box_min_mm", array(least));
+        set(&mut cell, "limits", "box_max_mm", array(greatest));
         for (axis, angle) in park_deg.iter().enumerate() {
             set(&mut cell, "poses.park", &format!("a{}_deg", axis + 1), *angle);
         }

@@ -4,12 +4,12 @@ use super::super::args::{Common, NewRecipe};
 use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
-use super::ask::{Asker, Question};
-use super::setting::set;
+use super::ask::{Asker, BoxMm, Question, Refusal};
+use super::setting::{joined, refusal, set};
 use crate::cell::Cell;
-use crate::check::check_files;
 use crate::config::{Problem, Problems};
-use crate::recipe::Recipe;
+use crate::requirements::problems_of;
+use crate::requirements::recipe_fits::{plausible, unfit};
 use crate::verdict::{Judgement, Verdict};
 use crate::words::plain;
 use serde_json::json;
@@ -17,7 +17,7 @@ use toml_edit::{Array, DocumentMut, Value};
 
 const SAMPLE: &str = include_str!("../../../config/panels/example.toml");
 /// As the sample has them.
-const CORNERS_PX: &str = "700,350 1250,350 1250,850 700,850";
+const CORNERS_PX: [f64; 8] = [700.0, 350.0, 1250.0, 350.0, 1250.0, 850.0, 700.0, 850.0];
 const BOX_MM: BoxMm = [[300.0, -400.0, 100.0], [700.0, 400.0, 800.0]];
 /// The sample's force, which stands there as a comment: only a recipe for a compliant tool has one.
 const FORCE_COMMENT: [&str; 2] = ["# force_n = 20.0                #", "force_n = 20.0                  #"];
@@ -25,21 +25,20 @@ const FORCE_COMMENT: [&str; 2] = ["# force_n = 20.0                #", "force_n 
 /// How many rows, and how many columns, a recipe may have.
 const GRIDS: std::ops::RangeInclusive<u32> = 1..=50;
 
-/// A box: its least and its greatest corner, mm in the robot's base.
-type BoxMm = [[f64; 3]; 2];
-
 /// Asks, and writes the file.
 pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
     if args.out.symlink_metadata().is_ok() {
         return Err(Fault::IsThere { file: args.out.clone() });
     }
-    let cell = cell_here(common);
-    let answers = Answers::of(args, cell.as_ref().map(|(_, cell)| cell), &mut Asker::on_terminal(args.yes))?;
     let name = args.out.display().to_string();
+    let cell = disk::read_text(&common.cell).ok();
+    let cell = cell.and_then(|text| Cell::check(&common.cell.display().to_string(), &text).ok());
+    let held = Held { name: &name, cell: cell.as_ref() };
+    let answers = Answers::of(args, held, &mut Asker::on_terminal(args.yes))?;
     let text = text(&name, &answers)?;
-    Recipe::check(&name, &text)?;
-    if let Some((cell, _)) = &cell {
-        fits((&common.cell.display().to_string(), cell), (&name, &text))?;
+    let problems = held.problems(&text);
+    if !problems.list.is_empty() {
+        return Err(problems.into());
     }
     disk::write_new(&args.out, &text)?;
     let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
@@ -51,7 +50,35 @@ pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// What was answered.
+/// What an answer is held against: the recipe that it makes, and the cell that is to do it.
+#[derive(Clone, Copy)]
+struct Held<'a> {
+    /// The recipe's file.
+    name: &'a str,
+    /// The cell, if its file is there and right.
+    cell: Option<&'a Cell>,
+}
+
+impl Held<'_> {
+    /// What `panelprep check` finds in the recipe, beside the cell.
+    fn problems(&self, text: &str) -> Problems {
+        let list = match (plausible(self.name, text), self.cell) {
+            (Err(problems), _) => return problems,
+            (Ok(recipe), Some(cell)) => problems_of(text, unfit(cell, &recipe, &disk::read_named)),
+            (Ok(_), None) => vec![],
+        };
+        Problems { file: self.name.to_owned(), list }
+    }
+
+    /// Whether a recipe with these answers has no problem at keys that begin with this.
+    fn accepts(&self, keys: &str, answers: &Answers) -> Refusal {
+        let text = text(self.name, answers).map_err(|fault| fault.to_string())?;
+        refusal(self.problems(&text).list, keys)
+    }
+}
+
+/// What was answered; before, what is proposed.
+#[derive(Clone)]
 struct Answers {
     panel: String,
     corners_px: [f64; 8],
@@ -64,53 +91,61 @@ struct Answers {
 }
 
 impl Answers {
-    fn of(args: &NewRecipe, cell: Option<&Cell>, asker: &mut Asker<'_>) -> Result<Self, Fault> {
+    fn proposed(cell: Option<&Cell>) -> Self {
+        let is_compliant = cell.is_some_and(|cell| cell.tool().compliant().is_some());
+        Answers {
+            panel: "panel".to_owned(),
+            corners_px: CORNERS_PX,
+            rows: 4.0,
+            columns: 6.0,
+            box_mm: cell.and_then(cells_box).unwrap_or(BOX_MM),
+            disc_mm: 30.0,
+            force_n: is_compliant.then_some(20.0),
+        }
+    }
+
+    fn of(args: &NewRecipe, held: Held<'_>, asker: &mut Asker<'_>) -> Result<Self, Fault> {
+        let mut answers = Answers::proposed(held.cell);
         let question =
             Question::new("the panel's name, under which it is taught", "--panel", args.panel.as_deref());
-        let panel = asker.words(&question)?;
+        answers.panel = asker.words(&question, |panel| {
+            held.accepts("panel", &Answers { panel: panel.clone(), ..answers.clone() })
+        })?;
         let question = Question::new("rows of grids in the region", "--rows", args.rows.as_deref());
-        let rows = asker.count(&question.proposing("4"), GRIDS)?;
+        answers.rows = asker.count(&question.proposing(plain(answers.rows)), GRIDS)?;
         let question = Question::new("columns of grids in the region", "--columns", args.columns.as_deref());
-        let columns = asker.count(&question.proposing("6"), GRIDS)?;
+        answers.columns = asker.count(&question.proposing(plain(answers.columns)), GRIDS)?;
         let words =
             "the region's four corners in the scan's picture, px, as `panelprep look` shows them: u,v u,v u,v u,v";
         let question = Question::new(words, "--corners-px", args.corners_px.as_deref());
-        let corners_px = asker.numbers(&question.proposing(CORNERS_PX))?;
-        let [least, greatest] =
-            cell.and_then(cells_box).unwrap_or(BOX_MM).map(|corner| corner.map(plain).join(","));
+        let proposal: Vec<String> = answers.corners_px.chunks(2).map(joined).collect();
+        answers.corners_px = asker.numbers(&question.proposing(proposal.join(" ")), |corners_px| {
+            held.accepts("region", &Answers { corners_px: *corners_px, ..answers.clone() })
+        })?;
+        let [least, greatest] = answers.box_mm.map(|corner| joined(&corner));
         let words = "least corner of the box in which the panel is searched, mm in the robot's base: x,y,z";
-        let question = Question::new(words, "--box-min-mm", args.box_min_mm.as_deref());
-        let box_min = asker.numbers(&question.proposing(least))?;
-        let question = Question::new("its greatest corner: x,y,z", "--box-max-mm", args.box_max_mm.as_deref());
-        let box_max = asker.numbers(&question.proposing(greatest))?;
+        let corners = [
+            Question::new(words, "--box-min-mm", args.box_min_mm.as_deref()).proposing(least),
+            Question::new("its greatest corner: x,y,z", "--box-max-mm", args.box_max_mm.as_deref())
+                .proposing(greatest),
+        ];
+        answers.box_mm = asker
+            .box_mm(corners, |box_mm| held.accepts("locate", &Answers { box_mm: *box_mm, ..answers.clone() }))?;
         let words = "diameter of the sanding disc's contact, mm";
         let question = Question::new(words, "--disc-diameter-mm", args.disc_diameter_mm.as_deref());
-        let [disc_mm] = asker.numbers(&question.proposing("30"))?;
-        let is_compliant = cell.is_some_and(|cell| cell.tool().compliant().is_some());
-        let force_n = if is_compliant || args.force_n.is_some() {
+        [answers.disc_mm] = asker.numbers(&question.proposing(plain(answers.disc_mm)), |[disc_mm]| {
+            held.accepts("path.disc_diameter_mm", &Answers { disc_mm: *disc_mm, ..answers.clone() })
+        })?;
+        if answers.force_n.is_some() || args.force_n.is_some() {
             let words = "force with which the cell's compliant tool presses, N";
             let question = Question::new(words, "--force-n", args.force_n.as_deref());
-            let [force_n] = asker.numbers(&question.proposing("20"))?;
-            Some(force_n)
-        } else {
-            None
-        };
-        Ok(Answers { panel, corners_px, rows, columns, box_mm: [box_min, box_max], disc_mm, force_n })
+            let [force_n] = asker.numbers(&question.proposing("20"), |[force_n]| {
+                held.accepts("path.force_n", &Answers { force_n: Some(*force_n), ..answers.clone() })
+            })?;
+            answers.force_n = Some(force_n);
+        }
+        Ok(answers)
     }
-}
-
-/// The cell's file with its text, where there is one that is right.
-fn cell_here(common: &Common) -> Option<(String, Cell)> {
-    let text = disk::read_text(&common.cell).ok()?;
-    let cell = Cell::check(&common.cell.display().to_string(), &text).ok()?;
-    Some((text, cell))
-}
-
-/// Whether the cell can do what the recipe asks for, as `panelprep check` sees it.
-fn fits(cell: (&str, &str), recipe: (&str, &str)) -> Result<(), Fault> {
-    let report = check_files(&[cell, recipe], None).pop();
-    let problems = Problems { file: recipe.0.to_owned(), list: report.map_or(vec![], |report| report.problems) };
-    if problems.list.is_empty() { Ok(()) } else { Err(Fault::Configuration(problems)) }
 }
 
 /// The box of the cell in which the tool's tip stays.

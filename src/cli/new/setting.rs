@@ -1,6 +1,8 @@
-//! Sets values in a sample's text.
+//! Sets values in a sample's text, and finds what is wrong with them there.
 
-use crate::config::set_value;
+use super::ask::Refusal;
+use crate::config::{Problem, set_value};
+use crate::words::plain;
 use toml_edit::{DocumentMut, Value};
 
 /// Sets a value of a file's text, in a table that is there; the comment beside it stays.
@@ -10,4 +12,15 @@ pub(super) fn set(document: &mut DocumentMut, table: &str, key: &str, value: imp
     if let Some(home) = home {
         set_value(home, key, value);
     }
+}
+
+/// The first of these problems at a key that begins with this.
+pub(super) fn refusal(problems: Vec<Problem>, keys: &str) -> Refusal {
+    let first = problems.into_iter().find(|problem| problem.key.starts_with(keys));
+    first.map_or(Ok(()), |Problem { key, message, .. }| Err(format!("{key}: {message}")))
+}
+
+/// Numbers as they are answered.
+pub(super) fn joined(numbers: &[f64]) -> String {
+    numbers.iter().copied().map(plain).collect::<Vec<_>>().join(",")
 }

@@ -37,7 +37,8 @@ settings! {
     }
 }
 
-/// The table, where the recipe has one; the outer `None` where it has problems.
+/// The table, if the recipe has one; the outer `None` if it has problems. What it must have beside a `[path]` with problems,
+/// which is no `path` here, is not known.
 pub(in crate::recipe) fn take_removal(section: &Section<'_, '_>, path: Option<&Path>) -> Option<Option<Removal>> {
     if !section.is_present() {
         return Some(None);
@@ -49,7 +50,8 @@ pub(in crate::recipe) fn take_removal(section: &Section<'_, '_>, path: Option<&P
         section.problem("max_um", message);
         return None;
     }
-    match (path.and_then(Path::force_n), removal.force_n()) {
+    let Some(path) = path else { return Some(Some(removal)) };
+    match (path.force_n(), removal.force_n()) {
         (Some(pressed_n), Some(_)) => {
             section.problem(
                 "force_n",
@@ -66,7 +68,7 @@ pub(in crate::recipe) fn take_removal(section: &Section<'_, '_>, path: Option<&P
         }
         _ => {}
     }
-    if let Some(path) = path.filter(|path| removal.min_feed_mm_s() > path.feed_mm_s()) {
+    if removal.min_feed_mm_s() > path.feed_mm_s() {
         let (found, most) = (removal.min_feed_mm_s(), path.feed_mm_s());
         section.problem("min_feed_mm_s", format!("found {found}, allowed is at most path.feed_mm_s, {most}"));
         return None;

@@ -1,0 +1,229 @@
+//! The files that a cell's file names: whether they are there, and what their own checks say of them.
+
+use super::findings::{Lack, Purpose, Unmet};
+use crate::cell::{
+    Camera, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RemovalCalibration, RobotCorrection,
+    ScannerMount, ToolMount, ZividSettings, ZividUse,
+};
+use crate::config::{Problem, Problems, line_of_key};
+use crate::files::content_hash;
+use std::path::Path;
+
+/// What makes calibrations.
+pub const CALIBRATION_ADVICE: &str = "of config/cell.toml it is written by `panelprep demo`, of another simulated cell by \
+                                      `panelprep render`, of a real one by `panelprep calibrate`";
+
+/// A file that a cell's file names, as its reader found it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NamedFile {
+    /// Its text.
+    Text(String),
+    /// There is none.
+    Missing,
+    /// It is there and cannot be read: why.
+    Unreadable(String),
+    /// The reader looks at no file.
+    NotLookedAt,
+}
+
+/// Reads a named file.
+pub type ReadNamed<'a> = &'a dyn Fn(&Path) -> NamedFile;
+
+/// Looks at no file.
+pub fn not_looked_at(_: &Path) -> NamedFile {
+    NamedFile::NotLookedAt
+}
+
+/// The keys whose files every command reads that knows the cell.
+const ALWAYS: [&str; 1] = ["calibration.robot_correction"];
+/// Keys of `[scanner]`.
+const SETTINGS: [(&str, ZividUse); 2] =
+    [("scanner.settings", ZividUse::Scan), ("scanner.settings_2d", ZividUse::Film)];
+
+/// What is not there or not right of the files that the purpose needs; the first one that is not there says what to do.
+pub(super) fn unmet(cell: &Cell, purpose: Purpose, read: ReadNamed<'_>) -> Vec<Unmet> {
+    let needs = |key: &str| purpose == Purpose::Cycle || ALWAYS.contains(&key);
+    let correction = Correction::of(cell, read);
+    let mut has_advised = false;
+    let judge = |(key, file): (String, &Path)| {
+        let name = file.display().to_string();
+        let (lack, message) = match read(file) {
+            NamedFile::NotLookedAt => return None,
+            NamedFile::Missing if key.starts_with("calibration.") && !std::mem::replace(&mut has_advised, true) => {
+                (Lack::MissingFile, format!("names {name}, which is not there; {CALIBRATION_ADVICE}"))
+            }
+            NamedFile::Missing => (Lack::MissingFile, format!("names {name}, which is not there")),
+            NamedFile::Unreadable(why) => (Lack::WrongFile, format!("names {name}, which cannot be read: {why}")),
+            NamedFile::Text(text) => {
+                let problems = check(&key, &name, &text, &correction).err()?;
+                (Lack::WrongFile, format!("names a file that is not right: {}", first(&problems)))
+            }
+        };
+        Some(Unmet { key, message, lack })
+    };
+    named(cell).into_iter().filter(|(key, _)| needs(key)).filter_map(judge).collect()
+}
+
+/// The files with their keys.
+fn named(cell: &Cell) -> Vec<(String, &Path)> {
+    let calibrations =
+        cell.calibration().named().into_iter().map(|(key, file)| (format!("calibration.{key}"), file));
+    let settings = match cell.scanner() {
+        Camera::Device(zivid) => [zivid.settings.as_deref(), zivid.settings_2d.as_deref()],
+        Camera::Simulated | Camera::Recorded { .. } => [None, None],
+    };
+    let settings = SETTINGS.into_iter().zip(settings).filter_map(|((key, _), file)| Some((key.to_owned(), file?)));
+    calibrations.chain(settings).collect()
+}
+
+/// The file of the arm's correction.
+enum Correction {
+    /// Its hash, by which calibrations name it; none if the cell names no such file.
+    Known(Option<String>),
+    /// It was not read.
+    Unknown,
+}
+
+impl Correction {
+    fn of(cell: &Cell, read: ReadNamed<'_>) -> Self {
+        match cell.calibration().robot_correction.as_deref().map(read) {
+            None => Correction::Known(None),
+            Some(NamedFile::Text(text)) => Correction::Known(Some(content_hash(text.as_bytes()))),
+            Some(_) => Correction::Unknown,
+        }
+    }
+}
+
+/// Whether a mount that the robot took part in was measured with this correction of the arm, named by its hash, or with none as
+/// this cell has none.
+pub fn is_measured_with<M: Mount>(mount: &MountedPose<M>, correction: Option<&str>) -> bool {
+    // What a person wrote by hand was not measured with the robot.
+    let is_measured = mount.provenance.program.is_some() || mount.robot_correction.is_some();
+    !is_measured || mount.robot_correction.as_deref() == correction
+}
+
+/// Checks a file by the key that names it.
+fn check(key: &str, name: &str, text: &str, correction: &Correction) -> Result<(), Problems> {
+    if let Some((_, usage)) = SETTINGS.into_iter().find(|(settings, _)| *settings == key) {
+        return ZividSettings::check(name, text, usage).map(drop);
+    }
+    match key.trim_start_matches("calibration.") {
+        "scanner" | "flange_camera" => Intrinsics::check(name, text).map(drop),
+        ScannerMount::TABLE => mounted::<ScannerMount>(name, text, correction).map(drop),
+        FlangeCameraMount::TABLE => mounted::<FlangeCameraMount>(name, text, correction).map(drop),
+        ToolMount::TABLE => tool(name, text, correction),
+        "robot_correction" => RobotCorrection::check(name, text).map(drop),
+        _ => RemovalCalibration::check(name, text).map(drop),
+    }
+}
+
+fn mounted<M: Mount>(name: &str, text: &str, correction: &Correction) -> Result<MountedPose<M>, Problems> {
+    let mount = MountedPose::<M>::check(name, text)?;
+    let is_ours = match correction {
+        Correction::Known(ours) => is_measured_with(&mount, ours.as_deref()),
+        Correction::Unknown => true,
+    };
+    if is_ours {
+        return Ok(mount);
+    }
+    let message = "it was measured with another correction of the arm than [calibration] robot_correction, or with none: \
+                   calibrate it again, or name that correction";
+    Err(problem(name, text, format!("{}.robot_correction", M::TABLE), message))
+}
+
+/// A tool's point is not enough for a cycle.
+fn tool(name: &str, text: &str, correction: &Correction) -> Result<(), Problems> {
+    if mounted::<ToolMount>(name, text, correction)?.axis_measured == Some(true) {
+        return Ok(());
+    }
+    let message = "the tool's axis was not measured, and a path needs it: run `panelprep calibrate tcp` with [[axis]], or with \
+                   [[plate]] and [[flat]]";
+    Err(problem(name, text, format!("{}.axis_measured", ToolMount::TABLE), message))
+}
+
+fn problem(name: &str, text: &str, key: String, message: &str) -> Problems {
+    let problem = Problem { line: line_of_key(text, &key), key, message: message.to_owned() };
+    Problems { file: name.to_owned(), list: vec![problem] }
+}
+
+/// The first problem with its file and line, and how many there are.
+fn first(problems: &Problems) -> String {
+    let all = problems.to_string();
+    let first = all.lines().next().unwrap_or_default().to_owned();
+    match problems.list.len() {
+        0 | 1 => first,
+        count => format!("{first} (the first of {count} problems)"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Purpose, incomplete};
+    use super::*;
+
+    const WHOLE: &str = include_str!("../../config/cell.toml");
+
+    fn found(cell: &str, read: ReadNamed<'_>) -> Vec<(String, String)> {
+        let cell = Cell::check("cell.toml", cell).unwrap_or_else(|problems| panic!("{problems}"));
+        incomplete(&cell, Purpose::Cycle, read).into_iter().map(|unmet| (unmet.key, unmet.message)).collect()
+    }
+
+    /// Each file once, the remedy once; a file that is there is checked as what it is named for.
+    #[test]
+    fn files_that_are_not_there_or_not_right_are_named_once() {
+        assert_eq!(found(WHOLE, &not_looked_at), []);
+        let missing = found(WHOLE, &|_| NamedFile::Missing);
+        let keys: Vec<&str> = missing.iter().map(|(key, _)| key.as_str()).collect();
+        assert!(keys.len() >= 5 && keys.iter().all(|key| key.starts_with("calibration.")), "{keys:?}");
+        let advised = missing.iter().filter(|(_, message)| message.contains("panelprep calibrate")).count();
+        assert_eq!((advised, missing[0].1.contains("which is not there; of config/cell.toml")), (1, true));
+        let wrong = found(WHOLE, &|_| NamedFile::Text("wavelength = 3".to_owned()));
+        assert_eq!(wrong.len(), missing.len(), "{wrong:?}");
+        assert!(wrong[0].1.contains("scanner.toml:1: wavelength: unknown key"), "{wrong:?}");
+        let unreadable = found(WHOLE, &|_| NamedFile::Unreadable("line 1 is not UTF-8".to_owned()));
+        assert!(unreadable[0].1.ends_with("which cannot be read: line 1 is not UTF-8"), "{unreadable:?}");
+    }
+
+    /// Calibrations of the arm as it is drawn, in a cell that corrects it.
+    #[test]
+    fn a_mount_measured_with_another_correction_is_not_right() {
+        let cell = "[calibration]\nrobot_correction = \"arm.toml\"\nflange_from_tool = \"tool.toml\"\n";
+        let correction = "[robot_correction]\n";
+        let tool = |by: &str| {
+            format!(
+                "[flange_from_tool]\nx_mm = 0\ny_mm = 0\nz_mm = 120\na_deg = 0\nb_deg = 0\nc_deg = 0\naxis_measured = true\n\
+                 {by}"
+            )
+        };
+        let of_tool = |by: &str| {
+            let read = |file: &Path| match file.ends_with("arm.toml") {
+                true => NamedFile::Text(correction.to_owned()),
+                false => NamedFile::Text(tool(by)),
+            };
+            let all = found(cell, &read);
+            let of_tool = all.into_iter().filter(|(key, message)| {
+                key == "calibration.flange_from_tool" && message.contains("another correction of the arm")
+            });
+            of_tool.count()
+        };
+        let ours = content_hash(correction.as_bytes());
+        assert_eq!(of_tool(&format!("robot_correction = \"{ours}\"\n")), 0);
+        assert_eq!(of_tool(&format!("robot_correction = \"{}\"\n", content_hash(b"other"))), 1);
+        assert_eq!(of_tool(""), 0, "a person wrote it by hand");
+    }
+
+    #[test]
+    fn settings_of_a_zivid_are_looked_at() {
+        let zivid = WHOLE.replacen(
+            "[scanner]\nkind = \"simulated\"",
+            "[scanner]\nkind = \"zivid\"\nsettings = \"a.yml\"\nsettings_2d = \"b.yml\"",
+            1,
+        );
+        let read = |file: &Path| match file.extension().is_some_and(|ending| ending == "yml") {
+            true => NamedFile::Missing,
+            false => NamedFile::NotLookedAt,
+        };
+        let keys: Vec<String> = found(&zivid, &read).into_iter().map(|(key, _)| key).collect();
+        assert_eq!(keys, ["scanner.settings", "scanner.settings_2d"]);
+    }
+}
