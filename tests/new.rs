@@ -80,7 +80,7 @@ fn no_file_is_written_over_and_a_wrong_answer_writes_none() {
             format!("{CELL} --robot eki --out a.toml"),
             "the controller's address on its KLI network has no answer: give --host",
         ),
-        (format!("{CELL} --robot eki --host a..b --out a.toml"), "a.toml:"),
+        (format!("{CELL} --robot eki --host a..b --out a.toml"), "--host \\\"a..b\\\": robot.host: "),
         (format!("{CELL} --flange-camera gige --out a.toml"), "--flange-camera-serial"),
         ("new recipe --yes --out a.toml".to_owned(), "--panel"),
         (
@@ -187,23 +187,76 @@ fn a_recipe_for_a_compliant_tool_has_its_force() {
     }
 }
 
-/// On the terminal: an empty line takes the proposal, a wrong answer is asked again.
-#[test]
-fn answers_are_read_from_the_terminal() {
-    let folder = tempfile::tempdir().expect("a folder");
+/// What `new cell` asks, and says, of a person who answers this.
+fn answered(folder: &Path, options: &str, answers: &str) -> String {
     let mut child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
-        .args(["new", "cell", "--no-search", "--out", "cell.toml"])
-        .current_dir(folder.path())
+        .args("new cell --no-search --out cell.toml".split(' ').chain(options.split_whitespace()))
+        .current_dir(folder)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
         .expect("it starts");
-    let answers = b"kinect\nzivid\ngige\n221600123\n\n\n";
-    child.stdin.take().expect("piped").write_all(answers).expect("typed");
+    child.stdin.take().expect("piped").write_all(answers.as_bytes()).expect("typed");
     let output = child.wait_with_output().expect("it ends");
     let asked = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success(), "{asked}");
+    asked
+}
+
+/// What the cell cannot have is refused as it is answered and asked again, alone; the other answers stay.
+#[test]
+fn an_answer_that_the_cell_cannot_have_is_asked_again() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let cameras = "simulated\nzivid\nsimulated\ngige\n221600123\n";
+    let motion = "0,0,0,0,0,0\n-90,-300,120,0,60,0\n-90,-100,110,0,60,0\n900,-450,50\n\n0.2,-0.4,0\n0.7,0.4,0.9\n\n800,400,900\n";
+    let asked = answered(folder, "--robot eki --host 172.31.1.147", &format!("{cameras}{motion}\n"));
+    for (words, times) in [
+        ("the fixed 3D camera: simulated or zivid [zivid]", 2),
+        ("\"simulated\": scanner.kind: found \"simulated\"", 1),
+        ("\"simulated\": flange_camera.kind: found \"simulated\"", 1),
+        ("\"0,0,0,0,0,0\": all axes at 0 is no place to park", 1),
+        ("\"-90,-300,120,0,60,0\": poses.park.a2_deg: found -300", 1),
+        ("limits.box_max_mm: ", 2),
+        ("are these metres?", 1),
+        ("least corner of the box", 3),
+        ("the store's folder", 1),
+    ] {
+        assert_eq!(asked.matches(words).count(), times, "{words}: {asked}");
+    }
+    let (exit, told) = check(folder, "cell.toml");
+    assert_eq!(exit, 0, "{told}");
+    let text = fs::read_to_string(folder.join("cell.toml")).expect("written");
+    let cell: toml::Table = text.parse().expect("TOML");
+    assert_eq!(cell["poses"]["park"]["a2_deg"].as_float(), Some(-100.0));
+    assert_eq!(cell["limits"]["box_min_mm"].to_string(), "[250.0, -450.0, 50.0]", "as proposed");
+    assert_eq!(cell["limits"]["box_max_mm"].to_string(), "[800.0, 400.0, 900.0]");
+    // The poses that the next pages of the manual use stand ready to be filled in.
+    assert!(text.contains("# [poses.ready]") && text.contains("# [poses.verify]"), "{text}");
+    // By options the same is refused with the option's name.
+    let real = "--robot eki --host 172.31.1.147 --scanner zivid --flange-camera-serial 1";
+    for (given, words) in [
+        ("--scanner simulated --robot eki --host 172.31.1.147", "--scanner \"simulated\": scanner.kind: found"),
+        ("--scanner zivid --flange-camera simulated --robot eki --host krc", "--flange-camera \"simulated\": "),
+        (&format!("{real} --park-deg 0,0,0,0,0,0"), "--park-deg \"0,0,0,0,0,0\": all axes at 0"),
+        (&format!("{real} --box-max-mm 1,2,3"), "--box-max-mm \"1,2,3\": limits.box_max_mm: "),
+    ] {
+        let (exit, told) = json(folder, &format!("{CELL} {given} --out no.toml"));
+        let told = told["reasons"].to_string().replace("\\\"", "\"");
+        assert!(exit == 2 && told.contains(words), "{given}: {told}");
+        assert!(!folder.join("no.toml").exists());
+    }
+    // A controller on this machine is a mock's: the cameras may be simulated.
+    let (exit, told) = json(folder, &format!("{CELL} --robot eki --host 127.0.0.1 --out here.toml"));
+    assert_eq!(exit, 0, "{told}");
+}
+
+/// On the terminal: an empty line takes the proposal, a wrong answer is asked again.
+#[test]
+fn answers_are_read_from_the_terminal() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let asked = answered(folder.path(), "", "\nkinect\nzivid\ngige\n221600123\n\n");
     assert!(asked.contains("the fixed 3D camera: simulated or zivid [simulated]"), "{asked}");
     assert!(asked.contains("\"kinect\": allowed is simulated or zivid"), "{asked}");
     let text = fs::read_to_string(folder.path().join("cell.toml")).expect("written");

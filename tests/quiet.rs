@@ -85,8 +85,15 @@ fn the_cell_that_ships_says_what_makes_it_ready() {
     }
     let (exit, told) = json(folder, "check config/cell.toml");
     let warnings = told["files"][0]["warnings"].as_array().expect("warnings");
-    assert_eq!((exit, warnings.len()), (0, 6), "{told}");
-    assert!(warnings[0]["line"].as_u64() > Some(1) && warnings[0]["key"] == "calibration.scanner", "{told}");
+    assert_eq!((exit, warnings.len()), (0, 1), "one sentence for all of them: {told}");
+    let keys = warnings[0]["key"].as_str().expect("keys");
+    assert!(warnings[0]["line"].as_u64() > Some(1) && keys.starts_with("calibration.scanner, "), "{told}");
+    // Asked whether a cycle could begin, each of them is a problem, and what makes them is said once.
+    let (exit, told) = json(folder, "check --for cycle config/cell.toml");
+    let errors = told["files"][0]["errors"].as_array().expect("errors");
+    assert_eq!((exit, errors.len()), (1, keys.split(", ").count()), "{told}");
+    assert_eq!(told.to_string().matches("`panelprep demo`").count(), 1, "{told}");
+    assert_eq!(json(folder, "check --for robot config/cell.toml").0, 0);
     // What the issue of a comma is, in any file.
     fs::write(folder.join("comma.toml"), "[limits]\ntool_error_mm = 0,8\n").expect("written");
     let (_, told) = json(folder, "check comma.toml --for files");

@@ -1,13 +1,16 @@
 //! A rehearsal: simulated cameras and a mock controller in another process, by the wall clock and over sockets.
 
-use super::commands::{json, taught_and_verified};
+use super::commands::{json, panelprep, taught_and_verified};
 use super::wall::Mock;
 use std::fs;
+use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::Command;
+use std::process::{Child, Command, Stdio};
 
 /// Of the sixteen that a controller's firewall leaves open; no other test has them.
 const PORTS: [u16; 2] = [54_610, 54_611];
+/// No other test has these either.
+const OWN: [u16; 2] = [54_608, 54_609];
 
 fn replaced(file: &Path, changes: &[(&str, &str)]) {
     let mut text = fs::read_to_string(file).expect("there");
@@ -63,4 +66,78 @@ fn simulated_cameras_beside_a_robot_elsewhere_are_refused() {
     }
     let (exit, told) = json(folder, "check cell/cell.toml");
     assert_eq!((exit, &told["files"][0]["ok"]), (1, &serde_json::Value::Bool(false)), "{told}");
+}
+
+/// An integrator's programs beside those that ship: what is executed is, what is not is named before, and a call that meets it
+/// ends at its line.
+#[test]
+fn own_programs_are_executed_or_the_line_that_is_not_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    fs::write(folder.join("cell.toml"), include_str!("../config/cell.toml")).expect("written");
+    let changes = [
+        ("kind = \"mock\" ", "kind = \"eki\" "),
+        ("controller = \"programs\"", "host = \"127.0.0.1\""),
+        ("54600", &OWN[0].to_string()),
+        ("54601", &OWN[1].to_string()),
+    ];
+    replaced(&folder.join("cell.toml"), &changes);
+    // The inputs and outputs are those of the integrator's cell_config.dat.
+    let text = fs::read_to_string(folder.join("cell.toml")).expect("there");
+    let mut cell: toml_edit::DocumentMut = text.parse().expect("TOML");
+    for table in ["outputs", "feedbacks"] {
+        let numbers = cell["io"][table].as_table_mut().expect("a table");
+        numbers.iter_mut().zip(17..).for_each(|((_, item), number)| *item = toml_edit::value(number));
+    }
+    fs::write(folder.join("cell.toml"), cell.to_string()).expect("written");
+    let own = folder.join("own");
+    fs::create_dir(&own).expect("a folder");
+    fs::write(own.join("cell_config.dat"), include_str!("../config/kuka/cell_config.dat")).expect("written");
+    replaced(&own.join("cell_config.dat"), &[("CELL_USER_N=1", "CELL_USER_N=3"), ("REVISION=1", "REVISION=2")]);
+    fs::write(own.join("cell_user.src"), include_str!("../config/kuka/cell_user.src")).expect("written");
+    let calls = "      CELL_USER_0( )\n    CASE 1\n      BLOW( )\n    CASE 2\n      ROUND( )\n";
+    replaced(&own.join("cell_user.src"), &[("      CELL_USER_0( )\n", calls)]);
+    let routines = "\nDEF BLOW( )\n  $OUT[301]=TRUE\n  WAIT SEC 0.05\nEND\n\nDEF ROUND( )\n  WAIT SEC 0\n  \
+                    CIRC $POS_ACT,$POS_ACT,CA 90\nEND\n";
+    let text = fs::read_to_string(own.join("cell_user.src")).expect("there") + routines;
+    let circle = 1 + text[..text.find("CIRC").expect("there")].matches('\n').count();
+    // In the encoding of a pendant's editor.
+    let latin: Vec<u8> = format!("{text}; f\u{fc}r\n").chars().map(|sign| sign as u8).collect();
+    fs::write(own.join("cell_user.src"), latin).expect("written");
+
+    let mut mock = Command::new(env!("CARGO_BIN_EXE_panelprep"));
+    let mock = mock.args("mock-robot --cell cell.toml --programs own".split(' ')).current_dir(folder);
+    let mut mock = Running(mock.stderr(Stdio::piped()).spawn().expect("it starts"));
+    let mut lines = BufReader::new(mock.0.stderr.take().expect("piped")).lines().map_while(Result::ok);
+    let note = lines.next().expect("a line");
+    assert!(note.contains(&format!("own/cell_user.src:{circle}: ")) && note.contains("CIRC"), "{note}");
+    assert!(lines.next().is_some_and(|line| line.starts_with("mock controller: ")), "one note alone");
+    let call = |index: u8| json(folder, &format!("robot call {index} --cell cell.toml"));
+    let (exit, told) = call(1);
+    assert_eq!(exit, 0, "{told}");
+    assert!(lines.any(|line| line.contains("outputs on: ") && line.contains("301")), "its own output");
+    let (exit, told) = call(2);
+    assert_eq!(exit, 3, "{told}");
+    let stopped = lines.find(|line| line.contains("the programs stopped")).expect("told");
+    assert!(stopped.contains("cell_user.src") && stopped.contains(&circle.to_string()), "{stopped}");
+    drop(mock);
+
+    // What a controller would refuse is refused with its place, and a folder without programs by its name.
+    replaced(&own.join("cell_config.dat"), &[("CELL_USER_N=3", "CELL_USER_N=")]);
+    fs::create_dir(folder.join("empty")).expect("a folder");
+    for (of, words) in [("own", "own/cell_config.dat:105: "), ("empty", "empty: has no .src, .sub or .dat file")] {
+        let output = panelprep(folder, &format!("mock-robot --cell cell.toml --programs {of}"));
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && told.contains(words), "{told}");
+    }
+}
+
+/// Ended when the test ends.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
 }

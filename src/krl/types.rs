@@ -3,7 +3,6 @@
 //! A type is declared in a routine, in a module or for all files; KUKA's own are known everywhere and may be declared
 //! again, as a controller's data lists do.
 
-use super::kuka_types::kuka_types;
 use super::limits::LISTED;
 use std::collections::BTreeMap;
 
@@ -105,11 +104,6 @@ const POSES: [&str; 4] = ["FRAME", "POS", "E3POS", "E6POS"];
 const AXES: [&str; 3] = ["AXIS", "E3AXIS", "E6AXIS"];
 
 impl Types {
-    /// KUKA's own types, and the simple ones.
-    pub(super) fn kuka() -> Self {
-        kuka_types().clone()
-    }
-
     /// Adds the simple types.
     pub(super) fn add_simple(&mut self) {
         for (name, kind) in [("INT", Type::Int), ("REAL", Type::Real), ("BOOL", Type::Bool), ("CHAR", Type::Char)] {

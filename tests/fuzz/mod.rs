@@ -7,4 +7,5 @@ mod seeds;
 mod session;
 mod targets;
 
+pub use seeds::hostile_programs;
 pub use targets::documents;

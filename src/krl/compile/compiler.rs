@@ -2,6 +2,7 @@
 
 use crate::config::Problem;
 use crate::krl::code::{Cell, Location, Op};
+use crate::krl::kuka_types::kuka_types;
 use crate::krl::limits::{MEMORY_VALUES, REPORTS, STEPS};
 use crate::krl::program::Program;
 use crate::krl::syntax::File;
@@ -110,7 +111,7 @@ impl<'a> Compiler<'a> {
         Compiler {
             files,
             kss,
-            types: Types::kuka(),
+            types: kuka_types().clone(),
             modules: modules(files),
             globals: BTreeMap::new(),
             of_module: BTreeMap::new(),

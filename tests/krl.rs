@@ -1,0 +1,210 @@
+//! Programs of other people: what `check` says of each, what hostile ones cost, and a corpus of real ones where there is one.
+
+use super::commands::panelprep;
+use super::fuzz::hostile_programs;
+use panelprep::check::{decode, is_krl};
+use panelprep::krl::{Analysis, LOWEST_KSS, analyse, parse};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+/// All KRL files of a folder and of those in it, in order.
+fn krl_files(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut open = vec![folder.to_owned()];
+    while let Some(folder) = open.pop() {
+        for entry in std::fs::read_dir(&folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                open.push(path);
+            } else if is_krl(&path.to_string_lossy()) {
+                found.push(path);
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+/// These files as one program.
+fn analysed(files: &[PathBuf]) -> Analysis {
+    let read = |file: &PathBuf| {
+        let name = file.to_string_lossy();
+        let bytes = std::fs::read(file).expect("a file");
+        parse(&name, &decode(&name, &bytes).expect("a text").text)
+    };
+    let read: Vec<_> = files.iter().map(read).collect();
+    analyse(&read, LOWEST_KSS)
+}
+
+/// Each file of `fixtures/krl` begins with what is right to say of it: `ok`, or each error and warning with line, key and words.
+/// The files of a folder in it are one program; every other file is one.
+#[test]
+fn each_fixture_is_judged_as_its_first_lines_say() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/krl");
+    let mut programs: BTreeMap<PathBuf, Vec<PathBuf>> = BTreeMap::new();
+    for file in krl_files(&root) {
+        let folder = file.parent().expect("a folder").to_owned();
+        let program = if folder == root { file.clone() } else { folder };
+        programs.entry(program).or_default().push(file);
+    }
+    assert!(programs.len() > 25, "{}", programs.len());
+    for files in programs.values() {
+        let analysis = analysed(files);
+        for ((file, problems), warnings) in files.iter().zip(&analysis.problems).zip(&analysis.warnings) {
+            let text = std::fs::read_to_string(file).expect("UTF-8");
+            let expected: Vec<String> = text
+                .lines()
+                .filter_map(|line| line.trim_end().strip_prefix("; expected: "))
+                .map(str::to_owned)
+                .collect();
+            let said = |word: &str, list: &[panelprep::config::Problem]| -> Vec<String> {
+                list.iter().map(|found| format!("{word} {} {}: {}", found.line, found.key, found.message)).collect()
+            };
+            let mut found = [said("error", problems), said("warning", warnings)].concat();
+            if found.is_empty() {
+                found.push("ok".to_owned());
+            }
+            assert_eq!(found, expected, "{}", file.display());
+        }
+    }
+}
+
+/// As they are, through the program, which may take a gigabyte of addresses: an answer in time, and no abort.
+#[test]
+fn hostile_programs_are_answered() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (number, text) in hostile_programs().into_iter().enumerate() {
+        let file = format!("a{number}.src");
+        std::fs::write(folder.path().join(&file), &text).expect("written");
+        let began = Instant::now();
+        let mut limited = Command::new("sh");
+        let limited = limited.args(["-c", "ulimit -v 1000000; exec \"$0\" check \"$1\""]);
+        let output = limited.args([env!("CARGO_BIN_EXE_panelprep"), &file]).current_dir(folder.path()).output();
+        let output = output.expect("it starts");
+        let began_with = String::from_utf8_lossy(&text[..text.len().min(200)]).into_owned();
+        assert!(matches!(output.status.code(), Some(0 | 1)), "{began_with}: {output:?}");
+        assert!(began.elapsed() < Duration::from_secs(10), "{began_with}: {:?}", began.elapsed());
+    }
+}
+
+/// What a message says without the names and numbers in it: the mechanism.
+fn mechanism(message: &str) -> String {
+    let mut words = String::new();
+    let mut quote = None;
+    for sign in message.chars() {
+        match quote {
+            Some(end) if sign == end => (quote, words) = (None, words + "…" + &sign.to_string()),
+            Some(_) => {}
+            None if sign == '\'' || sign == '"' => {
+                quote = Some(sign);
+                words.push(sign);
+            }
+            None if sign.is_ascii_digit() => {
+                if !words.ends_with('N') {
+                    words.push('N');
+                }
+            }
+            None if sign.is_uppercase() && words.ends_with(char::is_uppercase) => {}
+            None => words.push(sign),
+        }
+    }
+    words.chars().take(100).collect()
+}
+
+#[derive(Default)]
+struct Row {
+    files: BTreeSet<PathBuf>,
+    projects: BTreeSet<PathBuf>,
+    times: usize,
+    example: String,
+}
+
+fn print(title: &str, rows: BTreeMap<String, Row>) {
+    println!("{title}\n| files | projects | times | says | for example |\n|---|---|---|---|---|");
+    let mut rows: Vec<(String, Row)> = rows.into_iter().collect();
+    rows.sort_by_key(|(_, row)| std::cmp::Reverse((row.files.len(), row.projects.len())));
+    for (says, Row { files, projects, times, example }) in rows {
+        println!("| {} | {} | {times} | {says} | {example} |", files.len(), projects.len());
+    }
+}
+
+/// Real programs, each file by itself: `KRL_CORPUS=FOLDER cargo test --test all krl_corpus -- --nocapture`; a folder in it is a
+/// project. A table by what is said. Whether an error is a true one, people find out: the table gives the place of one of each.
+#[test]
+fn krl_corpus() {
+    let Some(root) = std::env::var_os("KRL_CORPUS").map(PathBuf::from) else {
+        eprintln!("NOT RUN: KRL_CORPUS names no folder with programs of other people");
+        return;
+    };
+    let files = krl_files(&root);
+    let (mut errors, mut warnings) = (BTreeMap::<String, Row>::new(), BTreeMap::<String, Row>::new());
+    let (mut wrong, mut warned, mut unexecuted, mut slowest) = (0, 0, 0, Duration::ZERO);
+    for file in &files {
+        let began = Instant::now();
+        let analysis = analysed(std::slice::from_ref(file));
+        slowest = slowest.max(began.elapsed());
+        let below = file.strip_prefix(&root).expect("in it");
+        let project = PathBuf::from(below.iter().next().expect("a name"));
+        for (list, rows) in [(&analysis.problems[0], &mut errors), (&analysis.warnings[0], &mut warnings)] {
+            for found in list {
+                let row = rows.entry(mechanism(&found.message)).or_default();
+                row.files.insert(file.clone());
+                row.projects.insert(project.clone());
+                row.times += 1;
+                if row.example.is_empty() {
+                    row.example = format!("{}:{} {}", below.display(), found.line, found.key);
+                }
+            }
+        }
+        wrong += usize::from(!analysis.problems[0].is_empty());
+        warned += usize::from(!analysis.warnings[0].is_empty());
+        unexecuted += usize::from(!analysis.unexecuted[0].is_empty());
+    }
+    let all = files.len();
+    println!(
+        "{all} files: {wrong} not right, {warned} with warnings, {unexecuted} with what is only checked; the slowest took {slowest:?}"
+    );
+    print("Errors", errors);
+    print("Warnings", warnings);
+    assert!(all > 0, "{} holds no KRL", root.display());
+    assert!(slowest < Duration::from_secs(5), "{slowest:?}");
+}
+
+/// Several files of one controller as a user checks them: the encodings that they come in, and one address that is another's.
+#[test]
+fn files_of_a_controller_are_read_in_any_encoding() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let shipped = include_str!("../config/kuka/CELLCMD.xml");
+    // "Commands" in GBK, by its table.
+    let comment = b"<!-- \xC3\xFC\xC1\xEE -->\n";
+    let (head, rest) = shipped.split_once('\n').expect("lines");
+    assert!(head.starts_with("<ETHERNETKRL>"), "{head}");
+    let bytes = [head.as_bytes(), b"\n", comment, rest.as_bytes()].concat();
+    std::fs::write(folder.join("GBK.xml"), &bytes).expect("written");
+    let declared = [&b"<?xml version=\"1.0\" encoding=\"GBK\"?>\n"[..], &bytes].concat();
+    std::fs::write(folder.join("DECLARED.xml"), declared).expect("written");
+    let wide: Vec<u8> = std::iter::once('\u{feff}')
+        .chain(shipped.chars())
+        .flat_map(|sign| sign.encode_utf16(&mut [0; 2]).to_vec())
+        .flat_map(u16::to_le_bytes)
+        .collect();
+    std::fs::write(folder.join("WIDE.xml"), wide).expect("written");
+    let told = |file: &str| {
+        let output = panelprep(folder, &format!("check {file}"));
+        (output.status.code(), String::from_utf8(output.stdout).expect("UTF-8"))
+    };
+    let (exit, text) = told("GBK.xml");
+    assert!(exit == Some(0) && text.contains("warning, line 2: encoding: is not UTF-8"), "{text}");
+    for file in ["DECLARED.xml", "WIDE.xml"] {
+        let (exit, text) = told(file);
+        assert!(exit == Some(0) && !text.contains("warning, line"), "{file}: {text}");
+    }
+    // A recipe in UTF-16 is one that no command reads.
+    let recipe: Vec<u8> = "panel = 'door'\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
+    std::fs::write(folder.join("door.toml"), [&[0xFF, 0xFE][..], &recipe].concat()).expect("written");
+    let (exit, text) = told("door.toml");
+    assert!(exit == Some(2) && text.contains("is UTF-16, as PowerShell's > writes it"), "{text}");
+}
