@@ -16,7 +16,7 @@ use crate::cell::{
     ScannerMount, TargetMount, ToolMount, ZividSettings,
 };
 use crate::config::{self, Problem, Problems};
-use crate::krl::{Kss, LOWEST_KSS};
+use crate::krl::Kss;
 use crate::office::ArchiveSettings;
 use crate::recipe::RECIPE_KEYS;
 use crate::requirements::recipe_fits::{plausible, unfit};
@@ -82,15 +82,14 @@ pub struct CheckedFor<'a> {
     pub may_lack_files: bool,
     /// Reads the files that the cell names.
     pub read: ReadNamed<'a>,
-    /// KRL is checked for controllers with this version of KSS and higher ones.
-    pub kss: Kss,
+    /// KRL is checked for controllers with this version of KSS and higher ones, if it is known.
+    pub kss: Option<Kss>,
 }
 
 /// Checks the texts of configuration files, by themselves and against each other; a file is its name in messages and
-/// its text. A cell must say all that the purpose needs, where one is given; the files that it names are not looked at. KRL is
-/// checked for the lowest version of KSS that the installation page names.
+/// its text. A cell must say all that the purpose needs, where one is given; the files that it names are not looked at.
 pub fn check_files(files: &[(&str, &str)], purpose: Option<Purpose>) -> Vec<FileReport> {
-    let checked_for = CheckedFor { purpose, may_lack_files: true, read: &not_looked_at, kss: LOWEST_KSS };
+    let checked_for = CheckedFor { purpose, may_lack_files: true, read: &not_looked_at, kss: None };
     check_files_for(files, &checked_for)
 }
 

@@ -57,7 +57,7 @@ fn what_check_finds_incomplete_no_cycle_begins_with() {
         let (exit, told) = check();
         assert_eq!((exit, errors(&told)), (1, vec![key.to_owned()]), "{told}");
         let (exit, told) = cycle();
-        assert!(exit == Some(2) && told.contains(&format!("recipe.toml:")) && told.contains(key), "{told}");
+        assert!(exit == Some(2) && told.contains("recipe.toml:") && told.contains(key), "{told}");
         fs::write(&recipe, &kept[1]).expect("written");
     }
 

@@ -3,7 +3,7 @@
 use super::commands::panelprep;
 use super::fuzz::hostile_programs;
 use panelprep::check::{decode, is_krl};
-use panelprep::krl::{Analysis, LOWEST_KSS, analyse, parse};
+use panelprep::krl::{Analysis, analyse, parse};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -35,7 +35,7 @@ fn analysed(files: &[PathBuf]) -> Analysis {
         parse(&name, &decode(&name, &bytes).expect("a text").text)
     };
     let read: Vec<_> = files.iter().map(read).collect();
-    analyse(&read, LOWEST_KSS)
+    analyse(&read, None)
 }
 
 /// Each file of `fixtures/krl` begins with what is right to say of it: `ok`, or each error and warning with line, key and words.
@@ -91,26 +91,15 @@ fn hostile_programs_are_answered() {
 
 /// What a message says without the names and numbers in it: the mechanism.
 fn mechanism(message: &str) -> String {
-    let mut words = String::new();
-    let mut quote = None;
-    for sign in message.chars() {
-        match quote {
-            Some(end) if sign == end => (quote, words) = (None, words + "…" + &sign.to_string()),
-            Some(_) => {}
-            None if sign == '\'' || sign == '"' => {
-                quote = Some(sign);
-                words.push(sign);
-            }
-            None if sign.is_ascii_digit() => {
-                if !words.ends_with('N') {
-                    words.push('N');
-                }
-            }
-            None if sign.is_uppercase() && words.ends_with(char::is_uppercase) => {}
-            None => words.push(sign),
-        }
-    }
-    words.chars().take(100).collect()
+    let is_name = |word: &str| word.contains(['_', '$', '[']) || word.starts_with(['\'', '"']);
+    let word = |word: &str| match word.chars().all(|sign| sign.is_ascii_digit() || !sign.is_alphanumeric()) {
+        true => word.replace(|sign: char| sign.is_ascii_digit(), "N"),
+        false if is_name(word) => "…".to_owned(),
+        false => word.to_owned(),
+    };
+    let mut words: Vec<String> = message.split_whitespace().map(word).collect();
+    words.dedup();
+    words.join(" ").chars().take(100).collect()
 }
 
 #[derive(Default)]

@@ -14,8 +14,8 @@ pub fn is_krl(name: &str) -> bool {
     [".src", ".sub", ".dat"].iter().any(|ending| name.ends_with(ending))
 }
 
-/// Checks files, each with its place among all, its name and its text, for this version of KSS.
-pub(super) fn check(files: &[(usize, &str, &str)], kss: Kss) -> Vec<(usize, FileReport)> {
+/// Checks files, each with its place among all, its name and its text, for this version of KSS, if it is known.
+pub(super) fn check(files: &[(usize, &str, &str)], kss: Option<Kss>) -> Vec<(usize, FileReport)> {
     let read: Vec<File> = files.iter().map(|(_, name, text)| parse(name, text)).collect();
     let analysis = analyse(&read, kss);
     let found = analysis.problems.into_iter().zip(analysis.warnings).zip(analysis.unexecuted).zip(&read);

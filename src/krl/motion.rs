@@ -69,7 +69,8 @@ fn more(reader: &mut Reader<'_>, motion: &mut MotionStatement) -> Read<bool> {
     } else if reader.takes_word("WITH") {
         motion.with.extend(settings(reader)?);
     } else if reader.is_sign(",") && matches!(reader.peek_behind(1), Some(Token::Name(name)) if name == "CA") {
-        (reader.next(), reader.next());
+        reader.next();
+        reader.next();
         reader.takes_sign("=");
         motion.angle = Some(reader.expression()?);
     } else if matches!(reader.peek(), Some(Token::Word(_))) {

@@ -1,9 +1,9 @@
 //! What is read, and what is told: the shipped files, and one planted fault for each rule.
 
-use super::{Kss, analyse, parse};
+use super::{Analysis, Kss, analyse, parse};
 use crate::config::Problem;
 
-const HIGHEST: Kss = Kss { major: 8, minor: 7 };
+const HIGHEST: Option<Kss> = Some(Kss { major: 8, minor: 7 });
 const DATA: &str = "DEFDAT CELL_DATA PUBLIC\nGLOBAL STRUC POINT INT ID,N,REAL R,FRAME P\nGLOBAL ENUM COLOUR RED,GREEN\n\
     DECL GLOBAL CONST INT TEN=10\nDECL GLOBAL INT COUNT=0\nDECL GLOBAL INT LIST[10]\nLIST[10]=3\n\
     DECL GLOBAL POINT PLACES[2]\nDECL GLOBAL COLOUR SHADE=#RED\nDECL GLOBAL CHAR WORDS[8]\n\
@@ -165,9 +165,11 @@ fn what_a_routine_leaves_open_is_told() {
 #[test]
 fn the_version_decides_which_system_variables_there_are() {
     let file = parse("a.src", "DEF A( )\nIF $COULD_START_MOTION THEN\nENDIF\nEND");
-    let told = |kss: &str| analyse(std::slice::from_ref(&file), kss.parse().expect("a version")).problems.concat();
+    let told = |kss: &str| analyse(std::slice::from_ref(&file), Some(kss.parse().expect("a version"))).problems.concat();
     assert_eq!(told("8.5"), []);
-    assert_eq!(told("8.4")[0].message.split(';').next(), Some("KSS 8.4 has no such variable (from 8.5 on)"));
+    assert_eq!(told("8.4")[0].message, "KSS 8.4 has no such variable (from 8.5 on)");
+    let Analysis { problems, warnings, .. } = analyse(std::slice::from_ref(&file), None);
+    assert_eq!((problems.concat(), warnings.concat().len()), (vec![], 1), "which version it is for is not known");
     assert!("9.1".parse::<Kss>().is_err() && "8.1".parse::<Kss>().is_err() && "8".parse::<Kss>().is_err());
 }
 

@@ -259,7 +259,7 @@ fn zivid_settings(bytes: &[u8]) {
 
 fn program(bytes: &[u8]) {
     let file = krl::parse("cell.src", &String::from_utf8_lossy(bytes));
-    let analysis = krl::analyse(&[file], krl::LOWEST_KSS);
+    let analysis = krl::analyse(&[file], None);
     assert_eq!((analysis.problems.len(), analysis.warnings.len(), analysis.unexecuted.len()), (1, 1, 1));
 }
 

@@ -21,9 +21,9 @@ pub struct Check {
     /// The files. KRL files that belong together are named together.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// The lowest version of KUKA System Software that the KRL files are for, 8.2 to 8.7.
-    #[arg(long, value_name = "VERSION", default_value_t = crate::krl::LOWEST_KSS)]
-    pub kss: crate::krl::Kss,
+    /// The lowest version of KUKA System Software that the KRL files are for, 8.2 to 8.7: what it lacks is an error.
+    #[arg(long, value_name = "VERSION")]
+    pub kss: Option<crate::krl::Kss>,
     /// What a cell's file must be complete for, with the files that it names; without it for a cycle whose calibrations may still
     /// be made.
     #[arg(long = "for", value_name = "PURPOSE", value_enum)]

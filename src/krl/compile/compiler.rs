@@ -69,7 +69,7 @@ pub(super) struct Signature {
 
 pub(super) struct Compiler<'a> {
     pub(super) files: &'a [File],
-    pub(super) kss: Kss,
+    pub(super) kss: Option<Kss>,
     pub(super) types: Types,
     /// The module of each file: a data list and the program of the same name share one.
     pub(super) modules: Vec<usize>,
@@ -107,7 +107,7 @@ pub(super) struct Compiler<'a> {
 
 impl<'a> Compiler<'a> {
     /// Nothing is declared yet, but the files are known.
-    pub(super) fn new(files: &'a [File], kss: Kss) -> Self {
+    pub(super) fn new(files: &'a [File], kss: Option<Kss>) -> Self {
         Compiler {
             files,
             kss,

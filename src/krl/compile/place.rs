@@ -3,7 +3,7 @@
 use super::super::code::{Cell, Op};
 use super::super::routines::VARIABLES_OF_ETHERNET_KRL_6;
 use super::super::syntax::{Expression, Step, VariableRef};
-use super::super::system::{self, SYSTEM_VARIABLES};
+use super::super::system::{self, LOWEST_KSS, SYSTEM_VARIABLES};
 use super::super::types::{Component, Type};
 use super::compiler::{Compiler, Home, Variable, cells_u32};
 use super::data::nowhere;
@@ -69,11 +69,13 @@ impl Compiler<'_> {
 
     fn system_variable(&mut self, index: usize) -> Variable {
         let row = SYSTEM_VARIABLES[index];
-        if row.since > self.kss.minor {
-            let (kss, since) = (self.kss, row.since);
-            let message =
-                format!("KSS {kss} has no such variable (from 8.{since} on); do without, or raise the lowest KSS");
-            self.problem(row.name, message);
+        let kss = self.kss.unwrap_or(LOWEST_KSS);
+        if row.since > kss.minor {
+            let message = format!("KSS {kss} has no such variable (from 8.{} on)", row.since);
+            match self.kss {
+                Some(_) => self.problem(row.name, message),
+                None => self.warn_once(row.name, format!("{message}; name your controller's version with --kss")),
+            }
         }
         Variable {
             kind: self.types.own(row.type_name),

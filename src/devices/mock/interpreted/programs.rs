@@ -50,7 +50,7 @@ impl Programs {
     pub fn load(files: &[(&str, &str)]) -> Result<Self, MockError> {
         let read: Vec<_> = files.iter().map(|(name, text)| parse(name, text)).collect();
         // The versions of KSS differ in what they lack; `panelprep check` reports what a version does not have.
-        let analysis = analyse(&read, Kss { major: 8, minor: 7 });
+        let analysis = analyse(&read, Some(Kss { major: 8, minor: 7 }));
         let place =
             |name: &str, Problem { line, key, message }: &Problem| format!("{name}:{line}: {key}: {message}");
         for ((name, _), problems) in files.iter().zip(&analysis.problems) {
