@@ -49,7 +49,7 @@ fn what_check_finds_incomplete_no_cycle_begins_with() {
     };
     assert_eq!(check().0, 0, "{}", check().1);
     let (exit, told) = cycle();
-    assert!(exit == Some(2) && told.contains("taught"), "complete, and nothing was taught: {told}");
+    assert!(exit == Some(2) && told.contains("`panelprep teach`"), "complete, and nothing was taught: {told}");
 
     let kept = [&cell, &recipe].map(|file| fs::read_to_string(file).expect("there"));
     for key in ["path.feed_mm_s", "region.corners_px", "locate.box_max_mm"] {

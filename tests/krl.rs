@@ -91,14 +91,12 @@ fn hostile_programs_are_answered() {
 
 /// What a message says without the names and numbers in it: the mechanism.
 fn mechanism(message: &str) -> String {
-    let is_name = |word: &str| word.contains(['_', '$', '[']) || word.starts_with(['\'', '"']);
-    let word = |word: &str| match word.chars().all(|sign| sign.is_ascii_digit() || !sign.is_alphanumeric()) {
-        true => word.replace(|sign: char| sign.is_ascii_digit(), "N"),
-        false if is_name(word) => "…".to_owned(),
+    let of_name = |sign: char| "_$'\"[".contains(sign) || sign.is_ascii_digit();
+    let word = |word: &str| match word.chars().any(of_name) {
+        true => "…".to_owned(),
         false => word.to_owned(),
     };
-    let mut words: Vec<String> = message.split_whitespace().map(word).collect();
-    words.dedup();
+    let words: Vec<String> = message.split_whitespace().map(word).collect();
     words.join(" ").chars().take(100).collect()
 }
 
