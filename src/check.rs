@@ -221,7 +221,7 @@ fn files_to_be_made(text: &str, missing: Vec<Unmet>) -> Option<Problem> {
     Some(Problem {
         line,
         key: keys.join(", "),
-        message: format!("{files} not there, and a cycle needs all of them; a calibration {CALIBRATION_ADVICE}"),
+        message: format!("{files} not there, and a cycle needs all of them; a calibration: {CALIBRATION_ADVICE}"),
     })
 }
 

@@ -171,7 +171,13 @@ fn what_answers_in_place_of_a_controller_is_told_apart() {
     let runs = robot["found"].as_str().and_then(|found| found.rsplit(' ').next()).expect("its programs").to_owned();
     fs::write(folder.join("cell_data.dat"), sum.replace("870297", &runs)).expect("written");
     assert_eq!(wrong(folder, &with_files), Vec::<[String; 3]>::new());
-    fs::write(folder.join("cell_data.dat"), sum.replace("870297", "12")).expect("written");
+    // In encodings of pendants: Windows-1252, and GBK, by whose table the comment is the word for commands.
+    let channel = fs::read(folder.join("CELLCMD.xml")).expect("there");
+    let comment = b"<!-- \xC3\xFC\xC1\xEE -->";
+    fs::write(folder.join("CELLCMD.xml"), [&channel[..], comment].concat()).expect("written");
+    assert_eq!(wrong(folder, &with_files), Vec::<[String; 3]>::new());
+    let data = [&b"; f\xFCr\n"[..], sum.replace("870297", "12").as_bytes()].concat();
+    fs::write(folder.join("cell_data.dat"), data).expect("written");
     one_wrong(folder, &with_files, ["robot", "other programs", "select the program anew"]);
     fs::remove_file(folder.join("cell_data.dat")).expect("removed");
     for (from, to, words) in [

@@ -1,7 +1,7 @@
 //! Files in and out: whole or not at all.
 
 use super::fault::Fault;
-use crate::check::not_utf_8;
+use crate::check::{decode, not_utf_8};
 use crate::disk;
 use crate::requirements::NamedFile;
 use std::fs::{self, File};
@@ -23,6 +23,15 @@ pub fn read(file: &Path) -> Result<Vec<u8>, Fault> {
 pub fn read_text(file: &Path) -> Result<String, Fault> {
     String::from_utf8(read(file)?)
         .map_err(|error| Fault::file(file, not_utf_8(error.as_bytes(), &error.utf8_error())))
+}
+
+/// The text of a file of the controller, EthernetKRL or KRL, in whatever encoding it is.
+///
+/// # Errors
+/// As [`read`], and if it is no text.
+pub fn read_controller_text(file: &Path) -> Result<String, Fault> {
+    let decoded = decode(&file.display().to_string(), &read(file)?).map_err(|error| Fault::file(file, error))?;
+    Ok(decoded.text)
 }
 
 /// A file that a cell's file names.

@@ -6,7 +6,7 @@ use super::fault::{DeviceFault, Fault};
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::cell::{Cell, RobotKind};
-use crate::check::{decode, is_krl};
+use crate::check::is_krl;
 use crate::devices::mock::{ChannelFile, Clock, Controller, MockServer, Ports, Programs, Setup};
 use crate::devices::world::SimulatedWorld;
 use crate::eki::{CELLCMD, CELLSTAT};
@@ -32,7 +32,7 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
         None => ChannelFile::parse(shipped).map_err(Fault::stage),
         Some(folder) => {
             let file = folder.join(name);
-            ChannelFile::parse(&disk::read_text(&file)?).map_err(|error| Fault::file(&file, error))
+            ChannelFile::parse(&disk::read_controller_text(&file)?).map_err(|error| Fault::file(&file, error))
         }
     };
     let (commands, states) = (channel("CELLCMD.xml", CELLCMD)?, channel("CELLSTAT.xml", CELLSTAT)?);
@@ -73,11 +73,7 @@ fn own_programs(folder: &Path) -> Result<Programs, Fault> {
     if files.is_empty() {
         return Err(Fault::file(folder, "has no .src, .sub or .dat file: name the folder with your programs"));
     }
-    let read = |file: &PathBuf| {
-        let name = file.display().to_string();
-        let decoded = decode(&name, &disk::read(file)?).map_err(|error| Fault::file(file, error))?;
-        Ok((name, decoded.text))
-    };
+    let read = |file: &PathBuf| Ok((file.display().to_string(), disk::read_controller_text(file)?));
     let texts = files.iter().map(read).collect::<Result<Vec<_>, Fault>>()?;
     let texts: Vec<(&str, &str)> = texts.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
     Programs::with_own(&texts).map_err(Fault::stage)

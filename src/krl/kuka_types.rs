@@ -63,6 +63,54 @@ STRUC LDAT REAL VEL,ACC,APO_DIST,APO_FAC,AXIS_VEL,AXIS_ACC,ORI_TYPE ORI_TYP,CIRC
 STRUC BASIS_SUGG_T CHAR POINT1[24],POINT2[24],CP_PARAMS[24],PTP_PARAMS[24],CONT[24],CP_VEL[24],PTP_VEL[24],SYNC_PARAMS[24],SPL_NAME[24],A_PARAMS[24]
 ";
 
+/// KUKA's own, too, of machine data and of programs that KUKA delivers, by name alone: what they consist of is not checked.
+const BY_NAME: [&str; 39] = [
+    "ACC_CAR",
+    "ADAP_ACC",
+    "AXBOX",
+    "AXIS_OF_COORDINATES",
+    "BOX",
+    "BRAKE_STATE",
+    "CIRC_MODE",
+    "CONTROL_PARAMETER",
+    "COOP_KRC",
+    "CP_STATMON",
+    "CYLINDER",
+    "DHART",
+    "EKO_MODE",
+    "EMSTOP_PATH",
+    "EXT_MOD_T",
+    "EX_KIN",
+    "FRA",
+    "FUNCT_TYPE",
+    "HDAT",
+    "INDIVIDUAL_MAMES",
+    "INSTALLED_MOTION_MODES",
+    "KINCLASS",
+    "MAIN_AXIS",
+    "MODEL_TYPE",
+    "MODULEPARAM_T",
+    "MOTION_MODE",
+    "MSGBUF_T",
+    "P00_COMMAND",
+    "PRO_IO_T",
+    "SER",
+    "SPIN",
+    "SPLINE_PARA_VARIANT",
+    "SPREADSTARTPOLICY",
+    "STEP_ENUM",
+    "SUPPLY_VOLTAGE",
+    "TARGET_STATUS",
+    "TRPSPIN",
+    "WRIST_AXIS",
+    "WS_CONFIG",
+];
+
+/// Whether KUKA has a type of this name whose contents are not known here.
+pub(super) fn is_known_by_name(name: &str) -> bool {
+    BY_NAME.binary_search(&name).is_ok()
+}
+
 /// All of them; files are checked beside a copy.
 pub(super) fn kuka_types() -> &'static Types {
     static KUKA: LazyLock<Types> = LazyLock::new(|| {
@@ -116,5 +164,9 @@ mod tests {
         let components = types.strucs.iter().flat_map(|struc| &struc.components);
         assert_eq!(components.filter(|component| component.kind == Type::Unknown).count(), 0);
         assert_eq!([types.size(types.own("E6POS")), types.size(types.own("STATE_T"))], [14, 65]);
+        assert!(
+            BY_NAME.is_sorted() && BY_NAME.iter().all(|name| types.find(name, &[]).is_none()),
+            "one place for each"
+        );
     }
 }

@@ -155,7 +155,7 @@ const EXECUTED: [(&str, Builtin); 32] = [
 
 /// By subject: EthernetKRL; messages (MsgLib); texts; arithmetic and poses; channels; signals, times and errors; motion
 /// parameters; sensors.
-const CHECKED: [&str; 121] = [
+const CHECKED: [&str; 123] = [
     "EKI_GETSTRING TEXT TEXT +TEXT : EKI_STATUS",
     "EKI_SETSTRING TEXT TEXT TEXT : EKI_STATUS",
     "EKI_GETBOOLARRAY TEXT TEXT +BOOL : EKI_STATUS",
@@ -212,6 +212,8 @@ const CHECKED: [&str; 121] = [
     "CWAIT BOOL",
     "SREAD TEXT =STATE_T =INT TEXT …",
     "SWRITE =TEXT =STATE_T +INT TEXT …",
+    "CAST_TO =TEXT INT * …",
+    "CAST_FROM TEXT INT * …",
     "MBX_REC INT =STOPMESS : INT",
     "IOCTL TEXT INT INT : INT",
     "REMOTECMD TEXT TEXT : BOOL",

@@ -165,7 +165,8 @@ fn what_a_routine_leaves_open_is_told() {
 #[test]
 fn the_version_decides_which_system_variables_there_are() {
     let file = parse("a.src", "DEF A( )\nIF $COULD_START_MOTION THEN\nENDIF\nEND");
-    let told = |kss: &str| analyse(std::slice::from_ref(&file), Some(kss.parse().expect("a version"))).problems.concat();
+    let told =
+        |kss: &str| analyse(std::slice::from_ref(&file), Some(kss.parse().expect("a version"))).problems.concat();
     assert_eq!(told("8.5"), []);
     assert_eq!(told("8.4")[0].message, "KSS 8.4 has no such variable (from 8.5 on)");
     let Analysis { problems, warnings, .. } = analyse(std::slice::from_ref(&file), None);

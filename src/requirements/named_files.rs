@@ -10,8 +10,8 @@ use crate::files::content_hash;
 use std::path::Path;
 
 /// What makes calibrations.
-pub const CALIBRATION_ADVICE: &str = "of config/cell.toml it is written by `panelprep demo`, of another simulated cell by \
-                                      `panelprep render`, of a real one by `panelprep calibrate`";
+pub const CALIBRATION_ADVICE: &str = "`panelprep demo` makes it for config/cell.toml, `panelprep render` for another simulated \
+                                      cell, `panelprep calibrate` for a real one";
 
 /// A file that a cell's file names, as its reader found it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -176,7 +176,7 @@ mod tests {
         let keys: Vec<&str> = missing.iter().map(|(key, _)| key.as_str()).collect();
         assert!(keys.len() >= 5 && keys.iter().all(|key| key.starts_with("calibration.")), "{keys:?}");
         let advised = missing.iter().filter(|(_, message)| message.contains("panelprep calibrate")).count();
-        assert_eq!((advised, missing[0].1.contains("which is not there; of config/cell.toml")), (1, true));
+        assert_eq!((advised, missing[0].1.contains("which is not there; `panelprep demo` makes it")), (1, true));
         let wrong = found(WHOLE, &|_| NamedFile::Text("wavelength = 3".to_owned()));
         assert_eq!(wrong.len(), missing.len(), "{wrong:?}");
         assert!(wrong[0].1.contains("scanner.toml:1: wavelength: unknown key"), "{wrong:?}");

@@ -183,7 +183,7 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     let ports = [cell.robot().command_port(), cell.robot().state_port()];
     let channels = [("CELLCMD.xml", CELLCMD, ports[0]), ("CELLSTAT.xml", CELLSTAT, ports[1])];
     let checks = channels.map(|(name, ours, port)| channel(folder, (name, ours), port)).to_vec();
-    let data = disk::read_text(&folder.join("cell_data.dat")).unwrap_or_default();
+    let data = disk::read_controller_text(&folder.join("cell_data.dat")).unwrap_or_default();
     let stated = data.split("CELL_PROGRAM_SUM=").nth(1).map(|rest| rest.lines().next().unwrap_or_default().trim());
     Programs { checks, sum: stated.and_then(|digits| digits.parse().ok()) }
 }
@@ -191,7 +191,7 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
 fn channel(folder: &Path, (name, ours): (&str, &str), port: u16) -> Check {
     let (file, title) = (folder.join(name), format!("{KUKA}: {name}"));
     let copy = format!("copy {name} of this program's config/kuka to the controller and make it read its I/O anew");
-    let text = match disk::read_text(&file) {
+    let text = match disk::read_controller_text(&file) {
         Ok(text) => text,
         Err(error) => return Check::wrong(title, error.to_string(), copy),
     };

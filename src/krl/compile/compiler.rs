@@ -2,7 +2,7 @@
 
 use crate::config::Problem;
 use crate::krl::code::{Cell, Location, Op};
-use crate::krl::kuka_types::kuka_types;
+use crate::krl::kuka_types::{is_known_by_name, kuka_types};
 use crate::krl::limits::{MEMORY_VALUES, REPORTS, STEPS};
 use crate::krl::program::Program;
 use crate::krl::syntax::File;
@@ -199,6 +199,9 @@ impl Compiler<'_> {
     pub(super) fn type_named(&mut self, name: &str) -> Type {
         if let Some(kind) = self.types.find(name, &self.scopes()) {
             return kind;
+        }
+        if is_known_by_name(name) {
+            return Type::Unknown;
         }
         self.warn_once(
             name,
