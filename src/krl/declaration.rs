@@ -1,5 +1,6 @@
 //! Reads declarations: variables, structures, enumerations, signals, and what is declared elsewhere.
 
+use super::compile::RESERVED;
 use super::expression::{Read, Reader, Unread};
 use super::lex::Token;
 use super::syntax::{Declaration, Declared, Expression, Item, Returned};
@@ -25,6 +26,14 @@ pub(super) fn is_declaration(tokens: &[Token]) -> bool {
         first if FOREIGN.contains(&first) => has_name,
         first => SIMPLE_TYPES.contains(&first) && has_name,
     }
+}
+
+/// `NAME NAME`, as a declaration that lacks its DECL: a type, then its first variable.
+pub(super) fn lacks_decl(tokens: &[Token]) -> bool {
+    let is_name =
+        |token: &Token| matches!(token, Token::Name(name) if RESERVED.binary_search(&name.as_str()).is_err());
+    let goes_on = |token: &Token| matches!(token, Token::Sign("=" | "[" | ","));
+    tokens.len() > 1 && tokens[..2].iter().all(is_name) && tokens.get(2).is_none_or(goes_on)
 }
 
 pub(super) fn declaration(reader: &mut Reader<'_>, line: usize) -> Read<Declaration> {

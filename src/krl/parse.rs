@@ -2,7 +2,7 @@
 //! reading finds all problems of a file and none of them causes another.
 
 use super::compile::RESERVED;
-use super::declaration::{declaration, is_declaration, returned};
+use super::declaration::{declaration, is_declaration, lacks_decl, returned};
 use super::expression::{Read, Reader, Unread};
 use super::lex::{Token, tokens};
 use super::limits::{FILE_BYTES, REPORTS};
@@ -213,7 +213,7 @@ impl Parser {
             self.report(line, &tokens, &first, unread);
             Head::default()
         });
-        let declarations = self.declarations();
+        let declarations = self.declarations(false);
         let end = if is_function { "ENDFCT" } else { "END" };
         self.depth = 0;
         let body = self.block(&[end]);
@@ -227,20 +227,32 @@ impl Parser {
         Some(Routine { name, line, end_line, global, returns, parameters, declarations, body })
     }
 
-    /// The declarations that come next.
-    fn declarations(&mut self) -> Vec<Declaration> {
+    /// The declarations that come next. Lines that may lack their DECL are declarations in a data list, and before another one.
+    fn declarations(&mut self, in_data: bool) -> Vec<Declaration> {
         let mut found = Vec::new();
-        while let Some((line, first)) = self.first_word() {
-            if !is_declaration(self.next_tokens()) {
-                break;
+        loop {
+            let lacks = |line: &&Line| !is_declaration(&line.tokens) && lacks_decl(&line.tokens);
+            let lacking = self.lines.iter().skip(self.at).take_while(lacks).count();
+            let goes_on = self.lines.get(self.at + lacking).is_some_and(|line| is_declaration(&line.tokens));
+            for _ in 0..lacking * usize::from(in_data || goes_on) {
+                let message = "DECL is missing: KUKA's manual leaves it out before simple types alone";
+                if let Some((line, first)) = self.first_word() {
+                    self.warn(line, &first, message.to_owned());
+                }
+                found.extend(self.declaration());
             }
-            let tokens = self.take_line();
-            match declaration(&mut Reader::new(&tokens), line) {
-                Ok(declaration) => found.push(declaration),
-                Err(unread) => self.report(line, &tokens, &first, unread),
+            if !goes_on {
+                return found;
             }
+            found.extend(self.declaration());
         }
-        found
+    }
+
+    fn declaration(&mut self) -> Option<Declaration> {
+        let (line, first) = self.first_word()?;
+        let tokens = self.take_line();
+        let read = declaration(&mut Reader::new(&tokens), line);
+        read.map_err(|unread| self.report(line, &tokens, &first, unread)).ok()
     }
 
     /// DEFDAT … ENDDAT, declarations and first values mixed.
@@ -254,7 +266,7 @@ impl Parser {
         let public = tokens.contains(&Token::Name("PUBLIC".to_owned()));
         let mut data = Data { line, name, public, declarations: Vec::new(), values: Vec::new() };
         loop {
-            data.declarations.extend(self.declarations());
+            data.declarations.extend(self.declarations(true));
             let Some((line, first)) = self.first_word() else {
                 let line = self.ends_at;
                 self.problem(line, "", "the file ends before ENDDAT");
