@@ -12,8 +12,8 @@ fn edited(file: &Path, edit: impl FnOnce(&mut DocumentMut)) {
 }
 
 /// The keys of the errors of all files.
-fn errors(told: &serde_json::Value) -> Vec<String> {
-    let files = told["files"].as_array().expect("files");
+fn errors(answer: &serde_json::Value) -> Vec<String> {
+    let files = answer["files"].as_array().expect("files");
     let all = files.iter().flat_map(|file| file["errors"].as_array().expect("errors"));
     all.map(|error| error["key"].as_str().expect("a key").to_owned()).collect()
 }
@@ -48,16 +48,16 @@ fn what_check_finds_incomplete_no_cycle_begins_with() {
         (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
     };
     assert_eq!(check().0, 0, "{}", check().1);
-    let (exit, told) = cycle();
-    assert!(exit == Some(2) && told.contains("`panelprep teach`"), "complete, and nothing was taught: {told}");
+    let (exit, answer) = cycle();
+    assert!(exit == Some(2) && answer.contains("`panelprep teach`"), "complete, and nothing was taught: {answer}");
 
     let kept = [&cell, &recipe].map(|file| fs::read_to_string(file).expect("there"));
     for key in ["path.feed_mm_s", "region.corners_px", "locate.box_max_mm"] {
         edited(&recipe, |recipe| spoil_recipe(recipe, key));
-        let (exit, told) = check();
-        assert_eq!((exit, errors(&told)), (1, vec![key.to_owned()]), "{told}");
-        let (exit, told) = cycle();
-        assert!(exit == Some(2) && told.contains("recipe.toml:") && told.contains(key), "{told}");
+        let (exit, answer) = check();
+        assert_eq!((exit, errors(&answer)), (1, vec![key.to_owned()]), "{answer}");
+        let (exit, answer) = cycle();
+        assert!(exit == Some(2) && answer.contains("recipe.toml:") && answer.contains(key), "{answer}");
         fs::write(&recipe, &kept[1]).expect("written");
     }
 
@@ -79,19 +79,19 @@ fn what_check_finds_incomplete_no_cycle_begins_with() {
                 Some(wrong) => fs::write(&file, wrong).expect("written"),
             }
             let key = format!("calibration.{key}");
-            let (exit, told) = check();
-            assert_eq!((exit, errors(&told)), (1, vec![key.clone()]), "{wrong:?} {told}");
-            let (exit, told) = cycle();
-            assert!(exit == Some(2) && told.contains(&key), "{told}");
+            let (exit, answer) = check();
+            assert_eq!((exit, errors(&answer)), (1, vec![key.clone()]), "{wrong:?} {answer}");
+            let (exit, answer) = cycle();
+            assert!(exit == Some(2) && answer.contains(&key), "{answer}");
             // Before the calibrations are made, a cell's file may be right; one that is there and wrong never is.
-            let (exit, told) = json(folder, "check cell/cell.toml");
-            assert_eq!(exit, i32::from(wrong.is_some()), "{told}");
-            assert_eq!(told["files"][0]["warnings"].as_array().map(Vec::len), Some(usize::from(wrong.is_none())));
-            let (exit, told) = json(folder, "doctor --cell cell/cell.toml");
-            let told = told["checks"].as_array().expect("checks").iter().filter(|check| check["ok"] == false);
-            let told =
-                told.filter(|check| check.to_string().contains(&*file.file_name().expect("it").to_string_lossy()));
-            assert_eq!((exit, told.count()), (1, 1), "{key}: once");
+            let (exit, answer) = json(folder, "check cell/cell.toml");
+            assert_eq!(exit, i32::from(wrong.is_some()), "{answer}");
+            assert_eq!(answer["files"][0]["warnings"].as_array().map(Vec::len), Some(usize::from(wrong.is_none())));
+            let (exit, answer) = json(folder, "doctor --cell cell/cell.toml");
+            let answer = answer["checks"].as_array().expect("checks").iter().filter(|check| check["ok"] == false);
+            let answer = answer
+                .filter(|check| check.to_string().contains(&*file.file_name().expect("it").to_string_lossy()));
+            assert_eq!((exit, answer.count()), (1, 1), "{key}: once");
         }
         fs::write(&file, text).expect("written");
     }

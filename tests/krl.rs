@@ -1,4 +1,4 @@
-//! Programs of other people: what `check` says of each, what hostile ones cost, and a corpus of real ones where there is one.
+//! Programs of other people: what `check` says of each, what hostile ones cost, and a corpus of real ones if there is one.
 
 use super::commands::panelprep;
 use super::fuzz::hostile_programs;
@@ -179,19 +179,19 @@ fn files_of_a_controller_are_read_in_any_encoding() {
         .flat_map(u16::to_le_bytes)
         .collect();
     std::fs::write(folder.join("WIDE.xml"), wide).expect("written");
-    let told = |file: &str| {
+    let checked = |file: &str| {
         let output = panelprep(folder, &format!("check {file}"));
         (output.status.code(), String::from_utf8(output.stdout).expect("UTF-8"))
     };
-    let (exit, text) = told("GBK.xml");
+    let (exit, text) = checked("GBK.xml");
     assert!(exit == Some(0) && text.contains("warning, line 2: encoding: is not UTF-8"), "{text}");
     for file in ["DECLARED.xml", "WIDE.xml"] {
-        let (exit, text) = told(file);
+        let (exit, text) = checked(file);
         assert!(exit == Some(0) && !text.contains("warning, line"), "{file}: {text}");
     }
     // A recipe in UTF-16 is one that no command reads.
     let recipe: Vec<u8> = "panel = 'door'\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
     std::fs::write(folder.join("door.toml"), [&[0xFF, 0xFE][..], &recipe].concat()).expect("written");
-    let (exit, text) = told("door.toml");
+    let (exit, text) = checked("door.toml");
     assert!(exit == Some(2) && text.contains("is UTF-16, as PowerShell's > writes it"), "{text}");
 }

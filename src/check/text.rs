@@ -1,6 +1,6 @@
 //! Decodes the bytes of a file to text: finds out which encoding it has.
 //!
-//! Files of the controller come in many encodings. Their structure is ASCII; what is not stands in comments and texts, so that
+//! Files of the controller come in many encodings. Their structure is ASCII; what is not is in comments and texts, so that
 //! no byte is a reason to refuse one. Files of ours are UTF-8, as every command reads them.
 
 use crate::config::Problem;

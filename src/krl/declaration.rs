@@ -147,6 +147,9 @@ fn dimensions(reader: &mut Reader<'_>) -> Read<Vec<Option<Expression>>> {
         if reader.takes_sign("]") {
             return Ok(dimensions);
         }
+        if dimensions.len() == 3 {
+            return Err("an array has three dimensions at most".into());
+        }
         reader.sign(",")?;
     }
 }

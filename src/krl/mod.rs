@@ -1,7 +1,7 @@
 //! KUKA's robot language: read, checked, and as far as the cell's programs use it made into steps that the mock controller
 //! executes. `panelprep check` uses the same reader for programs of other people.
 //!
-//! Three things are told apart. What is read and executed: the statements of the shipped programs. What is read and only
+//! Three things are kept apart. What is read and executed: the statements of the shipped programs. What is read and only
 //! checked, and stops an execution with its line: GOTO, circles, splines, relative motions, texts in variables, names that no
 //! file declares. What is not read: a warning with its line that begins with "not checked". README.md beside this file says
 //! where each rule comes from.

@@ -173,14 +173,14 @@ impl Parser {
         tokens
     }
 
-    /// Takes the next line if it begins with this word, which stands alone there.
+    /// Takes the next line if it begins with this word, which is alone there.
     pub(super) fn next_line_is(&mut self, word: &str) -> bool {
         let Some((line, first)) = self.first_word() else { return false };
         if first != word {
             return false;
         }
         if self.take_line().len() > 1 {
-            self.problem(line, word, format!("{word} stands alone on its line"));
+            self.problem(line, word, format!("{word} is to be alone on its line"));
         }
         true
     }

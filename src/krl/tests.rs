@@ -149,6 +149,7 @@ fn what_a_routine_leaves_open_is_told() {
         ("DEF A( )\nDECL INT WHILE\nEND", "2: WHILE: this is a word of KRL itself"),
         ("DEF A( )\nDECL INT I\nDECL REAL I\nEND", "3: I: this name is declared twice"),
         ("DEF A( )\nEND\nDEF A( )\nEND", "3: A: a routine of this name is defined already"),
+        ("DEF A( )\nDECL INT I[2,2,2,2]\nEND", "2: DECL: an array has three dimensions at most"),
         ("DEF A( )\nI=1", "2: : the file ends before END"),
         ("DEF A\nEND", "1: DEF: '(' is expected instead of the end of the line"),
     ] {

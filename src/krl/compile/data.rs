@@ -143,7 +143,7 @@ impl Compiler<'_> {
         let cells = self.types.cells(kind, dimensions);
         if cells > ARRAY_VALUES {
             let message =
-                format!("the array has {cells} values; limit {ARRAY_VALUES}: no controller has memory for more");
+                format!("the array has more than {ARRAY_VALUES} values: no controller has memory for them");
             self.problem(name, message);
         }
         let offset = self.program.memory.len();
