@@ -85,7 +85,7 @@ fn hostile_programs_are_answered() {
         let output = output.expect("it starts");
         let began_with = String::from_utf8_lossy(&text[..text.len().min(200)]).into_owned();
         assert!(matches!(output.status.code(), Some(0 | 1)), "{began_with}: {output:?}");
-        assert!(began.elapsed() < Duration::from_secs(10), "{began_with}: {:?}", began.elapsed());
+        assert!(began.elapsed() < Duration::from_secs(3), "{began_with}: {:?}", began.elapsed());
     }
 }
 

@@ -47,6 +47,8 @@ pub struct Struc {
     pub name: String,
     /// In order.
     pub components: Vec<Component>,
+    /// Where each is among them.
+    places: BTreeMap<String, usize>,
     /// Cells.
     pub size: usize,
     /// No file declares it: it is KUKA's own as far as it is known here, and may have more components.
@@ -56,7 +58,7 @@ pub struct Struc {
 impl Struc {
     /// The component of this name.
     pub(super) fn component(&self, name: &str) -> Option<&Component> {
-        self.components.iter().find(|component| component.name == name)
+        self.places.get(name).and_then(|place| self.components.get(*place))
     }
 }
 
@@ -144,14 +146,16 @@ impl Types {
     pub(super) fn add_struc(&mut self, scope: Scope, name: &str, components: Vec<NewComponent>) -> bool {
         let mut size = 0_usize;
         let mut placed = Vec::new();
+        let mut places = BTreeMap::new();
         for NewComponent { name, kind, dimensions } in components {
             let cells = self.cells(kind, &dimensions);
+            places.entry(name.clone()).or_insert(placed.len());
             placed.push(Component { name, kind, dimensions, offset: size });
             size = size.saturating_add(cells);
         }
         let kind = Type::Struc(self.strucs.len());
         let kuka = scope == Scope::Kuka;
-        self.strucs.push(Struc { name: name.to_owned(), components: placed, size, kuka });
+        self.strucs.push(Struc { name: name.to_owned(), components: placed, places, size, kuka });
         self.add(scope, name, kind)
     }
 

@@ -260,6 +260,8 @@ pub fn hostile_programs() -> Vec<Vec<u8>> {
         &list(&format!("STRUC t0 INT x\n{tower}DECL t39 big\nDECL t2 all[99]\n")),
         &list(&format!("STRUC wide INT {}\nDECL wide w\n{}", "x,".repeat(5_000) + "y", "w={y 1}\n".repeat(2_000))),
         &list(&format!("ENUM e {}\nDECL e v=#x\n", "x,".repeat(9_000) + "y")),
+        &body(&format!("STRUC wide INT {}\nDECL wide w\n{}", "x,".repeat(5_000) + "y", "w={y 1}\n".repeat(2_000))),
+        &format!("DEF a()\n{}END\nDEF b({}y)\nINT x,y\nEND\n", "b()\n".repeat(4_000), "x,".repeat(9_000)),
     ])
 }
 

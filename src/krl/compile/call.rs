@@ -36,8 +36,8 @@ impl Compiler<'_> {
     }
 
     fn call_routine(&mut self, call: &Call, index: usize) -> Option<Type> {
-        let signature = self.routines[index].clone();
-        let (given, wanted) = (call.arguments.len(), signature.arguments.len());
+        let signature = &self.routines[index];
+        let (given, wanted, returns) = (call.arguments.len(), signature.arguments.len(), signature.returns);
         if given > wanted {
             self.problem(&call.name, format!("{given} arguments are given, {wanted} are wanted"));
         }
@@ -45,13 +45,14 @@ impl Compiler<'_> {
             // The routine asks by VARSTATE what it was given.
             self.not_executed(&call.name);
         }
-        for (given, wanted) in call.arguments.iter().zip(&signature.arguments) {
-            if let Some(given) = given {
-                self.argument(&call.name, given, wanted);
+        for (place, given) in call.arguments.iter().enumerate() {
+            let Some(given) = given else { continue };
+            if let Some(wanted) = self.routines[index].arguments.get(place).cloned() {
+                self.argument(&call.name, given, &wanted);
             }
         }
         self.emit(Op::Call(cells_u32(index)));
-        signature.returns
+        returns
     }
 
     /// An argument of which nothing is known: a value, a variable, an array.

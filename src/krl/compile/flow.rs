@@ -60,7 +60,9 @@ pub(super) fn check(compiler: &mut Compiler<'_>, routine: &Routine, signature: &
             }
         }
     }
-    locals.retain(|name, _| signature.arguments.iter().all(|argument| argument.name != *name));
+    for argument in &signature.arguments {
+        locals.remove(argument.name.as_str());
+    }
     let mut flow = Flow { compiler, locals, reported: Set::default(), exits: Vec::new() };
     let ends = flow.block(&routine.body, Some(Set::default()));
     if ends.is_some() && signature.returns.is_some() {
@@ -236,12 +238,14 @@ impl Flow<'_, '_> {
 
     fn call(&mut self, call: &Call, now: &mut Set) {
         let routine = self.compiler.routine_seen(&call.name);
-        let own = routine.map(|place| self.compiler.routines[place].clone());
         let wants = known(&call.name).map(|known| &known.wants);
         for (index, argument) in call.arguments.iter().enumerate() {
             let Some(argument) = argument else { continue };
-            let is_written = match (&own, wants) {
-                (Some(routine), _) => routine.arguments.get(index).is_some_and(|argument| !argument.by_value),
+            let is_written = match (routine, wants) {
+                (Some(routine), _) => {
+                    let wanted = self.compiler.routines[routine].arguments.get(index);
+                    wanted.is_some_and(|wanted| !wanted.by_value)
+                }
                 (None, Some(wants)) => !matches!(wants.get(index), Some(Wants::Value(_) | Wants::Filled(_))),
                 (None, None) => true,
             };

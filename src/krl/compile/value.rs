@@ -3,7 +3,7 @@
 use super::super::code::{Cell, Op};
 use super::super::limits::AGGREGATE_VALUES;
 use super::super::syntax::{Expression, Step, Unary, VariableRef};
-use super::super::types::Type;
+use super::super::types::{Component, Type};
 use super::compiler::{Compiler, cells_u32};
 
 impl Compiler<'_> {
@@ -136,7 +136,7 @@ impl Compiler<'_> {
 
     fn aggregate(&mut self, type_name: Option<&str>, parts: &[(VariableRef, Expression)], wanted: Type) -> Type {
         let kind = type_name.map_or(wanted, |name| self.type_named(name));
-        let Some(struc) = self.types.struc(kind).cloned() else {
+        let Some(size) = self.types.struc(kind).map(|struc| struc.size.max(struc.components.len())) else {
             if kind != Type::Unknown {
                 let name = self.types.name(kind);
                 self.problem("{", format!("components are given where {name} is wanted"));
@@ -146,19 +146,27 @@ impl Compiler<'_> {
             });
             return self.unknown("components of a type that is not known");
         };
-        for (place, _) in parts {
-            if self.component_of(&place.name, kind, &place.name).is_none() || !place.steps.is_empty() {
-                self.not_executed("{…}");
-            }
-        }
-        if struc.size > AGGREGATE_VALUES {
+        let is_wide = size > AGGREGATE_VALUES;
+        if is_wide {
             self.not_executed("{…}");
         }
-        for component in &struc.components {
+        for (place, value) in parts {
+            let component = self.component_of(&place.name, kind, &place.name);
+            if component.is_none() || !place.steps.is_empty() {
+                self.not_executed("{…}");
+            }
+            if let Some(Component { kind, dimensions, .. }) = component.filter(|_| is_wide) {
+                self.part(place, value, kind, &dimensions);
+            }
+        }
+        if is_wide {
+            return kind;
+        }
+        let components = self.types.struc(kind).map(|struc| struc.components.clone()).unwrap_or_default();
+        for component in &components {
             let given = parts.iter().find(|(place, _)| place.name == component.name);
             match given {
                 Some((place, value)) => self.part(place, value, component.kind, &component.dimensions),
-                None if struc.size > AGGREGATE_VALUES => {}
                 None => {
                     for _ in 0..self.types.cells(component.kind, &component.dimensions) {
                         self.emit(Op::Push(Cell::Unset));
