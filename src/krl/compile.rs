@@ -23,7 +23,6 @@ use super::syntax::{Declared, File, Item, Routine};
 use super::system::Kss;
 use super::types::Type;
 use crate::config::Problem;
-pub use compiler::RESERVED;
 use compiler::{Argument, Compiler, Home, Signature, Variable, cells_u32};
 use std::collections::BTreeMap;
 

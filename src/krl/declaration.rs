@@ -1,8 +1,7 @@
 //! Reads declarations: variables, structures, enumerations, signals, and what is declared elsewhere.
 
-use super::compile::RESERVED;
 use super::expression::{Read, Reader, Unread};
-use super::lex::Token;
+use super::lex::{RESERVED, Token};
 use super::syntax::{Declaration, Declared, Expression, Item, Returned};
 
 /// Types that need no DECL before them.

@@ -34,7 +34,8 @@ mod tests;
 mod types;
 
 pub use code::{Address, Cell, Entry, LocalVariable, Location, Op, Shared, Space};
-pub use compile::{Analysis, RESERVED, analyse};
+pub use compile::{Analysis, analyse};
+pub use lex::RESERVED;
 pub use machine::{Caller, EkiAnswer, Host, INTERRUPT_DEPTH, Interpreter, Meaning, Memory, MotionRequest, Pause};
 pub use parse::parse;
 pub use program::Program;

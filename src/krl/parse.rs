@@ -1,10 +1,9 @@
 //! Reads a file: its routines or its data list. A line that cannot be read is reported and its block goes on, so that one
 //! reading finds all problems of a file and none of them causes another.
 
-use super::compile::RESERVED;
 use super::declaration::{declaration, is_declaration, lacks_decl, returned};
 use super::expression::{Read, Reader, Unread};
-use super::lex::{Token, tokens};
+use super::lex::{RESERVED, Token, tokens};
 use super::limits::{FILE_BYTES, REPORTS};
 use super::routines::is_of_ethernet_krl_6;
 use super::syntax::{Action, Data, Declaration, File, Parameter, Returned, Routine, Statement};

@@ -3,6 +3,7 @@
 use crate::config::Problem;
 use crate::krl::code::{Cell, Location, Op};
 use crate::krl::kuka_types::{is_known_by_name, kuka_types};
+use crate::krl::lex::RESERVED;
 use crate::krl::limits::{MEMORY_VALUES, REPORTS, STEPS};
 use crate::krl::program::Program;
 use crate::krl::syntax::File;
@@ -267,65 +268,3 @@ fn push(list: &mut Vec<Problem>, problem: Problem) {
 pub(super) fn cells_u32(count: usize) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX)
 }
-
-/// Words that no variable and no routine may be called.
-pub const RESERVED: [&str; 58] = [
-    "AND",
-    "BRAKE",
-    "B_AND",
-    "B_EXOR",
-    "B_NOT",
-    "B_OR",
-    "CASE",
-    "CHAR",
-    "CIRC",
-    "CONST",
-    "CONTINUE",
-    "DECL",
-    "DEF",
-    "DEFAULT",
-    "DEFDAT",
-    "DEFFCT",
-    "DELAY",
-    "DISTANCE",
-    "DO",
-    "ELSE",
-    "END",
-    "ENDDAT",
-    "ENDFCT",
-    "ENDFOR",
-    "ENDIF",
-    "ENDLOOP",
-    "ENDSWITCH",
-    "ENDWHILE",
-    "ENUM",
-    "EXIT",
-    "EXOR",
-    "EXT",
-    "EXTFCT",
-    "FALSE",
-    "FOR",
-    "GLOBAL",
-    "GOTO",
-    "HALT",
-    "IF",
-    "INTERRUPT",
-    "LIN",
-    "LOOP",
-    "NOT",
-    "OR",
-    "PTP",
-    "REPEAT",
-    "RESUME",
-    "RETURN",
-    "SIGNAL",
-    "STRUC",
-    "SWITCH",
-    "THEN",
-    "TRIGGER",
-    "TRUE",
-    "UNTIL",
-    "WAIT",
-    "WHEN",
-    "WHILE",
-];
