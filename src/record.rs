@@ -4,6 +4,7 @@
 //! the limit that it was held against, so that nobody has to look the limit up in a recipe that has changed since.
 //! Decides nothing.
 
+mod conclusion;
 mod contact;
 mod finding;
 mod part;
@@ -11,6 +12,7 @@ mod removed;
 mod requests;
 
 pub use crate::verdict::{Check, Limit, SetBy, Severity};
+pub use conclusion::{Disposition, conclude, dispositions, unearned};
 pub use contact::{
     Abraded, Bounds, Contact, ContactPath, EarlierPass, How, MotionRecord, Reached, Touched, abraded, passes,
 };
@@ -147,6 +149,29 @@ impl CycleRecord {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A record that holds this and nothing else.
+    pub fn record(judgement: Judgement, findings: Vec<Finding>, asked: Vec<RequestRecord>) -> CycleRecord {
+        CycleRecord {
+            id: CycleId(3),
+            started_unix_s: 1,
+            ended_unix_s: Some(2),
+            panel: "panel".to_owned(),
+            taught_version: String::new(),
+            recipe_hash: String::new(),
+            files: vec![],
+            program_version: String::new(),
+            judgement: Some(judgement),
+            budget: None,
+            findings,
+            motions: vec![],
+            asked_before: vec![],
+            asked,
+            clocks: [None, None],
+            recording: None,
+            events: 0,
+        }
+    }
 
     /// By hand: 3-4-12 is a Pythagorean box with diagonal 13; 13² + 84² = 85².
     #[test]

@@ -43,6 +43,8 @@ pub(super) struct Abrasion {
     removed: Option<RemovalMap>,
     /// Where the tool was in earlier cycles of this panel, or may have been.
     pub earlier: Vec<EarlierPass>,
+    /// The gate's word on what the last contact path did; `None` while it is under way, and before the first.
+    pub executed_grade: Option<Grade>,
 }
 
 impl Abrasion {
@@ -106,9 +108,10 @@ impl Abrasion {
         let kinematics = Kinematics::new(&cycle.cell.arm);
         let stand = cycle.tour().stand(&kinematics, panel);
         let surveyed = survey::survey((&cycle.panel, &fit), stand, &cycle.recipe, self.tool(cycle));
-        let own = grade(&surveyed.judgement);
         record.figure(&figure_alone(survey::drawn_surface(&fit.map)))?;
-        record.finding(&surveyed.finding(pass, &fit.deviation, (&cycle.panel, &cycle.recipe)))?;
+        let found_reach = surveyed.finding(pass, &fit.deviation, (&cycle.panel, &cycle.recipe));
+        let own = grade(&found_reach.judgement);
+        record.finding(&found_reach)?;
         record.budget(&Budget { fit_mm: Some(fit.deviation.p95_mm), ..Budget::default() })?;
         let both = if own == Grade::Accept { found } else { own };
         Ok(Answer::Graded(both))
@@ -169,7 +172,8 @@ impl Abrasion {
                 return Ok(Answer::Graded(Grade::Reject));
             }
         };
-        let grade = grade(&planned.judgement);
+        let finding = planned.finding(pass, &grids);
+        let grade = grade(&finding.judgement);
         if let Some(film) = &perception.film_picture {
             record.figure(&figure(planned.drawn(&cycle.panel, &view(cycle, film, place)), film))?;
         }
@@ -177,7 +181,6 @@ impl Abrasion {
             record.figure(&figure_alone(drawing))?;
         }
         let earlier = self.counted_before(&grids);
-        let finding = planned.finding(pass, &grids);
         record.finding(&match earlier.is_empty() {
             true => finding,
             false => finding.detail("abraded in earlier cycles, counted", earlier),
@@ -306,6 +309,7 @@ impl Abrasion {
         let drawn = abraded.drawn(&cycle.panel.region).into_iter().chain(abraded.drawn_removal(&cycle.panel));
         let figures = drawn.map(|drawing| Note::Figure(figure_alone(drawing)));
         let finding = abraded.finding(pass, self.most_passes);
+        self.executed_grade = Some(grade(&abrade::of_executed(&finding)));
         let notes = figures.chain([Note::Finding(finding)]).collect();
         (notes, abraded.swept_mm2)
     }

@@ -58,7 +58,7 @@ impl Told {
     pub fn of(command: &RecordCommand) -> Self {
         match command {
             RecordCommand::Event(event) => Told::Event(*event),
-            RecordCommand::Conclude(verdict) => Told::Verdict(*verdict),
+            RecordCommand::Conclude { verdict, .. } => Told::Verdict(*verdict),
             RecordCommand::Note(Note::Finding(_)) => Told::Finding,
             RecordCommand::Asked(_) => Told::Asked,
             RecordCommand::OpenIntent(motion) => Told::Open(*motion),

@@ -67,6 +67,7 @@ fn record(findings: Vec<Finding>) -> CycleRecord {
             who: Some(who),
             answer: Some(Answer::Done),
             reasons: vec![],
+            findings: Some(1),
         }],
         clocks: [None, None],
         recording: None,
