@@ -13,6 +13,7 @@
 use super::{Answer, CycleRecord, Finding, Kind, RequestRecord, Wanted};
 use crate::cycle::Request;
 use crate::verdict::{Judgement, Reason, Verdict};
+use crate::words::utc;
 
 /// Whether a finding counts for its cycle's verdict.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,6 +26,26 @@ pub enum Disposition<'a> {
     Decided(&'a RequestRecord),
     /// A film that failed, before an abrasion and a later film.
     Superseded,
+}
+
+impl Disposition<'_> {
+    /// What became of a finding that is not good, for a page: who decided, and when.
+    pub fn words(self) -> Option<String> {
+        let decided = |asked: &RequestRecord| {
+            let what = match asked.wanted {
+                Wanted::For(Request::Unhold { dried: true }) => "measured again on the dried panel",
+                Wanted::For(Request::Unhold { dried: false }) => "continued",
+                _ => "accepted",
+            };
+            let who = asked.who.as_ref().map_or("not recorded".to_owned(), ToString::to_string);
+            format!("{what} {}, by {who}", utc(asked.unix_ms.div_euclid(1_000)))
+        };
+        match self {
+            Disposition::Good | Disposition::Counts => None,
+            Disposition::Decided(asked) => Some(decided(asked)),
+            Disposition::Superseded => Some("superseded by a later film".to_owned()),
+        }
+    }
 }
 
 /// Whether each finding counts, in their order.
