@@ -43,6 +43,8 @@ pub(super) struct Abrasion {
     removed: Option<RemovalMap>,
     /// Where the tool was in earlier cycles of this panel, or may have been.
     pub earlier: Vec<EarlierPass>,
+    /// The cycle is an air-run.
+    pub is_air: bool,
     /// The gate's word on what the last contact path did; `None` while it is under way, and before the first.
     pub executed_grade: Option<Grade>,
 }
@@ -50,10 +52,10 @@ pub(super) struct Abrasion {
 impl Abrasion {
     /// What a later phase's result depends on, as text. The surface follows from what was taught.
     pub(super) fn inputs(&self) -> String {
-        let Abrasion { plan, touched, done, most_passes, worn_mm2, earlier, removed, .. } = self;
+        let Abrasion { plan, touched, done, most_passes, worn_mm2, earlier, removed, is_air, .. } = self;
         let removed_mm3 = removed.as_ref().map(RemovalMap::volume_mm3);
         let plan = plan.as_ref().map(|(number, _)| number);
-        format!("{plan:?} {touched:?} {done:?} {most_passes} {worn_mm2} {earlier:?} {removed_mm3:?}")
+        format!("{plan:?} {touched:?} {done:?} {most_passes} {worn_mm2} {earlier:?} {removed_mm3:?} {is_air}")
     }
 
     /// The same on the surface that another one knows.
@@ -263,7 +265,13 @@ impl Abrasion {
     fn tool(&self, cycle: &CycleSetup) -> ToolState {
         let removal = cycle.calibrations.removal;
         let stroke_mm = cycle.cell.tool.as_ref().map(|tool| tool.stroke_mm);
-        ToolState { error_mm: cycle.cell.limits.tool_error_mm(), worn_mm2: self.worn_mm2, removal, stroke_mm }
+        ToolState {
+            error_mm: cycle.cell.limits.tool_error_mm(),
+            worn_mm2: self.worn_mm2,
+            removal,
+            stroke_mm,
+            in_air: self.is_air,
+        }
     }
 
     /// Keeps a plan: its number, and its waypoints after the air point of the approach.

@@ -61,6 +61,7 @@ impl Running<'_> {
     /// Has it computed.
     fn compute(&mut self, id: Id, act: Act) -> Result<(), DaemonError> {
         self.abrasion.worn_mm2 = self.ports.record.disc_worn_mm2()?;
+        self.abrasion.is_air = self.state.job.air;
         if matches!(act, Act::Plan { .. }) {
             self.abrasion.earlier = self.ports.record.abraded_before()?;
         }

@@ -3,6 +3,7 @@
 mod compliant;
 mod contact;
 mod fake;
+mod grades;
 mod paths;
 mod recorded;
 mod serving;

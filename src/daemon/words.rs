@@ -112,8 +112,8 @@ pub(super) fn trouble(trouble: Trouble) -> Reason {
         }
         Trouble::Force => (
             "force",
-            "the compliant tool is not as it should be, so it was taken off the panel; the finding beside it says what, and `panelprep doctor` \
-             looks at it",
+            "the compliant tool is not as it should be, so the arm keeps it off the panel; the finding beside it says what, and `panelprep \
+             doctor` looks at it",
         ),
         Trouble::Starved => ("starved", "the robot ran out of waypoints"),
         Trouble::Slow => ("slow", "the robot is far behind its plan"),

@@ -289,6 +289,33 @@ mod tests {
         assert_eq!((judgement.verdict, judgement.reasons.len()), (Verdict::Reject, 1));
     }
 
+    /// The page prints "not allowed" beside a limit that is not kept. A gate that tolerates more than it prints, a number that was given
+    /// a limit and no consequence, and a consequence that was taken away: none of them leaves such a row on what is accepted.
+    #[test]
+    fn no_limit_is_broken_on_what_is_accepted() {
+        let over = || Check::new("overhang", "mm", 2.005).at_most(2.0, SetBy::recipe("path.edge_overhang_mm"));
+        let words = || "too far".to_owned();
+        let tolerated = over().broken(false, Severity::Review, "edge_overhang", words);
+        let freed = over().reviews("edge_overhang", words).without_consequence();
+        for check in [tolerated, freed] {
+            assert_eq!((check.is_kept(), check.limit, &check.set_by), (true, Limit::Unlimited, &None));
+            assert_eq!(Judgement::of_checks(&[check]).verdict, Verdict::Accept);
+        }
+        let kept = Check::new("overhang", "mm", 1.99).at_most(2.0, SetBy::Program).without_consequence();
+        assert_eq!(kept.limit, Limit::AtMost(2.0), "a limit that is kept stays beside its number");
+        // Nobody said what follows: a person looks.
+        for number in [2.005, f64::NAN] {
+            let unjudged = Check { value: Some(number), ..over() };
+            let judgement = Judgement::of_checks(&[unjudged.clone()]);
+            assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Review, "limit"));
+            let accepted = Judgement::of(vec![], vec![]);
+            assert_eq!(accepted.beside(&[unjudged]).verdict, Verdict::Review);
+        }
+        let judged = over().rejects("edge_overhang", words);
+        assert_eq!(Judgement::of_checks(&[over(), judged.clone()]).reasons.len(), 1, "that it is not kept is said");
+        assert_eq!(judged.at_worst(Severity::Review).severity, Severity::Review);
+    }
+
     /// An earlier program kept name, value, unit and limit alone.
     #[test]
     fn a_check_is_read_as_an_earlier_program_kept_it() {

@@ -148,8 +148,8 @@ fn the_page_names_part_criteria_deviations_and_who_accepted_them() {
     // Who accepted something before has not accepted this.
     let mut earlier = record(films());
     earlier.asked[0].findings = Some(0);
-    let deviations = rows(&self::sheet(&earlier, &[]), "Deviations");
-    assert_eq!(deviations[1], ["decision", "no person decided"]);
+    let sheet = self::sheet(&earlier, &[]);
+    assert_eq!(rows(&sheet, "Deviations")[1], ["decision", "no person decided"]);
 }
 
 /// A number that was not measured stands beside no limit; one beyond its limit differs from it.
