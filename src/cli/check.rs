@@ -1,12 +1,16 @@
 //! `panelprep check`: are these configuration files right, and what do they say?
 
-use super::args::{Check, PurposeName};
+use super::args::{Check, Common, PurposeName};
 use super::disk;
 use super::fault::{CALIBRATION_ADVICE, Fault};
+use super::load::{self, CellFiles};
 use super::outcome::Outcome;
+use super::teach::off_panel;
 use crate::cell::Cell;
 use crate::check::{FileReport, check_files_for, decode};
 use crate::config::{Problem, line_of_key};
+use crate::panel::OffPanel;
+use crate::recipe::Recipe;
 use crate::requirements::Purpose;
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
@@ -32,6 +36,9 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
         };
         let Some(mut report) = report else { continue };
         report.warnings.extend(calibrations_that_are_not_there(name, report.kind));
+        if report.problems.is_empty() {
+            report.warnings.extend(region_off_panel((name, text.as_deref().unwrap_or_default()), &texts));
+        }
         let warnings: Vec<String> = report.warnings.iter().map(warning).collect();
         let ok = report.problems.is_empty();
         lines.push(format!("{name}: {}", if ok { "ok" } else { "not right" }));
@@ -92,6 +99,26 @@ fn calibrations_that_are_not_there(name: &str, kind: Option<&str>) -> Vec<Proble
         (!file.exists()).then(|| Problem { line: line_of_key(&text, &key), key, message })
     };
     cell.iter().flat_map(|cell| cell.calibration().named()).filter_map(away).collect()
+}
+
+/// Where the region of a recipe is not panel, if the cell's file is checked with it and the panel was taught with this region.
+fn region_off_panel((name, text): (&str, &str), texts: &[(String, Result<String, String>)]) -> Vec<Problem> {
+    let Ok(recipe) = Recipe::check(name, text) else { return Vec::new() };
+    let is_cell = |(file, text): &&(String, Result<String, String>)| {
+        text.as_ref().is_ok_and(|text| Cell::check(file, text).is_ok())
+    };
+    let Some((cell, _)) = texts.iter().find(is_cell) else { return Vec::new() };
+    let common = Common { cell: cell.into(), store: None, json: false };
+    let taught = CellFiles::read(&common).and_then(|files| load::taught(&files, Path::new(name), &recipe));
+    // A panel that was not taught yet says nothing of the region.
+    let Ok(taught) = taught else { return Vec::new() };
+    let key = "region.corners_px";
+    let problem = |off: &OffPanel| Problem {
+        line: line_of_key(text, key),
+        key: key.to_owned(),
+        message: off.reason().message,
+    };
+    off_panel(&taught.panel, &recipe).iter().map(problem).collect()
 }
 
 fn warning(warning: &Problem) -> String {
