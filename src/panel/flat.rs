@@ -51,7 +51,7 @@ impl Default for Flat {
     }
 }
 
-/// The panel, taught with a region of 4 rows and 6 columns from (60, 45) to (240, 155) px.
+/// The panel, taught with a region of 4 rows and 6 columns from (60, 44.5) to (240, 155) px: rows 45 to 154.
 pub fn taught(flat: &Flat) -> TaughtPanel {
     let [columns, rows] = PANEL_PX;
     let is_panel = |column: usize, row: usize| {
@@ -80,12 +80,12 @@ pub fn taught(flat: &Flat) -> TaughtPanel {
         OrganizedCloud::new(CAMERA.width_px, CAMERA.height_px, points, vec![[80; 3]; count]).expect("counts");
     let right = flat.region_right_px;
     let outline = match flat.is_drawn {
-        true => "[panel]\noutline_px = [[50, 40], [250, 40], [250, 160], [50, 160]]\n",
+        true => "panel.outline_px = [[50, 40], [250, 40], [250, 160], [50, 160]]\n",
         false => "",
     };
     let text = format!(
-        "panel = \"p\"\n[region]\ncorners_px = [[60, 45], [{right:?}, 45], [{right:?}, 155], [60, 155]]\nrows = 4\n\
-         columns = 6\n[locate]\nbox_min_mm = [-400, -400, 600]\nbox_max_mm = [400, 400, 800]\n{outline}"
+        "panel.name = \"p\"\n{outline}[region]\ncorners_px = [[60, 44.5], [{right:?}, 44.5], [{right:?}, 155], [60, 155]]\nrows = 4\n\
+         columns = 6\n[locate]\nbox_min_mm = [-400, -400, 600]\nbox_max_mm = [400, 400, 800]\n"
     );
     let recipe = Recipe::check("test.toml", &text).unwrap_or_else(|e| panic!("{e}"));
     TaughtPanel::learn(&cloud, CAMERA, Rigid::claim(Isometry3::identity()), &recipe)
