@@ -12,7 +12,7 @@ mod removed;
 mod requests;
 
 pub use crate::verdict::{Check, Limit, SetBy, Severity};
-pub use conclusion::{Disposition, conclude, dispositions, unearned};
+pub use conclusion::{Disposition, conclude, dispositions};
 pub use contact::{
     Abraded, Bounds, Contact, ContactPath, EarlierPass, How, MotionRecord, Reached, Touched, abraded, passes,
 };
@@ -137,6 +137,12 @@ pub struct CycleRecord {
 }
 
 impl CycleRecord {
+    /// Findings that contradict the verdict `pass` or `accept` of this record, in words; none for another verdict.
+    pub fn unearned(&self) -> Vec<String> {
+        let verdict = self.judgement.as_ref().map(|judgement| judgement.verdict);
+        verdict.map_or(vec![], |verdict| conclusion::unearned(self.id, verdict, &self.findings, &self.asked))
+    }
+
     /// Whether it was asked for as a run in the air, or moved as one: its verdict is of the motions, not of the panel.
     pub fn is_air_run(&self) -> bool {
         let asked = |asked: &RequestRecord| {

@@ -10,7 +10,7 @@
 //!
 //! A request names how many findings it was decided upon ([`RequestRecord::findings`]), so that the order is on the record.
 
-use super::{Answer, CycleRecord, Finding, Kind, RequestRecord, Wanted};
+use super::{Answer, CycleId, Finding, Kind, RequestRecord, Wanted};
 use crate::cycle::Request;
 use crate::verdict::{Judgement, Reason, Verdict};
 use crate::words::utc;
@@ -106,11 +106,17 @@ pub fn conclude(ended: Verdict, findings: &[Finding], asked: &[RequestRecord], b
     Judgement { verdict, reasons }
 }
 
-/// Findings that contradict the verdict `pass` or `accept` of a record, in words; none for another verdict.
-pub fn unearned(record: &CycleRecord) -> Vec<String> {
-    let verdict = record.judgement.as_ref().map(|judgement| judgement.verdict);
-    let Some(verdict @ (Verdict::Pass | Verdict::Accept)) = verdict else { return Vec::new() };
-    let all = record.findings.iter().zip(dispositions(&record.findings, &record.asked)).enumerate();
+/// Findings that contradict the verdict `pass` or `accept` of this cycle, in words; none for another verdict.
+pub(super) fn unearned(
+    id: CycleId,
+    verdict: Verdict,
+    findings: &[Finding],
+    asked: &[RequestRecord],
+) -> Vec<String> {
+    if !matches!(verdict, Verdict::Pass | Verdict::Accept) {
+        return Vec::new();
+    }
+    let all = findings.iter().zip(dispositions(findings, asked)).enumerate();
     let counting = all.filter(|(_, (_, disposition))| *disposition == Disposition::Counts);
     let words = |(index, (finding, _)): (usize, (&Finding, Disposition<'_>))| {
         let found = finding.judgement.verdict;
@@ -126,7 +132,7 @@ pub fn unearned(record: &CycleRecord) -> Vec<String> {
         };
         format!(
             "cycle {} has the verdict {}, but its finding {} ({}, pass {}) is {what}: {}",
-            record.id,
+            id,
             verdict.word(),
             index + 1,
             finding.kind.word(),

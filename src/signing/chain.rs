@@ -3,7 +3,7 @@
 
 use super::key::PublicKey;
 use super::statement::{BEGIN, Said, SignedHead, Statement, hash};
-use crate::record::{self, CycleId};
+use crate::record::CycleId;
 use std::collections::BTreeMap;
 
 /// A statement with its signature, as it was found.
@@ -192,7 +192,7 @@ fn unearned(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
         let Said::Cycle(cycle) = &one.statement.says else { continue };
         match cycle.cycle_record() {
             Ok(record) => {
-                found.extend(record::unearned(&record).into_iter().map(|words| format!("{}: {words}", one.name)));
+                found.extend(record.unearned().into_iter().map(|words| format!("{}: {words}", one.name)));
             }
             Err(error) => {
                 found.push(format!("{}: its verdict cannot be held against its findings: {error}", one.name))

@@ -2,7 +2,7 @@
 
 use panelprep::cycle::{At, Event, Motion, Request, State};
 use panelprep::daemon::{Note, RecordAnswer, RecordCommand};
-use panelprep::record::{Answer, CycleId, CycleRecord, MotionRecord, Wanted, unearned};
+use panelprep::record::{Answer, CycleId, CycleRecord, MotionRecord, Wanted};
 use panelprep::report::cycle_page;
 use panelprep::store::{Store, StoreError};
 use panelprep::verdict::Verdict;
@@ -55,7 +55,7 @@ pub enum Told {
 
 /// No record has a verdict that is better than its worst finding: what a pass needs, said once more.
 fn earned(record: &CycleRecord) -> Result<(), String> {
-    if let Some(words) = unearned(record).first() {
+    if let Some(words) = record.unearned().first() {
         return Err(words.clone());
     }
     let Some(judgement) = record.judgement.as_ref().filter(|judgement| judgement.verdict == Verdict::Pass) else {

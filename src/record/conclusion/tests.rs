@@ -173,8 +173,8 @@ proptest! {
     fn a_pass_that_was_not_concluded_is_named(findings in findings(), requests in requests()) {
         let judgement = conclude(Verdict::Pass, &findings, &requests, &[]);
         let mut record = crate::record::tests::record(judgement.clone(), findings, requests);
-        prop_assert_eq!(unearned(&record), Vec::<String>::new());
+        prop_assert_eq!(record.unearned(), Vec::<String>::new());
         record.judgement = Some(Judgement { verdict: Verdict::Pass, reasons: vec![] });
-        prop_assert_eq!(unearned(&record).is_empty(), judgement.verdict == Verdict::Pass);
+        prop_assert_eq!(record.unearned().is_empty(), judgement.verdict == Verdict::Pass);
     }
 }
