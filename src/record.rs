@@ -4,6 +4,7 @@
 //! the limit that it was held against, so that nobody has to look the limit up in a recipe that has changed since.
 //! Decides nothing.
 
+mod conclusion;
 mod contact;
 mod finding;
 mod part;
@@ -11,6 +12,7 @@ mod removed;
 mod requests;
 
 pub use crate::verdict::{Check, Limit, SetBy, Severity};
+pub use conclusion::{Disposition, conclude, dispositions};
 pub use contact::{
     Abraded, Bounds, Contact, ContactPath, EarlierPass, How, MotionRecord, Reached, Touched, abraded, passes,
 };
@@ -135,6 +137,12 @@ pub struct CycleRecord {
 }
 
 impl CycleRecord {
+    /// Findings that contradict the verdict `pass` or `accept` of this record, in words; none for another verdict.
+    pub fn unearned(&self) -> Vec<String> {
+        let verdict = self.judgement.as_ref().map(|judgement| judgement.verdict);
+        verdict.map_or(vec![], |verdict| conclusion::unearned(self.id, verdict, &self.findings, &self.asked))
+    }
+
     /// Whether it was asked for as a run in the air, or moved as one: its verdict is of the motions, not of the panel.
     pub fn is_air_run(&self) -> bool {
         let asked = |asked: &RequestRecord| {
@@ -147,6 +155,29 @@ impl CycleRecord {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A record that holds this and nothing else.
+    pub fn record(judgement: Judgement, findings: Vec<Finding>, asked: Vec<RequestRecord>) -> CycleRecord {
+        CycleRecord {
+            id: CycleId(3),
+            started_unix_s: 1,
+            ended_unix_s: Some(2),
+            panel: "panel".to_owned(),
+            taught_version: String::new(),
+            recipe_hash: String::new(),
+            files: vec![],
+            program_version: String::new(),
+            judgement: Some(judgement),
+            budget: None,
+            findings,
+            motions: vec![],
+            asked_before: vec![],
+            asked,
+            clocks: [None, None],
+            recording: None,
+            events: 0,
+        }
+    }
 
     /// By hand: 3-4-12 is a Pythagorean box with diagonal 13; 13² + 84² = 85².
     #[test]

@@ -3,7 +3,7 @@
 use super::commands::json;
 use super::service::{Service, taught};
 use panelprep::cell::Cell;
-use panelprep::daemon::{PushParts, PushSender, PushStatus, RecordSource};
+use panelprep::daemon::{PushParts, PushSender, PushStatus, RecordPdf, RecordSource};
 use panelprep::record::CycleId;
 use panelprep::signing::CellKey;
 use panelprep::store::{CycleStart, PersonSigns, Store};
@@ -199,7 +199,7 @@ impl RecordSource for NoPages {
         Err("none".to_owned())
     }
 
-    fn pdf(&self, _: CycleId) -> Result<Option<Vec<u8>>, String> {
+    fn pdf(&self, _: CycleId) -> Result<Option<RecordPdf>, String> {
         Err("none".to_owned())
     }
 

@@ -25,13 +25,18 @@ fn shell(folder: &Path, line: &str) -> bool {
 }
 
 fn script_finds_it_whole(folder: &Path) -> (bool, String) {
+    script_on(folder, "records", "records/public-key.pem")
+}
+
+fn script_on(folder: &Path, records: &str, key: &str) -> (bool, String) {
     fs::write(folder.join("verify_record.py"), block("## Without this program", "python")).expect("written");
     let script = Command::new("python3")
-        .args(["verify_record.py", "records", "records/public-key.pem"])
+        .args(["verify_record.py", records, key])
         .current_dir(folder)
         .output()
         .expect("python3");
-    (script.status.success(), String::from_utf8_lossy(&script.stdout).into_owned())
+    let words = [script.stdout, script.stderr].concat();
+    (script.status.success(), String::from_utf8_lossy(&words).into_owned())
 }
 
 fn verify(folder: &Path, more: &str) -> (i32, Vec<String>) {
@@ -42,11 +47,154 @@ fn verify(folder: &Path, more: &str) -> (i32, Vec<String>) {
     (exit, found)
 }
 
-/// The script is as short as the manual says.
+/// An auditor reads the script before running it.
 #[test]
-fn the_manuals_script_has_thirty_lines() {
+fn the_manuals_script_is_read_in_a_minute() {
     let lines = block("## Without this program", "python").lines().filter(|line| !line.trim().is_empty()).count();
-    assert!(lines <= 30, "{lines} lines");
+    assert!(lines <= 65, "{lines} lines");
+}
+
+/// Both programs, on a folder that was exported and then changed; each names what is wrong, and ends with another code than 0.
+fn both_refuse(at: &Path, what: &str, change: &dyn Fn(&Path), [program, script]: [&str; 2]) {
+    let (records, whole) = (at.join("records"), at.join("whole"));
+    copied(&records, &whole);
+    change(&records);
+    let (exit, found) = verify(at, "");
+    assert!(exit == 1 && found.iter().any(|words| words.contains(program)), "{what}: {found:?}");
+    let (is_whole, words) = script_finds_it_whole(at);
+    assert!(!is_whole && words.contains(script), "{what}: {words}");
+    fs::remove_dir_all(&records).expect("removed");
+    fs::rename(&whole, &records).expect("as it was");
+}
+
+fn copied(from: &Path, to: &Path) {
+    assert!(Command::new("cp").arg("-r").args([from, to]).status().expect("cp").success());
+}
+
+/// Signs these bytes with the cell's own key, as who has copied it could.
+fn signed_by_the_cell(at: &Path, file: &Path, bytes: &[u8]) {
+    use panelprep::store::{KeyPlace, cell_key};
+    let key = cell_key(&at.join("cell/store"), &KeyPlace::InStore).expect("the key");
+    fs::write(file.with_extension("json"), bytes).expect("written");
+    fs::write(file.with_extension("sig"), key.sign(bytes)).expect("written");
+}
+
+/// What the manual's script let through before: each of these ends it with a line that names the problem.
+fn every_change_of_a_folder_is_refused(at: &Path) {
+    let flip = |file: &Path| {
+        let mut bytes = fs::read(file).expect("a file");
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+        fs::write(file, bytes).expect("changed");
+    };
+    let picture = |folder: &Path| {
+        let file = fs::read_dir(folder.join("files")).expect("files").next().expect("one").expect("read");
+        file.path()
+    };
+    let moved = |folder: &Path, from: &str, to: &str| {
+        for ending in ["json", "sig"] {
+            let [from, to] = [from, to].map(|stem| folder.join(format!("{stem}.{ending}")));
+            fs::rename(from, to).expect("moved");
+        }
+    };
+    both_refuse(
+        at,
+        "a PDF",
+        &|folder| flip(&folder.join("cycle-1.pdf")),
+        [
+            "cycle-1.pdf was changed: its SHA-256 is ",
+            "cycle-1.pdf is missing, was changed, or its signed page is missing",
+        ],
+    );
+    both_refuse(
+        at,
+        "its hash",
+        &|folder| flip(&folder.join("cycle-1-page.json")),
+        ["cycle-1-page.json was changed", "cycle-1-page.json was changed, or its signature is missing"],
+    );
+    let remove = |name: &'static str| move |folder: &Path| fs::remove_file(folder.join(name)).expect("removed");
+    both_refuse(at, "no PDF", &remove("cycle-1.pdf"), ["cycle-1.pdf is missing", "cycle-1.pdf is missing"]);
+    both_refuse(
+        at,
+        "no signed page",
+        &|folder| {
+            remove("cycle-1-page.json")(folder);
+            remove("cycle-1-page.sig")(folder);
+        },
+        ["cycle-1-page.json is missing", "its signed page is missing"],
+    );
+    both_refuse(
+        at,
+        "no record",
+        &remove("cycle-1.json"),
+        ["cycle-1.json is missing; its signature", "cycle-1.json is missing; its signature is there"],
+    );
+    both_refuse(at, "no signature", &remove("cycle-1.sig"), ["cycle-1.sig", "its signature is missing"]);
+    both_refuse(
+        at,
+        "no picture",
+        &|folder| fs::remove_file(picture(folder)).expect("removed"),
+        ["is missing", "is missing or was changed"],
+    );
+    both_refuse(at, "a picture", &|folder| flip(&picture(folder)), ["was changed", "is missing or was changed"]);
+    both_refuse(
+        at,
+        "another name",
+        &|folder| moved(folder, "cycle-1", "cycle-7"),
+        [
+            "cycle-7.json holds record number 1, of cycle 1: it was exchanged",
+            "cycle-7.json holds the record that was cycle-1.json",
+        ],
+    );
+    both_refuse(
+        at,
+        "a number twice",
+        &|folder| {
+            for ending in ["json", "sig"] {
+                let [one, other] = ["cycle-1", "cycle-9"].map(|stem| folder.join(format!("{stem}.{ending}")));
+                fs::copy(one, other).expect("copied");
+            }
+        },
+        ["are the same record", "both are record number 1"],
+    );
+    both_refuse(
+        at,
+        "another first link",
+        &|folder| {
+            let text = fs::read_to_string(folder.join("cycle-1.json")).expect("a record");
+            let zeros = format!("\"previous\":\"{}\"", "0".repeat(64));
+            let other = text.replacen(&zeros, &zeros.replace("00\"", "01\""), 1);
+            assert_ne!(text, other, "it names the one before it");
+            signed_by_the_cell(at, &folder.join("cycle-1"), other.as_bytes());
+        },
+        [
+            "does not follow from record number 0",
+            "cycle-1.json is the first record, and names another one before it",
+        ],
+    );
+    both_refuse(
+        at,
+        "a pass over a reject",
+        &|folder| {
+            let text = fs::read_to_string(folder.join("cycle-1.json")).expect("a record");
+            let at_abrasion = text.find("\"kind\":\"abrade\"").expect("it was abraded");
+            let accepted = "\"verdict\":\"accept\"";
+            // Canonical: the judgement stands before the kind.
+            let at_verdict = text[..at_abrasion].rfind("\"judgement\"").expect("judged");
+            let changed = text[at_verdict..].replacen(accepted, "\"verdict\":\"reject\"", 1);
+            signed_by_the_cell(at, &folder.join("cycle-1"), format!("{}{changed}", &text[..at_verdict]).as_bytes());
+        },
+        ["has the verdict pass, but its finding", "is not the signed page of the record cycle-1.json"],
+    );
+    for (folder, key) in [("empty", "records/public-key.pem"), ("not-there", "records/public-key.pem")] {
+        if folder == "empty" {
+            fs::create_dir_all(at.join(folder)).expect("made");
+        }
+        let (is_whole, words) = script_on(at, folder, key);
+        assert!(!is_whole && words.contains(&format!("{folder} has no signed record")), "{folder}: {words}");
+    }
+    let (is_whole, words) = script_on(at, "records", "no-key.pem");
+    assert!(!is_whole && words.contains("the key is a file"), "{words}");
 }
 
 #[test]
@@ -69,6 +217,7 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     let openssl = block("OpenSSL (3.0 or newer)", "");
     let records = at.join("records");
     assert!(shell(&records, &openssl), "{openssl}");
+    assert!(shell(&records, &openssl.replace("cycle-1.", "cycle-1-page.")), "the signed page likewise");
     assert_eq!(script_finds_it_whole(at), (true, "2 records are as they were signed\n".to_owned()));
     let (exit, told) = json(at, &format!("store verify {CELL}"));
     assert_eq!((exit, told["signatures"].as_i64()), (0, Some(2)), "{told}");
@@ -79,6 +228,12 @@ fn a_cycle_is_signed_exported_and_verified_by_three_programs() {
     let pdf = fs::read(records.join("cycle-1.pdf")).expect("the PDF");
     assert!(pdf.starts_with(b"%PDF-1.7") && pdf.windows(20).any(|part| part == b"<pdfaid:part>3</pdfa"), "PDF/A-3");
     preflight::accepts(&records.join("cycle-1.pdf"));
+
+    every_change_of_a_folder_is_refused(at);
+    // A file that is named alone is verified with what belongs to it.
+    let one = "record verify records/cycle-1.pdf --public-key records/public-key.pem";
+    let (exit, told) = json(at, one);
+    assert_eq!((exit, told["found"].as_array().map(Vec::len)), (0, Some(0)), "{told}");
 
     // One letter of the verdict; the same file as it was; and a picture.
     let file = records.join("cycle-1.json");

@@ -1,11 +1,16 @@
 //! `panelprep check`: are these configuration files right, and what do they say?
 
-use super::args::{Check, PurposeName};
+use super::args::{Check, Common, PurposeName};
 use super::disk;
 use super::fault::Fault;
+use super::load::{self, CellFiles};
 use super::outcome::Outcome;
+use super::teach::off_panel;
+use crate::cell::Cell;
 use crate::check::{CheckedFor, Decoded, FileReport, check_files_for, decode};
-use crate::config::Problem;
+use crate::config::{Problem, line_of_key};
+use crate::panel::OffPanel;
+use crate::recipe::Recipe;
 use crate::requirements::Purpose;
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
@@ -33,6 +38,9 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
         };
         let Some(mut report) = report else { continue };
         report.warnings.splice(0..0, decoded.iter().filter_map(|decoded| decoded.warning.clone()));
+        if let Some(decoded) = decoded.as_ref().ok().filter(|_| report.problems.is_empty()) {
+            report.warnings.extend(region_off_panel((name, &decoded.text), &texts));
+        }
         let warnings: Vec<String> = report.warnings.iter().map(warning).collect();
         let ok = report.problems.is_empty();
         lines.push(format!("{name}: {}", if ok { "ok" } else { "not right" }));
@@ -91,6 +99,26 @@ fn checked_for(args: &Check) -> CheckedFor<'_> {
 fn placed(Problem { line, key, message }: &Problem) -> String {
     let key = if key.is_empty() { String::new() } else { format!("{key}: ") };
     format!("line {line}: {key}{message}")
+}
+
+/// Where the region of a recipe is not panel, if the cell's file is checked with it and the panel was taught with this region.
+fn region_off_panel((name, text): (&str, &str), texts: &[(String, Result<Decoded, String>)]) -> Vec<Problem> {
+    let Ok(recipe) = Recipe::check(name, text) else { return Vec::new() };
+    let is_cell = |(file, decoded): &&(String, Result<Decoded, String>)| {
+        decoded.as_ref().is_ok_and(|decoded| Cell::check(file, &decoded.text).is_ok())
+    };
+    let Some((cell, _)) = texts.iter().find(is_cell) else { return Vec::new() };
+    let common = Common { cell: cell.into(), store: None, json: false };
+    let taught = CellFiles::read(&common).and_then(|files| load::taught(&files, Path::new(name), &recipe));
+    // A panel that was not taught yet says nothing of the region.
+    let Ok(taught) = taught else { return Vec::new() };
+    let key = "region.corners_px";
+    let problem = |off: &OffPanel| Problem {
+        line: line_of_key(text, key),
+        key: key.to_owned(),
+        message: off.reason().message,
+    };
+    off_panel(&taught.panel, &recipe).iter().map(problem).collect()
 }
 
 fn warning(warning: &Problem) -> String {

@@ -100,7 +100,8 @@ fn once(
         let mut store = files.settled_store()?;
         store.mount_disc().map_err(Fault::stage)?;
         let (wanted, who) = (Wanted::NewDisc, Some(whoever_runs_this()));
-        let asked = RequestRecord { unix_ms: 0, wanted, who, answer: Some(Answer::Done), reasons: vec![] };
+        let asked =
+            RequestRecord { unix_ms: 0, wanted, who, answer: Some(Answer::Done), reasons: vec![], findings: None };
         store.keep_request(&asked, None, None).map_err(Fault::stage)?;
     }
     // Before the pages, which show the signatures.
@@ -311,6 +312,7 @@ fn words(at: At) -> String {
             Phase::Verify => "verifying the corner before contact".to_owned(),
             Phase::Abrade => "abrading".to_owned(),
             Phase::Retract => "leaving the panel".to_owned(),
+            Phase::Assess { .. } => "grading what the tool did".to_owned(),
             Phase::Rinse => "rinsing".to_owned(),
         },
         At::Holding(hold) | At::Held(hold) => format!("{}: {}", at.word(), why(hold)),

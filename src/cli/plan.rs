@@ -61,7 +61,8 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let worn_mm2 = files.store()?.disc_worn_mm2().map_err(Fault::stage)?;
     let removal = files.removal()?.map(|(model, _)| model);
     let stroke_mm = files.cell.tool().compliant().map(|tool| tool.stroke_mm);
-    let tool = ToolState { error_mm: files.cell.limits().tool_error_mm(), worn_mm2, removal, stroke_mm };
+    let tool =
+        ToolState { error_mm: files.cell.limits().tool_error_mm(), worn_mm2, removal, stroke_mm, in_air: false };
     let plan = plan::lay(on, &grids, (&recipe, tool)).map_err(Fault::stage)?;
     let is_looked_at = !matches!(reach, Reach::Unknown);
     let mut stage = plan::judge(plan, on, reach, (&recipe, tool), (None, RemovedBefore::default()));

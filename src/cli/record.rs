@@ -9,11 +9,11 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::report::{self, Kept};
 use super::sheet;
-use crate::daemon::whoever_runs_this;
+use crate::daemon::{RecordPdf, whoever_runs_this};
 use crate::files::content_hash;
 use crate::record::CycleId;
 use crate::report::page::Figure;
-use crate::signing::{self, CellKey, Claim, Export, Meaning, PublicKey, Said, Signed, Statement};
+use crate::signing::{self, CellKey, Claim, Export, Meaning, PublicKey, Said, Signed, SignedPage, Statement};
 use crate::store::{self, KeyPlace, PersonSigns, SignatureRow, Store};
 use crate::verdict::{Judgement, Reason, Verdict};
 use crate::words::utc;
@@ -125,12 +125,14 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
     let all = all.collect::<Result<Vec<_>, Fault>>()?;
     let mut written = Vec::new();
     for (cycle, rows) in all {
-        if let Some(row) = rows.iter().find(|row| !row.is_of_person) {
-            let file = args.out.join(format!("{}.pdf", signing::cycle_stem(cycle)));
-            let kept = Kept::read(&store, cycle)?;
-            let figures: Vec<Figure> = kept.figures().collect();
-            disk::write(&file, sheet::document(&store, (&kept.record, &figures), row)?)?;
-            written.push(file);
+        if let Some(RecordPdf { pdf, page, signature }) = signed_pdf(&store, &key, &rows)? {
+            let stem = signing::page_stem(cycle);
+            let names = [signing::pdf_name(cycle), format!("{stem}.json"), format!("{stem}.sig")];
+            for (name, bytes) in names.into_iter().zip([pdf, page, signature]) {
+                let file = args.out.join(name);
+                disk::write(&file, bytes)?;
+                written.push(file);
+            }
         }
         for row in rows {
             written.extend(export_row(&store, &row, &args.out)?);
@@ -149,6 +151,20 @@ fn export(args: &ExportRecord, common: &Common) -> Result<Outcome, Fault> {
     outcome.put("files", json!(written));
     outcome.put("public_key", json!(key.public().hex()));
     Ok(outcome)
+}
+
+/// The page of a cycle as PDF with what the cell signs of it, by all signatures of that cycle; `None` where the cell has not signed it.
+///
+/// # Errors
+/// Where the store no longer has the signed record whole, or the PDF cannot be written.
+pub fn signed_pdf(store: &Store, key: &CellKey, rows: &[SignatureRow]) -> Result<Option<RecordPdf>, Fault> {
+    let (Some(row), Some(last)) = (rows.iter().find(|row| !row.is_of_person), rows.last()) else { return Ok(None) };
+    let kept = Kept::read(store, row.cycle)?;
+    let figures: Vec<Figure> = kept.figures().collect();
+    let pdf = sheet::document(store, (&kept.record, &figures), row)?;
+    let shows = (row.cycle, row.record_hash.as_str(), last.number);
+    let (page, signature) = SignedPage::sign(&pdf, shows, last.unix_ms, key).map_err(Fault::stage)?;
+    Ok(Some(RecordPdf { pdf, page, signature }))
 }
 
 /// What was signed of a cycle; one that is over and was not signed yet is signed now.
@@ -312,7 +328,7 @@ fn read_export(path: &Path, export: &mut Export) -> Result<(), Fault> {
     }
     let is_folder = path.is_dir();
     let folder = if is_folder { path } else { path.parent().unwrap_or(Path::new("")) };
-    let named = if is_folder { listed(path)? } else { vec![path.to_owned(), path.with_extension("sig")] };
+    let named = if is_folder { listed(path)? } else { with_what_belongs_to_it(path) };
     for file in named {
         let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
         let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
@@ -321,6 +337,8 @@ fn read_export(path: &Path, export: &mut Export) -> Result<(), Fault> {
         let is_there = is_folder || ending == "json" || file.exists();
         if ["json", "sig"].contains(&ending) && !is_head && is_there {
             export.statements.insert(name, disk::read(&file)?);
+        } else if ending == "pdf" {
+            export.pdfs.insert(name, content_hash(&disk::read(&file)?));
         }
     }
     let files = folder.join(FILES);
@@ -332,6 +350,19 @@ fn read_export(path: &Path, export: &mut Export) -> Result<(), Fault> {
         }
     }
     Ok(())
+}
+
+/// A file of an export that is named by itself, with what it is verified by: the signature, and of a record or its PDF both and the
+/// signed page, where there is a PDF.
+fn with_what_belongs_to_it(file: &Path) -> Vec<PathBuf> {
+    let (record, pdf) = (file.with_extension("json"), file.with_extension("pdf"));
+    let mut all = vec![record.clone(), record.with_extension("sig")];
+    if let (Some(stem), true) = (file.file_stem().map(|stem| stem.to_string_lossy().into_owned()), pdf.exists()) {
+        let page = file.with_file_name(format!("{stem}-page.json"));
+        all.extend([page.clone(), page.with_extension("sig")].into_iter().filter(|file| file.exists()));
+        all.push(pdf);
+    }
+    all
 }
 
 fn listed(folder: &Path) -> Result<Vec<PathBuf>, Fault> {

@@ -1,9 +1,10 @@
 //! The pages of cycles and their signatures, for the operator's page.
 
+use super::fault::Fault;
 use super::load::CellFiles;
 use super::report::{self, Kept};
-use super::{disk, record, sheet};
-use crate::daemon::RecordSource;
+use super::{disk, record};
+use crate::daemon::{RecordPdf, RecordSource};
 use crate::record::CycleId;
 use crate::store::PersonSigns;
 use std::sync::Arc;
@@ -23,16 +24,13 @@ impl RecordSource for StoreRecords {
         made.map(|kept| kept.html(None, vec![])).map_err(|fault| fault.to_string())
     }
 
-    fn pdf(&self, cycle: CycleId) -> Result<Option<Vec<u8>>, String> {
-        let store = self.0.store().map_err(|fault| fault.to_string())?;
-        let rows = store.signatures_of(cycle).map_err(|error| error.to_string())?;
-        let Some(row) = rows.iter().find(|row| !row.is_of_person) else { return Ok(None) };
-        let kept = Kept::read(&store, cycle);
-        let pdf = kept.and_then(|kept| {
-            let figures: Vec<_> = kept.figures().collect();
-            sheet::document(&store, (&kept.record, &figures), row)
-        });
-        pdf.map(Some).map_err(|fault| fault.to_string())
+    fn pdf(&self, cycle: CycleId) -> Result<Option<RecordPdf>, String> {
+        let made = || {
+            let (store, key) = (self.0.store()?, record::key(&self.0)?);
+            let rows = store.signatures_of(cycle).map_err(Fault::stage)?;
+            record::signed_pdf(&store, &key, &rows)
+        };
+        made().map_err(|fault| fault.to_string())
     }
 
     fn sign(&self, signs: &PersonSigns) -> Result<u64, String> {

@@ -12,7 +12,7 @@ use crate::files;
 use crate::geometry::{Camera, OrganizedCloud, Pixel, Point};
 use crate::inspect::{Demands, Footprint, too_coarse};
 use crate::locate::{self, gate};
-use crate::panel::LearnError;
+use crate::panel::{LearnError, OffPanel, TaughtPanel};
 use crate::recipe::Recipe;
 use crate::report::{self, View};
 use crate::store::{TaughtCorner, Teaching};
@@ -53,13 +53,24 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let min_break_mm2 = Demands::of(&recipe, cell_files.cell.limits()).min_break_mm2;
     let limit_mm2 = Footprint::taught_detection_limit_mm2(&taught.panel, recipe.inspect()).map_err(Fault::stage)?;
     taught.version = cell_files.store_for_writing()?.teach(&teaching).map_err(Fault::stage)?;
-    let review: Vec<Reason> = too_coarse(limit_mm2, min_break_mm2).into_iter().collect();
+    let off_panel = off_panel(&taught.panel, &recipe);
+    let off = off_panel.iter().map(OffPanel::reason);
+    let review: Vec<Reason> = off.chain(too_coarse(limit_mm2, min_break_mm2)).collect();
     let mut outcome = outcome(&taught, recipe.panel(), &Judgement::of(vec![], review));
     outcome.say(format!(
         "the smallest break of a film that is surely found on it: {limit_mm2:.1} mm²; a grid fails from {min_break_mm2:.1} mm²"
     ));
     outcome.put("detection_limit_mm2", json!(limit_mm2));
     outcome.put("min_break_mm2", json!(min_break_mm2));
+    let off_panel: Vec<_> = off_panel
+        .iter()
+        .map(|off| {
+            let (at_px, grids) =
+                ([off.at.u, off.at.v], off.grids.iter().map(ToString::to_string).collect::<Vec<_>>());
+            json!({"code": off.reason().code, "size_mm": off.size_mm, "at_px": at_px, "grids": grids})
+        })
+        .collect();
+    outcome.put("region_off_panel", json!(off_panel));
     let view = locate::View {
         scan: &scan,
         camera: &scanner.value,
@@ -72,6 +83,11 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     }
     outcome.put("warnings", json!(warnings));
     Ok(outcome)
+}
+
+/// The parts of the recipe's region that are not panel.
+pub fn off_panel(panel: &TaughtPanel, recipe: &Recipe) -> Vec<OffPanel> {
+    panel.region_off_panel(recipe.surface().max_hole_mm(), &recipe.inspect().masked_px())
 }
 
 /// The files that are given, as the store keeps them.

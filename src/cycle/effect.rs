@@ -89,6 +89,8 @@ pub enum Act {
     DryPicture,
     /// Watch the film and judge it. `Filmed`.
     Film,
+    /// The grade of what the last contact path did, by the poses that the robot reported. `Graded`.
+    Assess,
     /// Plan a path over what this pass must still abrade. `Planned`, `PlannedForReview`, or `Graded` with reject.
     Plan {
         /// Which pass, from 1; 0 is an air-run, over all grids.

@@ -44,6 +44,7 @@ impl Turn {
                     Aim::Do(Act::Move(state.motion(if self.is_air() { Path::Air } else { Path::Contact })))
                 }
                 (Phase::Retract, _) => Aim::Do(Act::Move(state.motion(Path::Retract))),
+                (Phase::Assess { .. }, _) => Aim::Do(Act::Assess),
             },
         }
     }
@@ -103,6 +104,7 @@ impl Turn {
                 self.graded(Grade::Review, Phase::Verify);
             }
             (Act::Plan { .. }, R::Graded(Grade::Reject)) => self.graded(Grade::Reject, Phase::Verify),
+            (Act::Assess, R::Graded(grade)) => self.assessed(grade),
             (Act::Verify { view }, R::LookOn) if self.is_last(view) => self.verified(Grade::Reject),
             (Act::Verify { view }, R::LookOn) => self.state.job.verified = view.saturating_add(1),
             (Act::Verify { .. }, R::Graded(grade)) => self.verified(grade),
@@ -156,7 +158,9 @@ impl Turn {
             (At::Execute(Phase::Retract), Path::Retract) if self.is_air() => {
                 self.state.at = At::Completing { verdict: Verdict::Pass };
             }
-            (At::Execute(Phase::Retract), Path::Retract) => self.state.at = At::Execute(Phase::Rinse),
+            (At::Execute(Phase::Retract), Path::Retract) => {
+                self.state.at = At::Execute(self.after_contact(false, Phase::Rinse));
+            }
             _ => {}
         }
     }
@@ -195,15 +199,32 @@ impl Turn {
 
     /// On to the next phase, to a person, or to the end.
     fn graded(&mut self, grade: Grade, next: Phase) {
+        self.graded_in(grade, (next, next));
+    }
+
+    /// The same, where the phase in which the cycle is held is not the next one.
+    fn graded_in(&mut self, grade: Grade, (next, held): (Phase, Phase)) {
         self.state.at = match grade {
             Grade::Review if self.rules.keep(Rule::ReviewHolds) => {
-                // Whoever looks takes his time.
+                // A review may take arbitrarily long.
                 self.facts().token = None;
-                At::Holding(Hold { why: Why::Review, resume: next })
+                At::Holding(Hold { why: Why::Review, resume: held })
             }
             Grade::Reject if self.rules.keep(Rule::RejectEnds) => At::Completing { verdict: Verdict::Reject },
             _ => At::Execute(next),
         };
+    }
+
+    /// What follows a contact path: its grade, and only then what would follow without one.
+    fn after_contact(&self, left: bool, otherwise: Phase) -> Phase {
+        if self.rules.keep(Rule::AssessFirst) { Phase::Assess { left } } else { otherwise }
+    }
+
+    fn assessed(&mut self, grade: Grade) {
+        match self.state.at {
+            At::Execute(phase @ Phase::Assess { .. }) => self.graded_in(grade, (phase.accepted(), phase)),
+            _ => self.abort(Cause::Trouble(Trouble::Unexpected)),
+        }
     }
 
     fn refined(&mut self, grade: Grade) {
@@ -255,13 +276,16 @@ impl Turn {
         self.state.due = None;
         self.state.job.verified = 0;
         self.facts().token = None;
+        let in_contact = self.state.intent.is_some_and(|intent| intent.motion.path == Path::Contact);
         let resume = match phase {
+            Phase::Abrade if in_contact => self.after_contact(true, Phase::Plan),
             Phase::Locate | Phase::Refine { .. } => Phase::Locate,
             Phase::Dry => Phase::Dry,
             Phase::Wet | Phase::Inspect => Phase::Wet,
             Phase::Plan | Phase::Verify | Phase::Abrade => Phase::Plan,
             Phase::Retract | Phase::Rinse if self.is_air() => Phase::Plan,
-            Phase::Retract | Phase::Rinse => Phase::Rinse,
+            Phase::Retract => self.after_contact(false, Phase::Rinse),
+            Phase::Assess { .. } | Phase::Rinse => phase,
         };
         self.state.at = At::Holding(Hold { why, resume });
     }
@@ -269,9 +293,13 @@ impl Turn {
     /// Goes on through Verify, or on a dried panel through a new localization.
     pub fn unhold(&mut self, hold: Hold, dried: bool) {
         let undried = hold.why == Why::NotVerified && !self.rules.keep(Rule::DriedFirst);
-        if dried || undried {
+        if hold.is_of_contact() && self.rules.keep(Rule::ContactStays) {
+            self.refuse(Request::Unhold { dried }, Refusal::Review);
+        } else if dried || undried {
             match hold.resume {
-                Phase::Wet | Phase::Plan | Phase::Rinse => self.state.job.after_dry = hold.resume,
+                Phase::Wet | Phase::Plan | Phase::Rinse | Phase::Assess { .. } => {
+                    self.state.job.after_dry = hold.resume;
+                }
                 // A path that nobody accepted is planned again.
                 Phase::Verify => self.state.job.after_dry = Phase::Plan,
                 _ => {}

@@ -172,7 +172,9 @@ impl Facts {
                 self.arm = None;
                 self.touching |= motion.path == Path::Contact;
             }
-            Act::OpenEpoch { .. } | Act::EndEpoch { .. } => self.epoch = Epoch::Changing,
+            Act::OpenEpoch { .. } => self.epoch = Epoch::Changing,
+            // Its outputs go off before it is answered.
+            Act::EndEpoch { .. } => self.end_epoch(Epoch::Changing),
             Act::SetFrames(_) => self.frames = None,
             Act::Switch(switch) => match switch {
                 Switch::ToolOn => (self.tool, self.tool_may_run) = (Tool::Unknown, true),

@@ -42,7 +42,12 @@ pub(super) fn needs(act: Act) -> Vec<Row> {
     let corner = |view| (R::AtView, N::At(Path::Corner { view }));
     let (epoch, token) = ((R::Epoch, N::Epoch), (R::Token, N::Token));
     match act {
-        Act::Stand | Act::SelfTest | Act::OpenEpoch { .. } | Act::EndEpoch { .. } | Act::Plan { .. } => vec![],
+        Act::Stand
+        | Act::SelfTest
+        | Act::OpenEpoch { .. }
+        | Act::EndEpoch { .. }
+        | Act::Plan { .. }
+        | Act::Assess => vec![],
         Act::Locate => vec![dry_air, parked, dark, clear],
         Act::DryPicture => vec![dry_air, parked, lit, clear],
         Act::Film => vec![dry_air, parked, lit, clear],

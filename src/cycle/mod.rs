@@ -9,7 +9,7 @@
 //!
 //! ```text
 //! Locate → Refine → Dry → Wet → Inspect ─┬─ no break → Complete (pass)
-//!  (3D)   (corner)                       └─ breaks → Plan → Verify → Abrade → Retract → Rinse → Wet → Inspect …
+//!  (3D)   (corner)                       └─ breaks → Plan → Verify → Abrade → Retract → Assess → Rinse → Wet → …
 //! ```
 //!
 //! What it never does. It has no clock: [`Effect::Arm`] asks for a deadline, [`Report::Deadline`] says it is over. It

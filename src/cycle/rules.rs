@@ -87,6 +87,10 @@ pub(super) enum Rule {
     DryPicture,
     /// Verify just before each contact.
     VerifyFirst,
+    /// Nothing follows a contact path before what it did is graded.
+    AssessFirst,
+    /// A new localization does not replace the review of what a contact path did.
+    ContactStays,
     /// Contact ends when the localization is too old.
     TokenInContact,
     /// A hold is left through Verify.

@@ -145,6 +145,11 @@ pub enum Phase {
     Abrade,
     /// Tool off in air, clear of the panel.
     Retract,
+    /// What the contact path did is graded. Nothing is done to the panel before that.
+    Assess {
+        /// The path was cut short, so that a rest of it is left to plan.
+        left: bool,
+    },
     /// The dust is washed off.
     Rinse,
 }
@@ -153,6 +158,15 @@ impl Phase {
     /// The word that users script against.
     pub fn word(self) -> &'static str {
         self.into()
+    }
+
+    /// Where the cycle goes on once a person has accepted the result of this phase.
+    pub(super) fn accepted(self) -> Phase {
+        match self {
+            Phase::Assess { left: true } => Phase::Plan,
+            Phase::Assess { left: false } => Phase::Rinse,
+            other => other,
+        }
     }
 }
 
@@ -163,6 +177,13 @@ pub struct Hold {
     pub why: Why,
     /// Where the cycle goes on; a path that was left is planned again.
     pub resume: Phase,
+}
+
+impl Hold {
+    /// What a contact path did waits for a person. No new measurement of the panel replaces that result.
+    pub fn is_of_contact(self) -> bool {
+        matches!(self, Hold { why: Why::Review, resume: Phase::Assess { .. } })
+    }
 }
 
 /// Why a cycle is held.
@@ -199,6 +220,20 @@ pub enum Cause {
     StoreChanged,
     /// The program ended while tool or water was on.
     OutputsOn,
+}
+
+impl Cause {
+    /// The cause of an abort under way in which the robot comes to this condition. An emergency stop outranks all but a store that
+    /// was changed; another condition outranks a trouble, which it may have brought about: a command is refused since the drives are off.
+    pub(super) fn or(self, robot: Robot) -> Cause {
+        let by_robot = Cause::Robot(robot);
+        match (self, robot) {
+            (_, Robot::Ready | Robot::Unknown) | (Cause::StoreChanged, _) => self,
+            (_, Robot::EmergencyStop) => by_robot,
+            (Cause::Trouble(_) | Cause::StopTimedOut, _) => by_robot,
+            _ => self,
+        }
+    }
 }
 
 /// One cycle's limits and counts.

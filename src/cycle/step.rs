@@ -45,7 +45,7 @@ impl Turn {
             (At::Held(hold), Q::Unhold { dried }) if ready => self.unhold(hold, dried),
             // A person looked at the result and stands at the panel: no Verify before the next phase.
             (At::Held(Hold { why: Why::Review, resume }), Q::Accept) if ready => {
-                self.state.at = At::Unholding { resume, verify: false };
+                self.state.at = At::Unholding { resume: resume.accepted(), verify: false };
             }
             (At::Aborted { cause }, Q::Clear) if ready => {
                 self.state.facts.standing = false;
@@ -143,8 +143,13 @@ impl Turn {
             // Nothing moves, and a person opens the guard to dry the panel or to mend the trouble.
             At::Held(_) if !matches!(robot, Robot::EmergencyStop | Robot::Restarted) => {}
             // Nobody is left to answer the abort frame. Its intent stays open until the robot was asked.
-            At::Aborting { cause } if gone => self.aborted(cause),
-            At::Aborting { .. } => {}
+            At::Aborting { cause } => {
+                let cause = cause.or(robot);
+                self.state.at = At::Aborting { cause };
+                if gone {
+                    self.aborted(cause);
+                }
+            }
             At::Clearing { .. } => self.aborted(Cause::Robot(robot)),
             _ if !self.rules.keep(Rule::ConditionAborts) => {}
             _ => self.abort(Cause::Robot(robot)),
@@ -219,16 +224,16 @@ impl Turn {
 
     /// Everything changes at once: the abort frame goes out, whatever was under way.
     pub fn abort(&mut self, cause: Cause) {
-        self.conclude(Verdict::Aborted);
-        self.state.due = None;
+        (self.state.due, self.state.facts.token) = (None, None);
         self.state.at = At::Aborting { cause };
         if !self.rules.keep(Rule::AbortIsSent) {
             self.aborted(cause);
         }
     }
 
-    /// The end of an abort, known or not.
+    /// The end of an abort, known or not. The cycle is concluded here: what the robot reports until it stands is part of it.
     pub fn aborted(&mut self, cause: Cause) {
+        self.conclude(Verdict::Aborted);
         self.state.due = None;
         self.state.at = At::Aborted { cause };
     }

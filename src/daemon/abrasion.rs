@@ -43,15 +43,19 @@ pub(super) struct Abrasion {
     removed: Option<RemovalMap>,
     /// Where the tool was in earlier cycles of this panel, or may have been.
     pub earlier: Vec<EarlierPass>,
+    /// The cycle is an air-run.
+    pub is_air: bool,
+    /// The gate's word on what the last contact path did; `None` while it is under way, and before the first.
+    pub executed_grade: Option<Grade>,
 }
 
 impl Abrasion {
     /// What a later phase's result depends on, as text. The surface follows from what was taught.
     pub(super) fn inputs(&self) -> String {
-        let Abrasion { plan, touched, done, most_passes, worn_mm2, earlier, removed, .. } = self;
+        let Abrasion { plan, touched, done, most_passes, worn_mm2, earlier, removed, is_air, .. } = self;
         let removed_mm3 = removed.as_ref().map(RemovalMap::volume_mm3);
         let plan = plan.as_ref().map(|(number, _)| number);
-        format!("{plan:?} {touched:?} {done:?} {most_passes} {worn_mm2} {earlier:?} {removed_mm3:?}")
+        format!("{plan:?} {touched:?} {done:?} {most_passes} {worn_mm2} {earlier:?} {removed_mm3:?} {is_air}")
     }
 
     /// The same on the surface that another one knows.
@@ -106,9 +110,10 @@ impl Abrasion {
         let kinematics = Kinematics::new(&cycle.cell.arm);
         let stand = cycle.tour().stand(&kinematics, panel);
         let surveyed = survey::survey((&cycle.panel, &fit), stand, &cycle.recipe, self.tool(cycle));
-        let own = grade(&surveyed.judgement);
         record.figure(&figure_alone(survey::drawn_surface(&fit.map)))?;
-        record.finding(&surveyed.finding(pass, &fit.deviation, (&cycle.panel, &cycle.recipe)))?;
+        let found_reach = surveyed.finding(pass, &fit.deviation, (&cycle.panel, &cycle.recipe));
+        let own = grade(&found_reach.judgement);
+        record.finding(&found_reach)?;
         record.budget(&Budget { fit_mm: Some(fit.deviation.p95_mm), ..Budget::default() })?;
         let both = if own == Grade::Accept { found } else { own };
         Ok(Answer::Graded(both))
@@ -169,7 +174,8 @@ impl Abrasion {
                 return Ok(Answer::Graded(Grade::Reject));
             }
         };
-        let grade = grade(&planned.judgement);
+        let finding = planned.finding(pass, &grids);
+        let grade = grade(&finding.judgement);
         if let Some(film) = &perception.film_picture {
             record.figure(&figure(planned.drawn(&cycle.panel, &view(cycle, film, place)), film))?;
         }
@@ -177,7 +183,6 @@ impl Abrasion {
             record.figure(&figure_alone(drawing))?;
         }
         let earlier = self.counted_before(&grids);
-        let finding = planned.finding(pass, &grids);
         record.finding(&match earlier.is_empty() {
             true => finding,
             false => finding.detail("abraded in earlier cycles, counted", earlier),
@@ -260,7 +265,13 @@ impl Abrasion {
     fn tool(&self, cycle: &CycleSetup) -> ToolState {
         let removal = cycle.calibrations.removal;
         let stroke_mm = cycle.cell.tool.as_ref().map(|tool| tool.stroke_mm);
-        ToolState { error_mm: cycle.cell.limits.tool_error_mm(), worn_mm2: self.worn_mm2, removal, stroke_mm }
+        ToolState {
+            error_mm: cycle.cell.limits.tool_error_mm(),
+            worn_mm2: self.worn_mm2,
+            removal,
+            stroke_mm,
+            in_air: self.is_air,
+        }
     }
 
     /// Keeps a plan: its number, and its waypoints after the air point of the approach.
@@ -306,6 +317,7 @@ impl Abrasion {
         let drawn = abraded.drawn(&cycle.panel.region).into_iter().chain(abraded.drawn_removal(&cycle.panel));
         let figures = drawn.map(|drawing| Note::Figure(figure_alone(drawing)));
         let finding = abraded.finding(pass, self.most_passes);
+        self.executed_grade = Some(grade(&abrade::of_executed(&finding)));
         let notes = figures.chain([Note::Finding(finding)]).collect();
         (notes, abraded.swept_mm2)
     }

@@ -28,6 +28,12 @@ impl Running<'_> {
             | Act::Plan { .. }
             | Act::Film
             | Act::SelfTest => self.compute(id, act),
+            Act::Assess => {
+                // Nobody knows what the tool did: nothing goes on by that.
+                let unknown = Answer::Failed(Trouble::Unexpected);
+                self.answer(id, self.abrasion.executed_grade.map_or(unknown, Answer::Graded));
+                Ok(())
+            }
             Act::Stand => {
                 self.wait(id, act, Waits::Standing);
                 Ok(())
@@ -55,6 +61,7 @@ impl Running<'_> {
     /// Has it computed.
     fn compute(&mut self, id: Id, act: Act) -> Result<(), DaemonError> {
         self.abrasion.worn_mm2 = self.ports.record.disc_worn_mm2()?;
+        self.abrasion.is_air = self.state.job.air;
         if matches!(act, Act::Plan { .. }) {
             self.abrasion.earlier = self.ports.record.abraded_before()?;
         }
@@ -150,9 +157,9 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// A finding that is not a stage's: what went wrong, in words.
+    /// A finding that is not a stage's: a trouble of the cell, in words, which a person looks at. It is no judgement of the panel.
     pub(super) fn note(&mut self, kind: Kind, reasons: Vec<Reason>) -> Result<(), RecordError> {
-        let judgement = Judgement::of(reasons, vec![]);
+        let judgement = Judgement::of(vec![], reasons);
         self.record(Finding::new(kind, self.state.job.pass, judgement))
     }
 
@@ -162,7 +169,8 @@ impl Running<'_> {
         let stage = finding.kind.word();
         let words: Vec<&str> = judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
         let (verdict, words) = (judgement.verdict.word(), words.join("; "));
-        if matches!(judgement.verdict, Verdict::Reject | Verdict::Invalid) {
+        let is_trouble = matches!(finding.kind, Kind::Gate | Kind::Robot | Kind::SelfTest | Kind::Tool);
+        if is_trouble || matches!(judgement.verdict, Verdict::Reject | Verdict::Invalid) {
             tracing::warn!(stage, pass, verdict, "{words}");
         } else {
             tracing::info!(stage, pass, verdict, "{words}");

@@ -5,7 +5,7 @@ use super::ports::{CameraFault, Figure, Record};
 use crate::cycle::{Answer, Grade, Trouble};
 use crate::geometry::ColorPicture;
 use crate::record::Kind;
-use crate::stages::{Drawing, rejected};
+use crate::stages::{Drawing, rejected, undone};
 use crate::verdict::{Judgement, Reason, Verdict};
 
 /// What cannot be computed without what an earlier act leaves.
@@ -47,13 +47,14 @@ pub(super) fn blind(
     error: &CameraFault,
     record: &mut dyn Record,
 ) -> Result<Answer, DaemonError> {
-    record.finding(&rejected(kind, pass, reason("no_picture", error)))?;
+    record.finding(&undone(kind, pass, reason("no_picture", error)))?;
     Ok(Answer::Failed(Trouble::Camera))
 }
 
-/// A picture that cannot be read: of a corner that is a rejection, of a film it says nothing.
+/// A picture that cannot be read: after the scan the panel is rejected by it, before contact and in a film a person looks.
 pub(super) fn unseen(kind: Kind, pass: u8, reason: Reason, record: &mut dyn Record) -> Result<Answer, DaemonError> {
-    record.finding(&rejected(kind, pass, reason))?;
+    let found = if kind == Kind::Refine { rejected(kind, pass, reason) } else { undone(kind, pass, reason) };
+    record.finding(&found)?;
     let of_film = kind == Kind::Inspect;
     Ok(if of_film { Answer::Failed(Trouble::Picture) } else { Answer::Graded(Grade::Reject) })
 }

@@ -20,6 +20,7 @@ impl Running<'_> {
         if motion.path != Path::Contact {
             return Ok(self.ports.record.keep(RecordCommand::OpenIntent(*motion))?);
         }
+        self.abrasion.executed_grade = None;
         let planned = self.setup().and_then(|cycle| self.abrasion.contact(cycle, motion.plan));
         // Of a plan that is not known nothing is sent.
         let (grids, reached_s, wears_mm2) = planned.unwrap_or_default();

@@ -60,8 +60,9 @@ impl Perception {
                 record.figure(&figure(drawing, &picture))?;
             }
         }
-        let grade = grade(&correction.judgement);
-        record.finding(&correction.finding(&self.corners.left_out()))?;
+        let found = correction.finding(&self.corners.left_out());
+        let grade = grade(&found.judgement);
+        record.finding(&found)?;
         self.place = Some(corrected);
         // What is rejected is not looked at again from nearer.
         if correction.wants_another_view && grade != Grade::Reject {

@@ -119,7 +119,7 @@ pub use ports::{
 };
 pub use protocol::{MOST_BYTES, ProtocolError, read_request, request_line};
 pub use push::{PushParts, PushSender, PushStatus};
-pub use record_source::RecordSource;
+pub use record_source::{RecordPdf, RecordSource};
 pub use recording::{FLOOR_MB, StoreRecord, keeper};
 pub use replay::{
     Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, RecordedPort, Recording, RecordingPlan,

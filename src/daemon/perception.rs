@@ -6,16 +6,15 @@ use super::error::DaemonError;
 use super::films::{FilmMemory, Watching};
 use super::ports::{CameraPort, Picture2d, Record};
 use super::setup::CycleSetup;
-use crate::cycle::{Answer, Trouble};
+use crate::cycle::Answer;
 use crate::geometry::{Base, ColorPicture, FlangeCamera, Mask, Panel, Rigid, median};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
 use crate::path::approach::Approach;
 use crate::path::reach::Obstacles;
 use crate::phase::Phase;
-use crate::record::{Budget, Finding, Kind};
+use crate::record::{Budget, Kind};
 use crate::stages::{self, Drawing, film};
-use crate::verdict::{Judgement, Verdict};
 use crate::{locate, report};
 use std::sync::Arc;
 use std::time::Instant;
@@ -156,7 +155,8 @@ impl Perception {
         for drawing in located.drawn_reasons(&picture) {
             record.figure(&figure(drawing, &picture))?;
         }
-        record.finding(&located.finding(elapsed_ms))?;
+        let found = located.finding(elapsed_ms);
+        record.finding(&found)?;
         let place = located.fit.as_ref().map(|fit| fit.base_from_panel);
         let located_mm = located.fit.as_ref().map(|fit| fit.uncertainty_mm);
         record.budget(&Budget {
@@ -170,7 +170,7 @@ impl Perception {
             record.scanned(&scan, &(place.inverse() * base_from_camera));
         }
         (self.located, self.place, self.located_mm, self.obstacles) = (place, place, located_mm, obstacles);
-        Ok(Answer::Graded(grade(&located.judgement)))
+        Ok(Answer::Graded(grade(&found.judgement)))
     }
 
     /// The picture of the dry panel.
@@ -210,11 +210,7 @@ impl Perception {
                     Err(error) => blind(Kind::Inspect, pass, &error, record).map(Err),
                 }
             }
-            Err(error) => {
-                let judgement = Judgement { verdict: Verdict::Invalid, reasons: vec![reason("film", &error)] };
-                record.finding(&Finding::new(Kind::Inspect, pass, judgement))?;
-                Ok(Err(Answer::Failed(Trouble::Picture)))
-            }
+            Err(error) => unseen(Kind::Inspect, pass, reason("film", &error), record).map(Err),
         }
     }
 

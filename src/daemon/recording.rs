@@ -1,12 +1,11 @@
 //! The store as the loop's record.
 
 use super::ports::{Figure, Finding, Keeper, Kept, Note, Port, RecordAnswer, RecordCommand, RecordError};
-use super::words;
-use crate::cycle::{Answer, Deadline, Event, Report, Request, Robot, Trouble};
+use crate::cycle::Event;
 use crate::files::{Clip, ClipEntry, write_color_jpeg};
 use crate::geometry::ColorPicture;
 use crate::phase::Phase;
-use crate::record::{Budget, CycleId, KeptFile, Kind, Picture, RequestRecord, Wanted};
+use crate::record::{Budget, CycleId, KeptFile, Picture, RequestRecord, Wanted};
 use crate::store::{Store, StoreError};
 use crate::verdict::{Reason, Verdict};
 use rayon::prelude::*;
@@ -22,10 +21,19 @@ const AT_ONCE: usize = 8;
 pub struct StoreRecord<'a> {
     store: &'a mut Store,
     cycle: Option<CycleId>,
-    /// The last line of the journal that somebody asked, and its cycle, until the answer is kept.
-    line: Option<(u64, Option<CycleId>)>,
+    /// The last line of the journal that somebody asked, until the answer is kept.
+    line: Option<AskedLine>,
     pages: Pages,
     is_full_told: bool,
+}
+
+/// Where the journal has a request.
+#[derive(Debug, Clone, Copy)]
+struct AskedLine {
+    line: u64,
+    cycle: Option<CycleId>,
+    /// Findings of the cycle when it was asked: its effects may add some before its answer is kept.
+    findings: u64,
 }
 
 /// What is known of the cycle between two writings.
@@ -38,16 +46,9 @@ struct Pages {
     /// The clip so far, its files named by their hashes, and its last pictures, which are not kept yet.
     clip: Vec<ClipEntry>,
     waiting: Vec<(Arc<ColorPicture>, f64, Phase)>,
-    /// Of the last finding.
-    reasons: Vec<Reason>,
-    /// Why the cycle is held, if it is: what was found wrong of the tool, else the trouble. A stop in the hold does not take it away.
-    held_by: Vec<Reason>,
-    /// The last event that can end a cycle without a result.
-    cause: Option<Reason>,
+    /// Findings of the cycle so far.
+    findings: u64,
 }
-
-/// Findings that tell of a trouble; with any other one the cycle went on.
-const OF_TROUBLE: [Kind; 5] = [Kind::Tool, Kind::Abrade, Kind::Robot, Kind::Gate, Kind::SelfTest];
 
 impl<'a> StoreRecord<'a> {
     /// Writes to this cycle, or to none.
@@ -98,30 +99,6 @@ fn full(store: &Store) -> Reason {
     Reason::new("disk_full", format!("{}; a cycle needs {FLOOR_MB} MB", store.full()))
 }
 
-/// Why this event ends a cycle without a result, where it is one that can.
-fn cause(event: &Event) -> Option<Reason> {
-    let asked = |words: &str| Some(Reason::new("asked", words));
-    match event {
-        Event::Asked(Request::Stop) => Some(words::stopped()),
-        Event::Asked(Request::Abort) => asked("an abort was asked for"),
-        Event::Told(Report::Boot) => Some(Reason::new("interrupted", "the program ended before the cycle did")),
-        Event::Told(
-            Report::Trouble(trouble)
-            | Report::EpochOver { trouble: Some(trouble) }
-            | Report::Answered { answer: Answer::Failed(trouble), .. },
-        ) => Some(words::trouble(*trouble)),
-        Event::Told(Report::Contrary(_)) => Some(words::trouble(Trouble::Feedback)),
-        Event::Told(Report::Deadline { which: Deadline::Answer, .. }) => Some(words::trouble(Trouble::Late)),
-        Event::Told(Report::Deadline { which: Deadline::Stop, .. }) => {
-            Some(Reason::new("stop_timed_out", "the stop took longer than [limits] stop_deadline_s"))
-        }
-        Event::Told(Report::Robot(robot)) if !matches!(robot, Robot::Ready | Robot::Unknown) => {
-            Some(words::robot(*robot))
-        }
-        _ => None,
-    }
-}
-
 fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RecordError {
     RecordError(Box::new(error))
 }
@@ -148,7 +125,7 @@ impl Port<RecordCommand> for StoreRecord<'_> {
             RecordCommand::Clock(clock) => {
                 cycle.map_or(Ok(()), |cycle| self.store.keep_clock(cycle, clock)).map_err(failed)?;
             }
-            RecordCommand::Conclude(verdict) => self.conclude(verdict)?,
+            RecordCommand::Conclude { verdict, because } => return self.conclude(verdict, &because),
             RecordCommand::Begin(start) => {
                 self.between_cycles();
                 let cycle = self.store.begin_cycle(&start).map_err(failed)?;
@@ -183,13 +160,6 @@ impl StoreRecord<'_> {
 
     fn finding(&mut self, finding: Finding) -> Result<(), RecordError> {
         let Some(cycle) = self.cycle else { return Ok(()) };
-        self.pages.reasons.clone_from(&finding.judgement.reasons);
-        if !OF_TROUBLE.contains(&finding.kind) {
-            self.pages.held_by.clear();
-        }
-        if finding.kind == Kind::Tool {
-            self.pages.held_by.clone_from(&finding.judgement.reasons);
-        }
         self.keep_clip()?;
         let (pictures, shots) = (std::mem::take(&mut self.pages.pictures), std::mem::take(&mut self.pages.shots));
         let mut kept = Finding { pictures, shots, ..finding };
@@ -199,7 +169,9 @@ impl StoreRecord<'_> {
             kept.details.insert("pictures_not_kept_since_the_disk_was_full".to_owned(), dropped.into());
         }
         kept.checks.iter_mut().for_each(|number| number.value = number.value.filter(|value| value.is_finite()));
-        self.store.note(cycle, &kept).map_err(failed)
+        self.store.note(cycle, &kept).map_err(failed)?;
+        self.pages.findings += 1;
+        Ok(())
     }
 
     fn picture(&mut self, name: String, picture: &ColorPicture) -> Result<(), RecordError> {
@@ -244,35 +216,24 @@ impl StoreRecord<'_> {
     }
 
     fn event(&mut self, event: Event) -> Result<(), RecordError> {
-        let is_trouble = matches!(event, Event::Told(Report::Trouble(_) | Report::Contrary(_)));
-        if let (true, true, Some(cause)) = (is_trouble, self.pages.held_by.is_empty(), cause(&event)) {
-            self.pages.held_by.push(cause);
-        }
-        self.pages.cause = cause(&event).or(self.pages.cause.take());
         let line = self.store.append(&event, self.cycle).map_err(failed)?;
         if matches!(event, Event::Asked(_)) {
-            self.line = Some((line, self.cycle));
+            self.line = Some(AskedLine { line, cycle: self.cycle, findings: self.pages.findings });
         }
         Ok(())
     }
 
     fn asked(&mut self, asked: &RequestRecord) -> Result<(), RecordError> {
         let line = self.line.take().filter(|_| matches!(asked.wanted, Wanted::For(_)));
-        let (line, cycle) = line.map_or((None, self.cycle), |(line, cycle)| (Some(line), cycle));
-        self.store.keep_request(asked, cycle, line).map_err(failed)
+        let (cycle, findings) = line.map_or((self.cycle, self.pages.findings), |line| (line.cycle, line.findings));
+        let asked = RequestRecord { findings: cycle.map(|_| findings), ..asked.clone() };
+        self.store.keep_request(&asked, cycle, line.map(|line| line.line)).map_err(failed)
     }
 
-    fn conclude(&mut self, verdict: Verdict) -> Result<(), RecordError> {
-        let Some(cycle) = self.cycle else { return Ok(()) };
-        let is_aborted = verdict == Verdict::Aborted;
-        let (found, cause) = (&self.pages.reasons, self.pages.cause.iter().filter(|_| is_aborted));
-        // What was found wrong says more of the same cause.
-        let is_new = |reason: &&Reason| found.iter().all(|found| found.code != reason.code);
-        let held_by = self.pages.held_by.iter().filter(|_| is_aborted).filter(is_new);
-        let cause =
-            cause.filter(is_new).filter(|cause| self.pages.held_by.iter().all(|held| held.code != cause.code));
-        let reasons: Vec<Reason> = held_by.chain(found).chain(cause).cloned().collect();
-        self.store.conclude(cycle, verdict, &reasons).map_err(failed)
+    fn conclude(&mut self, verdict: Verdict, because: &[Reason]) -> Result<RecordAnswer, RecordError> {
+        let Some(cycle) = self.cycle else { return Ok(RecordAnswer::Concluded(verdict)) };
+        let kept = self.store.conclude(cycle, verdict, because).map_err(failed)?;
+        Ok(RecordAnswer::Concluded(kept.verdict))
     }
 
     fn between_cycles(&mut self) {

@@ -43,7 +43,8 @@ impl Running<'_> {
         who: Who,
         (answer, reasons): (Answer, Vec<Reason>),
     ) -> Result<(), DaemonError> {
-        let asked = RequestRecord { unix_ms: 0, wanted, who: Some(who), answer: Some(answer), reasons };
+        let asked =
+            RequestRecord { unix_ms: 0, wanted, who: Some(who), answer: Some(answer), reasons, findings: None };
         Ok(self.ports.record.keep(RecordCommand::Asked(asked))?)
     }
 

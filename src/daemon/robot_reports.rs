@@ -6,7 +6,7 @@ use super::feedbacks::{Contrary, contrary_reason, unproven_reason};
 use super::pending::{Pending, Waits};
 use super::ports::News;
 use super::running::Running;
-use crate::cycle::{self, Act, Answer, Deadline, Event, Id, Path, Report, Trouble};
+use crate::cycle::{self, Act, Answer, At, Deadline, Event, Id, Path, Report, Trouble};
 use crate::eki::{self, Mode, StopCause};
 use crate::path::trace::PoseReport;
 use crate::record::Kind;
@@ -90,8 +90,8 @@ impl Running<'_> {
         let Some(switch) = contrary else { return Ok(()) };
         self.contrary = Contrary::default();
         let why = contrary_reason(switch, &self.cell.wiring, state);
-        if self.state.at.rests() {
-            // What is shown there is why it rests.
+        if self.state.at.rests() || matches!(self.state.at, At::Completing { .. }) {
+            // What is shown at rest is why it rests; and nothing follows from it for a cycle that has its result.
             tracing::warn!("{}", why.message);
         } else {
             self.note(Kind::Robot, vec![why])?;

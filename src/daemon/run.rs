@@ -14,7 +14,7 @@ use super::request::{PreparedCycle, Request, What};
 use super::running::{Outside, Running};
 use super::setup::{CellSetup, CycleSetup};
 use super::words;
-use crate::cycle::{self, Act, Deadline, Effect, Event, Refusal, Report, State, Trouble, step};
+use crate::cycle::{self, Act, At, Deadline, Effect, Event, Refusal, Report, State, Trouble, step};
 use crate::geometry::{Base, Panel, Rigid};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
@@ -150,7 +150,7 @@ impl Running<'_> {
             self.computing.abandon();
         }
         let ends = effects.contains(&Effect::Conclude { verdict: Verdict::Aborted });
-        effects.into_iter().try_for_each(|effect| self.perform(effect))?;
+        effects.into_iter().try_for_each(|effect| self.perform(event, effect))?;
         self.keep_request(event, refused)?;
         if ends && event == Event::Asked(cycle::Request::Stop) {
             let stopped = words::stopped();
@@ -194,7 +194,13 @@ impl Running<'_> {
             }
             if let Some(why) = self.ports.record.filled() {
                 self.is_disk_full = true;
-                self.note(Kind::SelfTest, vec![why])?;
+                if matches!(self.state.at, At::Completing { .. } | At::Complete { .. }) {
+                    // Nothing follows from it for a cycle that has its result.
+                    tracing::warn!("{}", why.message);
+                    self.ports.requests.tell(News::Noted(vec![why]));
+                } else {
+                    self.note(Kind::SelfTest, vec![why])?;
+                }
                 return Ok(Some(Event::Told(Report::Trouble(Trouble::DiskFull))));
             }
             // After a request the deadlines, the tool and the robot have their turn, however many more wait.
@@ -304,7 +310,7 @@ impl Running<'_> {
         Some(event)
     }
 
-    fn perform(&mut self, effect: Effect) -> Result<(), DaemonError> {
+    fn perform(&mut self, event: Event, effect: Effect) -> Result<(), DaemonError> {
         match effect {
             Effect::Do { id, act } => self.begin(id, act)?,
             Effect::Arm { id, deadline } => {
@@ -314,12 +320,22 @@ impl Running<'_> {
             Effect::OpenIntent(motion) => self.open_intent(&motion)?,
             Effect::CloseIntent { motion, outcome, done } => self.close_intent(&motion, outcome, done)?,
             Effect::Conclude { verdict } => {
-                self.verdict = Some(verdict);
                 // A cycle that an earlier process left is concluded before this one's clock says anything.
                 if self.condition != cycle::Robot::Unknown {
                     self.keep_clock()?;
                 }
-                self.ports.record.keep(RecordCommand::Conclude(verdict))?;
+                let because = words::ended(event, self.state.at).filter(|_| verdict == Verdict::Aborted);
+                let kept = self.ports.record.conclude(verdict, because.into_iter().collect())?;
+                if kept != verdict {
+                    // The table ends no cycle better than its findings: a fault of the program, on the safe side.
+                    tracing::error!(
+                        table = verdict.word(),
+                        record = kept.word(),
+                        "the findings are worse than the table's verdict"
+                    );
+                }
+                let verdict = kept;
+                self.verdict = Some(verdict);
                 tracing::info!(verdict = verdict.word(), "the cycle is concluded");
                 self.ports.requests.tell(News::Concluded(verdict));
             }

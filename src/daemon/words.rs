@@ -1,6 +1,6 @@
 //! States, refusals and causes in words for the people at the cell: what is, and what to do.
 
-use crate::cycle::{At, Cause, Epoch, Hold, Refusal, Request, Robot, State, Trouble, Why, step};
+use crate::cycle::{At, Cause, Epoch, Event, Hold, Refusal, Report, Request, Robot, State, Trouble, Why, step};
 use crate::verdict::Reason;
 
 /// The word by which `panelprep ctl` asks for this.
@@ -40,7 +40,7 @@ fn possible(state: &State) -> Vec<&'static str> {
         Request::Clear,
     ];
     let taken = |request: &Request| {
-        let (_, effects) = step(*state, crate::cycle::Event::Asked(*request));
+        let (_, effects) = step(*state, Event::Asked(*request));
         !effects.iter().any(|effect| matches!(effect, crate::cycle::Effect::Refuse { .. }))
     };
     let word = |request: Request| match request {
@@ -65,6 +65,11 @@ pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
         Refusal::Robot(condition) => {
             let robot = robot(condition);
             Reason { message: format!("{word} needs a robot that is ready: {}", robot.message), ..robot }
+        }
+        Refusal::Review if matches!(state.at, At::Held(hold) if hold.is_of_contact()) => {
+            let message = "held for review of what the tool did: read the finding, then accept it or stop the cycle; drying the panel does not \
+                           change what was done";
+            Reason::new("review", message)
         }
         Refusal::Review => {
             let message = "held for review: look at the result, then accept it; or dry the panel and `unhold --dried`, \
@@ -107,8 +112,8 @@ pub(super) fn trouble(trouble: Trouble) -> Reason {
         }
         Trouble::Force => (
             "force",
-            "the compliant tool is not as it should be, so it was taken off the panel; the finding beside it says what, and `panelprep doctor` \
-             looks at it",
+            "the compliant tool is not as it should be, so the arm keeps it off the panel; the finding beside it says what, and `panelprep \
+             doctor` looks at it",
         ),
         Trouble::Starved => ("starved", "the robot ran out of waypoints"),
         Trouble::Slow => ("slow", "the robot is far behind its plan"),
@@ -129,6 +134,18 @@ pub(super) fn trouble(trouble: Trouble) -> Reason {
 /// A cycle that was ended on request: no fault, and nobody has to clear anything.
 pub(super) fn stopped() -> Reason {
     Reason::new("stopped", "stopped on request before the cycle's end")
+}
+
+/// Why a cycle was ended by this event, where it did not come to its own end. `at` is the state that it led to.
+pub(super) fn ended(event: Event, at: At) -> Option<Reason> {
+    match (event, at) {
+        (Event::Told(Report::Boot), _) => {
+            Some(Reason::new("interrupted", "the program ended before the cycle did"))
+        }
+        (_, At::Aborting { cause } | At::Aborted { cause }) => Some(cause_reason(cause)),
+        (_, At::Stopping { .. } | At::Stopped) => Some(stopped()),
+        _ => None,
+    }
 }
 
 /// Why the cycle stands in this state, where that is not plain, and the way out; and what may still run or move.
@@ -163,12 +180,12 @@ fn not_proven(state: &State) -> Vec<Reason> {
     reasons
 }
 
-fn aborted(cause: Cause) -> Reason {
-    let because = match cause {
-        Cause::Asked => Reason::new("asked", "a person asked"),
+fn cause_reason(cause: Cause) -> Reason {
+    match cause {
+        Cause::Asked => Reason::new("asked", "an abort was asked for"),
         Cause::Robot(condition) => robot(condition),
         Cause::Trouble(what) => trouble(what),
-        Cause::StopTimedOut => Reason::new("stop_timed_out", "the stop took too long"),
+        Cause::StopTimedOut => Reason::new("stop_timed_out", "the stop took longer than [limits] stop_deadline_s"),
         Cause::Interrupted => Reason::new("interrupted", "the program ended while a motion was open"),
         Cause::StoreChanged => {
             let message = "something in the store is not what this program wrote there, and `panelprep store verify` names it; \
@@ -176,7 +193,11 @@ fn aborted(cause: Cause) -> Reason {
             Reason::new("store_changed", message)
         }
         Cause::OutputsOn => Reason::new("outputs_on", "the program ended while the tool or the water was on"),
-    };
+    }
+}
+
+fn aborted(cause: Cause) -> Reason {
+    let because = cause_reason(cause);
     let message = format!(
         "aborted: {}; look at the cell, jog the pad off the panel where it touches, then `panelprep ctl clear`",
         because.message
@@ -188,6 +209,10 @@ fn held(hold: Hold) -> Reason {
     let next = "`panelprep ctl unhold` goes on";
     match hold.why {
         Why::Asked => Reason::new("asked", format!("held: a person asked; {next}")),
+        Why::Review if hold.is_of_contact() => Reason::new(
+            "review",
+            "held for review of what the tool did: read the finding, then `panelprep ctl accept`, or `panelprep ctl stop`",
+        ),
         Why::Review => Reason::new(
             "review",
             "held for review: look at the result, then `panelprep ctl accept`, or dry the panel and `panelprep ctl \
@@ -210,7 +235,7 @@ fn held(hold: Hold) -> Reason {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cycle::{Event, Report};
+    use crate::cycle::Phase;
 
     fn ready() -> State {
         step(State::NEW, Event::Told(Report::Robot(Robot::Ready))).0
@@ -225,6 +250,20 @@ mod tests {
             (&*words.code, &*words.message),
             ("guard_open", "reset needs a robot that is ready: the guard is open")
         );
+    }
+
+    /// Drying is no way out where the tool's work waits for a person.
+    #[test]
+    fn a_review_of_contact_offers_accept_and_stop_alone() {
+        let at = |resume| At::Held(Hold { why: Why::Review, resume });
+        let mut state = State { at: at(Phase::Assess { left: false }), ..ready() };
+        for words in [&why(&state)[0], &refusal(Request::Unhold { dried: true }, Refusal::Review, &state)] {
+            assert!(words.code == "review" && words.message.contains("what the tool did"), "{}", words.message);
+            assert!(!words.message.contains("--dried"), "{}", words.message);
+        }
+        assert_eq!(possible(&state), ["accept", "stop", "abort"]);
+        state.at = at(Phase::Plan);
+        assert!(why(&state)[0].message.contains("--dried") && possible(&state).contains(&"unhold --dried"));
     }
 
     #[test]

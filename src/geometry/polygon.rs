@@ -1,5 +1,6 @@
 //! Plane polygons of pixels: inside or outside, signed area.
 
+use super::picture::Mask;
 use super::units::Pixel;
 
 /// Twice-counted corners are allowed; the polygon closes itself.
@@ -13,6 +14,25 @@ pub fn contains(polygon: &[Pixel], point: Pixel) -> bool {
         }
     }
     inside
+}
+
+/// The pixels of a picture of this size whose middles lie inside by the even–odd rule.
+pub fn filled(polygon: &[Pixel], width: usize, height: usize) -> Mask {
+    let mut mask = Mask::empty(width, height);
+    for row in 0..height {
+        let v = row as f64;
+        let mut crossings: Vec<f64> = edges(polygon)
+            .filter(|(a, b)| (a.v > v) != (b.v > v))
+            .map(|(a, b)| a.u + (v - a.v) / (b.v - a.v) * (b.u - a.u))
+            .collect();
+        crossings.sort_by(f64::total_cmp);
+        for pair in crossings.chunks_exact(2) {
+            let from = pair[0].ceil().max(0.0) as usize;
+            let to = (pair[1].ceil().max(0.0) as usize).min(width);
+            mask.inside[row * width..][..width].iter_mut().take(to).skip(from).for_each(|inside| *inside = true);
+        }
+    }
+    mask
 }
 
 /// Area in px², positive where the corners run clockwise as seen on a screen (v down).

@@ -28,6 +28,21 @@ impl Raster {
         })
     }
 
+    /// Side of the largest square of places that hold which ends at each place, to the right and below; 0 where it does not hold.
+    pub fn largest_squares(self, holds: impl Fn(usize) -> bool) -> Vec<u32> {
+        let width = self.width;
+        let mut squares = vec![0_u32; width * self.height];
+        for index in (0..squares.len()).filter(|&index| holds(index)) {
+            let beside = if index % width > 0 && index >= width {
+                squares[index - 1].min(squares[index - width]).min(squares[index - width - 1])
+            } else {
+                0
+            };
+            squares[index] = 1 + beside;
+        }
+        squares
+    }
+
     /// The connected pieces of the places that hold, by their first places; each in the order in which a breadth-first
     /// search from its first place reaches it.
     pub fn pieces(self, steps: &[(isize, isize)], holds: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {

@@ -154,7 +154,7 @@ pub const NODES: &[Node] = &[
         "Cycle/Phase",
         Kind::String,
         "",
-        "its phase: locate, refine, dry, wet, inspect, plan, verify, abrade, retract or rinse; while held the one in which it goes on",
+        "its phase: locate, refine, dry, wet, inspect, plan, verify, abrade, retract, assess or rinse; while held the one in which it goes on",
         |now| text(now.phase.as_ref()),
     ),
     node("Cycle/Pass", Kind::UInt32, "", "its abrasions so far", |now| {

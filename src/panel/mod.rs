@@ -7,6 +7,9 @@
 mod corner;
 mod error;
 mod extent;
+#[cfg(test)]
+pub(crate) mod flat;
+mod off_panel;
 mod region;
 pub mod segment;
 mod sheet;
@@ -15,5 +18,6 @@ mod taught;
 pub use corner::{CornerTeaching, TaughtCorner};
 pub use error::{LearnError, WrongCorner};
 pub use extent::OutlineFrom;
+pub use off_panel::{Beyond, OffPanel};
 pub use region::{GridId, GridIdError, Region};
 pub use taught::{Grid, TaughtPanel, panel_from_base_at_teaching};

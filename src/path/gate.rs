@@ -5,7 +5,7 @@
 //! beyond the panel's outline. Does not know the robot: reach, speed of the axes and keep-out boxes come where it is
 //! known.
 
-use super::coverage::MIN_COVERAGE;
+use super::coverage::{GridCoverage, MIN_COVERAGE};
 use super::planned::{Plan, ToolPath, Waypoint};
 use super::waypoint_gate::{Route, WaypointLimits, broken_by_route};
 use crate::geometry::{Base, Degrees, Panel, Rigid, Tool, Vector};
@@ -19,9 +19,6 @@ use nalgebra::{Isometry3, Vector3};
 const MAX_TURN: Degrees = Degrees(15.0);
 /// Waypoints may be this much farther apart than asked for: rows are resampled along chords.
 const STEP_TOLERANCE: f64 = 1.02;
-
-/// Lines are moved inwards until the disc reaches no farther than this over what is allowed, mm.
-const OVERHANG_TOLERANCE_MM: f64 = 0.02;
 
 /// Accepts a plan, asks a person, or rejects it, with reasons.
 pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
@@ -147,24 +144,23 @@ fn turn_between(from: Rigid<Panel, Tool>, to: Rigid<Panel, Tool>) -> Degrees {
 
 /// What of the grids the disc reaches; a grid of which it reaches too little has a check of its own.
 fn coverage(plan: &Plan) -> Vec<Check> {
-    let least = plan.grids.iter().map(|grid| grid.share()).fold(1.0, f64::min);
-    let short = plan.grids.iter().filter(|grid| grid.share() < MIN_COVERAGE).map(|grid| {
-        let name = format!("{OF_GRID}{}", grid.id);
-        let check = Check::new(name, "", grid.share()).at_least(MIN_COVERAGE, SetBy::Program);
-        check.reviews("coverage", || {
-            let [reached, wanted] = percent_apart(grid.share(), MIN_COVERAGE, 2);
-            format!(
-                "grid {}: the disc reaches {reached} %, wanted {wanted} %; a smaller step_over_mm reaches more, and so does a \
-                 larger edge_overhang_mm beside the panel's outline",
-                grid.id
-            )
-        })
-    });
-    let all = [
-        Check::new("coverage of these grids", "", plan.coverage),
-        Check::new(name::COVERAGE, "", least).at_least(MIN_COVERAGE, SetBy::Program),
-    ];
-    all.into_iter().chain(short).collect()
+    let check = |name: String, share: f64, words: &dyn Fn() -> String| {
+        Check::new(name, "", share).at_least(MIN_COVERAGE, SetBy::Program).reviews("coverage", words)
+    };
+    let words = |grid: &GridCoverage| {
+        let [reached, wanted] = percent_apart(grid.share(), MIN_COVERAGE, 2);
+        format!(
+            "grid {}: the disc reaches {reached} %, wanted {wanted} %; a smaller step_over_mm reaches more, and so does a \
+             larger edge_overhang_mm beside the panel's outline",
+            grid.id
+        )
+    };
+    let worst = plan.grids.iter().min_by(|a, b| a.share().total_cmp(&b.share()));
+    let least = worst.map_or(1.0, GridCoverage::share);
+    let of_worst = check(name::COVERAGE.to_owned(), least, &|| worst.map_or(String::new(), words));
+    let short = plan.grids.iter().filter(|grid| !(grid.share() >= MIN_COVERAGE));
+    let short = short.map(|grid| check(format!("{OF_GRID}{}", grid.id), grid.share(), &|| words(grid)));
+    [Check::new("coverage of these grids", "", plan.coverage), of_worst].into_iter().chain(short).collect()
 }
 
 /// How evenly the disc goes over the grids, and how far beyond the outline.
@@ -200,7 +196,7 @@ fn evenness(plan: &Plan, settings: &recipe::Path) -> Vec<Check> {
             }),
         Check::new("disc beyond the panel's outline", "mm", largest_mm)
             .at_most(allowed_mm, SetBy::recipe("path.edge_overhang_mm"))
-            .broken(largest_mm > allowed_mm + OVERHANG_TOLERANCE_MM, Severity::Review, "edge_overhang", || {
+            .reviews("edge_overhang", || {
                 let [reach, allowed] = apart(largest_mm, allowed_mm, 1);
                 format!(
                     "the disc reaches {reach} mm beyond the panel's outline, at {} % of the waypoints more than \

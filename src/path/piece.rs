@@ -30,8 +30,8 @@ pub(super) struct Piece {
 
 /// Times that lines are laid again because the disc reaches too far beyond the outline, or lines are too far apart.
 const ROUNDS: usize = 16;
-/// A disc that reaches this much farther than allowed is right, mm.
-pub(super) const OUTLINE_EXACT_MM: f64 = 0.01;
+/// Lines are moved so much farther inwards than the disc reaches too far, mm: what is left after a round is less than that.
+const OUTLINE_CLEAR_MM: f64 = 0.01;
 /// Lines are laid this much closer again than what they were too far apart.
 const CLOSER: f64 = 0.999;
 /// Places on each side of a patch at which its bend is looked at.
@@ -79,8 +79,8 @@ pub(super) fn piece(
             let allowed_mm = settings.edge_overhang_mm();
             let mut beyond = false;
             for ((at, point), mm) in track.iter().zip(&on_track).zip(&overhangs_mm) {
-                if let Some(outward) = outline.outward(*point).filter(|_| *mm > allowed_mm + OUTLINE_EXACT_MM) {
-                    insets.keep_off(&surface.tangents(*at), outward, mm - allowed_mm);
+                if let Some(outward) = outline.outward(*point).filter(|_| *mm > allowed_mm) {
+                    insets.keep_off(&surface.tangents(*at), outward, mm - allowed_mm + OUTLINE_CLEAR_MM);
                     beyond = true;
                 }
             }
@@ -129,7 +129,7 @@ fn stroke(
                 best = ends;
             }
         }
-        if overhang_mm(&best) <= settings.edge_overhang_mm() + OUTLINE_EXACT_MM {
+        if overhang_mm(&best) <= settings.edge_overhang_mm() {
             break;
         }
     }

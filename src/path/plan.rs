@@ -12,7 +12,7 @@ use super::contact::tool_path;
 use super::coverage::GridCoverage;
 use super::edge::{Outline, Overhang};
 use super::evenness::{Even, even};
-use super::piece::{OUTLINE_EXACT_MM, Piece, There, first_grid, piece};
+use super::piece::{Piece, There, first_grid, piece};
 use super::planned::{Extent, Plan, PlanError, StepOver, ToolPath, extent};
 use super::raster::border_inset_mm;
 use crate::geometry::{Panel, Point};
@@ -155,7 +155,7 @@ fn with_evidence(paths: Vec<ToolPath>, pieces: &[Piece], even: Even, settings: &
     let covered_mm2: f64 = grids.iter().map(|grid| grid.covered_mm2).sum();
     let area_mm2: f64 = grids.iter().map(|grid| grid.area_mm2).sum();
     let overhangs_mm = || pieces.iter().flat_map(|piece| piece.overhangs_mm.iter().copied());
-    let beyond = overhangs_mm().filter(|mm| *mm > settings.edge_overhang_mm() + OUTLINE_EXACT_MM).count();
+    let beyond = overhangs_mm().filter(|mm| *mm > settings.edge_overhang_mm()).count();
     let step_over = |all: Option<StepOver>, mm: f64| {
         let all = all.unwrap_or(StepOver { min_mm: mm, max_mm: mm });
         Some(StepOver { min_mm: all.min_mm.min(mm), max_mm: all.max_mm.max(mm) })

@@ -159,9 +159,12 @@ impl Finding {
         Finding { kind, pass, judgement, checks, details, pictures: Vec::new(), shots: Vec::new() }
     }
 
-    /// With these checks beside those that are there.
+    /// With these checks beside those that are there. A finding that is good is a review, if a limit among them is not kept and no rule
+    /// says what follows.
     pub fn with(mut self, checks: impl IntoIterator<Item = Check>) -> Self {
-        self.checks.extend(checks);
+        let more: Vec<Check> = checks.into_iter().collect();
+        self.judgement = self.judgement.beside(&more);
+        self.checks.extend(more);
         self
     }
 

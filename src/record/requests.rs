@@ -17,6 +17,9 @@ pub struct RequestRecord {
     pub answer: Option<Answer>,
     /// Why it was not done.
     pub reasons: Vec<Reason>,
+    /// So many findings of the cycle were kept when it was asked: what it was decided upon. `None` where that was not recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub findings: Option<u64>,
 }
 
 /// What was wanted.

@@ -78,6 +78,7 @@ pub fn verify(all: &[Signed], keys: &[PublicKey], head: Option<&Signed>) -> Veri
     verified.found.extend(broken(&whole));
     verified.gaps = gaps(&whole);
     verified.found.extend(unbound(&whole));
+    verified.found.extend(unearned(&whole));
     if let Some(head) = head {
         verified.found.extend(std::mem::take(&mut verified.gaps).into_iter().map(missing));
         verified.found.extend(beyond(&whole, head, keys));
@@ -179,6 +180,23 @@ fn unbound(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
                 "{}: {} signed another record of cycle {} than this one",
                 one.name, person.name, person.cycle
             ));
+        }
+    }
+    found
+}
+
+/// Records whose verdict is better than what their findings allow.
+fn unearned(whole: &BTreeMap<u64, Whole<'_>>) -> Vec<String> {
+    let mut found = Vec::new();
+    for one in whole.values() {
+        let Said::Cycle(cycle) = &one.statement.says else { continue };
+        match cycle.cycle_record() {
+            Ok(record) => {
+                found.extend(record.unearned().into_iter().map(|words| format!("{}: {words}", one.name)));
+            }
+            Err(error) => {
+                found.push(format!("{}: its verdict cannot be held against its findings: {error}", one.name))
+            }
         }
     }
     found

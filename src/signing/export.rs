@@ -1,13 +1,14 @@
 //! An exported record: a folder of statements with their signatures, and the files that they name.
 //!
 //! The names are `cycle-7.json` with `cycle-7.sig`, `cycle-7-signature-12.json` with its `.sig` for what a person signed (12
-//! is its number), and `files/` with each file under its SHA-256. What cameras gave is not exported: it is large, and the
-//! store keeps it.
+//! is its number), `cycle-7.pdf` with `cycle-7-page.json` and `.sig`, which name its SHA-256, and `files/` with each file under its
+//! SHA-256. What cameras gave is not exported: it is large, and the store keeps it.
 
-use super::chain::{Claim, Signed, Verified, verify};
+use super::chain::{Signed, Verified, verify};
 use super::key::PublicKey;
+use super::names::{claim, cycle_of_page};
+use super::page::wrong_pages;
 use super::statement::{Said, SignedCycle, files_of};
-use crate::record::CycleId;
 use std::collections::BTreeMap;
 
 /// What a folder has.
@@ -18,16 +19,8 @@ pub struct Export {
     /// SHA-256 of the bytes by name, of what lies in `files/`; `None` where there is no such folder, which is then not
     /// looked at.
     pub files: Option<BTreeMap<String, String>>,
-}
-
-/// The name without its ending, of the cell's statement of a cycle.
-pub fn cycle_stem(cycle: CycleId) -> String {
-    format!("cycle-{cycle}")
-}
-
-/// The same of what a person signed of it.
-pub fn person_stem(cycle: CycleId, number: u64) -> String {
-    format!("cycle-{cycle}-signature-{number}")
+    /// SHA-256 of the pages as PDF, by name.
+    pub pdfs: BTreeMap<String, String>,
 }
 
 /// The files of a cycle that are exported: recipe, cell, calibrations, part, pictures; each with what it is and its hash.
@@ -38,20 +31,26 @@ pub fn exported_files(cycle: &SignedCycle) -> Vec<(String, String)> {
 /// Verifies a folder with these public keys, and with the head where it is given, as [`verify`] does.
 pub fn verify_export(export: &Export, keys: &[PublicKey], head: Option<&Signed>) -> Verified {
     let (mut found, mut all) = (Vec::new(), Vec::new());
-    for (name, bytes) in &export.statements {
+    let is_page = |name: &str| name.rsplit_once('.').is_some_and(|(stem, _)| cycle_of_page(stem).is_some());
+    let (pages, statements): (BTreeMap<&str, &[u8]>, BTreeMap<&str, &[u8]>) = export
+        .statements
+        .iter()
+        .map(|(name, bytes)| (name.as_str(), bytes.as_slice()))
+        .partition(|(name, _)| is_page(name));
+    for (name, bytes) in &statements {
         let Some(stem) = name.strip_suffix(".json") else {
             let json = name.strip_suffix(".sig").map(|stem| format!("{stem}.json"));
             found.extend(
-                json.filter(|json| !export.statements.contains_key(json))
+                json.filter(|json| !statements.contains_key(json.as_str()))
                     .map(|json| format!("{json} is missing; its signature {name} is there")),
             );
             continue;
         };
-        match export.statements.get(&format!("{stem}.sig")) {
+        match statements.get(format!("{stem}.sig").as_str()) {
             Some(signature) => all.push(Signed {
-                name: name.clone(),
-                bytes: bytes.clone(),
-                signature: signature.clone(),
+                name: (*name).to_owned(),
+                bytes: bytes.to_vec(),
+                signature: signature.to_vec(),
                 claim: claim(stem),
             }),
             None => found.push(format!("{stem}.sig, the signature of {name}, is missing")),
@@ -66,6 +65,7 @@ pub fn verify_export(export: &Export, keys: &[PublicKey], head: Option<&Signed>)
             }
         }
     }
+    found.extend(wrong_pages(&pages, &export.pdfs, &verified, keys));
     Verified { found, ..verified }
 }
 
@@ -78,13 +78,4 @@ fn wrong_files(cycle: &SignedCycle, files: &BTreeMap<String, String>) -> Vec<Str
         None => Some(format!("files/{hash}, {what} of cycle {}, is missing", cycle.id)),
     };
     exported_files(cycle).into_iter().filter_map(wrong).collect()
-}
-
-/// What a file's name claims.
-fn claim(stem: &str) -> Claim {
-    let Some(rest) = stem.strip_prefix("cycle-") else { return Claim::Nothing };
-    match rest.split_once("-signature-") {
-        Some((_, number)) => number.parse().map_or(Claim::Nothing, Claim::Number),
-        None => rest.parse().map_or(Claim::Nothing, |id| Claim::Cycle(CycleId(id))),
-    }
 }

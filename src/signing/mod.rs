@@ -15,14 +15,18 @@ mod differences;
 mod error;
 mod export;
 mod key;
+mod names;
+mod page;
 mod statement;
 
 pub use canonical::canonical;
 pub use chain::{Claim, Signed, Verified, missing, not_here, verify};
 pub use differences::differences;
 pub use error::SigningError;
-pub use export::{Export, cycle_stem, exported_files, person_stem, verify_export};
+pub use export::{Export, exported_files, verify_export};
 pub use key::{CellKey, PublicKey};
+pub use names::{cycle_stem, page_stem, pdf_name, person_stem};
+pub use page::SignedPage;
 pub use statement::{
     BEGIN, FORM, HEAD_FORM, Meaning, PersonSignature, Said, SignedCycle, SignedHead, Statement, StorePlace,
     files_of,

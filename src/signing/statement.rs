@@ -201,7 +201,8 @@ impl SignedHead {
     }
 }
 
-fn read<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, SigningError> {
+/// Reads what must be in canonical form.
+pub(super) fn read<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, SigningError> {
     let value: Value = serde_json::from_slice(bytes).map_err(SigningError::form)?;
     if canonical(&value)? != bytes {
         return Err(SigningError::form("its bytes are not in canonical form"));

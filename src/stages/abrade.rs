@@ -167,6 +167,12 @@ impl Abraded {
     }
 }
 
+/// The gate's word on what was executed. That a rest of a path is left is no fault of what was done of it: the cycle is held or
+/// aborted then, and the rest is planned again.
+pub fn of_executed(finding: &Finding) -> Judgement {
+    Judgement::of_checks(finding.checks.iter().filter(|check| check.name != name::EXECUTED))
+}
+
 /// Of the areas that were begun, the grids that were covered as planned, and the others.
 fn covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<GridId>) {
     let executed = done as usize + 1;

@@ -125,9 +125,9 @@ impl Taught<'_> {
         unseen: Option<Reason>,
     ) -> Result<Verification, RefineError> {
         let seen = self.seen(place, sightings)?;
-        let count = Check::new(name::CORNERS, "", seen.corners.len() as f64).gives(unseen, Severity::Reject);
+        let count = Check::new(name::CORNERS, "", seen.corners.len() as f64).gives(unseen, Severity::Review);
         let mut checks = refine::checks_of_stand(&seen, self.limits);
-        checks.extend(self.outside_of_lens(sightings));
+        checks.extend(self.outside_of_lens(sightings).map(|check| check.at_worst(Severity::Review)));
         let judgement = Judgement::of_checks(&checks).and(Judgement::of_checks([&count]));
         Ok(Verification { checks, count, judgement })
     }
@@ -242,9 +242,14 @@ impl Correction {
         limits: &recipe::Corner,
     ) -> Self {
         let is_done = views.is_none_or(|views| views.is_done(limits));
-        // What a corner finds is a finding once all have been seen from near.
+        let wants_another_view = !is_done && views.is_some_and(|views| !views.is_last);
+        // What a corner finds is a finding once all have been seen from near; what is rejected is not looked at again.
         let claims_mm = claims_mm.filter(|_| is_done);
-        let of_corners = refine::checks(&refined, limits);
+        let is_open = |check: &Check| wants_another_view && check.severity < Severity::Reject;
+        let of_corners: Vec<Check> = refine::checks(&refined, limits)
+            .into_iter()
+            .map(|check| if is_open(&check) { check.without_consequence() } else { check })
+            .collect();
         let seen = refined.corners.len();
         let mut of_views = match views {
             Some(views) => views.checks(seen, limits).to_vec(),
@@ -253,7 +258,6 @@ impl Correction {
         of_views.extend(claims_mm.and_then(|claims_mm| refine::disagreement(&refined, &claims_mm)));
         let judgement = Judgement::of_checks(&of_corners).and(Judgement::of_checks(&of_views));
         let checks = [of_corners, of_motion(&refined).to_vec(), of_views].concat();
-        let wants_another_view = !is_done && views.is_some_and(|views| !views.is_last);
         Correction { refined, checks, judgement, wants_another_view }
     }
 
@@ -358,6 +362,16 @@ mod tests {
         for wrong in [views(false, true, f64::NAN), views(true, true, 0.1)] {
             assert_eq!(judged(wrong, None).verdict, Verdict::Reject, "{wrong:?}");
         }
+    }
+
+    /// The doubts of a view that another one follows are none of the panel's: nobody is asked about them.
+    #[test]
+    fn a_view_that_another_one_follows_leaves_no_review() {
+        let recipe = recipe();
+        let judged = |views: Views| Correction::judged(unlike(), Some([0.1; 2]), Some(views), recipe.corner());
+        let (followed, last) = (judged(views(true, false, 2.0)), judged(views(false, true, 0.1)));
+        assert_eq!((followed.judgement.verdict, last.judgement.verdict), (Verdict::Accept, Verdict::Review));
+        assert!(followed.finding(&[]).checks.iter().all(Check::is_kept));
     }
 
     /// From afar a corner is read worse: while views are left, it is looked at from near before its doubts count.

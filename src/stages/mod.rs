@@ -55,6 +55,11 @@ pub fn rejected(kind: Kind, pass: u8, reason: Reason) -> Finding {
     Finding::new(kind, pass, Judgement::of(vec![reason], vec![]))
 }
 
+/// A phase that could not be done for this reason: a trouble of the cell, which a person looks at. It says nothing of the panel.
+pub fn undone(kind: Kind, pass: u8, reason: Reason) -> Finding {
+    Finding::new(kind, pass, Judgement::of(vec![], vec![reason]))
+}
+
 /// A phase that ended in a rejection by this check.
 pub fn rejected_by(kind: Kind, pass: u8, check: Check) -> Finding {
     Finding::new(kind, pass, Judgement::of_checks([&check])).with([check])

@@ -84,9 +84,12 @@ pub fn judge(
     let removed = Abrasive { panel, fit, recipe, tool, earlier, before }.planned(&plan);
     let (of_path, path_judgement) = of_path(&plan, recipe, removed.is_some());
     let of_removal = removed.as_ref().map_or_else(Vec::new, |removed| removed.checks.clone());
-    let of_removal: Vec<Check> = of_removal.into_iter().chain(removal::unknown(recipe, tool)).collect();
-    let (pad, worn) = (check_pad(settings, tool.error_mm), disc.check("worn of the disc afterwards", "this path"));
-    let stroke = tool.check_stroke(fit, settings);
+    let of_contact = |check: Check| tool.of_contact(check);
+    let of_removal = of_removal.into_iter().chain(removal::unknown(recipe, tool)).map(of_contact);
+    let of_removal: Vec<Check> = of_removal.collect();
+    let pad = check_pad(settings, tool.error_mm).map(of_contact);
+    let worn = of_contact(disc.check("worn of the disc afterwards", "this path"));
+    let stroke = tool.check_stroke(fit, settings).map(of_contact);
     let judgement = Judgement::of_checks([&room])
         .and(path_judgement)
         .and(Judgement::of_checks(&pad))

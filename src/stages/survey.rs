@@ -24,6 +24,8 @@ pub struct ToolState {
     pub removal: Option<Model>,
     /// The stroke of a compliant tool, mm.
     pub stroke_mm: Option<f64>,
+    /// The path is run in the air: what contact would need, wear or remove is no reason for anything.
+    pub in_air: bool,
 }
 
 impl ToolState {
@@ -31,6 +33,11 @@ impl ToolState {
     pub(super) fn check_stroke(&self, fit: &Fit, settings: &recipe::Path) -> Option<Check> {
         let errors_mm = [self.error_mm, Some(fit.deviation.p95_mm), Some(settings.chord_error_mm())];
         self.stroke_mm.map(|stroke_mm| check_stroke(stroke_mm, settings.press_in_mm(), errors_mm))
+    }
+
+    /// A check of what contact needs, wears or removes.
+    pub(super) fn of_contact(&self, check: Check) -> Check {
+        if self.in_air { check.without_consequence() } else { check }
     }
 }
 
@@ -70,7 +77,8 @@ pub fn survey(
         Ok(grids) => {
             let (pad, disc) = (check_pad(settings, tool.error_mm), disc(&grids, settings, tool));
             let stroke = tool.check_stroke(fit, settings);
-            let of_tool: Vec<Check> = pad.into_iter().chain(stroke).chain([disc]).collect();
+            let of_tool = pad.into_iter().chain(stroke).chain([disc]).map(|check| tool.of_contact(check));
+            let of_tool: Vec<Check> = of_tool.collect();
             let broken = panel_reach::broken_by_grids(&grids);
             let judgement = Judgement::of_checks(broken.iter().chain(&of_tool));
             Surveyed { grids, broken, of_tool, judgement }

@@ -5,7 +5,7 @@ use super::database::{Store, unix_ms};
 use super::error::StoreError;
 use super::{finding_times, outbox, parts};
 use crate::office::Kind;
-use crate::record::{Budget, CycleId, CycleRecord, Finding, KeptFile, RecordingFile};
+use crate::record::{Budget, CycleId, CycleRecord, Finding, KeptFile, RecordingFile, conclude};
 use crate::verdict::{Judgement, Reason, Verdict};
 use rusqlite::{OptionalExtension, Row, params};
 use serde::Serialize;
@@ -89,19 +89,23 @@ impl Store {
         there.map_err(|error| self.failed("read a cycle of", &error))
     }
 
-    /// Keeps how a running cycle ended.
+    /// Keeps how a running cycle ended: as its table has it, never better than what its findings allow
+    /// ([`conclude`](crate::record::conclude)). `because` says why it was ended, if it was.
     ///
     /// # Errors
     /// Where it cannot be written, or there is no such cycle or it is over.
-    pub fn conclude(&mut self, id: CycleId, verdict: Verdict, reasons: &[Reason]) -> Result<(), StoreError> {
-        let (ended_unix_s, reasons) = (self.unix_s(), self.text(&reasons)?);
+    pub fn conclude(&mut self, id: CycleId, ended: Verdict, because: &[Reason]) -> Result<Judgement, StoreError> {
+        let judgement = conclude(ended, &self.findings_of(id)?, &self.asked_in(id)?, because);
+        let Judgement { verdict, reasons } = &judgement;
+        let (ended_unix_s, reasons) = (self.unix_s(), self.text(reasons)?);
         let unix_ms = unix_ms(self.clock());
         self.change(
             (id, "cycle_ends"),
             "UPDATE cycles SET ended_unix_s = ?2, verdict = ?3, reasons = ?4 WHERE id = ?1 AND verdict IS NULL",
             params![id.0, ended_unix_s, verdict.word(), reasons],
             |writing| outbox::insert(writing, Kind::Cycle, id.0, unix_ms),
-        )
+        )?;
+        Ok(judgement)
     }
 
     /// Keeps the error at the tool, as far as it is known; a later one replaces it.

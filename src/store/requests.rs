@@ -61,7 +61,14 @@ impl Store {
         for (unix_ms, text) in self.rows_of(&sql, id)? {
             if let Event::Asked(request) = self.parsed(&text)? {
                 let wanted = Wanted::For(request);
-                asked.push(RequestRecord { unix_ms, wanted, who: None, answer: None, reasons: Vec::new() });
+                asked.push(RequestRecord {
+                    unix_ms,
+                    wanted,
+                    who: None,
+                    answer: None,
+                    reasons: Vec::new(),
+                    findings: None,
+                });
             }
         }
         asked.sort_by_key(|asked| asked.unix_ms);

@@ -2,7 +2,7 @@
 
 use super::derivatives::Parameter;
 use super::samples::Window;
-use crate::geometry::Pixel;
+use crate::geometry::{Pixel, Raster};
 use crate::panel::Region;
 use nalgebra::Point2;
 
@@ -114,19 +114,8 @@ impl DeviationMap {
 
     /// Side of the largest square without a point that ends at each pixel, px.
     fn squares(&self) -> Vec<u32> {
-        let width = self.width();
-        let mut squares = vec![0_u32; self.pixels.len()];
-        for (index, pixel) in self.pixels.iter().enumerate() {
-            if matches!(pixel, MapPixel::Missing | MapPixel::Rejected { .. }) {
-                let beside = if index % width > 0 && index >= width {
-                    squares[index - 1].min(squares[index - width]).min(squares[index - width - 1])
-                } else {
-                    0
-                };
-                squares[index] = 1 + beside;
-            }
-        }
-        squares
+        let raster = Raster { width: self.width(), height: self.pixels.len() / self.width().max(1) };
+        raster.largest_squares(|index| matches!(self.pixels[index], MapPixel::Missing | MapPixel::Rejected { .. }))
     }
 }
 

@@ -1,6 +1,7 @@
 //! A check: one number with its unit, what is allowed of it and who says so, and what follows where it is not kept.
 //!
-//! A gate lists its checks; the verdict, the page, the JSON and the recording are all made from that one list.
+//! A gate lists its checks; the verdict, the page, the JSON and the recording are all made from that one list. A limit that is not
+//! kept always has a consequence: the page prints "not allowed" beside such a value, and nothing with such a row is accepted.
 
 use super::judgement::{Judgement, Reason};
 use serde::{Deserialize, Serialize};
@@ -160,7 +161,13 @@ impl Check {
         code: &'static str,
         words: impl FnOnce() -> String,
     ) -> Self {
-        Check { severity, code: Some(Cow::Borrowed(code)), message: is_broken.then(words), ..self }
+        let check = Check { severity, code: Some(Cow::Borrowed(code)), message: is_broken.then(words), ..self };
+        if is_broken { check } else { check.undecided() }
+    }
+
+    /// The same number without its limit, if that is not kept: the limit decides nothing here.
+    fn undecided(self) -> Self {
+        if self.is_kept() { self } else { Check { limit: Limit::Unlimited, set_by: None, ..self } }
     }
 
     /// The same check with the reason that was found for it, if any.
@@ -173,7 +180,13 @@ impl Check {
     /// The same check, of which nothing follows: something else was found that makes it meaningless.
     #[must_use]
     pub fn without_consequence(self) -> Self {
-        Check { severity: Severity::None, code: None, message: None, ..self }
+        Check { severity: Severity::None, code: None, message: None, ..self }.undecided()
+    }
+
+    /// The same check, of which nothing worse than this follows.
+    #[must_use]
+    pub fn at_worst(self, severity: Severity) -> Self {
+        Check { severity: self.severity.min(severity), ..self }
     }
 
     /// Whether the value keeps its limit; one that was not measured breaks none.
@@ -186,13 +199,27 @@ impl Check {
         let (code, message) = (self.code.clone()?, self.message.clone()?);
         (self.severity > Severity::None).then_some(Reason { code, message })
     }
+
+    /// The reason to look at a limit that is not kept although no rule says what follows: a fault of the program, on the safe side.
+    fn unjudged(&self) -> Option<Reason> {
+        let is_judged = self.is_kept() || self.reason().is_some();
+        let (value, bound) = (self.value?, self.limit.bound().filter(|_| !is_judged)?);
+        let message = format!(
+            "{}: found {value} {unit}, the limit is {bound} {unit}, and no rule says what follows; look at it before you accept \
+             it, and report it as a fault of the program",
+            self.name,
+            unit = self.unit
+        );
+        Some(Reason { code: Cow::Borrowed("limit"), message })
+    }
 }
 
 impl Judgement {
     /// The verdict of one gate by its checks, in their order; a reason that several of them give is listed once.
     pub fn of_checks<'c>(checks: impl IntoIterator<Item = &'c Check>) -> Self {
-        let (mut reject, mut review) = (Vec::new(), Vec::new());
+        let (mut reject, mut review, mut unjudged) = (Vec::new(), Vec::new(), Vec::new());
         for check in checks {
+            unjudged.extend(check.unjudged());
             let Some(reason) = check.reason() else { continue };
             let list = if check.severity == Severity::Reject { &mut reject } else { &mut review };
             if !list.contains(&reason) {
@@ -200,7 +227,20 @@ impl Judgement {
             }
         }
         review.retain(|reason| !reject.contains(reason));
+        if reject.is_empty() && review.is_empty() {
+            review = unjudged;
+        }
         Judgement::of(reject, review)
+    }
+
+    /// The verdict beside these checks as well: what is good is not, if a limit among them is not kept.
+    #[must_use]
+    pub fn beside<'c>(self, checks: impl IntoIterator<Item = &'c Check>) -> Self {
+        if self.verdict.badness() > 0 {
+            return self;
+        }
+        let unjudged: Vec<Reason> = checks.into_iter().filter_map(Check::unjudged).collect();
+        self.and(Judgement::of(vec![], unjudged))
     }
 }
 
@@ -247,6 +287,33 @@ mod tests {
         assert_eq!((judgement.verdict, judgement.reasons.len()), (Verdict::Review, 1));
         let judgement = Judgement::of_checks(&[both(Severity::Review), both(Severity::Reject)]);
         assert_eq!((judgement.verdict, judgement.reasons.len()), (Verdict::Reject, 1));
+    }
+
+    /// The page prints "not allowed" beside a limit that is not kept. A gate that tolerates more than it prints, a number that was given
+    /// a limit and no consequence, and a consequence that was taken away: none of them leaves such a row on what is accepted.
+    #[test]
+    fn no_limit_is_broken_on_what_is_accepted() {
+        let over = || Check::new("overhang", "mm", 2.005).at_most(2.0, SetBy::recipe("path.edge_overhang_mm"));
+        let words = || "too far".to_owned();
+        let tolerated = over().broken(false, Severity::Review, "edge_overhang", words);
+        let freed = over().reviews("edge_overhang", words).without_consequence();
+        for check in [tolerated, freed] {
+            assert_eq!((check.is_kept(), check.limit, &check.set_by), (true, Limit::Unlimited, &None));
+            assert_eq!(Judgement::of_checks(&[check]).verdict, Verdict::Accept);
+        }
+        let kept = Check::new("overhang", "mm", 1.99).at_most(2.0, SetBy::Program).without_consequence();
+        assert_eq!(kept.limit, Limit::AtMost(2.0), "a limit that is kept stays beside its number");
+        // Nobody said what follows: a person looks.
+        for number in [2.005, f64::NAN] {
+            let unjudged = Check { value: Some(number), ..over() };
+            let judgement = Judgement::of_checks(&[unjudged.clone()]);
+            assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Review, "limit"));
+            let accepted = Judgement::of(vec![], vec![]);
+            assert_eq!(accepted.beside(&[unjudged]).verdict, Verdict::Review);
+        }
+        let judged = over().rejects("edge_overhang", words);
+        assert_eq!(Judgement::of_checks(&[over(), judged.clone()]).reasons.len(), 1, "that it is not kept is said");
+        assert_eq!(judged.at_worst(Severity::Review).severity, Severity::Review);
     }
 
     /// An earlier program kept name, value, unit and limit alone.

@@ -30,6 +30,19 @@ impl Verdict {
         self.into()
     }
 
+    /// How bad it is: of two verdicts on one thing the larger number holds. A review is worse than a fail, since nobody has decided
+    /// whether the evidence holds.
+    pub fn badness(self) -> u8 {
+        match self {
+            Verdict::Accept | Verdict::Pass => 0,
+            Verdict::Fail => 1,
+            Verdict::Review => 2,
+            Verdict::Invalid => 3,
+            Verdict::Reject => 4,
+            Verdict::Aborted => 5,
+        }
+    }
+
     /// The process's exit code: 0 good, 1 a verdict that is not, 3 a fault.
     pub fn exit_code(self) -> u8 {
         match self {
@@ -84,12 +97,8 @@ impl Judgement {
 
     /// Two gates' words on one thing: the worse verdict, its reasons first.
     pub fn and(self, other: Judgement) -> Self {
-        let badness = |judgement: &Judgement| match judgement.verdict {
-            Verdict::Accept | Verdict::Pass => 0,
-            Verdict::Review => 1,
-            _ => 2,
-        };
-        let (worse, better) = if badness(&other) > badness(&self) { (other, self) } else { (self, other) };
+        let is_worse = other.verdict.badness() > self.verdict.badness();
+        let (worse, better) = if is_worse { (other, self) } else { (self, other) };
         Judgement { verdict: worse.verdict, reasons: [worse.reasons, better.reasons].concat() }
     }
 }

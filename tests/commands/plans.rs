@@ -1,6 +1,8 @@
 //! Plans of every pattern, and one that is rejected.
 
 use super::{TEACH, json, keep, panelprep, rendered};
+use panelprep::files;
+use panelprep::geometry::OrganizedCloud;
 use serde_json::{Value, json as value};
 
 /// Every pattern on the rendered cell, a single grid, neighbours and all: accepted, its lines within the recipe's step-over.
@@ -57,4 +59,48 @@ fn a_rejected_plan_becomes_no_program() {
         assert_eq!(output.status.code(), Some(2), "{name}");
         assert!(String::from_utf8_lossy(&output.stderr).contains(word), "{name}");
     }
+}
+
+/// A hole in the middle of the region, through which the background is seen: `teach` names it, its size and its grid, and does not speak of
+/// the camera; `check` with the cell's file does the same once the panel is taught.
+#[test]
+fn a_hole_under_the_region_is_named_by_teach_and_check() {
+    let folder = rendered("good");
+    let folder = folder.path();
+    let check = "check cell/cell.toml cell/recipe.toml";
+    assert_eq!(json(folder, check).1["files"][1]["warnings"], serde_json::json!([]), "nothing was taught yet");
+    let recipe: toml::Table =
+        std::fs::read_to_string(folder.join("cell/recipe.toml")).expect("a recipe").parse().expect("TOML");
+    let corners = recipe["region"]["corners_px"].as_array().expect("corners").clone();
+    let number =
+        |value: &toml::Value| value.as_float().or(value.as_integer().map(|whole| whole as f64)).expect("px");
+    let mean = |axis: usize| corners.iter().map(|corner| number(&corner[axis])).sum::<f64>() / 4.0;
+    let file = folder.join("cell/taught_scan.pcd");
+    let cloud = files::read_any_cloud(&std::fs::read(&file).expect("a scan"), None).expect("a scan");
+    let (width, height) = (cloud.width(), cloud.height());
+    // Half-way from the region's middle to its first corner: under the middle itself the panel is looked for.
+    let middle_px = [0, 1].map(|axis| (mean(axis) + number(&corners[0][axis])) / 2.0);
+    let (middle, half) = (middle_px.map(|px| px.round() as usize), 7);
+    let is_hole =
+        |index: usize| (index % width).abs_diff(middle[0]) <= half && (index / width).abs_diff(middle[1]) <= half;
+    let points = cloud.raw_points_mm().iter().enumerate();
+    // Seen through the hole: along the same ray, a fifth farther away.
+    let points = points.map(|(index, &at)| if is_hole(index) { at.map(|mm| 1.2 * mm) } else { at }).collect();
+    let holed = OrganizedCloud::new(width, height, points, cloud.picture().rgb).expect("organised");
+    std::fs::write(&file, files::write_pcd(&holed)).expect("written");
+
+    let (exit, told) = json(folder, TEACH);
+    let codes: Vec<&str> =
+        told["reasons"].as_array().expect("reasons").iter().filter_map(|reason| reason["code"].as_str()).collect();
+    assert_eq!((exit, &told["verdict"], codes), (1, &"review".into(), vec!["region_over_hole"]), "{told}");
+    let found = &told["region_off_panel"][0];
+    let [size_mm, u] = [&found["size_mm"], &found["at_px"][0]].map(|value| value.as_f64().expect("a number"));
+    assert!((25.0..60.0).contains(&size_mm) && (u - middle_px[0]).abs() < 2.0, "{found}");
+    let (_, told) = json(folder, check);
+    let warning = &told["files"][1]["warnings"][0];
+    assert_eq!(warning["key"], "region.corners_px", "{told}");
+    assert!(
+        warning["message"].as_str().is_some_and(|words| words.contains("the region has a hole of ")),
+        "{warning}"
+    );
 }

@@ -1,8 +1,8 @@
 //! What the store has acknowledged, kept beside it: after every start, whatever ended the process before, the store must hold it.
 
-use panelprep::cycle::{At, Event, Motion, State};
+use panelprep::cycle::{At, Event, Motion, Request, State};
 use panelprep::daemon::{Note, RecordAnswer, RecordCommand};
-use panelprep::record::{CycleId, CycleRecord, MotionRecord};
+use panelprep::record::{Answer, CycleId, CycleRecord, MotionRecord, Wanted};
 use panelprep::report::cycle_page;
 use panelprep::store::{Store, StoreError};
 use panelprep::verdict::Verdict;
@@ -53,12 +53,42 @@ pub enum Told {
     Nothing,
 }
 
+/// No record has a verdict that is better than its worst finding: what a pass needs, said once more.
+fn earned(record: &CycleRecord) -> Result<(), String> {
+    if let Some(words) = record.unearned().first() {
+        return Err(words.clone());
+    }
+    let Some(judgement) = record.judgement.as_ref().filter(|judgement| judgement.verdict == Verdict::Pass) else {
+        return Ok(());
+    };
+    let found = |index: usize| (record.findings[index].kind, record.findings[index].judgement.verdict);
+    let decided = |index: usize| {
+        record.asked.iter().any(|asked| {
+            let decides = matches!(asked.wanted, Wanted::For(Request::Accept | Request::Unhold { .. }));
+            decides && asked.answer == Some(Answer::Done) && asked.findings.is_some_and(|kept| kept > index as u64)
+        })
+    };
+    for index in 0..record.findings.len() {
+        let is_bad = match found(index) {
+            (_, Verdict::Reject | Verdict::Invalid | Verdict::Aborted) => true,
+            (_, Verdict::Review) => !decided(index),
+            // The last word is a film's, or an air-run's motion.
+            (_, Verdict::Fail) => index + 1 == record.findings.len(),
+            (_, Verdict::Accept | Verdict::Pass) => false,
+        };
+        if is_bad {
+            return Err(format!("{judgement:?} over the finding {:?}", found(index)));
+        }
+    }
+    Ok(())
+}
+
 impl Told {
     /// Of this command.
     pub fn of(command: &RecordCommand) -> Self {
         match command {
             RecordCommand::Event(event) => Told::Event(*event),
-            RecordCommand::Conclude(verdict) => Told::Verdict(*verdict),
+            RecordCommand::Conclude { verdict, .. } => Told::Verdict(*verdict),
             RecordCommand::Note(Note::Finding(_)) => Told::Finding,
             RecordCommand::Asked(_) => Told::Asked,
             RecordCommand::OpenIntent(motion) => Told::Open(*motion),
@@ -251,6 +281,7 @@ impl Ledger {
         }
         for cycle in store.ended_cycles().map_err(|error| words(&error))? {
             let record = store.cycle(cycle).map_err(|error| words(&error))?;
+            earned(&record).map_err(|words| format!("cycle {cycle}: {words}"))?;
             let beyond = |motion: &&MotionRecord| {
                 motion.contact.as_ref().is_some_and(|contact| motion.done > contact.permitted)
             };

@@ -99,13 +99,17 @@ impl Port<RecordCommand> for Record<'_> {
         }
         let is_skipped = self.sabotage.is_some_and(|sabotage| sabotage.skips(&command));
         disk::imagine();
-        if let RecordCommand::Conclude(verdict) = &command {
+        if let RecordCommand::Conclude { verdict, .. } = &command {
             self.ledger.decided(*verdict);
             disk::imagine_now();
         }
         self.judge_standing(&command);
         let told_of_contact = of_contact(&command);
-        let answer = if is_skipped { Ok(RecordAnswer::Done) } else { self.store.perform(command) };
+        let skipped = match &command {
+            RecordCommand::Conclude { verdict, .. } => RecordAnswer::Concluded(*verdict),
+            _ => RecordAnswer::Done,
+        };
+        let answer = if is_skipped { Ok(skipped) } else { self.store.perform(command) };
         self.judge_imagined_cuts();
         let answer = answer?;
         if let Some(command) = told_of_contact {

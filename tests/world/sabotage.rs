@@ -124,7 +124,7 @@ impl Sabotage {
         match row {
             Row::Event => matches!(command, RecordCommand::Event(_)),
             Row::Progress => matches!(command, RecordCommand::Event(Told(Report::Progress { .. }))),
-            Row::Verdict => matches!(command, RecordCommand::Conclude(_)),
+            Row::Verdict => matches!(command, RecordCommand::Conclude { .. }),
             Row::Finding => matches!(command, RecordCommand::Note(Note::Finding(_))),
             Row::Asked => matches!(command, RecordCommand::Asked(_)),
             Row::Intent => matches!(command, RecordCommand::OpenIntent(_) | RecordCommand::OpenContact { .. }),

@@ -55,6 +55,10 @@ pub struct Cell {
     pub doomed: bool,
     /// A result waits for a person.
     pub reviewed: bool,
+    /// The tool was on the panel, and what it did is not graded.
+    pub ungraded: bool,
+    /// What it did waits for a person.
+    pub contact_reviewed: bool,
     pub film: Option<Film>,
     pub passes: u8,
     /// An air-run, and whether its path was flown to the end.
@@ -103,6 +107,8 @@ impl Cell {
             token: false,
             doomed: false,
             reviewed: false,
+            ungraded: false,
+            contact_reviewed: false,
             film: None,
             passes: 0,
             air: false,
@@ -212,12 +218,14 @@ impl Cell {
     fn answered(&mut self, act: Act, answer: Answer) {
         match (act, answer) {
             (Act::Move(motion), Answer::Stands { done }) => {
+                self.ungraded |= motion.path == Path::Contact;
                 self.moving = None;
                 self.arm = (done == motion.waypoints).then_some(motion.path);
                 self.flown |= self.arm == Some(Path::Air);
             }
             (Act::EndEpoch { .. }, Answer::Stands { .. }) => {
-                if self.moving.take().is_some() {
+                if let Some(moving) = self.moving.take() {
+                    self.ungraded |= moving.motion.path == Path::Contact;
                     self.arm = None;
                 }
                 self.ending = false;
@@ -243,6 +251,11 @@ impl Cell {
             (Act::Refine { .. }, Answer::Graded(Grade::Accept)) => self.token = true,
             (Act::Verify { .. }, Answer::Graded(Grade::Accept)) => {
                 (self.token, self.verified, self.disturbed) = (true, true, false);
+            }
+            (Act::Assess, Answer::Graded(grade)) => {
+                self.ungraded = false;
+                self.doomed |= grade == Grade::Reject;
+                self.contact_reviewed |= grade == Grade::Review;
             }
             (Act::Plan { .. }, Answer::Planned { .. }) => self.verified = false,
             (Act::Plan { .. }, Answer::PlannedForReview { .. }) => (self.verified, self.reviewed) = (false, true),
@@ -274,6 +287,7 @@ impl Cell {
                 // A new dry panel, somewhere.
                 (self.wet, self.dry_picture, self.verified, self.disturbed) = (false, false, false, true);
                 (self.doomed, self.reviewed, self.film, self.passes) = (false, false, None, 0);
+                (self.ungraded, self.contact_reviewed) = (false, false);
                 (self.token, self.located, self.concluded) = (false, false, false);
             }
             (Event::Asked(Request::Reset), at) if at != before.at => self.tested = false,
@@ -282,7 +296,8 @@ impl Cell {
                 self.located = false;
             }
             (Event::Asked(Request::Accept), at) if at != before.at => {
-                (self.reviewed, self.disturbed, self.located) = (false, false, true)
+                (self.reviewed, self.disturbed, self.located) = (false, false, true);
+                self.contact_reviewed = false;
             }
             _ => {}
         }

@@ -76,7 +76,7 @@ impl Cell {
             Act::Move(motion) => Answer::Stands { done: motion.waypoints },
             Act::OpenEpoch { above } => Answer::Epoch(above.max(self.epoch) + 1),
             Act::SelfTest | Act::SetFrames(_) | Act::Switch(_) | Act::DryPicture => Answer::Done,
-            Act::Locate => Answer::Graded(grade(random, 0.9)),
+            Act::Locate | Act::Assess => Answer::Graded(grade(random, 0.9)),
             Act::Refine { view } if random.random_bool(1.0 / f64::from(view + 2)) => Answer::LookOn,
             Act::Refine { .. } => Answer::Graded(grade(random, 0.95)),
             Act::Verify { view } if random.random_bool(0.5 / f64::from(view + 1)) => Answer::LookOn,
@@ -194,7 +194,7 @@ pub fn answers(act: Act, id: Id) -> Vec<Report> {
         Act::Move(motion) => vec![stands(motion.waypoints), stands(motion.waypoints.saturating_sub(1))],
         Act::OpenEpoch { above } => vec![Answer::Epoch(above + 1), Answer::Epoch(above)],
         Act::SelfTest | Act::SetFrames(_) | Act::Switch(_) | Act::DryPicture => vec![Answer::Done],
-        Act::Locate => graded.to_vec(),
+        Act::Locate | Act::Assess => graded.to_vec(),
         Act::Refine { .. } | Act::Verify { .. } => [&graded[..], &[Answer::LookOn]].concat(),
         Act::Film => [Film::Whole, Film::Broken, Film::Invalid].map(Answer::Filmed).to_vec(),
         Act::Plan { .. } => {

@@ -53,6 +53,8 @@ impl Cell {
                         _ => false,
                     };
                     never(unfounded, "a verdict without its film")?;
+                    let is_result = matches!(verdict, Verdict::Pass | Verdict::Fail);
+                    never(is_result && self.ungraded, "a result though nobody knows what the contact did")?;
                 }
                 Effect::Refuse { request, .. } => {
                     let untouched = self.state.at == before.at || request == Request::Reset;
@@ -67,6 +69,7 @@ impl Cell {
         let parked = self.arm == Some(Path::Park) && self.moving.is_none();
         match act {
             Act::Stand | Act::SelfTest => {}
+            Act::Assess => never(!self.ungraded, "a grade of no contact")?,
             Act::OpenEpoch { .. } => self.opening = true,
             Act::EndEpoch { .. } => {
                 (self.epoch_open, self.opening, self.frames, self.ending) = (false, false, None, true);
@@ -95,7 +98,14 @@ impl Cell {
         let goes_on = !matches!(act, Act::EndEpoch { .. } | Act::Switch(_) | Act::OpenEpoch { .. } | Act::Stand);
         let parks = matches!(act, Act::Move(Motion { path: Path::Park, .. }));
         never(self.doomed && !parks && self.state.job.running && goes_on, "work after a reject")?;
-        never(self.reviewed && self.state.job.running && goes_on, "work on a result that waits for a person")
+        let waits = self.reviewed || self.contact_reviewed;
+        never(waits && self.state.job.running && goes_on, "work on a result that waits for a person")?;
+        let works = match act {
+            Act::Plan { .. } | Act::Film | Act::Switch(Switch::Rinse | Switch::Spray | Switch::ToolOn) => true,
+            Act::Move(motion) => matches!(motion.path, Path::Approach | Path::Contact),
+            _ => false,
+        };
+        never(self.ungraded && works, "work on a panel though nobody knows what the contact did")
     }
 
     fn check_corner(&self, view: u8) -> Result<(), String> {

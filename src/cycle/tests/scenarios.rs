@@ -15,7 +15,7 @@ fn a_dirty_panel_is_abraded_once_and_passes() {
     assert_eq!(story.until("film"), "lensguard spray wateroff lensclear film");
     assert_eq!(story.until("verify"), "plan-1 lightoff to-corner-0 verify");
     assert_eq!(story.until("to-contact"), "extractionon frames-pad to-approach toolon to-contact");
-    assert_eq!(story.until("rinse"), "tooloff to-retract to-park lensguard rinse");
+    assert_eq!(story.until("rinse"), "tooloff to-retract assess to-park lensguard rinse");
     assert_eq!(
         story.until("film"),
         "wateroff spray wateroff lighton lensclear film",
@@ -148,6 +148,44 @@ fn a_doubtful_path_waits_for_a_person_and_is_verified_before_contact() {
     story.asked(Request::Unhold { dried: true });
     let acts = story.until("to-contact");
     assert!(acts.contains("locate") && acts.contains("plan-1") && acts.contains("verify"), "{acts}");
+}
+
+/// What the tool did is graded with the tool off and clear of the panel. A reject ends the cycle there: no water, no film.
+#[test]
+fn a_contact_that_is_rejected_ends_the_cycle() {
+    let mut story = Story::started(&[Film::Broken, Film::Whole]);
+    assert!(story.until("assess").ends_with("tooloff to-retract assess"));
+    story.answer(Answer::Graded(Grade::Reject));
+    assert_eq!(story.rests(), "to-park extractionoff");
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Reject });
+    assert_eq!(story.films, [Film::Whole], "no film after it");
+}
+
+/// The person alone decides: drying the panel measures nothing that the tool did.
+#[test]
+fn a_doubtful_contact_waits_for_a_person() {
+    let mut story = Story::started(&[Film::Broken, Film::Whole]);
+    story.until("assess");
+    story.answer(Answer::Graded(Grade::Review));
+    assert_eq!(story.rests(), "end-epoch");
+    let held = At::Held(Hold { why: Why::Review, resume: Phase::Assess { left: false } });
+    assert_eq!(story.at(), held);
+    for dried in [false, true] {
+        story.asked(Request::Unhold { dried });
+        let refusal = Effect::Refuse { request: Request::Unhold { dried }, refusal: Refusal::Review };
+        assert_eq!((story.at(), &story.cell.effects[..]), (held, &[refusal][..]));
+    }
+    story.asked(Request::Accept);
+    let acts = story.rests();
+    assert!(acts.contains("rinse") && !acts.contains("plan") && !acts.contains("assess"), "{acts}");
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+    // Nobody accepts: the verdict stays review.
+    let mut story = Story::started(&[Film::Broken]);
+    story.until("assess");
+    story.answer(Answer::Graded(Grade::Review));
+    story.rests();
+    story.asked(Request::Stop);
+    assert!(story.cell.effects.contains(&Effect::Conclude { verdict: Verdict::Review }));
 }
 
 /// A journal is lines of JSON; read back it leads to the same state.

@@ -38,7 +38,56 @@ fn waypoints_that_were_told_are_not_forgotten_at_the_end_of_the_epoch() {
     let motion = story.cell.state.intent.expect("it is not answered").motion;
     story.answer(Answer::Stands { done: 0 });
     let closed = Effect::CloseIntent { motion, outcome: Outcome::Aborted, done: 2 };
-    assert_eq!(story.cell.effects, [closed]);
+    assert_eq!(story.cell.effects, [closed, Effect::Conclude { verdict: Verdict::Aborted }]);
+}
+
+/// The robot refuses a command since somebody pressed the emergency stop: that is why the cycle was aborted. So it is with a guard
+/// that opens and drives that go off; an abort that a person asked for stays one, unless the emergency stop is pressed.
+#[test]
+fn an_emergency_stop_outranks_what_it_brought_about() {
+    use Robot::{DrivesOff, EmergencyStop, GuardOpen, LinkLost};
+    let refused = Report::EpochOver { trouble: Some(Trouble::Refused) };
+    let after = |first: Event, robots: &[Robot]| {
+        let mut story = Story::in_contact();
+        story.event(first);
+        robots.iter().for_each(|robot| story.told(Report::Robot(*robot)));
+        story.rests();
+        let At::Aborted { cause } = story.at() else { panic!("{:?}", story.at()) };
+        cause
+    };
+    for robot in [EmergencyStop, GuardOpen, DrivesOff, LinkLost] {
+        assert_eq!(after(Event::Told(refused), &[robot]), Cause::Robot(robot), "{robot:?}");
+    }
+    let abort = Event::Asked(Request::Abort);
+    for (robots, cause) in [
+        (&[][..], Cause::Asked),
+        (&[DrivesOff][..], Cause::Asked),
+        (&[EmergencyStop][..], Cause::Robot(EmergencyStop)),
+    ] {
+        assert_eq!(after(abort, robots), cause, "{robots:?}");
+    }
+    let stopped_first = after(Event::Told(Report::Robot(EmergencyStop)), &[DrivesOff]);
+    assert_eq!(stopped_first, Cause::Robot(EmergencyStop));
+    let first = after(Event::Told(refused), &[DrivesOff, EmergencyStop, GuardOpen]);
+    assert_eq!(first, Cause::Robot(EmergencyStop));
+}
+
+/// The end of the epoch switches the tool off before the robot says that it stands: until then nothing is believed of it that a
+/// feedback could contradict.
+#[test]
+fn an_epoch_that_is_ended_leaves_no_output_to_contradict() {
+    for (request, station) in
+        [(Request::Hold, "to-contact"), (Request::Stop, "to-contact"), (Request::Hold, "drypicture")]
+    {
+        let mut story = Story::started(&[Film::Broken]);
+        story.until(station);
+        story.asked(request);
+        assert_eq!(story.acts.last().map(String::as_str), Some("end-epoch"), "{request:?} {station}");
+        let is_on = [Switch::ToolOn, Switch::ExtractionOn, Switch::LightOn];
+        let believed: Vec<Switch> =
+            story.cell.state.facts.proven().filter(|switch| is_on.contains(switch)).collect();
+        assert_eq!(believed, [], "{request:?} {station}");
+    }
 }
 
 #[test]
@@ -52,7 +101,8 @@ fn a_hold_in_contact_retracts_and_unhold_verifies_and_plans_the_rest_again() {
     story.answer(Answer::Stands { done: 2 });
     let closed = Effect::CloseIntent { motion, outcome: Outcome::Held, done: 2 };
     assert_eq!(story.cell.effects, [closed]);
-    assert!(matches!(story.at(), At::Held(Hold { why: Why::Asked, resume: Phase::Plan })));
+    let left = Phase::Assess { left: true };
+    assert_eq!(story.at(), At::Held(Hold { why: Why::Asked, resume: left }), "the hold stays one");
     // A late word of the ended path is dropped.
     let (id, _) = story.cell.stale[story.cell.stale.len() - 2];
     let before = story.cell.state;
@@ -61,11 +111,45 @@ fn a_hold_in_contact_retracts_and_unhold_verifies_and_plans_the_rest_again() {
 
     story.asked(Request::Unhold { dried: false });
     assert_eq!(story.until("verify"), "epoch frames-camera to-corner-0 verify");
-    assert_eq!(story.until("plan-1"), "plan-1");
+    assert_eq!(story.until("plan-1"), "assess plan-1", "what was done is graded before more is done");
     // The controller may have switched the extraction off since.
     assert_eq!(story.until("to-contact"), "verify extractionon frames-pad to-approach toolon to-contact");
     story.rests();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+}
+
+/// What the part that was executed is rejected for ends the cycle at the next step, and more is not abraded.
+#[test]
+fn a_path_that_was_cut_short_and_is_rejected_is_not_planned_again() {
+    for dried in [false, true] {
+        let mut story = Story::in_contact();
+        story.asked(Request::Hold);
+        story.rests();
+        story.asked(Request::Unhold { dried });
+        story.until("assess");
+        story.answer(Answer::Graded(Grade::Reject));
+        let acts = story.rests();
+        assert!(!acts.contains("plan") && !acts.contains("toolon"), "{acts}");
+        assert_eq!(story.at(), At::Complete { verdict: Verdict::Reject }, "dried {dried}");
+    }
+}
+
+/// A hold on the way off the panel, and one while it is graded: the grade is still asked for.
+#[test]
+fn a_hold_after_contact_does_not_lose_the_grade() {
+    for station in ["to-retract", "assess"] {
+        let mut story = Story::started(&[Film::Broken, Film::Whole]);
+        story.until(station);
+        story.asked(Request::Hold);
+        story.rests();
+        let left = Phase::Assess { left: false };
+        assert_eq!(story.at(), At::Held(Hold { why: Why::Asked, resume: left }), "{station}");
+        story.asked(Request::Unhold { dried: false });
+        let acts = story.until("rinse");
+        assert!(acts.contains("assess") && !acts.contains("plan"), "{acts}");
+        story.rests();
+        assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass }, "{station}");
+    }
 }
 
 #[test]

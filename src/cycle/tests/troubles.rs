@@ -87,7 +87,7 @@ fn outputs_that_were_on_outlive_the_program_and_the_link() {
 }
 
 /// The stations of a cycle, and one act of each.
-const STATIONS: [&str; 14] = [
+const STATIONS: [&str; 15] = [
     "to-park",
     "locate",
     "to-corner-0",
@@ -101,6 +101,7 @@ const STATIONS: [&str; 14] = [
     "toolon",
     "to-contact",
     "to-retract",
+    "assess",
     "rinse",
 ];
 

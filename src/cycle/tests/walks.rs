@@ -25,6 +25,7 @@ fn phase(at: At) -> &'static str {
         At::Execute(Phase::Verify) => "verify",
         At::Execute(Phase::Abrade) => "abrade",
         At::Execute(Phase::Retract) => "retract",
+        At::Execute(Phase::Assess { .. }) => "assess",
         At::Execute(Phase::Rinse) => "rinse",
         other => other.word(),
     }
@@ -41,6 +42,10 @@ fn note(coverage: &mut Coverage, cell: &Cell, before: State) {
     happened("held in contact", holds && contact(before).is_some_and(|intent| intent.done > 0));
     happened("aborted in contact", contact(now).is_some() && matches!(now.at, At::Aborting { .. }));
     happened("planned again", matches!(before.at, At::Unholding { .. }) && now.at == At::Execute(Phase::Plan));
+    let was_left = matches!(before.at, At::Execute(Phase::Assess { left: true }));
+    happened("a path that was cut short is graded", was_left && now.at == At::Execute(Phase::Plan));
+    let is_held = matches!(now.at, At::Held(hold) if hold.is_of_contact());
+    happened("a contact waits for a person", is_held && now.at != before.at);
     happened("a contact path done", contact(before).is_some() && now.at == At::Execute(Phase::Retract));
     let air = |state: State| state.intent.is_some_and(|intent| intent.motion.path == Path::Air);
     happened("an air path done", air(before) && now.at == At::Execute(Phase::Retract));
@@ -128,6 +133,7 @@ fn no_walk_finds_what_must_never_be_and_the_walks_see_everything() {
         "verify",
         "abrade",
         "retract",
+        "assess",
         "rinse",
         "holding",
         "held",
@@ -142,6 +148,8 @@ fn no_walk_finds_what_must_never_be_and_the_walks_see_everything() {
         "aborted in contact",
         "planned again",
         "a contact path done",
+        "a path that was cut short is graded",
+        "a contact waits for a person",
         "an air path done",
         "a second pass",
         "a third pass",

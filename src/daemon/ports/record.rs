@@ -88,8 +88,13 @@ pub enum RecordCommand {
     Asked(RequestRecord),
     /// What the clock says: where a cycle begins, and where it is concluded.
     Clock(Clock),
-    /// The cycle's result.
-    Conclude(Verdict),
+    /// The cycle's end as the table has it, and why it was ended, if it was.
+    Conclude {
+        /// The table's verdict.
+        verdict: Verdict,
+        /// Why.
+        because: Vec<Reason>,
+    },
     /// Begins a cycle; what follows is its.
     Begin(CycleStart),
     /// What follows belongs to no cycle.
@@ -114,6 +119,8 @@ pub enum RecordAnswer {
     Done,
     /// To `Begin`.
     Cycle(CycleId),
+    /// To `Conclude`: the verdict that was kept, never better than what was found.
+    Concluded(Verdict),
     /// To `DiscWorn`, mm².
     Worn(f64),
     /// To `AbradedBefore`.
@@ -159,6 +166,13 @@ pub trait RecordPort: Port<RecordCommand> {
         let begun = self.perform(RecordCommand::Begin(start))?;
         let RecordAnswer::Cycle(cycle) = begun else { return RecordError::mismatch() };
         Ok(cycle)
+    }
+
+    /// Keeps a cycle's end; the verdict that was kept.
+    fn conclude(&mut self, verdict: Verdict, because: Vec<Reason>) -> Result<Verdict, RecordError> {
+        let kept = self.perform(RecordCommand::Conclude { verdict, because })?;
+        let RecordAnswer::Concluded(kept) = kept else { return RecordError::mismatch() };
+        Ok(kept)
     }
 
     /// What the disc in use has swept, mm².

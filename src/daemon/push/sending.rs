@@ -6,7 +6,8 @@ use super::status::PushStatus;
 use crate::cell::Push;
 use crate::daemon::background::Rounds;
 use crate::daemon::progress_file;
-use crate::daemon::record_source::RecordSource;
+use crate::daemon::record_source::{RecordPdf, RecordSource};
+use crate::record::CycleId;
 use crate::signing::{self, Said, Statement};
 use crate::store::{SignatureRow, Store};
 use axum::body::Bytes;
@@ -36,10 +37,22 @@ struct Progress {
 }
 
 /// A file that is put.
+#[derive(Clone)]
 struct File {
     name: String,
     kind: &'static str,
     bytes: Bytes,
+}
+
+/// The page of a cycle, and what the cell signs of it.
+fn page_files(cycle: CycleId, RecordPdf { pdf, page, signature }: RecordPdf) -> Vec<File> {
+    let stem = signing::page_stem(cycle);
+    let file = |name: String, kind, bytes: Vec<u8>| File { name, kind, bytes: bytes.into() };
+    vec![
+        file(signing::pdf_name(cycle), PDF, pdf),
+        file(format!("{stem}.sig"), BYTES, signature),
+        file(format!("{stem}.json"), JSON, page),
+    ]
 }
 
 /// What sends.
@@ -53,6 +66,8 @@ pub(super) struct Sender {
     connection: Option<Connection>,
     /// Names of files that the server has.
     put: BTreeSet<String>,
+    /// The files of the page that was made for the signature with this number.
+    page: Option<(u64, Vec<File>)>,
 }
 
 impl Sender {
@@ -64,7 +79,17 @@ impl Sender {
         if progress.to != to {
             progress = Progress { to, ..Progress::default() };
         }
-        Sender { push, folder, records, status, progress, store: None, connection: None, put: BTreeSet::new() }
+        Sender {
+            push,
+            folder,
+            records,
+            status,
+            progress,
+            store: None,
+            connection: None,
+            put: BTreeSet::new(),
+            page: None,
+        }
     }
 }
 
@@ -133,6 +158,22 @@ impl Sender {
         Ok(())
     }
 
+    /// The first file of a cycle's page that was not put yet: the PDF, and what the cell signs of it. The page is made once for
+    /// each signature.
+    async fn next_of_page(&mut self, row: &SignatureRow) -> Result<Option<File>, String> {
+        if self.page.as_ref().is_none_or(|(number, _)| *number != row.number) {
+            let (records, cycle) = (self.records.clone(), row.cycle);
+            let made = tokio::task::spawn_blocking(move || records.pdf(cycle)).await;
+            let made = made.map_err(|error| error.to_string())?.unwrap_or_else(|problem| {
+                tracing::warn!("the quality system gets no page of cycle {cycle}: {problem}");
+                None
+            });
+            self.page = Some((row.number, made.map_or(vec![], |made| page_files(cycle, made))));
+        }
+        let files = self.page.iter().flat_map(|(_, files)| files);
+        Ok(files.into_iter().find(|file| !self.put.contains(&file.name)).cloned())
+    }
+
     /// The first file of a signature that was not put yet; one that is damaged, or was deleted after its time, stops nothing:
     /// `record verify` names it.
     async fn next_file(&mut self, store: &Store, row: &SignatureRow) -> Result<Option<File>, String> {
@@ -152,16 +193,8 @@ impl Sender {
                 }
             }
         }
-        let page = format!("{}.pdf", signing::cycle_stem(row.cycle));
-        if !self.put.contains(&page) {
-            let (records, cycle) = (self.records.clone(), row.cycle);
-            let made = tokio::task::spawn_blocking(move || records.pdf(cycle)).await;
-            match made.map_err(|error| error.to_string())? {
-                Ok(Some(bytes)) => return Ok(Some(File { name: page, kind: PDF, bytes: bytes.into() })),
-                Ok(None) => {}
-                Err(problem) => tracing::warn!("the quality system gets no page of cycle {cycle}: {problem}"),
-            }
-            self.put.insert(page);
+        if let Some(file) = self.next_of_page(row).await? {
+            return Ok(Some(file));
         }
         let stem = match row.is_of_person {
             false => signing::cycle_stem(row.cycle),

@@ -49,8 +49,13 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
     let panel_stands = Approach { base_from_panel, corners: &[0, 1], obstacles: None };
     let stand = job.tour().stand(&kinematics, &panel_stands).expect("in reach");
     let fit = crate::surface::fit(panel, recipe.surface()).expect("a surface");
-    let tool =
-        ToolState { error_mm: job.cell.limits.tool_error_mm(), worn_mm2: 0.0, removal: None, stroke_mm: None };
+    let tool = ToolState {
+        error_mm: job.cell.limits.tool_error_mm(),
+        worn_mm2: 0.0,
+        removal: None,
+        stroke_mm: None,
+        in_air: false,
+    };
     let laid = plan::lay((panel, &fit), &grids, (recipe, tool)).expect("a path");
     let by_command = plan::judge(
         laid,

@@ -8,6 +8,7 @@ use super::state::{Web, entry, hashing, pauses};
 use super::visitor::{Person, Visitor};
 use crate::accounts::{Account, AuditEntry, Permission};
 use crate::daemon::people::{LogIn, stamp};
+use crate::daemon::record_source::RecordPdf;
 use crate::record::{CycleId, CycleRecord};
 use crate::signing::{Meaning, PersonSignature};
 use crate::store::{PersonSigns, Store};
@@ -116,7 +117,7 @@ pub(super) async fn record(
 pub(super) async fn pdf(State(web): State<Arc<Web>>, Extension(visitor): By, Path(number): Path<String>) -> Answer {
     let id = known(&web, &visitor, &number).await?;
     let unsigned = visitor.language().word("cycle.unsigned");
-    let Some(pdf) = doing(&visitor, move || web.records.pdf(id)).await? else {
+    let Some(RecordPdf { pdf, .. }) = doing(&visitor, move || web.records.pdf(id)).await? else {
         return Err(refusal(StatusCode::NOT_FOUND, "not_signed", unsigned));
     };
     let name = format!("attachment; filename=\"cycle-{id}.pdf\"");

@@ -22,8 +22,8 @@ use serde_json::json;
 use std::sync::Arc;
 
 /// The phases of a cycle in their usual order.
-const PHASES: [&str; 10] =
-    ["locate", "refine", "dry", "wet", "inspect", "plan", "verify", "abrade", "retract", "rinse"];
+const PHASES: [&str; 11] =
+    ["locate", "refine", "dry", "wet", "inspect", "plan", "verify", "abrade", "retract", "assess", "rinse"];
 
 /// The page.
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {

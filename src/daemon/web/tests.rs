@@ -18,7 +18,7 @@ use crate::daemon::front_parts::FrontParts;
 use crate::daemon::gateway::Gateway;
 use crate::daemon::live_view::LiveView;
 use crate::daemon::people::People;
-use crate::daemon::record_source::RecordSource;
+use crate::daemon::record_source::{RecordPdf, RecordSource};
 use crate::daemon::reply::{Exit, Reply};
 use crate::daemon::request::Request as CellRequest;
 use crate::daemon::request_queue::request_queue;
@@ -119,7 +119,7 @@ impl RecordSource for Source {
         Ok("<!DOCTYPE html>".to_owned())
     }
 
-    fn pdf(&self, _: CycleId) -> Result<Option<Vec<u8>>, String> {
+    fn pdf(&self, _: CycleId) -> Result<Option<RecordPdf>, String> {
         Ok(None)
     }
 

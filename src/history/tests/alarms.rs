@@ -96,6 +96,7 @@ fn a_refused_request_is_an_alarm_of_its_moment() {
         who: None,
         answer: Some(answer),
         reasons: vec![reason(code)],
+        findings: None,
     };
     record.asked = vec![asked(Answer::Refused, "not_now"), asked(Answer::Done, "not_told")];
     assert_eq!(told(&record, &times), [alarm("not_now", None, 1_020_500, Some(1_020_500))]);

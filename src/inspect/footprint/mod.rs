@@ -328,3 +328,30 @@ fn closed_bytes(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
     imgproc::morphology_ex_def(&mask, &mut closed, imgproc::MORPH_CLOSE, &kernel)?;
     Ok(closed.data_bytes()?.iter().map(|&byte| byte > 0).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::panel::flat::{Flat, taught};
+    use crate::recipe::Recipe;
+
+    /// By hand: a pixel of a flat panel that faces the camera is 1 mm², so twelve are 12 mm², wherever the region lies. What is seen beyond
+    /// the edge or through a hole, 160 mm behind, is no surface of the panel: pixels beside it would be up to 27 mm² each.
+    #[test]
+    fn the_background_is_no_surface() {
+        let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
+                    [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
+        let recipe = Recipe::check("test.toml", text).unwrap_or_else(|e| panic!("{e}"));
+        let limit_mm2 =
+            |flat: Flat| Footprint::taught_detection_limit_mm2(&taught(&flat), recipe.inspect()).expect("in view");
+        for flat in [
+            Flat::default(),
+            Flat { notch: Some(140), ..Flat::default() },
+            Flat { hole_px: 17, ..Flat::default() },
+            Flat { region_right_px: 250.0, ..Flat::default() },
+        ] {
+            let limit_mm2 = limit_mm2(flat);
+            assert!((limit_mm2 - 12.0).abs() < 1.0, "{limit_mm2} mm²");
+        }
+    }
+}

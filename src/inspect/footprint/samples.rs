@@ -1,6 +1,6 @@
 //! The region's taught pixels: each with its grid, its place and its surface.
 
-use crate::geometry::{Panel, Pixel, Point, polygon};
+use crate::geometry::{Mask, Panel, Pixel, Point, polygon};
 use crate::panel::TaughtPanel;
 use nalgebra::Point2;
 
@@ -28,11 +28,24 @@ pub fn region_samples(taught: &TaughtPanel, masked_px: &[[[f64; 2]; 4]]) -> Vec<
         let id = taught.region.grid_at(pixel)?;
         let grid = (id.row - 1) * taught.region.columns + id.column - 1;
         let own = taught.scan.point(column, row).filter(|_| taught.mask.contains(column, row));
-        let area_mm2 = own.and_then(|_| taught.scan.pixel_area_over_mm2(column, row, AREA_REACH_PX));
+        let area_mm2 = own
+            .filter(|_| is_surrounded(&taught.mask, column, row))
+            .and_then(|_| taught.scan.pixel_area_over_mm2(column, row, AREA_REACH_PX));
         let masked = masks.iter().any(|mask| polygon::contains(mask, pixel));
         Some(Sample { grid, point: own.or_else(|| taught.surface_at(pixel)), area_mm2, masked })
     };
     rows.flat_map(|row| columns.clone().map(move |column| (column, row))).filter_map(sample).collect()
+}
+
+/// Are the neighbours that give a pixel's surface on the panel? What lies behind its edge, or is seen through a hole, is far off.
+fn is_surrounded(mask: &Mask, column: usize, row: usize) -> bool {
+    let reach = AREA_REACH_PX as isize;
+    [(-reach, 0), (reach, 0), (0, -reach), (0, reach)].into_iter().all(|(right, down)| {
+        let (column, row) = (column.checked_add_signed(right), row.checked_add_signed(down));
+        column
+            .zip(row)
+            .is_some_and(|(column, row)| column < mask.width && row < mask.height && mask.contains(column, row))
+    })
 }
 
 /// The whole pixels from the least to the greatest of these, within a picture's length.

@@ -139,6 +139,50 @@ fn each_picture_comes_as_a_browser_shows_it() {
     assert!(status == 422 && answer.contains("4.png: No such file"), "{status} {answer}");
 }
 
+/// EXIF data that say how the picture is to be turned: one entry, the tag 0x0112.
+fn turned(orientation: u8) -> Vec<u8> {
+    let entry = [0x01, 0x12, 0, 3, 0, 0, 0, 1, 0, orientation, 0, 0];
+    [&b"MM\0*\0\0\0\x08\0\x01"[..], &entry, &[0; 4]].concat()
+}
+
+/// The CRC of a PNG's chunk.
+fn crc(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(!0_u32, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| if crc & 1 == 1 { 0xedb8_8320 ^ (crc >> 1) } else { crc >> 1 })
+    })
+}
+
+/// A camera that hangs upside down, or on its side, says so in its pictures, and browsers turn them. Labels are drawn on pixels: the
+/// picture goes out with the same pixels and without a word of a turn, whatever its kind.
+#[test]
+fn a_picture_is_shown_as_its_pixels_stand() {
+    let rgb = (0..8_u8).map(|index| [index * 30, 255 - index * 30, 90]).collect();
+    let picture = crate::geometry::ColorPicture { width: 4, height: 2, rgb };
+    let (plain_jpeg, plain_png) =
+        (files::write_color_jpeg(&picture).expect("packed"), files::write_color_png(&picture).expect("packed"));
+    for orientation in [3, 6, 8] {
+        let exif = turned(orientation);
+        let segment = [&b"Exif\0\0"[..], &exif].concat();
+        let length = u16::try_from(segment.len() + 2).expect("short").to_be_bytes();
+        let jpeg = [&plain_jpeg[..2], &[0xff, 0xe1], &length, &segment, &plain_jpeg[2..]].concat();
+        let chunk = [&b"eXIf"[..], &exif].concat();
+        let length = u32::try_from(exif.len()).expect("short").to_be_bytes();
+        // Behind the header, whose chunk has 13 bytes.
+        let png = [&plain_png[..33], &length, &chunk, &crc(&chunk).to_be_bytes(), &plain_png[33..]].concat();
+        for (bytes, plain) in [(jpeg, &plain_jpeg), (png, &plain_png)] {
+            let expected = files::read_color(plain).expect("a picture");
+            assert_eq!(files::read_color(&bytes).expect("a picture"), expected, "the program takes the pixels");
+            let (kind, sent) = shown(bytes).expect("it is shown");
+            assert_eq!((kind, files::read_color(&sent).expect("a picture")), ("image/png", expected));
+            let has = |name: &[u8]| sent.windows(name.len()).any(|part| part == name);
+            assert!(!has(b"Exif") && !has(b"eXIf"), "no word of a turn");
+        }
+    }
+    for plain in [plain_jpeg, plain_png] {
+        assert_eq!(shown(plain.clone()).expect("it is shown").1, plain, "as it is");
+    }
+}
+
 /// Another page in the same browser neither knows the key nor names this host.
 #[test]
 fn nobody_else_is_served() {

@@ -82,6 +82,7 @@ fn every_planted_defect_has_its_reason() {
     let review = |code: &'static str| (Verdict::Review, Some(code.into()));
     assert_eq!(planted(|plan| plan.grids[1].covered_mm2 *= 0.94), review("coverage"));
     assert_eq!(planted(|plan| plan.overhang.largest_mm = 2.1), review("edge_overhang"));
+    assert_eq!(planted(|plan| plan.overhang.largest_mm = 2.000_02), review("edge_overhang"), "gate and row: 2 mm");
     assert_eq!(planted(|plan| plan.grid_dwell[2].1.low_s *= 0.5), review("uneven"));
     assert_eq!(planted(|plan| plan.step_over_mm.as_mut().expect("rows").max_mm = 12.01), review("step_over"));
 }

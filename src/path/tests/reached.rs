@@ -28,7 +28,7 @@ fn a_large_disc_keeps_off_the_outline_where_it_can() {
     let plan =
         plan(&fit.surface, &region, &["r1c1".parse().expect("a grid")], &outline, &settings).expect("a plan");
     assert_eq!(judge(&plan, &settings).verdict, Verdict::Accept, "{:?}", judge(&plan, &settings));
-    assert!((1.9..2.02).contains(&plan.overhang.largest_mm), "{:?}", plan.overhang);
+    assert!((1.9..=2.0).contains(&plan.overhang.largest_mm), "{:?}", plan.overhang);
 }
 
 /// By hand: the panel ends where its region does and the disc may not reach over the edge: its middle keeps 15 mm off,
@@ -47,7 +47,7 @@ fn what_the_outline_forbids_is_left_and_said() {
         let plan =
             plan(&surface, &region, &["r1c1".parse().expect("a grid")], &outline, &settings).expect("a plan");
         let judgement = judge(&plan, &settings);
-        assert!(plan.overhang.largest_mm < 0.02, "{pattern}: {:?}", plan.overhang);
+        assert!(plan.overhang.largest_mm <= 0.0, "{pattern}: {:?}", plan.overhang);
         assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Review, "coverage"), "{pattern}");
         assert!((plan.grids[0].share() - 0.9846).abs() < 0.002, "{pattern}: {:?}", plan.grids);
     }
@@ -68,6 +68,9 @@ fn every_pattern_covers_the_region() {
             let judgement = judge(&plan, &settings);
             println!("{shape:?} {pattern}: {:.4}, {:?}", plan.coverage, plan.step_over_mm);
             assert_eq!(judgement.verdict, Verdict::Accept, "{shape:?} {pattern}: {judgement:?}");
+            let (checks, _) = super::super::gate::judged(&plan, &settings);
+            let broken: Vec<_> = checks.iter().filter(|check| !check.is_kept()).collect();
+            assert!(broken.is_empty(), "no row of an accepted plan says \"not allowed\": {broken:?}");
             assert_eq!(plan.paths.len(), 2, "{shape:?} {pattern}");
             let step_over = plan.step_over_mm.expect("lines side by side");
             assert!(step_over.max_mm < 12.0 * 1.01, "{shape:?} {pattern}: {step_over:?}");

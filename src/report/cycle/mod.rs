@@ -5,7 +5,7 @@ mod happened;
 use super::checks::{NOT_MEASURED, check_row, shown};
 use super::page::{Figure, Page, Row, Section};
 use crate::geometry::KukaPose;
-use crate::record::{Check, Clock, CycleRecord, Finding, Kind, name};
+use crate::record::{Check, Clock, CycleRecord, Disposition, Finding, Kind, dispositions, name};
 use crate::verdict::{Judgement, Reason, Verdict};
 use crate::words::utc;
 use serde_json::Value;
@@ -23,8 +23,12 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
         reasons: vec![Reason::new("running", "the cycle is not over: this page is not its result")],
     };
     let times = Times::of(record);
-    let mut sections: Vec<Section> =
-        record.findings.iter().map(|finding| section(finding, pictures, times)).collect();
+    let mut sections: Vec<Section> = record
+        .findings
+        .iter()
+        .zip(dispositions(&record.findings, &record.asked))
+        .map(|(finding, disposition)| section((finding, disposition), pictures, times))
+        .collect();
     sections.extend([happened::abraded(record), happened::motions(record), budget(record)]);
     sections.extend(happened::asked(record));
     sections.push(used(record));
@@ -101,7 +105,11 @@ fn duration(record: &CycleRecord) -> String {
     }
 }
 
-fn section(finding: &Finding, pictures: &BTreeMap<String, Vec<u8>>, times: Times) -> Section {
+fn section(
+    (finding, disposition): (&Finding, Disposition<'_>),
+    pictures: &BTreeMap<String, Vec<u8>>,
+    times: Times,
+) -> Section {
     let heading = match finding.kind {
         Kind::Locate => "Where the panel stands",
         Kind::Refine => "The corner",
@@ -120,6 +128,7 @@ fn section(finding: &Finding, pictures: &BTreeMap<String, Vec<u8>>, times: Times
         pass => format!(", pass {pass}"),
     };
     let reasons = finding.judgement.reasons.iter().map(|reason| format!("; {} ({})", reason.message, reason.code));
+    let became = disposition.words().map_or(String::new(), |words| format!(", {words}"));
     let details = finding.details.iter().map(|(name, value)| Row::new(name, words(value), ""));
     let shots = finding.shots.iter().map(|shot| Row::new(&format!("picture {}", shot.name), &shot.hash, ""));
     let figure = |picture: &crate::record::Picture| match pictures.get(&picture.hash) {
@@ -144,7 +153,7 @@ fn section(finding: &Finding, pictures: &BTreeMap<String, Vec<u8>>, times: Times
     });
     Section {
         heading: format!("{heading}{pass}"),
-        text: format!("{}{}", finding.judgement.verdict.word(), reasons.collect::<String>()),
+        text: format!("{}{became}{}", finding.judgement.verdict.word(), reasons.collect::<String>()),
         rows: numbers.chain(details).chain(shots).chain(missing).collect(),
         figures,
     }

@@ -16,7 +16,7 @@ fn asked(wanted: Wanted, answer: Option<Answer>) -> RequestRecord {
         Some(Answer::Refused) => vec![Reason::new("not_now", "it is not held")],
         _ => vec![],
     };
-    RequestRecord { unix_ms: 1_700_000_030_999, wanted, who: Some(who), answer, reasons }
+    RequestRecord { unix_ms: 1_700_000_030_999, wanted, who: Some(who), answer, reasons, findings: None }
 }
 
 fn record() -> CycleRecord {

@@ -3,10 +3,8 @@
 use super::grids::film_name;
 use super::numbers::row;
 use super::sources::{Equipment, Sources};
-use crate::cycle::Request;
-use crate::record::{Answer, CycleRecord, Finding, Kind, Wanted, name};
+use crate::record::{CycleRecord, Disposition, Finding, Kind, dispositions, name};
 use crate::verdict::Verdict;
-use crate::words::utc;
 
 /// A table under a heading.
 #[derive(Debug, Clone, PartialEq)]
@@ -122,24 +120,21 @@ pub(super) fn equipment(all: &[Equipment]) -> Block {
 
 /// What was for a person to decide, and who decided.
 pub(super) fn deviations(record: &CycleRecord) -> Block {
-    let reviews = record.findings.iter().filter(|finding| finding.judgement.verdict == Verdict::Review);
-    let review = |finding: &Finding| {
+    let all = record.findings.iter().zip(dispositions(&record.findings, &record.asked));
+    let reviews = all.filter(|(finding, _)| finding.judgement.verdict == Verdict::Review);
+    let review = |(finding, disposition): (&Finding, Disposition<'_>)| {
         let reasons: Vec<&str> = finding.judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
         let pass = if finding.pass == 0 { String::new() } else { format!(", pass {}", finding.pass) };
-        vec![format!("review: {}{pass}", kind_word(finding.kind)), shortened(&reasons.join("; "), 100)]
+        let decision = disposition.words().unwrap_or_else(|| "no person decided".to_owned());
+        [
+            vec![format!("review: {}{pass}", kind_word(finding.kind)), shortened(&reasons.join("; "), 100)],
+            vec!["decision".to_owned(), decision],
+        ]
     };
-    let accepts = record
-        .asked
-        .iter()
-        .filter(|asked| matches!(asked.wanted, Wanted::For(Request::Accept)) && asked.answer == Some(Answer::Done));
-    let accepted = accepts.map(|asked| {
-        let who = asked.who.as_ref().map_or("not recorded".to_owned(), ToString::to_string);
-        vec!["accepted".to_owned(), format!("{}, by {who}", utc(asked.unix_ms.div_euclid(1_000)))]
-    });
     Block {
         heading: "Deviations, and who accepted them".to_owned(),
         columns: vec![("what", 0.22), ("words", 0.78)],
-        rows: reviews.map(review).chain(accepted).collect(),
+        rows: reviews.flat_map(review).collect(),
     }
 }
 

@@ -67,6 +67,7 @@ fn record(findings: Vec<Finding>) -> CycleRecord {
             who: Some(who),
             answer: Some(Answer::Done),
             reasons: vec![],
+            findings: Some(9),
         }],
         clocks: [None, None],
         recording: None,
@@ -143,7 +144,12 @@ fn the_page_names_part_criteria_deviations_and_who_accepted_them() {
     assert!(fact("water").is_some_and(|water| water.contains("not measured, not stated")));
     let deviations = rows(&sheet, "Deviations");
     assert_eq!(deviations[0], ["review: abrasion, pass 1", "the robot executed 9 of 10 waypoints"]);
-    assert!(deviations[1][1].starts_with("2023-11-14 22:13:50 UTC, by ada (user 1000)"), "{deviations:?}");
+    assert!(deviations[1][1].starts_with("accepted 2023-11-14 22:13:50 UTC, by ada (user 1000)"), "{deviations:?}");
+    // Who accepted something before has not accepted this.
+    let mut earlier = record(films());
+    earlier.asked[0].findings = Some(0);
+    let sheet = self::sheet(&earlier, &[]);
+    assert_eq!(rows(&sheet, "Deviations")[1], ["decision", "no person decided"]);
 }
 
 /// A number that was not measured stands beside no limit; one beyond its limit differs from it.

@@ -58,6 +58,51 @@ fn each_kind_of_change_is_named() {
             "rolled back: the head head.json is at record number 11; record number 11 is missing",
         ),
         (Box::new(|_, head| head.bytes[10] ^= 1), "the head head.json was changed"),
+        (
+            Box::new(|export, _| drop(export.pdfs.insert("cycle-3.pdf".to_owned(), content_hash(b"%PDF other")))),
+            "cycle-3.pdf was changed: its SHA-256 is",
+        ),
+        (
+            Box::new(|export, _| {
+                let other = export.pdfs["cycle-2.pdf"].clone();
+                export.pdfs.insert("cycle-3.pdf".to_owned(), other);
+            }),
+            "cycle-3.pdf was changed: its SHA-256 is",
+        ),
+        (Box::new(|export, _| drop(export.pdfs.remove("cycle-3.pdf"))), "cycle-3.pdf is missing; its signed page"),
+        (
+            Box::new(|export, _| remove(export, "cycle-3-page")),
+            "cycle-3-page.json is missing: without it cycle-3.pdf cannot be verified",
+        ),
+        (
+            Box::new(|export, _| export.statements.get_mut("cycle-3-page.json").expect("there")[90] ^= 1),
+            "cycle-3-page.json was changed",
+        ),
+        (
+            Box::new(|export, _| exchange(export, "cycle-2-page", "cycle-5-page")),
+            "cycle-2-page.json is of cycle 5: it was exchanged",
+        ),
+        (
+            Box::new(|export, _| {
+                // A page of the same cycle that was made before the person signed.
+                let signed = content_hash(&export.statements["cycle-3.json"]);
+                let (page, signature) =
+                    SignedPage::sign(b"%PDF of cycle 3", (CycleId(3), &signed, 4), 7, &key()).expect("JSON");
+                export.statements.insert("cycle-3-page.json".to_owned(), page);
+                export.statements.insert("cycle-3-page.sig".to_owned(), signature);
+            }),
+            "cycle-3.pdf was made before record number 5 of this cycle was signed",
+        ),
+        (
+            Box::new(|export, _| {
+                let other = content_hash(&export.statements["cycle-2.json"]);
+                let (page, signature) =
+                    SignedPage::sign(b"%PDF of cycle 3", (CycleId(3), &other, 5), 7, &key()).expect("JSON");
+                export.statements.insert("cycle-3-page.json".to_owned(), page);
+                export.statements.insert("cycle-3-page.sig".to_owned(), signature);
+            }),
+            "cycle-3-page.json is of another record than cycle-3.json",
+        ),
         (Box::new(move |export, _| by_other_key(export)), "cycle-4.json was changed"),
         (
             Box::new(|export, _| {
@@ -99,7 +144,8 @@ fn a_forged_record_contradicts_the_chain_the_head_and_the_person() {
     let told = found(&export, None);
     assert!(told.iter().any(|told| told.contains("number 11, does not follow from record number 10")), "{told:?}");
     assert!(told.iter().any(|told| told.contains("Grace Hopper signed another record of cycle 6")), "{told:?}");
-    export.statements.retain(|name, _| !name.contains("signature-11"));
+    export.statements.retain(|name, _| !name.contains("signature-11") && !name.contains("cycle-6-page"));
+    export.pdfs.remove("cycle-6.pdf");
     assert_eq!(found(&export, None), [] as [String; 0]);
     let told = found(&export, Some(&head));
     assert!(told.iter().any(|told| told.contains("rolled back")), "{told:?}");
@@ -107,14 +153,15 @@ fn a_forged_record_contradicts_the_chain_the_head_and_the_person() {
 
 /// Changes one thing at random; what it was, and a word that must be told of it.
 fn change(random: &mut Pcg64, export: &mut Export, head: &mut Signed) -> (&'static str, String) {
-    let names: Vec<String> = export.statements.keys().cloned().collect();
+    let (pages, names): (Vec<String>, Vec<String>) =
+        export.statements.keys().cloned().partition(|name| name.contains("-page."));
     let name = names[random.random_range(0..names.len())].clone();
     let stem = name.rsplit_once('.').expect("an ending").0.to_owned();
     let flip = |random: &mut Pcg64, bytes: &mut Vec<u8>| {
         let at = random.random_range(0..bytes.len());
         bytes[at] ^= 1 << random.random_range(0..8);
     };
-    match random.random_range(0..9) {
+    match random.random_range(0..10) {
         0 | 1 => {
             flip(random, export.statements.get_mut(&name).expect("there"));
             ("a byte", format!("{stem}.json"))
@@ -153,11 +200,26 @@ fn change(random: &mut Pcg64, export: &mut Export, head: &mut Signed) -> (&'stat
             let keep = random.random_range(1..11_u64);
             export.statements.retain(|name, _| {
                 let (stem, _) = name.rsplit_once('.').expect("an ending");
+                if stem.ends_with("-page") {
+                    return true;
+                }
                 let number = stem.split_once("-signature-").map(|(_, number)| number.parse().expect("a number"));
                 let of_cycle = |id: u64| if id == 1 { 1 } else { 2 * id - 2 };
                 number.unwrap_or_else(|| of_cycle(stem["cycle-".len()..].parse().expect("an id"))) <= keep
             });
             ("rolled back", "rolled back: the head head.json is at record number 11; record".to_owned())
+        }
+        8 => {
+            let page = &pages[random.random_range(0..pages.len())];
+            let stem = page.rsplit_once('.').expect("an ending").0;
+            if random.random::<bool>() {
+                flip(random, export.statements.get_mut(page).expect("there"));
+                ("a signed page", format!("{stem}.json"))
+            } else {
+                let pdf = format!("{}.pdf", stem.strip_suffix("-page").expect("a page"));
+                export.pdfs.insert(pdf.clone(), content_hash(&random.next_u64().to_be_bytes()));
+                ("a PDF", format!("{pdf} was changed"))
+            }
         }
         7 => {
             let files = export.files.as_mut().expect("files");
@@ -192,7 +254,7 @@ fn every_change_is_named(changes: u64) {
         *kinds.entry(kind).or_default() += 1;
     }
     eprintln!("{changes} changes, each found and named: {kinds:?}");
-    assert_eq!(kinds.len(), 8, "{kinds:?}");
+    assert_eq!(kinds.len(), 10, "{kinds:?}");
 }
 
 #[test]

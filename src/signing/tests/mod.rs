@@ -4,12 +4,13 @@ mod changes;
 mod differences;
 
 use super::*;
-use crate::cycle::{Motion, Outcome, Path};
+use crate::cycle::{Motion, Outcome, Path, Request};
 use crate::files::content_hash;
 use crate::record::{
-    Budget, Check, CycleId, CycleRecord, Finding, KeptFile, Kind, MotionRecord, PartNames, Picture, SetBy,
+    Answer, Budget, Check, CycleId, CycleRecord, Finding, Front, KeptFile, Kind, MotionRecord, PartNames, Picture,
+    RequestRecord, SetBy, Wanted, Who,
 };
-use crate::verdict::{Judgement, Verdict};
+use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 use std::collections::BTreeMap;
 
@@ -19,7 +20,7 @@ fn key() -> CellKey {
 
 fn record(id: i64) -> CycleRecord {
     let judgement = Judgement { verdict: Verdict::Accept, reasons: vec![] };
-    let check = Check::new("residual", "mm", 0.1 + 0.2).at_most(0.25, SetBy::Program);
+    let check = Check::new("residual", "mm", 0.1 + 0.2).at_most(0.35, SetBy::Program);
     let mut finding = Finding::new(Kind::Locate, 0, judgement.clone()).with([check]);
     let hash = |name: &str| content_hash(format!("{name} of cycle {id}").as_bytes());
     finding.pictures =
@@ -65,6 +66,7 @@ fn part() -> Option<PartNames> {
 /// Six cycles, each but the first released by a person, as a folder with its head.
 fn exported() -> (Export, Signed) {
     let (key, mut export) = (key(), Export { files: Some(BTreeMap::new()), ..Export::default() });
+    let (mut pdfs, mut pages) = (BTreeMap::new(), BTreeMap::new());
     let (mut number, mut previous) = (0, BEGIN.to_owned());
     let mut add = |stem: &dyn Fn(u64) -> String, says: Said| {
         number += 1;
@@ -79,13 +81,21 @@ fn exported() -> (Export, Signed) {
         let cycle = SignedCycle::new(&record(id), part()).expect("JSON");
         files.extend(exported_files(&cycle).into_iter().map(|(_, hash)| (hash.clone(), hash)));
         let record_hash = add(&|_| cycle_stem(CycleId(id)), Said::Cycle(cycle));
+        let signs = record_hash.clone();
         if id > 1 {
             let (name, user) = ("Grace Hopper".to_owned(), "grace".to_owned());
             let meaning = Meaning::InspectedAndReleased;
             let says = PersonSignature { cycle: CycleId(id), record_hash, name, user, meaning, remark: None };
             add(&|number| person_stem(CycleId(id), number), Said::Person(says));
         }
+        let (cycle, shows) = (CycleId(id), if id > 1 { 2 * id - 1 } else { 1 } as u64);
+        let (pdf, stem) = (format!("%PDF of cycle {id}"), page_stem(cycle));
+        let (page, signature) = SignedPage::sign(pdf.as_bytes(), (cycle, &signs, shows), 7, &key).expect("JSON");
+        pages.extend([(format!("{stem}.json"), page), (format!("{stem}.sig"), signature)]);
+        pdfs.insert(pdf_name(cycle), content_hash(pdf.as_bytes()));
     }
+    export.statements.extend(pages);
+    export.pdfs = pdfs;
     let head = SignedHead {
         form: HEAD_FORM.to_owned(),
         number,
@@ -112,6 +122,50 @@ fn the_canonical_form_is_that_of_the_standard() {
     let expected = "{\"a\":\"é\\n\",\"b\":[1,1e+21,333333333.3333333,0],\"most\":9007199254740991,\
                     \"plan\":\"18446744073709551615\"}";
     assert_eq!(text, expected);
+}
+
+/// A cell's key signs whatever it is given. A pass over a finding that forbids it is found by the public key and the record alone.
+#[test]
+fn a_pass_that_its_findings_forbid_is_refused() {
+    let judged = |verdict, code: &'static str| {
+        let reasons = if code.is_empty() { vec![] } else { vec![Reason::new(code, "words")] };
+        Judgement { verdict, reasons }
+    };
+    let told = |worst: Verdict, accepted: Option<u64>| {
+        let mut record = record(1);
+        record.findings.push(Finding::new(Kind::Abrade, 2, judged(worst, "removal_too_deep")));
+        record.findings.push(Finding::new(Kind::Inspect, 2, judged(Verdict::Pass, "")));
+        record.judgement = Some(judged(Verdict::Pass, ""));
+        record.asked.extend(accepted.map(|findings| RequestRecord {
+            unix_ms: 1,
+            wanted: Wanted::For(Request::Accept),
+            who: Some(Who::by(Front::Socket)),
+            answer: Some(Answer::Done),
+            reasons: vec![],
+            findings: Some(findings),
+        }));
+        let bytes = statement(1, BEGIN, Said::Cycle(SignedCycle::new(&record, None).expect("JSON")));
+        let bytes = bytes.canonical().expect("JSON");
+        let signature = key().sign(&bytes).to_vec();
+        let statements = [("cycle-1.json".to_owned(), bytes), ("cycle-1.sig".to_owned(), signature)].into();
+        found(&Export { statements, ..Export::default() }, None)
+    };
+    for (worst, what) in [(Verdict::Reject, "reject"), (Verdict::Invalid, "invalid")] {
+        for accepted in [None, Some(3)] {
+            let words = format!(
+                "cycle-1.json: cycle 1 has the verdict pass, but its finding 2 (abrade, pass 2) is {what}: words \
+                 (removal_too_deep)"
+            );
+            assert_eq!(told(worst, accepted), [words], "an accept does not help");
+        }
+    }
+    let unaccepted = "its finding 2 (abrade, pass 2) is a review that no person accepted";
+    for accepted in [None, Some(1)] {
+        let told = told(Verdict::Review, accepted);
+        assert!(told.len() == 1 && told[0].contains(unaccepted), "{told:?}");
+    }
+    assert_eq!(told(Verdict::Review, Some(2)), [] as [String; 0]);
+    assert_eq!(told(Verdict::Accept, None), [] as [String; 0]);
 }
 
 /// RFC 8032, 7.1, test 2.
@@ -156,7 +210,9 @@ fn a_whole_export_is_found_whole() {
     assert_eq!(verified.gaps, []);
     // So does a part of the chain; with the head it must be all of it.
     let mut part = export.clone();
-    part.statements.retain(|name, _| ["cycle-2", "cycle-5"].iter().any(|stem| name.starts_with(stem)));
+    let is_in_part = |name: &String| ["cycle-2", "cycle-5"].iter().any(|stem| name.starts_with(stem));
+    part.statements.retain(|name, _| is_in_part(name));
+    part.pdfs.retain(|name, _| is_in_part(name));
     let told = verify_export(&part, &[key().public()], None);
     assert_eq!((told.found, told.gaps), (vec![], vec![(1, 1), (4, 7)]));
     let told = verify_export(&part, &[key().public()], Some(&head));
@@ -165,7 +221,8 @@ fn a_whole_export_is_found_whole() {
     assert_eq!((told.found.len(), told.gaps), (3, vec![]));
     // A cycle and what a person said of it stand for themselves.
     let of_third = export.statements.clone().into_iter().filter(|(name, _)| name.starts_with("cycle-3")).collect();
-    assert_eq!(found(&Export { statements: of_third, files: None }, None), [] as [String; 0]);
+    let pdfs = export.pdfs.clone().into_iter().filter(|(name, _)| name.starts_with("cycle-3")).collect();
+    assert_eq!(found(&Export { statements: of_third, pdfs, files: None }, None), [] as [String; 0]);
 }
 
 #[test]

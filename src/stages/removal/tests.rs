@@ -9,7 +9,7 @@ use crate::verdict::Verdict;
 use nalgebra::Matrix2;
 
 fn tool(removal: Option<Model>) -> ToolState {
-    ToolState { error_mm: None, worn_mm2: 0.0, removal, stroke_mm: None }
+    ToolState { error_mm: None, worn_mm2: 0.0, removal, stroke_mm: None, in_air: false }
 }
 
 /// k = 4·10⁻⁴ mm²/N known to 2 %, coupons of 3 %.
@@ -108,6 +108,32 @@ fn today_s_feed_stays_and_its_removal_is_told() {
     assert_eq!((verdict, codes), (Verdict::Reject, vec!["removal_unknown".to_owned()]));
     let (verdict, _, checks) = planned("", Some(model()), RemovedBefore::default());
     assert!(verdict == Verdict::Accept && !checks.iter().any(|check| check.name.contains("remov")));
+}
+
+/// In the air nothing is removed: no limit of the part is a reason, and none that is broken stands in a row.
+#[test]
+fn what_an_air_run_would_remove_is_no_reason() {
+    let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{TABLE}"));
+    let panel = taught(Shape::Sphere, Spoil::default(), &recipe);
+    let fit = examine(&panel, recipe.surface()).expect("a surface");
+    let (on, grids) = ((&panel, &fit), [GridId { row: 2, column: 3 }]);
+    for (known, before) in [(None, 0.0), (Some(model()), 1_000.0)] {
+        let judged = |in_air: bool| {
+            let tool = ToolState { in_air, ..tool(known) };
+            let plan = plan::lay(on, &grids, (&recipe, tool)).expect("a path");
+            let before = RemovedBefore { bound_um: before, unknown: 1 };
+            plan::judge(plan, on, Reach::Unknown, (&recipe, tool), (None, before))
+        };
+        let (contact, air) = (judged(false), judged(true));
+        assert_eq!(contact.judgement.verdict, Verdict::Reject);
+        let of_removal = |check: &&Check| check.name.contains("remov") || check.name.contains("passes");
+        assert!(air.checks.iter().filter(of_removal).all(|check| check.reason().is_none() && check.is_kept()));
+        assert!(
+            air.judgement.reasons.iter().all(|reason| !reason.code.starts_with("remov")),
+            "{:?}",
+            air.judgement
+        );
+    }
 }
 
 /// By hand: k·p is proportional to the force, so that half of the force on the way takes off half; without a measurement the recipe's

@@ -11,7 +11,7 @@ fn asked(wanted: Wanted, answer: Answer) -> RequestRecord {
         Answer::Done => vec![],
         _ => vec![Reason::new("not_now", "not in this state")],
     };
-    RequestRecord { unix_ms: 0, wanted, who: Some(who), answer: Some(answer), reasons }
+    RequestRecord { unix_ms: 0, wanted, who: Some(who), answer: Some(answer), reasons, findings: None }
 }
 
 fn ask(store: &mut Store, request: Request, cycle: Option<CycleId>, answer: Answer) {

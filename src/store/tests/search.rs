@@ -231,6 +231,7 @@ fn an_alarm_lasts_until_the_cell_is_reset_or_the_next_cycle_begins() {
         who: None,
         answer: Some(Answer::Done),
         reasons: vec![],
+        findings: None,
     };
     store.clock = || std::time::UNIX_EPOCH + std::time::Duration::from_millis(1_020_500);
     store.keep_request(&reset, None, None).expect("kept");

@@ -5,7 +5,7 @@ use super::killed::until_killed;
 use super::*;
 use crate::record::{CycleId, Finding, Kind, PartNames};
 use crate::signing::{CellKey, Meaning};
-use crate::verdict::{Judgement, Verdict};
+use crate::verdict::{Judgement, Reason, Verdict};
 use std::io::{BufRead, BufReader};
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
@@ -164,6 +164,38 @@ fn a_store_that_was_rolled_back_is_not_signed() {
     assert!(refused.contains("rolled back: "), "{refused}");
     let store = Store::create(&path).expect("opens");
     assert!(store.changed().iter().any(|words| words.contains("rolled back")), "{:?}", store.changed());
+}
+
+/// What is kept of a cycle after its end does not change its verdict; where it contradicts a pass, the store is not as it must be.
+#[test]
+fn a_signed_pass_over_a_rejected_finding_does_not_verify() {
+    let (folder, mut store) = new_store();
+    store.recover().expect("recovers");
+    let id = store.begin_cycle(&super::cycles::start()).expect("begun");
+    let judged = |verdict| Judgement { verdict, reasons: vec![Reason::new("removal_too_deep", "64 µm")] };
+    assert_eq!(store.conclude(id, Verdict::Pass, &[]).expect("over").verdict, Verdict::Pass);
+    store.note(id, &Finding::new(Kind::Abrade, 1, judged(Verdict::Reject))).expect("kept");
+    store.sign_cycle(&key(), id).expect("signed");
+    drop(store);
+    let told = found(&folder.path().join("store"));
+    let words = "signature 1: cycle 1 has the verdict pass, but its finding 1 (abrade, pass 1) is reject: 64 µm \
+                 (removal_too_deep)";
+    assert_eq!(told, [words]);
+}
+
+/// The store itself keeps no verdict that is better than the cycle's findings, and names all their reasons.
+#[test]
+fn a_cycle_is_concluded_by_its_worst_finding() {
+    let (_folder, mut store) = new_store();
+    store.recover().expect("recovers");
+    let id = store.begin_cycle(&super::cycles::start()).expect("begun");
+    let judged = |verdict, code| Judgement { verdict, reasons: vec![Reason::new(code, "words")] };
+    store.note(id, &Finding::new(Kind::Abrade, 1, judged(Verdict::Reject, "removal_too_deep"))).expect("kept");
+    store.note(id, &Finding::new(Kind::Robot, 1, judged(Verdict::Review, "feedback"))).expect("kept");
+    let judgement = store.conclude(id, Verdict::Pass, &[]).expect("over");
+    let codes: Vec<&str> = judgement.reasons.iter().map(|reason| &*reason.code).collect();
+    assert_eq!((judgement.verdict, codes), (Verdict::Reject, vec!["removal_too_deep", "feedback"]));
+    assert_eq!(store.cycle(id).expect("read").judgement, Some(judgement));
 }
 
 /// A store of schema 7 has no such table.

@@ -6,7 +6,7 @@ use crate::clients::harass;
 use panelprep::cell::{self, Cell};
 use panelprep::daemon::{
     self, Alarms, CellSetup, Computing, DaemonError, Equipment, Examined, FrontParts, Gateway, LinkedRobot,
-    LiveView, LoopStart, NoCameras, OperatorPage, PageParts, People, Ports, RecipeText, RecordSource,
+    LiveView, LoopStart, NoCameras, OperatorPage, PageParts, People, Ports, RecipeText, RecordPdf, RecordSource,
     RecordingSwitch, Request, RequestHandler, RequestSender, ServiceParts, SetupSource, Socket, StoreRecord,
     WrittenPage,
 };
@@ -189,7 +189,7 @@ impl RecordSource for Nothing {
     fn page(&self, _: CycleId) -> Result<String, String> {
         Err("there is none".to_owned())
     }
-    fn pdf(&self, _: CycleId) -> Result<Option<Vec<u8>>, String> {
+    fn pdf(&self, _: CycleId) -> Result<Option<RecordPdf>, String> {
         Ok(None)
     }
     fn sign(&self, _: &PersonSigns) -> Result<u64, String> {

@@ -9,7 +9,7 @@ const REST: &str = "src/cycle/rest.rs";
 const STEP: &str = "src/cycle/step.rs";
 const TURN: &str = "src/cycle/turn.rs";
 
-pub(super) const ALL: [Mutation; 17] = [
+pub(super) const ALL: [Mutation; 18] = [
     change(
         "an epoch that the link ends while the cell is reset or cleared is taken for open",
         STEP,
@@ -78,8 +78,8 @@ pub(super) const ALL: [Mutation; 17] = [
     change(
         "an abort does not conclude the cycle",
         STEP,
-        "pub fn abort(&mut self, cause: Cause) {\n        self.conclude(Verdict::Aborted);",
-        "pub fn abort(&mut self, cause: Cause) {",
+        "pub fn aborted(&mut self, cause: Cause) {\n        self.conclude(Verdict::Aborted);",
+        "pub fn aborted(&mut self, cause: Cause) {",
     ),
     change(
         "a localization outlives a hold",
@@ -104,6 +104,12 @@ pub(super) const ALL: [Mutation; 17] = [
         EXECUTE,
         "Path::Contact | Path::Air) => self.state.at = At::Execute(Phase::Retract),",
         "Path::Contact | Path::Air) => self.state.at = At::Execute(Phase::Rinse),",
+    ),
+    change(
+        "what a contact path did is not graded",
+        EXECUTE,
+        "if self.rules.keep(Rule::AssessFirst) { Phase::Assess { left } } else { otherwise }",
+        "if self.rules.keep(Rule::AssessFirst) && left { Phase::Assess { left } } else { otherwise }",
     ),
     change(
         "a motion begins before it is on the record",

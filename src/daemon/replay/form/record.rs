@@ -27,7 +27,7 @@ impl Recordable for RecordCommand {
                 json!({ "close_intent": { "motion": motion, "outcome": outcome, "done": done } })
             }
             RecordCommand::AbradedBefore => json!(ABRADED_BEFORE),
-            RecordCommand::Conclude(verdict) => json!({ "conclude": verdict }),
+            RecordCommand::Conclude { verdict, because } => json!({ "conclude": verdict, "because": because }),
             RecordCommand::Begin(_) => json!("begin"),
             RecordCommand::DiscWorn => json!("disc_worn_mm2"),
             RecordCommand::WearDisc(swept_mm2) => json!({ "wear_disc_mm2": swept_mm2 }),
@@ -48,6 +48,7 @@ impl Recordable for RecordCommand {
         match answer {
             Ok(RecordAnswer::Done) => ok(Value::Null),
             Ok(RecordAnswer::Cycle(cycle)) => ok(json!(cycle)),
+            Ok(RecordAnswer::Concluded(verdict)) => ok(json!(verdict)),
             Ok(RecordAnswer::Worn(worn_mm2)) => ok(json!(worn_mm2)),
             // Where nothing was, nothing is written down: a replay then hears of nothing.
             Ok(RecordAnswer::Earlier(earlier)) => ok(json!(earlier)).filter(|_| !earlier.is_empty()),
@@ -64,6 +65,7 @@ impl Recordable for RecordCommand {
         }
         Ok(match self {
             RecordCommand::Begin(_) => kept(heard)?.map(RecordAnswer::Cycle),
+            RecordCommand::Conclude { .. } => kept(heard)?.map(RecordAnswer::Concluded),
             RecordCommand::DiscWorn => kept(heard)?.map(RecordAnswer::Worn),
             RecordCommand::AbradedBefore => kept(heard)?.map(RecordAnswer::Earlier),
             RecordCommand::Check => Ok(RecordAnswer::Wrong(read(heard)?)),

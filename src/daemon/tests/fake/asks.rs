@@ -36,6 +36,13 @@ impl Asks {
             .with(|state| state.at == At::Idle, cycle::Request::Start { max_passes: 2, max_moves: 3 })
     }
 
+    pub fn one_air_run() -> Self {
+        let ready = |state: &State| state.facts.robot == crate::cycle::Robot::Ready;
+        Asks::nothing()
+            .with(ready, cycle::Request::Reset)
+            .with(|state| state.at == At::Idle, cycle::Request::AirRun { max_moves: 3 })
+    }
+
     pub fn with(mut self, when: impl Fn(&State) -> bool + 'static, request: cycle::Request) -> Self {
         self.script.push_back((Box::new(when), request));
         self

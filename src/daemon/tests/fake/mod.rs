@@ -22,6 +22,7 @@ use crate::cell;
 use crate::cycle::{self, State};
 use crate::recipe::Recipe;
 use crate::record::EarlierPass;
+use crate::removal::model::Model;
 use crate::sim::{self, Scene};
 use crate::store::CycleStart;
 use crate::tape::{Begin, Entries, check};
@@ -51,6 +52,8 @@ pub struct Cell {
     pub more_cell: &'static str,
     /// What the disc has worn before, mm².
     pub worn_mm2: f64,
+    /// What it takes off, where that is calibrated.
+    pub removal: Option<Model>,
     /// What earlier cycles did to the panel.
     pub earlier: Vec<EarlierPass>,
     /// Where the service's orders are to be recorded.
@@ -71,6 +74,7 @@ impl Cell {
             more_recipe: "",
             more_cell: "",
             worn_mm2: 0.0,
+            removal: None,
             earlier: Vec::new(),
             record: None,
             by_the_wall: false,
@@ -94,6 +98,24 @@ impl Cell {
 
     pub fn whose_link_is_lost_in_contact(self) -> Self {
         self.world.borrow_mut().loses_link = true;
+        self
+    }
+
+    /// The arm takes so long to stand after an abort, ms.
+    pub fn that_brakes_for(self, ms: u64) -> Self {
+        self.world.borrow_mut().brakes_ms = ms;
+        self
+    }
+
+    /// The robot executes a waypoint of a contact path in this time, ms.
+    pub fn whose_contact_takes(self, ms: u64) -> Self {
+        self.world.borrow_mut().contact_round_ms = ms;
+        self.step_by_step()
+    }
+
+    /// The robot reports a tip so far off on a contact path, mm, from one of its waypoints to another.
+    pub fn that_is_off_plan(self, mm: f64, waypoints: [u32; 2]) -> Self {
+        self.world.borrow_mut().off_plan = Some((mm, waypoints));
         self
     }
 
@@ -139,7 +161,7 @@ impl Cell {
             self.box_to_mm, self.more_cell
         );
         let cell = cell::Cell::check("cell.toml", &text).unwrap_or_else(|e| panic!("{e}"));
-        let calibrations = calibrations(&self.world.borrow().sim);
+        let calibrations = calibrations(&self.world.borrow().sim, self.removal);
         (cell, recipe, taught, calibrations)
     }
 
@@ -226,7 +248,7 @@ impl Cell {
 
     /// A cycle to begin.
     pub fn prepared(&self) -> PreparedCycle {
-        let calibrations = calibrations(&self.world.borrow().sim);
+        let calibrations = calibrations(&self.world.borrow().sim, self.removal);
         let start = CycleStart {
             panel: "p".to_owned(),
             taught_version: String::new(),

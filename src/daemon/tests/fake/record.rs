@@ -105,7 +105,9 @@ impl Port<RecordCommand> for Memory {
             RecordCommand::AbradedBefore => return Ok(RecordAnswer::Earlier(self.earlier.clone())),
             RecordCommand::Asked(asked) => self.asked.push(asked),
             RecordCommand::Clock(clock) => self.clocks.push(clock),
-            RecordCommand::Conclude(_) => {}
+            RecordCommand::Conclude { verdict, .. } => {
+                return self.written().map(|()| RecordAnswer::Concluded(verdict));
+            }
             RecordCommand::Begin(_) => {
                 self.cycles += 1;
                 // Another panel, dry and as greasy as the last one.

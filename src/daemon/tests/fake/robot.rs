@@ -62,10 +62,15 @@ impl World {
         let flange_from_tool = self.tool.map_or(KukaPose::default(), |tool| tool.flange_from_tool);
         let tip = base.to_rigid::<Base, Panel>().inverse()
             * (self.base_from_flange * flange_from_tool.to_rigid::<Flange, Tool>());
+        let in_contact = self.intent.is_some_and(|motion| motion.path == Path::Contact);
+        let off = self.off_plan.filter(|(_, [from, to])| in_contact && (*from..*to).contains(&self.in_contact));
+        let off = crate::geometry::Vector::new(nalgebra::Vector3::x() * off.map_or(0.0, |(mm, _)| mm));
+        let tip: crate::geometry::Rigid<Panel, Tool> =
+            tip * crate::geometry::Rigid::<Tool, Tool>::identity().displaced(off);
         eki::State {
             time_ms: self.time_ms as u32,
             epoch: Epoch(self.epoch),
-            moving: !self.queue.is_empty(),
+            moving: !self.queue.is_empty() || self.time_ms < self.brakes_until_ms,
             base_set: self.base.is_some(),
             tool_set: self.tool.is_some(),
             inputs: ((1 - is_on(2)) | is_on(3) << 1 | is_on(4) << 2 | is_on(5) << 3 | is_on(1) << 4)
@@ -155,6 +160,7 @@ impl World {
             return Err(QueueError::NotConnected);
         }
         let done = CommandId(self.end_epoch());
+        self.brakes_until_ms = self.time_ms + self.brakes_ms;
         // The end of an epoch shuts the water.
         if self.outputs.insert(2, false) == Some(true) {
             self.water_off_ms = self.time_ms;
@@ -168,7 +174,8 @@ impl World {
             self.is_lost &= !matches!(report, Report::State(_));
             return Some(report);
         }
-        self.time_ms += 100;
+        let in_contact = self.intent.is_some_and(|motion| motion.path == Path::Contact) && self.open;
+        self.time_ms += if in_contact { self.contact_round_ms } else { 100 };
         let before = self.done;
         for _ in 0..self.pace {
             let let_go = self.let_go;

@@ -5,6 +5,7 @@ use crate::cell::{self, LensExtent};
 use crate::geometry::KukaPose;
 use crate::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use crate::recipe::Recipe;
+use crate::removal::model::Model;
 use crate::sim::{self, PanelPosition, SEARCH_BOX_MM};
 use std::sync::Arc;
 
@@ -47,7 +48,7 @@ pub(super) fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe)
     ((panel, corners), recipe)
 }
 
-pub(super) fn calibrations(sim: &sim::Cell) -> Calibrations {
+pub(super) fn calibrations(sim: &sim::Cell, removal: Option<Model>) -> Calibrations {
     Calibrations {
         scan_errors: crate::locate::ScanErrors::default(),
         scanner: *sim.scanner(),
@@ -57,6 +58,6 @@ pub(super) fn calibrations(sim: &sim::Cell) -> Calibrations {
         flange_from_tool: KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid(),
         hand_eye_mm: None,
         robot_mm: None,
-        removal: None,
+        removal,
     }
 }

@@ -46,6 +46,13 @@ pub(super) struct World {
     pub(super) beyond: u32,
     /// Commands executed in 100 ms.
     pub(super) pace: usize,
+    /// Time between two states of the robot on a contact path, ms; elsewhere it is 100.
+    pub(super) contact_round_ms: u64,
+    /// The arm still moves for so long after an abort, ms, and until when.
+    pub(super) brakes_ms: u64,
+    pub(super) brakes_until_ms: u64,
+    /// By how much the reported tip is off on a contact path, mm, and from which to which of its waypoints.
+    pub(super) off_plan: Option<(f64, [u32; 2])>,
     pub(super) base: Option<KukaPose>,
     pub(super) tool: Option<SetTcp>,
     pub(super) base_from_flange: Rigid<Base, Flange>,
@@ -91,6 +98,10 @@ impl World {
             is_lost: false,
             beyond: 0,
             pace: 1_000,
+            contact_round_ms: 100,
+            brakes_ms: 0,
+            brakes_until_ms: 0,
+            off_plan: None,
             base: None,
             tool: None,
             joints: START,

@@ -1,0 +1,180 @@
+//! Where the region is not panel: it hangs over the panel's edge, or over a hole.
+//!
+//! Off the panel there is no surface to test or to sand, and what the camera sees there lies far behind. It is measured on the
+//! taught scan, in mm on the panel's surface continued, and named by its grid. A few missing points inside of the panel are no hole.
+
+use super::extent::OutlineFrom;
+use super::region::GridId;
+use super::taught::TaughtPanel;
+use crate::geometry::{Mask, Panel, Pixel, Point, Raster, polygon};
+use crate::verdict::Reason;
+use crate::words::fixed;
+use nalgebra::Point2;
+
+/// The outline is known to some pixels: a region that hangs over it by no more than this follows the edge, px.
+const ON_THE_EDGE_PX: f64 = 2.0;
+/// A corner of the region that is this near is named beside the grid, px.
+const NEAR_A_CORNER_PX: f64 = 12.0;
+/// Places off the panel that are measured, at most; they are taken evenly.
+const MOST_PLACES: usize = 20_000;
+/// Points of the outline that they are measured to: each second one.
+const OUTLINE_STEP: usize = 2;
+/// Half the width of the neighbourhood from which the surface is continued, px: doubled where points are missing.
+const AROUND_PX: [usize; 4] = [5, 10, 20, 40];
+
+/// What the region hangs over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Beyond {
+    /// The panel's edge.
+    Edge,
+    /// A hole.
+    Hole,
+}
+
+/// A part of the region that is not panel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OffPanel {
+    /// What it hangs over.
+    pub beyond: Beyond,
+    /// How far, or how large the hole is: the side of the largest square in it, mm. `None` where no surface is near enough to measure it.
+    pub size_mm: Option<f64>,
+    /// The place that is farthest out, or the hole's middle, in the taught picture.
+    pub at: Pixel,
+    /// The grid there.
+    pub grid: GridId,
+    /// The region's corner there, from 1, where one is near.
+    pub corner: Option<usize>,
+    /// All grids with such places.
+    pub grids: Vec<GridId>,
+}
+
+impl OffPanel {
+    /// The reason for a person who teaches or checks.
+    pub fn reason(&self) -> Reason {
+        let OffPanel { size_mm, at: Pixel { u, v }, grid, .. } = self;
+        let size = size_mm.map_or("an unknown number of".to_owned(), |mm| fixed(mm, 1).to_string());
+        let place = match self.corner {
+            Some(corner) => format!("near corner {corner} of the region, in grid {grid}, at ({u:.0}, {v:.0}) px"),
+            None => format!("in grid {grid}, at ({u:.0}, {v:.0}) px"),
+        };
+        match self.beyond {
+            Beyond::Edge => {
+                let all: Vec<String> = self.grids.iter().map(ToString::to_string).collect();
+                let message = format!(
+                    "the region leaves the panel by {size} mm {place}; grids that reach beyond the edge: {}; draw the region \
+                     inside the panel's outline",
+                    all.join(", ")
+                );
+                Reason::new("region_off_panel", message)
+            }
+            Beyond::Hole => {
+                let message = format!(
+                    "the region has a hole of {size} mm {place}; draw the region beside it, or mask it with [inspect] masked_px; if \
+                     the panel has no hole there, scan it again"
+                );
+                Reason::new("region_over_hole", message)
+            }
+        }
+    }
+}
+
+impl TaughtPanel {
+    /// The parts of the region that are not panel: where it hangs farthest over the edge, and each hole in which a square of more than
+    /// `hole_mm` finds place. What lies in `masked_px`, quadrilaterals of the taught picture, is left out.
+    pub fn region_off_panel(&self, hole_mm: f64, masked_px: &[[[f64; 2]; 4]]) -> Vec<OffPanel> {
+        let masks: Vec<Vec<Pixel>> =
+            masked_px.iter().map(|corners| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect()).collect();
+        let whole = polygon::filled(&self.outline_px, self.mask.width, self.mask.height);
+        let (mut off_edge, mut missing) = (Vec::new(), Mask::empty(self.mask.width, self.mask.height));
+        for index in (0..whole.inside.len()).filter(|&index| !self.mask.inside[index]) {
+            let pixel = Pixel::at((index % whole.width) as f64, (index / whole.width) as f64);
+            let in_region = self.region.grid_at(pixel).is_some();
+            if !in_region || masks.iter().any(|mask| polygon::contains(mask, pixel)) {
+                continue;
+            }
+            if !whole.inside[index] {
+                off_edge.push(pixel);
+            } else if self.outline_from == OutlineFrom::Scan || self.scan.point_at(index).is_some() {
+                // Inside of an outline that a person drew, points may be missing; what is seen through it is a hole.
+                missing.inside[index] = true;
+            }
+        }
+        let holes = self.holes(&missing).into_iter().filter(|hole| hole.size_mm.is_none_or(|mm| mm > hole_mm));
+        self.over_the_edge(&off_edge).into_iter().chain(holes).collect()
+    }
+
+    fn over_the_edge(&self, off_edge: &[Pixel]) -> Option<OffPanel> {
+        let outline: Vec<Pixel> = self.outline_px.iter().step_by(OUTLINE_STEP).copied().collect();
+        let nearest = |pixel: &Pixel| {
+            let distances = outline.iter().map(|on| (pixel.distance_px(*on), *on));
+            distances.min_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let places = off_edge.iter().step_by(off_edge.len().div_ceil(MOST_PLACES).max(1));
+        let beyond: Vec<(f64, Pixel, Pixel)> = places
+            .filter_map(|pixel| nearest(pixel).map(|(far_px, edge)| (far_px, *pixel, edge)))
+            .filter(|(far_px, ..)| *far_px > ON_THE_EDGE_PX)
+            .collect();
+        let (_, at, edge) = beyond.iter().copied().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let size_mm = self.apart_mm([at, edge], edge);
+        self.off(Beyond::Edge, (at, size_mm), &mut beyond.iter().map(|(_, pixel, _)| *pixel))
+    }
+
+    /// The holes among these pixels, each by the largest square in it.
+    fn holes(&self, missing: &Mask) -> Vec<OffPanel> {
+        let raster = Raster { width: missing.width, height: missing.height };
+        let squares = raster.largest_squares(|index| missing.inside[index]);
+        let hole = |piece: Vec<usize>| {
+            let last = piece.iter().copied().max_by_key(|index| squares[*index])?;
+            // The square ends at its last pixel, to the right and below.
+            let (side_px, column, row) =
+                (squares[last] as f64, (last % raster.width) as f64, (last / raster.width) as f64);
+            let half_px = (side_px - 1.0) / 2.0;
+            let at = Pixel::at(column - half_px, row - half_px);
+            let beside = self.panel_left_of(at)?;
+            let ends = [column - side_px + 0.5, column + 0.5].map(|u| Pixel::at(u, at.v));
+            let pixels =
+                piece.iter().map(|index| Pixel::at((index % raster.width) as f64, (index / raster.width) as f64));
+            self.off(Beyond::Hole, (at, self.apart_mm(ends, beside)), &mut pixels.into_iter())
+        };
+        missing.pieces().into_iter().filter_map(hole).collect()
+    }
+
+    /// The panel's pixel that comes first to the left of a place, or to the right.
+    fn panel_left_of(&self, at: Pixel) -> Option<Pixel> {
+        let (column, row) = (at.u.round() as usize, at.v.round() as usize);
+        let is_panel = |column: &usize| self.mask.contains(*column, row);
+        let left = (0..column.min(self.mask.width)).rev().find(is_panel);
+        left.or_else(|| (column..self.mask.width).find(is_panel))
+            .map(|column| Pixel::at(column as f64, at.v.round()))
+    }
+
+    fn off(
+        &self,
+        beyond: Beyond,
+        (at, size_mm): (Pixel, Option<f64>),
+        pixels: &mut dyn Iterator<Item = Pixel>,
+    ) -> Option<OffPanel> {
+        let mut grids: Vec<GridId> = pixels.filter_map(|pixel| self.region.grid_at(pixel)).collect();
+        grids.sort_unstable();
+        grids.dedup();
+        let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
+        let corner = corners
+            .iter()
+            .position(|(s, t)| self.region.pixel(Point2::new(*s, *t)).distance_px(at) <= NEAR_A_CORNER_PX);
+        let grid = self.region.grid_at(at).or(grids.first().copied())?;
+        Some(OffPanel { beyond, size_mm, at, grid, corner: corner.map(|index| index + 1), grids })
+    }
+
+    /// How far two pixels are apart on the panel's surface, continued from where it is near a third one, mm.
+    fn apart_mm(&self, [one, other]: [Pixel; 2], near: Pixel) -> Option<f64> {
+        let at = near.whole(self.scan.width(), self.scan.height())?;
+        let plane = AROUND_PX.into_iter().find_map(|half_width_px| self.plane_at(at, half_width_px))?;
+        let on_plane = |pixel: Pixel| -> Option<Point<Panel>> {
+            plane.meet(self.panel_from_camera.origin(), self.panel_from_camera * self.camera.unproject(pixel)?)
+        };
+        Some(on_plane(one)?.distance_mm(on_plane(other)?))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,147 @@
+//! A cycle's verdict: how its table ended it, held against what its phases found.
+//!
+//! The verdict is never better than the worst finding that counts, and names the reasons of all that count. What counts:
+//!
+//! - `reject` and `invalid` count always.
+//! - `review` counts until a person decides: it is followed by an accept, or by an unhold after which the cycle measures again or
+//!   goes on. A trouble of the cell (camera, link, feedback, tool) is kept as such a review.
+//! - `fail` counts until the panel was abraded and a later film judged it: that is the way to `pass`. It is the reason for the
+//!   abrasion, and a reason of the verdict only if that is `fail`.
+//!
+//! A request names how many findings it was decided upon ([`RequestRecord::findings`]), so that the order is on the record.
+
+use super::{Answer, CycleId, Finding, Kind, RequestRecord, Wanted};
+use crate::cycle::Request;
+use crate::verdict::{Judgement, Reason, Verdict};
+use crate::words::utc;
+
+/// Whether a finding counts for its cycle's verdict.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Disposition<'a> {
+    /// It is good: accept or pass.
+    Good,
+    /// It counts.
+    Counts,
+    /// A review on which a person decided by this request.
+    Decided(&'a RequestRecord),
+    /// A film that failed, before an abrasion and a later film.
+    Superseded,
+}
+
+impl Disposition<'_> {
+    /// What became of a finding that is not good, for a page: who decided, and when.
+    pub fn words(self) -> Option<String> {
+        let decided = |asked: &RequestRecord| {
+            let what = match asked.wanted {
+                Wanted::For(Request::Unhold { dried: true }) => "measured again on the dried panel",
+                Wanted::For(Request::Unhold { dried: false }) => "continued",
+                _ => "accepted",
+            };
+            let who = asked.who.as_ref().map_or("not recorded".to_owned(), ToString::to_string);
+            format!("{what} {}, by {who}", utc(asked.unix_ms.div_euclid(1_000)))
+        };
+        match self {
+            Disposition::Good | Disposition::Counts => None,
+            Disposition::Decided(asked) => Some(decided(asked)),
+            Disposition::Superseded => Some("superseded by a later film".to_owned()),
+        }
+    }
+}
+
+/// Whether each finding counts, in their order.
+pub fn dispositions<'a>(findings: &[Finding], asked: &'a [RequestRecord]) -> Vec<Disposition<'a>> {
+    (0..findings.len()).map(|index| disposition(index, findings, asked)).collect()
+}
+
+fn disposition<'a>(index: usize, findings: &[Finding], asked: &'a [RequestRecord]) -> Disposition<'a> {
+    let Some((finding, later)) = findings.get(index..).and_then(<[Finding]>::split_first) else {
+        return Disposition::Counts;
+    };
+    match finding.judgement.verdict {
+        Verdict::Accept | Verdict::Pass => Disposition::Good,
+        Verdict::Review => {
+            let decision = asked.iter().find(|asked| decides(asked, index));
+            decision.map_or(Disposition::Counts, Disposition::Decided)
+        }
+        Verdict::Fail => {
+            let mut later = later.iter();
+            let is_abraded = later.any(|later| later.kind == Kind::Abrade);
+            let is_judged = later.any(|later| {
+                let verdict = later.judgement.verdict;
+                later.kind == Kind::Inspect && matches!(verdict, Verdict::Pass | Verdict::Fail | Verdict::Invalid)
+            });
+            if is_abraded && is_judged { Disposition::Superseded } else { Disposition::Counts }
+        }
+        Verdict::Reject | Verdict::Invalid | Verdict::Aborted => Disposition::Counts,
+    }
+}
+
+/// Whether a person decided by this request on the finding with this index.
+fn decides(asked: &RequestRecord, index: usize) -> bool {
+    let wanted = matches!(asked.wanted, Wanted::For(Request::Accept | Request::Unhold { .. }));
+    let is_later = asked.findings.is_some_and(|kept| u64::try_from(index).is_ok_and(|index| index < kept));
+    wanted && asked.answer == Some(Answer::Done) && is_later
+}
+
+/// The verdict of a cycle that its table ended so. `because` says why it was ended, if it was: what no finding says by its code
+/// comes behind the findings' reasons.
+pub fn conclude(ended: Verdict, findings: &[Finding], asked: &[RequestRecord], because: &[Reason]) -> Judgement {
+    let counting = || {
+        let all = findings.iter().zip(dispositions(findings, asked));
+        all.filter(|(_, disposition)| *disposition == Disposition::Counts).map(|(finding, _)| &finding.judgement)
+    };
+    let found = counting().map(|judgement| judgement.verdict);
+    // The first of two that are as bad: the table's own word stays.
+    let verdict = found.fold(ended, |worst, found| if found.badness() > worst.badness() { found } else { worst });
+    let mut reasons: Vec<Reason> = Vec::new();
+    let of_verdict = |judgement: &&Judgement| judgement.verdict != Verdict::Fail || verdict == Verdict::Fail;
+    for reason in counting().filter(of_verdict).flat_map(|judgement| &judgement.reasons) {
+        if !reasons.contains(reason) {
+            reasons.push(reason.clone());
+        }
+    }
+    let is_new: Vec<Reason> =
+        because.iter().filter(|why| reasons.iter().all(|reason| reason.code != why.code)).cloned().collect();
+    reasons.extend(is_new);
+    Judgement { verdict, reasons }
+}
+
+/// Findings that contradict the verdict `pass` or `accept` of this cycle, in words; none for another verdict.
+pub(super) fn unearned(
+    id: CycleId,
+    verdict: Verdict,
+    findings: &[Finding],
+    asked: &[RequestRecord],
+) -> Vec<String> {
+    if !matches!(verdict, Verdict::Pass | Verdict::Accept) {
+        return Vec::new();
+    }
+    let all = findings.iter().zip(dispositions(findings, asked)).enumerate();
+    let counting = all.filter(|(_, (_, disposition))| *disposition == Disposition::Counts);
+    let words = |(index, (finding, _)): (usize, (&Finding, Disposition<'_>))| {
+        let found = finding.judgement.verdict;
+        let reasons: Vec<String> = finding
+            .judgement
+            .reasons
+            .iter()
+            .map(|reason| format!("{} ({})", reason.message, reason.code))
+            .collect();
+        let what = match found {
+            Verdict::Review => "a review that no person accepted",
+            other => other.word(),
+        };
+        format!(
+            "cycle {} has the verdict {}, but its finding {} ({}, pass {}) is {what}: {}",
+            id,
+            verdict.word(),
+            index + 1,
+            finding.kind.word(),
+            finding.pass,
+            if reasons.is_empty() { "no reason is given".to_owned() } else { reasons.join("; ") }
+        )
+    };
+    counting.map(words).collect()
+}
+
+#[cfg(test)]
+mod tests;

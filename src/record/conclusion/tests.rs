@@ -1,0 +1,180 @@
+use super::*;
+use crate::record::{Front, Who};
+use proptest::prelude::*;
+
+fn finding(kind: Kind, verdict: Verdict, code: &'static str) -> Finding {
+    let reasons = match verdict {
+        Verdict::Accept | Verdict::Pass => vec![],
+        _ => vec![Reason::new(code, format!("{code} is not as it must be"))],
+    };
+    Finding::new(kind, 1, Judgement { verdict, reasons })
+}
+
+fn asked(request: Request, answer: Answer, findings: u64) -> RequestRecord {
+    let (wanted, who) = (Wanted::For(request), Some(Who::by(Front::Socket)));
+    RequestRecord { unix_ms: 7, wanted, who, answer: Some(answer), reasons: vec![], findings: Some(findings) }
+}
+
+fn codes(judgement: &Judgement) -> Vec<&str> {
+    judgement.reasons.iter().map(|reason| &*reason.code).collect()
+}
+
+/// The normal way to a pass: grease, an abrasion, a film without a break.
+fn passed() -> Vec<Finding> {
+    let fail = finding(Kind::Inspect, Verdict::Fail, "broke");
+    let good = |kind| finding(kind, Verdict::Accept, "");
+    vec![good(Kind::Locate), fail, good(Kind::Plan), good(Kind::Abrade), finding(Kind::Inspect, Verdict::Pass, "")]
+}
+
+#[test]
+fn a_film_that_failed_is_superseded_by_an_abrasion_and_a_later_film() {
+    let all = passed();
+    let judgement = conclude(Verdict::Pass, &all, &[], &[]);
+    assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Pass, vec![]));
+    assert_eq!(dispositions(&all, &[])[1], Disposition::Superseded);
+    // Without the abrasion, without the later film, or with them in the other order it counts.
+    for left_out in [3, 4] {
+        let mut less = passed();
+        less.remove(left_out);
+        let judgement = conclude(Verdict::Pass, &less, &[], &[]);
+        assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Fail, vec!["broke"]), "{left_out}");
+    }
+    let mut exchanged = passed();
+    exchanged.swap(3, 4);
+    assert_eq!(conclude(Verdict::Pass, &exchanged, &[], &[]).verdict, Verdict::Fail);
+}
+
+/// A part that was sanded too deep passes no later film.
+#[test]
+fn a_rejected_abrasion_outweighs_a_film_that_passes() {
+    let mut all = passed();
+    all[3] = finding(Kind::Abrade, Verdict::Reject, "removal_too_deep");
+    let accept = asked(Request::Accept, Answer::Done, 5);
+    let judgement = conclude(Verdict::Pass, &all, &[accept], &[]);
+    assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Reject, vec!["removal_too_deep"]));
+}
+
+/// Only a decision that came after the finding, and was taken, counts.
+#[test]
+fn a_review_counts_until_a_person_decides() {
+    let mut all = passed();
+    all[3] = finding(Kind::Abrade, Verdict::Review, "off_path");
+    let verdict = |asked: &[RequestRecord]| conclude(Verdict::Pass, &all, asked, &[]).verdict;
+    assert_eq!(verdict(&[]), Verdict::Review);
+    for (request, answer, findings, expected) in [
+        (Request::Accept, Answer::Done, 4, Verdict::Pass),
+        (Request::Unhold { dried: false }, Answer::Done, 4, Verdict::Pass),
+        (Request::Accept, Answer::Done, 3, Verdict::Review),
+        (Request::Accept, Answer::Refused, 4, Verdict::Review),
+        (Request::Accept, Answer::Failed, 4, Verdict::Review),
+        (Request::Hold, Answer::Done, 4, Verdict::Review),
+        (Request::Clear, Answer::Done, 4, Verdict::Review),
+    ] {
+        let one = [asked(request, answer, findings)];
+        assert_eq!(verdict(&one), expected, "{request:?} {answer:?} after {findings}");
+    }
+    let unknown = RequestRecord { findings: None, ..asked(Request::Accept, Answer::Done, 4) };
+    assert_eq!(verdict(&[unknown]), Verdict::Review, "when it was asked is not on the record");
+    let accept = [asked(Request::Accept, Answer::Done, 4)];
+    assert_eq!(dispositions(&all, &accept)[3], Disposition::Decided(&accept[0]));
+}
+
+/// Each reason once, in the order of the findings; why the cycle was ended comes last, if no finding says it.
+#[test]
+fn all_reasons_are_named_once_and_in_order() {
+    let all = vec![
+        finding(Kind::Locate, Verdict::Review, "low_overlap"),
+        finding(Kind::Inspect, Verdict::Fail, "broke"),
+        finding(Kind::Tool, Verdict::Review, "tool_silent"),
+        finding(Kind::Abrade, Verdict::Review, "part"),
+        finding(Kind::Tool, Verdict::Review, "tool_silent"),
+    ];
+    let unhold = asked(Request::Unhold { dried: false }, Answer::Done, 1);
+    let because = [Reason::new("tool_silent", "the same in other words"), Reason::new("stopped", "stopped")];
+    let judgement = conclude(Verdict::Aborted, &all, &[unhold], &because);
+    assert_eq!(judgement.verdict, Verdict::Aborted);
+    assert_eq!(codes(&judgement), ["tool_silent", "part", "stopped"], "the failed film is why it was abraded");
+    let judgement = conclude(Verdict::Fail, &all[..2], &[], &[]);
+    assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Review, vec!["low_overlap"]));
+    let judgement = conclude(Verdict::Fail, &all[1..2], &[], &[]);
+    assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Fail, vec!["broke"]));
+}
+
+const KINDS: [Kind; 8] =
+    [Kind::Locate, Kind::Refine, Kind::Inspect, Kind::Plan, Kind::Verify, Kind::Abrade, Kind::Robot, Kind::Tool];
+const FOUND: [Verdict; 6] =
+    [Verdict::Accept, Verdict::Review, Verdict::Reject, Verdict::Pass, Verdict::Fail, Verdict::Invalid];
+const ENDED: [Verdict; 6] =
+    [Verdict::Pass, Verdict::Fail, Verdict::Review, Verdict::Reject, Verdict::Invalid, Verdict::Aborted];
+const REQUESTS: [Request; 4] = [Request::Accept, Request::Unhold { dried: true }, Request::Hold, Request::Reset];
+const CODES: [&str; 3] = ["one", "two", "three"];
+
+fn findings() -> impl Strategy<Value = Vec<Finding>> {
+    let one =
+        (prop::sample::select(&KINDS[..]), prop::sample::select(&FOUND[..]), prop::sample::select(&CODES[..]));
+    prop::collection::vec(one.prop_map(|(kind, verdict, code)| finding(kind, verdict, code)), 0..9)
+}
+
+fn requests() -> impl Strategy<Value = Vec<RequestRecord>> {
+    let answers = prop::sample::select(&[Answer::Done, Answer::Refused, Answer::Failed][..]);
+    let one = (prop::sample::select(&REQUESTS[..]), answers, 0_u64..10);
+    prop::collection::vec(one.prop_map(|(request, answer, findings)| asked(request, answer, findings)), 0..5)
+}
+
+/// The rule once more, by itself: what a pass needs.
+fn may_pass(findings: &[Finding], requests: &[RequestRecord]) -> bool {
+    let is = |finding: &Finding, verdict| finding.judgement.verdict == verdict;
+    let none_is_bad = findings.iter().all(|one| !is(one, Verdict::Reject) && !is(one, Verdict::Invalid));
+    let is_decision = |one: &&RequestRecord| {
+        one.answer == Some(Answer::Done)
+            && [REQUESTS[0], REQUESTS[1]].iter().any(|request| one.wanted == Wanted::For(*request))
+    };
+    let last_decision = requests.iter().filter(is_decision).filter_map(|one| one.findings).max().unwrap_or(0);
+    let all_decided = findings.iter().skip(last_decision as usize).all(|one| !is(one, Verdict::Review));
+    let last_fail = findings.iter().rposition(|one| is(one, Verdict::Fail));
+    let is_mended = last_fail.is_none_or(|at| {
+        let rest = &findings[at..];
+        let abraded = rest.iter().position(|one| one.kind == Kind::Abrade && !is(one, Verdict::Fail));
+        let judged = rest.iter().rposition(|one| one.kind == Kind::Inspect && is(one, Verdict::Pass));
+        abraded.zip(judged).is_some_and(|(abraded, judged)| abraded < judged)
+    });
+    none_is_bad && all_decided && is_mended
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(4_000))]
+
+    /// Never better than the worst finding that counts, with the reasons of all that count; and only what a pass needs makes a pass.
+    #[test]
+    fn no_verdict_is_better_than_its_worst_finding(
+        findings in findings(),
+        requests in requests(),
+        ended in prop::sample::select(&ENDED[..]),
+    ) {
+        let judgement = conclude(ended, &findings, &requests, &[]);
+        prop_assert!(judgement.verdict.badness() >= ended.badness());
+        for (finding, disposition) in findings.iter().zip(dispositions(&findings, &requests)) {
+            let found = &finding.judgement;
+            if disposition == Disposition::Counts {
+                prop_assert!(judgement.verdict.badness() >= found.verdict.badness());
+                let named = found.reasons.iter().all(|reason| judgement.reasons.contains(reason));
+                prop_assert!(named || (found.verdict == Verdict::Fail && judgement.verdict != Verdict::Fail));
+            }
+        }
+        let mut once = judgement.reasons.clone();
+        once.dedup();
+        prop_assert!(once.len() == judgement.reasons.len() && judgement.reasons.len() <= CODES.len());
+        let is_pass = judgement.verdict == Verdict::Pass;
+        prop_assert_eq!(is_pass, ended == Verdict::Pass && may_pass(&findings, &requests), "{:?}", judgement);
+    }
+
+    /// A record that was concluded so is earned; the same record with the verdict pass is, only where that is its verdict.
+    #[test]
+    fn a_pass_that_was_not_concluded_is_named(findings in findings(), requests in requests()) {
+        let judgement = conclude(Verdict::Pass, &findings, &requests, &[]);
+        let mut record = crate::record::tests::record(judgement.clone(), findings, requests);
+        prop_assert_eq!(record.unearned(), Vec::<String>::new());
+        record.judgement = Some(Judgement { verdict: Verdict::Pass, reasons: vec![] });
+        prop_assert_eq!(record.unearned().is_empty(), judgement.verdict == Verdict::Pass);
+    }
+}

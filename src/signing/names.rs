@@ -1,0 +1,44 @@
+//! The names of the files of an export.
+
+use super::chain::Claim;
+use crate::record::CycleId;
+
+/// The name without its ending, of the cell's statement of a cycle.
+pub fn cycle_stem(cycle: CycleId) -> String {
+    format!("cycle-{cycle}")
+}
+
+/// The same of what a person signed of it.
+pub fn person_stem(cycle: CycleId, number: u64) -> String {
+    format!("cycle-{cycle}-signature-{number}")
+}
+
+/// The same of the signed page of a cycle.
+pub fn page_stem(cycle: CycleId) -> String {
+    format!("cycle-{cycle}-page")
+}
+
+/// The name of the page of a cycle as PDF.
+pub fn pdf_name(cycle: CycleId) -> String {
+    format!("cycle-{cycle}.pdf")
+}
+
+/// The cycle whose signed page has this name without its ending, if it is one.
+pub(super) fn cycle_of_page(stem: &str) -> Option<CycleId> {
+    let number = stem.strip_suffix("-page")?.strip_prefix("cycle-")?;
+    number.parse().ok().map(CycleId)
+}
+
+/// The cycle whose page as PDF has this name, if it is one.
+pub(super) fn cycle_of_pdf(name: &str) -> Option<CycleId> {
+    name.strip_suffix(".pdf")?.strip_prefix("cycle-")?.parse().ok().map(CycleId)
+}
+
+/// What the name of a statement claims, without its ending.
+pub(super) fn claim(stem: &str) -> Claim {
+    let Some(rest) = stem.strip_prefix("cycle-") else { return Claim::Nothing };
+    match rest.split_once("-signature-") {
+        Some((_, number)) => number.parse().map_or(Claim::Nothing, Claim::Number),
+        None => rest.parse().map_or(Claim::Nothing, |id| Claim::Cycle(CycleId(id))),
+    }
+}
