@@ -158,7 +158,7 @@ fn coverage(plan: &Plan) -> Vec<Check> {
     let worst = plan.grids.iter().min_by(|a, b| a.share().total_cmp(&b.share()));
     let least = worst.map_or(1.0, GridCoverage::share);
     let of_worst = check(name::COVERAGE.to_owned(), least, &|| worst.map_or(String::new(), words));
-    let short = plan.grids.iter().filter(|grid| !(grid.share() >= MIN_COVERAGE));
+    let short = plan.grids.iter().filter(|grid| grid.share().is_nan() || grid.share() < MIN_COVERAGE);
     let short = short.map(|grid| check(format!("{OF_GRID}{}", grid.id), grid.share(), &|| words(grid)));
     [Check::new("coverage of these grids", "", plan.coverage), of_worst].into_iter().chain(short).collect()
 }

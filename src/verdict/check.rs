@@ -306,7 +306,7 @@ mod tests {
         // Nobody said what follows: a person looks.
         for number in [2.005, f64::NAN] {
             let unjudged = Check { value: Some(number), ..over() };
-            let judgement = Judgement::of_checks(&[unjudged.clone()]);
+            let judgement = Judgement::of_checks(std::slice::from_ref(&unjudged));
             assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Review, "limit"));
             let accepted = Judgement::of(vec![], vec![]);
             assert_eq!(accepted.beside(&[unjudged]).verdict, Verdict::Review);
