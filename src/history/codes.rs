@@ -182,7 +182,7 @@ mod tests {
             ("low_overlap", Priority::Medium),
             ("link_lost", Priority::High),
             ("broken", Priority::Note),
-            ("part", Priority::Note),
+            ("part", Priority::Medium),
             ("not_now", Priority::Low),
             ("guard", Priority::Low),
             ("few_pictures", Priority::Low),
