@@ -22,7 +22,7 @@ pub use removed::{RemovedByPath, removed, removed_bound_um};
 pub use requests::{Answer, Front, RequestRecord, Wanted, Who};
 
 use crate::cycle::{Path, Request};
-use crate::verdict::Judgement;
+use crate::verdict::{Judgement, Verdict};
 use serde::{Deserialize, Serialize};
 
 /// The error at the tool, by its parts, mm, 95 %.
@@ -137,10 +137,17 @@ pub struct CycleRecord {
 }
 
 impl CycleRecord {
-    /// Findings that contradict the verdict `pass` or `accept` of this record, in words; none for another verdict.
+    /// What contradicts the verdict `pass` or `accept` of this record, in words: findings, and for `pass` the film that is missing. None for
+    /// another verdict.
     pub fn unearned(&self) -> Vec<String> {
-        let verdict = self.judgement.as_ref().map(|judgement| judgement.verdict);
-        verdict.map_or(vec![], |verdict| conclusion::unearned(self.id, verdict, &self.findings, &self.asked))
+        let Some(verdict) = self.judgement.as_ref().map(|judgement| judgement.verdict) else { return Vec::new() };
+        // The verdict of a run in the air is of the motions.
+        let needs_film = verdict == Verdict::Pass && !self.is_air_run();
+        let no_film = (needs_film && !conclusion::is_shown_by_a_film(&self.findings)).then(|| {
+            format!("cycle {} has the verdict pass, but its last film or abrasion is no film that passed", self.id)
+        });
+        let contradicting = conclusion::unearned(self.id, verdict, &self.findings, &self.asked);
+        contradicting.into_iter().chain(no_film).collect()
     }
 
     /// Whether it was asked for as a run in the air, or moved as one: its verdict is of the motions, not of the panel.

@@ -106,6 +106,12 @@ pub fn conclude(ended: Verdict, findings: &[Finding], asked: &[RequestRecord], b
     Judgement { verdict, reasons }
 }
 
+/// Whether the last word on the panel is a film that passed: no abrasion came after it.
+pub(super) fn is_shown_by_a_film(findings: &[Finding]) -> bool {
+    let last = findings.iter().rfind(|finding| matches!(finding.kind, Kind::Inspect | Kind::Abrade));
+    last.is_some_and(|last| last.kind == Kind::Inspect && last.judgement.verdict == Verdict::Pass)
+}
+
 /// Findings that contradict the verdict `pass` or `accept` of this cycle, in words; none for another verdict.
 pub(super) fn unearned(
     id: CycleId,

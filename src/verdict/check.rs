@@ -303,7 +303,7 @@ mod tests {
         }
         let kept = Check::new("overhang", "mm", 1.99).at_most(2.0, SetBy::Program).without_consequence();
         assert_eq!(kept.limit, Limit::AtMost(2.0), "a limit that is kept stays beside its number");
-        // Nobody said what follows: a person looks.
+        // No rule says what follows: a person looks.
         for number in [2.005, f64::NAN] {
             let unjudged = Check { value: Some(number), ..over() };
             let judgement = Judgement::of_checks(std::slice::from_ref(&unjudged));

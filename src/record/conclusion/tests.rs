@@ -173,8 +173,31 @@ proptest! {
     fn a_pass_that_was_not_concluded_is_named(findings in findings(), requests in requests()) {
         let judgement = conclude(Verdict::Pass, &findings, &requests, &[]);
         let mut record = crate::record::tests::record(judgement.clone(), findings, requests);
-        prop_assert_eq!(record.unearned(), Vec::<String>::new());
+        let is_shown = is_shown_by_a_film(&record.findings);
+        prop_assert_eq!(record.unearned().is_empty(), judgement.verdict != Verdict::Pass || is_shown);
         record.judgement = Some(Judgement { verdict: Verdict::Pass, reasons: vec![] });
-        prop_assert_eq!(record.unearned().is_empty(), judgement.verdict == Verdict::Pass);
+        prop_assert_eq!(record.unearned().is_empty(), judgement.verdict == Verdict::Pass && is_shown);
     }
+}
+
+/// A pass is shown by a film after the last abrasion. A record without findings, with good ones of other kinds alone, or with an abrasion
+/// after its film shows none; a run in the air needs none.
+#[test]
+fn a_pass_needs_a_film_that_passed() {
+    let pass = Judgement { verdict: Verdict::Pass, reasons: vec![] };
+    let unearned = |findings: Vec<Finding>, asked: Vec<RequestRecord>| {
+        crate::record::tests::record(pass.clone(), findings, asked).unearned()
+    };
+    assert_eq!(unearned(passed(), vec![]), [""; 0]);
+    let no_film = ["cycle 3 has the verdict pass, but its last film or abrasion is no film that passed"];
+    assert_eq!(unearned(vec![], vec![]), no_film);
+    assert_eq!(unearned(vec![finding(Kind::Locate, Verdict::Accept, "")], vec![]), no_film);
+    let mut abraded_again = passed();
+    abraded_again.push(finding(Kind::Abrade, Verdict::Accept, ""));
+    assert_eq!(unearned(abraded_again, vec![]), no_film);
+    let accepted = vec![finding(Kind::Inspect, Verdict::Accept, "")];
+    assert_eq!(unearned(accepted, vec![]), no_film, "a film passes or does not");
+    assert_eq!(unearned(vec![], vec![asked(Request::AirRun { max_moves: 3 }, Answer::Done, 0)]), [""; 0]);
+    let refused = asked(Request::AirRun { max_moves: 3 }, Answer::Refused, 0);
+    assert_eq!(unearned(vec![], vec![refused]), no_film);
 }

@@ -173,14 +173,17 @@ fn a_signed_pass_over_a_rejected_finding_does_not_verify() {
     store.recover().expect("recovers");
     let id = store.begin_cycle(&super::cycles::start()).expect("begun");
     let judged = |verdict| Judgement { verdict, reasons: vec![Reason::new("removal_too_deep", "64 µm")] };
+    let film = Finding::new(Kind::Inspect, 1, Judgement { verdict: Verdict::Pass, reasons: vec![] });
+    store.note(id, &film).expect("kept");
     assert_eq!(store.conclude(id, Verdict::Pass, &[]).expect("over").verdict, Verdict::Pass);
     store.note(id, &Finding::new(Kind::Abrade, 1, judged(Verdict::Reject))).expect("kept");
     store.sign_cycle(&key(), id).expect("signed");
     drop(store);
     let told = found(&folder.path().join("store"));
-    let words = "signature 1: cycle 1 has the verdict pass, but its finding 1 (abrade, pass 1) is reject: 64 µm \
+    let words = "signature 1: cycle 1 has the verdict pass, but its finding 2 (abrade, pass 1) is reject: 64 µm \
                  (removal_too_deep)";
-    assert_eq!(told, [words]);
+    let no_film = "signature 1: cycle 1 has the verdict pass, but its last film or abrasion is no film that passed";
+    assert_eq!(told, [words, no_film]);
 }
 
 /// The store itself keeps no verdict that is better than the cycle's findings, and names all their reasons.
