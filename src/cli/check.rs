@@ -6,7 +6,6 @@ use super::fault::Fault;
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;
 use super::teach::off_panel;
-use crate::cell::Cell;
 use crate::check::{CheckedFor, Decoded, FileReport, check_files_for, decode};
 use crate::config::{Problem, line_of_key};
 use crate::panel::OffPanel;
@@ -30,7 +29,14 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
         .iter()
         .filter_map(|(name, decoded)| Some((name.as_str(), decoded.as_ref().ok()?.text.as_str())))
         .collect();
-    let mut found = check_files_for(&named, &checked_for(args)).into_iter();
+    let reports = check_files_for(&named, &checked_for(args));
+    let right = |kind: &'static str| {
+        let of_kind = named.iter().zip(&reports).filter(move |(_, report)| report.kind == Some(kind));
+        of_kind.filter(|(_, report)| report.problems.is_empty()).map(|((name, _), _)| *name)
+    };
+    let cells: Vec<&str> = right("cell").collect();
+    let recipes: Vec<&str> = right("recipe").collect();
+    let mut found = reports.into_iter();
     for (name, decoded) in &texts {
         let report = match decoded {
             Ok(_) => found.next(),
@@ -38,8 +44,13 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
         };
         let Some(mut report) = report else { continue };
         report.warnings.splice(0..0, decoded.iter().filter_map(|decoded| decoded.warning.clone()));
-        if let Some(decoded) = decoded.as_ref().ok().filter(|_| report.problems.is_empty()) {
-            report.warnings.extend(region_off_panel((name, &decoded.text), &texts));
+        if let (Ok(decoded), [cell], true) = (decoded, &cells[..], recipes.contains(&name.as_str())) {
+            match region_off_panel((name, &decoded.text), cell) {
+                Ok(warnings) => report.warnings.extend(warnings),
+                Err(fault) => {
+                    report.says.push(format!("the region was not compared with the taught panel: {fault}"))
+                }
+            }
         }
         let warnings: Vec<String> = report.warnings.iter().map(warning).collect();
         let ok = report.problems.is_empty();
@@ -101,24 +112,21 @@ fn placed(Problem { line, key, message }: &Problem) -> String {
     format!("line {line}: {key}{message}")
 }
 
-/// Where the region of a recipe is not panel, if the cell's file is checked with it and the panel was taught with this region.
-fn region_off_panel((name, text): (&str, &str), texts: &[(String, Result<Decoded, String>)]) -> Vec<Problem> {
-    let Ok(recipe) = Recipe::check(name, text) else { return Vec::new() };
-    let is_cell = |(file, decoded): &&(String, Result<Decoded, String>)| {
-        decoded.as_ref().is_ok_and(|decoded| Cell::check(file, &decoded.text).is_ok())
-    };
-    let Some((cell, _)) = texts.iter().find(is_cell) else { return Vec::new() };
-    let common = Common { cell: cell.into(), store: None, json: false };
-    let taught = CellFiles::read(&common).and_then(|files| load::taught(&files, Path::new(name), &recipe));
-    // A panel that was not taught yet says nothing of the region.
-    let Ok(taught) = taught else { return Vec::new() };
+/// Where the region of a recipe is not panel, by the panel that was taught in this cell.
+///
+/// # Errors
+/// Why it is not known: the panel was not taught, or with another region, or what was taught cannot be read.
+fn region_off_panel((name, text): (&str, &str), cell: &str) -> Result<Vec<Problem>, Fault> {
+    let recipe = Recipe::check(name, text)?;
+    let files = CellFiles::read(&Common { cell: cell.into(), store: None, json: false })?;
+    let taught = load::taught(&files, Path::new(name), &recipe)?;
     let key = "region.corners_px";
     let problem = |off: &OffPanel| Problem {
         line: line_of_key(text, key),
         key: key.to_owned(),
         message: off.reason().message,
     };
-    off_panel(&taught.panel, &recipe).iter().map(problem).collect()
+    Ok(off_panel(&taught.panel, &recipe).iter().map(problem).collect())
 }
 
 fn warning(warning: &Problem) -> String {
