@@ -43,6 +43,12 @@ pub(super) fn run(args: &NewRecipe, common: &Common) -> Result<Outcome, Fault> {
     disk::write_new(&args.out, &text)?;
     let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words = vec![format!("written: {name}; `panelprep check {name}` accepts it")];
+    if cell.is_none() {
+        let cell = common.cell.display();
+        outcome.say(format!(
+            "it was not compared with a cell: {cell} is not there or not right; `panelprep check {cell} {name}` compares both"
+        ));
+    }
     if args.corners_px.is_none() {
         outcome.say("hold the corners of its region against a scan of your panel: `panelprep look` shows it with a pixel ruler");
     }
