@@ -130,11 +130,11 @@ impl TaughtPanel {
                 (squares[last] as f64, (last % raster.width) as f64, (last / raster.width) as f64);
             let half_px = (side_px - 1.0) / 2.0;
             let at = Pixel::at(column - half_px, row - half_px);
-            let beside = self.panel_left_of(at)?;
             let ends = [column - side_px + 0.5, column + 0.5].map(|u| Pixel::at(u, at.v));
             let pixels =
                 piece.iter().map(|index| Pixel::at((index % raster.width) as f64, (index / raster.width) as f64));
-            self.off(Beyond::Hole, (at, self.apart_mm(ends, beside)), &mut pixels.into_iter())
+            let size_mm = self.panel_left_of(at).and_then(|beside| self.apart_mm(ends, beside));
+            self.off(Beyond::Hole, (at, size_mm), &mut pixels.into_iter())
         };
         missing.pieces().into_iter().filter_map(hole).collect()
     }
