@@ -136,19 +136,9 @@ fn item(reader: &mut Reader<'_>) -> Read<Item> {
 
 /// `[3,4]`, `[]`, or nothing.
 fn dimensions(reader: &mut Reader<'_>) -> Read<Vec<Option<Expression>>> {
-    let mut dimensions = Vec::new();
-    if !reader.takes_sign("[") {
-        return Ok(dimensions);
-    }
-    loop {
-        let is_open = reader.is_sign(",") || reader.is_sign("]");
-        dimensions.push(if is_open { None } else { Some(reader.expression()?) });
-        if reader.takes_sign("]") {
-            return Ok(dimensions);
-        }
-        if dimensions.len() == 3 {
-            return Err("an array has three dimensions at most".into());
-        }
-        reader.sign(",")?;
+    let dimensions = if reader.takes_sign("[") { reader.list_until("]")? } else { Vec::new() };
+    match dimensions.len() {
+        0..=3 => Ok(dimensions),
+        _ => Err("an array has three dimensions at most".into()),
     }
 }

@@ -243,12 +243,17 @@ impl<'a> Reader<'a> {
 
     /// `1,2]`, also `]`, `,]` and `3,]`.
     fn indices(&mut self) -> Read<Vec<Option<Expression>>> {
-        let mut indices = Vec::new();
+        self.list_until("]")
+    }
+
+    /// Expressions between commas up to the end sign; each may be left out.
+    pub(super) fn list_until(&mut self, end: &str) -> Read<Vec<Option<Expression>>> {
+        let mut list = Vec::new();
         loop {
-            let is_left_out = self.is_sign(",") || self.is_sign("]");
-            indices.push(if is_left_out { None } else { Some(self.expression()?) });
-            if self.takes_sign("]") {
-                return Ok(indices);
+            let is_left_out = self.is_sign(",") || self.is_sign(end);
+            list.push(if is_left_out { None } else { Some(self.expression()?) });
+            if self.takes_sign(end) {
+                return Ok(list);
             }
             self.sign(",")?;
         }
@@ -263,18 +268,7 @@ impl<'a> Reader<'a> {
     }
 
     fn arguments(&mut self) -> Read<Vec<Option<Expression>>> {
-        let mut arguments = Vec::new();
-        if self.takes_sign(")") {
-            return Ok(arguments);
-        }
-        loop {
-            let is_left_out = self.is_sign(",") || self.is_sign(")");
-            arguments.push(if is_left_out { None } else { Some(self.expression()?) });
-            if self.takes_sign(")") {
-                return Ok(arguments);
-            }
-            self.sign(",")?;
-        }
+        if self.takes_sign(")") { Ok(Vec::new()) } else { self.list_until(")") }
     }
 
     /// `{X 1.0,Y 2.0}`, with or without its type: `{FRAME: X 1.0}`.

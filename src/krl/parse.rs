@@ -1,4 +1,4 @@
-//! Reads a file: its routines or its data list. A line that cannot be read is reported and its block goes on, so that one
+//! Reads a file: its routines or its data list. A line that cannot be read is reported and its block continues, so that one
 //! reading finds all problems of a file and none of them causes another.
 
 use super::declaration::{declaration, is_declaration, lacks_decl, returned};
