@@ -88,7 +88,7 @@ impl Model {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use super::*;
 
     /// k₀ = 4·10⁻⁴ mm²/N known to 2 %, wear 0.8/m² known to 0.1/m², coupons of 3 %.
@@ -101,6 +101,10 @@ pub(super) mod tests {
         orbit: Orbit { diameter_mm: 5.0, speed_rev_min: 10_000.0 },
         pad_n_mm3: 0.05,
     };
+
+    /// The same on a disc that does not wear.
+    pub(crate) const EVEN_MODEL: Model =
+        Model { decay_per_mm2: 0.0, covariance: Matrix2::new(4e-4, 0.0, 0.0, 0.0), ..MODEL };
 
     /// By hand: after half a square metre k is e^(−0.4) = 0.670 32 of its first; Student's 97.5 % of ten degrees is 2.228.
     #[test]

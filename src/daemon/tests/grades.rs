@@ -4,9 +4,7 @@ use super::fake::{Asks, Cell as Fake};
 use super::*;
 use crate::cycle::{Hold, Phase, State};
 use crate::record::conclude;
-use crate::removal::model::Model;
-use crate::removal::speed::Orbit;
-use nalgebra::Matrix2;
+use crate::removal::model::tests::EVEN_MODEL;
 
 fn codes(story: &fake::Story, kind: Kind) -> Vec<String> {
     let of_kind = story.findings.iter().filter(|finding| finding.kind == kind);
@@ -17,8 +15,8 @@ fn held_for_review(state: &State) -> bool {
     matches!(state.at, At::Held(Hold { why: Why::Review, .. }))
 }
 
-/// The robot reports poses 3 mm beside the planned lines, where 1 mm is allowed: held, and nothing more until a person accepts. Then the
-/// cycle goes on to rinse and test again, as it would have.
+/// The robot reports poses 3 mm beside the planned lines, the limit is 1 mm: held, and nothing more until a person accepts. Then the
+/// cycle continues with the rinse and the next film, as it would have.
 #[test]
 fn a_path_beside_its_plan_is_held_and_goes_on_once_accepted() {
     let fake = || Fake::new(Scene::Good).step_by_step().that_is_off_plan(3.0, [20, 30]);
@@ -32,33 +30,20 @@ fn a_path_beside_its_plan_is_held_and_goes_on_once_accepted() {
     assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
     assert_eq!(story.motions(Path::Contact).len(), 1, "nothing was abraded again");
     assert_eq!(story.stages().last(), Some(&Kind::Inspect), "{story}");
-    // Nobody accepts, and the cycle is stopped.
+    // No person accepts, and the cycle is stopped.
     let story = fake().run(Asks::one_cycle().with(held_for_review, cycle::Request::Stop));
     assert_eq!(story.outcome.verdict, Some(Verdict::Review), "{story}");
-}
-
-/// k = 4·10⁻⁴ mm²/N known to 2 %, coupons of 3 %.
-fn model() -> Model {
-    Model {
-        preston_mm2_per_n: 4e-4,
-        decay_per_mm2: 0.0,
-        covariance: Matrix2::new(4e-4, 0.0, 0.0, 0.0),
-        coupon_deviation: 0.03,
-        redundancy: 10.0,
-        orbit: Orbit { diameter_mm: 5.0, speed_rev_min: 10_000.0 },
-        pad_n_mm3: 0.05,
-    }
 }
 
 const REMOVAL: &str = "[path]\nfeed_mm_s = 120\n[removal]\nmethod = \"scheduled\"\ntarget_um = 30\nmax_um = 60\n\
                        force_n = 20\neven_percent = 100\n";
 
-/// The robot goes on much slower than planned (its override), so that the disc takes off far more than the part may lose. The next film
+/// The robot moves much slower than planned (its override), so that the disc takes off far more than the part may lose. The next film
 /// would pass, and is never seen: the part is rejected.
 #[test]
 fn a_path_that_removed_too_much_rejects_the_part() {
     let mut fake = Fake::new(Scene::Good).whose_contact_takes(700);
-    (fake.more_recipe, fake.removal) = (REMOVAL, Some(model()));
+    (fake.more_recipe, fake.removal) = (REMOVAL, Some(EVEN_MODEL));
     let story = fake.run(Asks::one_cycle());
     assert!(codes(&story, Kind::Abrade).contains(&"removal_too_deep".to_owned()), "{story}");
     assert_eq!(story.outcome.state.at, At::Complete { verdict: Verdict::Reject }, "{story}");
@@ -88,7 +73,7 @@ fn a_hold_in_contact_finds_nothing_wrong() {
 fn an_air_run_is_judged_by_its_motion_alone() {
     let worn_out = || {
         let mut fake = Fake::new(Scene::Good);
-        // No model: nobody knows what the disc takes off. And the disc has done ten times its life.
+        // No model: what the disc takes off is not known. And the disc has done ten times its life.
         (fake.more_recipe, fake.worn_mm2) = (REMOVAL, 1e9);
         fake
     };

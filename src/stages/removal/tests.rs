@@ -2,27 +2,14 @@
 
 use super::*;
 use crate::record::name;
+use crate::removal::model::tests::EVEN_MODEL;
 use crate::stages::plan::{self, Reach};
 use crate::surface::examine;
 use crate::surface::scene::{Shape, Spoil, recipe, taught};
 use crate::verdict::Verdict;
-use nalgebra::Matrix2;
 
 fn tool(removal: Option<Model>) -> ToolState {
     ToolState { error_mm: None, worn_mm2: 0.0, removal, stroke_mm: None, in_air: false }
-}
-
-/// k = 4·10⁻⁴ mm²/N known to 2 %, coupons of 3 %.
-fn model() -> Model {
-    Model {
-        preston_mm2_per_n: 4e-4,
-        decay_per_mm2: 0.0,
-        covariance: Matrix2::new(4e-4, 0.0, 0.0, 0.0),
-        coupon_deviation: 0.03,
-        redundancy: 10.0,
-        orbit: crate::removal::speed::Orbit { diameter_mm: 5.0, speed_rev_min: 10_000.0 },
-        pad_n_mm3: 0.05,
-    }
 }
 
 /// The verdict's codes and the number of a check, of a plan over the middle grid of a ball's inside.
@@ -47,7 +34,7 @@ const TABLE: &str = "[removal]\ntarget_um = 30\nmax_um = 50\nforce_n = 20\n";
 #[test]
 fn scheduled_feeds_remove_the_target() {
     let (verdict, codes, checks) =
-        planned(&format!("{TABLE}method = \"scheduled\"\n"), Some(model()), RemovedBefore::default());
+        planned(&format!("{TABLE}method = \"scheduled\"\n"), Some(EVEN_MODEL), RemovedBefore::default());
     assert_eq!((verdict, codes), (Verdict::Accept, vec![]));
     assert!((value(&checks, name::REMOVED_MEAN) / 30.0 - 1.0).abs() < 0.03);
     assert!(value(&checks, name::REMOVED_EVEN) < 20.0 && value(&checks, name::REMOVED_BOUND) < 50.0);
@@ -61,7 +48,7 @@ fn the_feed_that_hinders_is_named() {
         let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = {feed_mm_s}\n{table}"));
         let panel = taught(Shape::Sphere, Spoil::default(), &recipe);
         let fit = examine(&panel, recipe.surface()).expect("a surface");
-        let (on, tool) = ((&panel, &fit), tool(Some(model())));
+        let (on, tool) = ((&panel, &fit), tool(Some(EVEN_MODEL)));
         let plan = plan::lay(on, &[GridId { row: 2, column: 3 }], (&recipe, tool)).expect("a path");
         let found = plan::judge(plan, on, Reach::Unknown, (&recipe, tool), (None, RemovedBefore::default()));
         let uneven = found.judgement.reasons.into_iter().find(|reason| reason.code == "removal_uneven");
@@ -77,7 +64,7 @@ fn the_feed_that_hinders_is_named() {
 fn what_may_be_too_deep_is_rejected_and_never_cut() {
     let (verdict, codes, checks) = planned(
         &format!("{}method = \"scheduled\"\n", TABLE.replace("50", "34")),
-        Some(model()),
+        Some(EVEN_MODEL),
         RemovedBefore::default(),
     );
     assert_eq!((verdict, codes), (Verdict::Reject, vec!["removal_too_deep".to_owned()]));
@@ -89,24 +76,24 @@ fn what_may_be_too_deep_is_rejected_and_never_cut() {
 #[test]
 fn earlier_cycles_count() {
     let scheduled = format!("{TABLE}method = \"scheduled\"\n");
-    let alone = planned(&scheduled, Some(model()), RemovedBefore::default());
-    let after = planned(&scheduled, Some(model()), RemovedBefore { bound_um: 12.5, unknown: 0 });
+    let alone = planned(&scheduled, Some(EVEN_MODEL), RemovedBefore::default());
+    let after = planned(&scheduled, Some(EVEN_MODEL), RemovedBefore { bound_um: 12.5, unknown: 0 });
     let bounds = [&alone.2, &after.2].map(|checks| value(checks, name::REMOVED_BOUND));
     assert!((bounds[1] - bounds[0] - 12.5).abs() < 1e-9);
     assert_eq!(after.1, ["removal_too_deep"]);
-    let unknown = planned(&scheduled, Some(model()), RemovedBefore { bound_um: 0.0, unknown: 1 });
+    let unknown = planned(&scheduled, Some(EVEN_MODEL), RemovedBefore { bound_um: 0.0, unknown: 1 });
     assert_eq!((unknown.0, unknown.1), (Verdict::Review, vec!["earlier_unknown".to_owned()]));
 }
 
 /// By hand: at 120 mm/s and rows of 12 mm about 4·10⁻⁴ · 20 · 2618 / (120 · 12) = 14.5 µm.
 #[test]
 fn today_s_feed_stays_and_its_removal_is_told() {
-    let (_, codes, checks) = planned(TABLE, Some(model()), RemovedBefore::default());
+    let (_, codes, checks) = planned(TABLE, Some(EVEN_MODEL), RemovedBefore::default());
     assert!(codes.contains(&"more_passes".to_owned()), "{codes:?}");
     assert!(value(&checks, name::REMOVED_MEAN) < 25.0 && value(&checks, "passes that the target takes") == 2.0);
     let (verdict, codes, _) = planned(TABLE, None, RemovedBefore::default());
     assert_eq!((verdict, codes), (Verdict::Reject, vec!["removal_unknown".to_owned()]));
-    let (verdict, _, checks) = planned("", Some(model()), RemovedBefore::default());
+    let (verdict, _, checks) = planned("", Some(EVEN_MODEL), RemovedBefore::default());
     assert!(verdict == Verdict::Accept && !checks.iter().any(|check| check.name.contains("remov")));
 }
 
@@ -117,7 +104,7 @@ fn what_an_air_run_would_remove_is_no_reason() {
     let panel = taught(Shape::Sphere, Spoil::default(), &recipe);
     let fit = examine(&panel, recipe.surface()).expect("a surface");
     let (on, grids) = ((&panel, &fit), [GridId { row: 2, column: 3 }]);
-    for (known, before) in [(None, 0.0), (Some(model()), 1_000.0)] {
+    for (known, before) in [(None, 0.0), (Some(EVEN_MODEL), 1_000.0)] {
         let judged = |in_air: bool| {
             let tool = ToolState { in_air, ..tool(known) };
             let plan = plan::lay(on, &grids, (&recipe, tool)).expect("a path");
@@ -143,7 +130,7 @@ fn the_force_that_was_measured_counts() {
     let recipe = recipe(Shape::Sphere, &format!("[path]\nfeed_mm_s = 120\n{TABLE}"));
     let panel = taught(Shape::Sphere, Spoil::default(), &recipe);
     let fit = examine(&panel, recipe.surface()).expect("a surface");
-    let tool = tool(Some(model()));
+    let tool = tool(Some(EVEN_MODEL));
     let grids = [GridId { row: 2, column: 3 }];
     let plan = plan::lay((&panel, &fit), &grids, (&recipe, tool)).expect("a path");
     let before = RemovedBefore::default();
