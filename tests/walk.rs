@@ -190,7 +190,7 @@ fn smaller(line: &str) -> String {
     let add = |more: &str| format!("{line} {more}");
     match words.iter().position(|word| ["render", "demo"].contains(word)) {
         Some(_) if words.contains(&"--reduction") => line.to_owned(),
-        Some(at) if words[at] == "render" => add("--reduction 4 --seconds 5"),
+        Some(at) if words[at] == "render" => add("--reduction 4 --seconds 15"),
         Some(_) => add("--reduction 4"),
         None => line.to_owned(),
     }

@@ -61,7 +61,7 @@ impl Placed {
     /// What a clip of a taught panel is inspected with.
     pub fn setup<'a>(&'a self, taught: &'a Taught, recipe: &'a Recipe, demands: Demands) -> Setup<'a> {
         let camera_from_panel: Rigid<Camera, Panel> = self.base_from_camera.inverse() * self.base_from_panel;
-        Setup { panel: &taught.panel, camera: &self.camera, camera_from_panel, demands, recipe }
+        Setup { panel: &taught.panel, camera: &self.camera, camera_from_panel, sanded: None, demands, recipe }
     }
 }
 
@@ -137,6 +137,7 @@ impl Inspected {
             .iter()
             .map(|grid| {
                 json!({"id": grid.id.to_string(), "failed": grid.failed, "seen": grid.seen,
+                       "reference": grid.reference.words(),
                        "wet_when_dry": grid.wet_when_dry,
                        "broken_mm2": grid.broken_mm2, "time_to_break_s": grid.time_to_break_s})
             })

@@ -9,7 +9,8 @@ use super::outcome::Outcome;
 use crate::files::ClipEntry;
 use crate::geometry::ColorPicture;
 use crate::inspect::{
-    Advice, Demands, GridContrast, MIN_CONTRAST_TO_NOISE, Sampler, Tuning, Watch, best_threshold, thesis_checks,
+    Advice, Demands, GridContrast, MIN_CONTRAST_TO_NOISE, Sampler, Tuning, View, Watch, best_threshold,
+    thesis_checks,
 };
 use crate::phase::Phase;
 use crate::recipe::{Method, Recipe};
@@ -36,8 +37,8 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
     let demands = Demands::of(&recipe, files.cell.limits());
     // For its region, and for the checks of what is pushed.
-    let mut watch = Watch::new(&taught.panel, &placed.camera, camera_from_panel, recipe.inspect(), demands)
-        .map_err(Fault::stage)?;
+    let view = View { taught: &taught.panel, camera: &placed.camera, camera_from_panel, sanded: None };
+    let mut watch = Watch::new(&view, recipe.inspect(), demands).map_err(Fault::stage)?;
     if placed.is_assumed {
         watch.assume_place();
     }

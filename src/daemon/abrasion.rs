@@ -7,6 +7,7 @@ use super::ports::{Note, Record};
 use super::setup::CycleSetup;
 use crate::cycle::{Answer, Grade, Trouble};
 use crate::files::content_hash;
+use crate::geometry::Mask;
 use crate::panel::GridId;
 use crate::path::approach::Approach;
 use crate::path::disc::DiscUse;
@@ -41,6 +42,8 @@ pub(super) struct Abrasion {
     pub worn_mm2: f64,
     /// What the passes of this cycle removed so far, where that is known.
     removed: Option<RemovalMap>,
+    /// The taught pixels that the disc touched in this cycle, or may have touched: the dry picture does not show them as they are now.
+    sanded: Option<Arc<Mask>>,
     /// Where the tool was in earlier cycles of this panel, or may have been.
     pub earlier: Vec<EarlierPass>,
     /// The cycle is an air-run.
@@ -52,10 +55,13 @@ pub(super) struct Abrasion {
 impl Abrasion {
     /// What a later phase's result depends on, as text. The surface follows from what was taught.
     pub(super) fn inputs(&self) -> String {
-        let Abrasion { plan, touched, done, most_passes, worn_mm2, earlier, removed, is_air, .. } = self;
+        let Abrasion { plan, touched, done, most_passes, worn_mm2, earlier, removed, sanded, is_air, .. } = self;
         let removed_mm3 = removed.as_ref().map(RemovalMap::volume_mm3);
         let plan = plan.as_ref().map(|(number, _)| number);
-        format!("{plan:?} {touched:?} {done:?} {most_passes} {worn_mm2} {earlier:?} {removed_mm3:?} {is_air}")
+        let sanded_px = sanded.as_ref().map(|mask| mask.inside.iter().filter(|inside| **inside).count());
+        format!(
+            "{plan:?} {touched:?} {done:?} {most_passes} {worn_mm2} {earlier:?} {removed_mm3:?} {sanded_px:?} {is_air}"
+        )
     }
 
     /// The same on the surface that another one knows.
@@ -90,6 +96,22 @@ impl Abrasion {
         });
         let wears_mm2 = DiscUse::of(plan, cycle.recipe.path(), 0.0).swept_mm2;
         Some((first.into_iter().map(reached).collect(), reached_s.collect(), wears_mm2))
+    }
+
+    /// The motion of the plan with this number begins, and may touch all that it plans, whatever the robot reports later.
+    pub fn begins_contact(&mut self, cycle: &CycleSetup, number: u64) {
+        let Some(plan) = self.plan(number) else { return };
+        let touched = touching::taught_pixels(plan, &cycle.panel, cycle.recipe.path());
+        let before = self.sanded.take();
+        let is_sanded = |index: usize| before.as_ref().is_some_and(|before| before.inside[index]);
+        let inside =
+            touched.inside.iter().enumerate().map(|(index, touched)| *touched || is_sanded(index)).collect();
+        self.sanded = Some(Arc::new(Mask { inside, ..touched }));
+    }
+
+    /// The taught pixels that no dry picture of this cycle shows as they are now.
+    pub fn sanded(&self) -> Option<Arc<Mask>> {
+        self.sanded.clone()
     }
 
     /// Once the panel is localized as well as it will be: its surface, and the arm's reach of every grid. `found` is

@@ -22,6 +22,11 @@ impl Running<'_> {
         }
         self.abrasion.executed_grade = None;
         let planned = self.setup().and_then(|cycle| self.abrasion.contact(cycle, motion.plan));
+        if !self.abrasion.is_air {
+            let mut abrasion = std::mem::take(&mut self.abrasion);
+            self.setup().into_iter().for_each(|cycle| abrasion.begins_contact(cycle, motion.plan));
+            self.abrasion = abrasion;
+        }
         // Of a plan that is not known nothing is sent.
         let (grids, reached_s, wears_mm2) = planned.unwrap_or_default();
         self.underway = Underway::new(reached_s, self.cell.limits.window_s());

@@ -53,6 +53,15 @@ struct Known {
 /// A picture, its time, s, and its phase.
 type Shot = (Arc<ColorPicture>, f64, Phase);
 
+/// The panel that is filmed.
+#[derive(Debug, Clone)]
+pub(super) struct Filmed {
+    /// Where it is.
+    pub place: Rigid<Base, Panel>,
+    /// The taught pixels that were sanded since the dry picture was taken.
+    pub sanded: Option<Arc<Mask>>,
+}
+
 /// A film that is being watched.
 #[derive(Debug)]
 pub(super) enum Watching {
@@ -69,16 +78,16 @@ impl Watching {
     /// Where the region is not in the picture, or the picture is not the camera's.
     pub fn begin(
         cycle: &CycleSetup,
-        place: Rigid<Base, Panel>,
+        panel: &Filmed,
         (dry, dry_s): (&Arc<ColorPicture>, f64),
         memory: Option<&FilmMemory>,
     ) -> Result<Self, InspectError> {
-        let is_known = format!("{place:?} {} {}", dry.width, dry.height);
+        let is_known = format!("{} {} {}", panel.inputs(), dry.width, dry.height);
         if let Some(memory) = memory.filter(|memory| memory.lock().places.contains(&is_known)) {
             let shots = vec![(dry.clone(), dry_s, Phase::Dry)];
             return Ok(Watching::AtTheEnd { memory: memory.clone(), shots, begins_s: None });
         }
-        let mut filming = film::Filming::begin(&watched(cycle, place), cycle.demands().observation_s)?;
+        let mut filming = film::Filming::begin(&watched(cycle, panel), cycle.demands().observation_s)?;
         filming.push(dry, dry_s, Phase::Dry)?;
         if let Some(memory) = memory {
             memory.lock().places.insert(is_known);
@@ -100,7 +109,7 @@ impl Watching {
     /// Where its size is not the camera's, or it comes out of order.
     pub fn push(
         &mut self,
-        (cycle, place): (&CycleSetup, Rigid<Base, Panel>),
+        (cycle, panel): (&CycleSetup, &Filmed),
         picture: &Arc<ColorPicture>,
         time_s: f64,
     ) -> Result<Added, InspectError> {
@@ -112,7 +121,7 @@ impl Watching {
                 shots.push((picture.clone(), time_s, Phase::Wet));
                 return Ok(Added { since_wet_s: None, opened_on: None });
             }
-            *self = Watching::AtOnce(Box::new(looked_at((cycle, place), shots, *begins_s)?));
+            *self = Watching::AtOnce(Box::new(looked_at((cycle, panel), shots, *begins_s)?));
         }
         match self {
             Watching::AtOnce(filming) => filming.push(picture, time_s, Phase::Wet),
@@ -134,21 +143,21 @@ impl Watching {
     /// Where it has no picture of the wet panel.
     pub fn finish(
         self,
-        (cycle, place): (&CycleSetup, Rigid<Base, Panel>),
+        (cycle, panel): (&CycleSetup, &Filmed),
         pass: u8,
         counted: Counted,
     ) -> Result<Judged, InspectError> {
         let (memory, shots, begins_s) = match self {
-            Watching::AtOnce(filming) => return judged((cycle, place), *filming, pass, counted),
+            Watching::AtOnce(filming) => return judged((cycle, panel), *filming, pass, counted),
             Watching::AtTheEnd { memory, shots, begins_s } => (memory, shots, begins_s),
         };
-        let inputs = format!("{place:?} {pass} {:?} {}", counted.dropped, inputs(&shots, begins_s));
+        let inputs = format!("{} {pass} {:?} {}", panel.inputs(), counted.dropped, inputs(&shots, begins_s));
         let last = shots.last().map(|(picture, ..)| picture.clone());
         if let Some(known) = memory.lock().films.get(&inputs) {
             return Ok(Judged { last, ..known.clone() });
         }
-        let filming = looked_at((cycle, place), &shots, begins_s)?;
-        let judged = judged((cycle, place), filming, pass, counted)?;
+        let filming = looked_at((cycle, panel), &shots, begins_s)?;
+        let judged = judged((cycle, panel), filming, pass, counted)?;
         memory.remember(inputs, &judged);
         Ok(judged)
     }
@@ -173,6 +182,15 @@ impl FilmMemory {
     }
 }
 
+impl Filmed {
+    /// What a film depends on of it, as text.
+    fn inputs(&self) -> String {
+        let mut hasher = DefaultHasher::new();
+        self.sanded.as_ref().map(|mask| &mask.inside).hash(&mut hasher);
+        format!("{:?} {:x}", self.place, hasher.finish())
+    }
+}
+
 /// What a film depends on but for its place: its pictures, and their times after the first wet one.
 fn inputs(shots: &[Shot], begins_s: Option<f64>) -> String {
     let first_s = shots.iter().find(|(.., phase)| *phase == Phase::Wet).map_or(0.0, |(_, time_s, _)| *time_s);
@@ -193,11 +211,11 @@ fn picture_hash(picture: &ColorPicture) -> u64 {
 
 /// The film with these pictures.
 fn looked_at(
-    (cycle, place): (&CycleSetup, Rigid<Base, Panel>),
+    (cycle, panel): (&CycleSetup, &Filmed),
     shots: &[Shot],
     begins_s: Option<f64>,
 ) -> Result<film::Filming, InspectError> {
-    let mut filming = film::Filming::begin(&watched(cycle, place), cycle.demands().observation_s)?;
+    let mut filming = film::Filming::begin(&watched(cycle, panel), cycle.demands().observation_s)?;
     for (picture, time_s, phase) in shots {
         filming.push(picture, *time_s, *phase)?;
         if let (Phase::Dry, Some(begins_s)) = (phase, begins_s) {
@@ -208,13 +226,13 @@ fn looked_at(
 }
 
 fn judged(
-    (cycle, place): (&CycleSetup, Rigid<Base, Panel>),
+    (cycle, panel): (&CycleSetup, &Filmed),
     filming: film::Filming,
     pass: u8,
     counted: Counted,
 ) -> Result<Judged, InspectError> {
     let filmed = filming.finish()?;
-    let setup = watched(cycle, place);
+    let setup = watched(cycle, panel);
     let mut notes = Vec::new();
     if let Some(last) = &filmed.last {
         notes.push(Note::Picture("film".to_owned(), (**last).clone()));
@@ -230,11 +248,12 @@ fn judged(
 }
 
 /// What a film of the panel at this place is watched with.
-fn watched(cycle: &CycleSetup, place: Rigid<Base, Panel>) -> film::Setup<'_> {
+fn watched<'a>(cycle: &'a CycleSetup, panel: &'a Filmed) -> film::Setup<'a> {
     film::Setup {
         panel: &cycle.panel,
         camera: &cycle.calibrations.scanner,
-        camera_from_panel: cycle.calibrations.base_from_camera.inverse() * place,
+        camera_from_panel: cycle.calibrations.base_from_camera.inverse() * panel.place,
+        sanded: panel.sanded.as_deref(),
         demands: cycle.demands(),
         recipe: &cycle.recipe,
     }

@@ -3,7 +3,7 @@
 use super::answers::{MISSING, blind, figure, grade, reason, unseen};
 use super::corners::Corners;
 use super::error::DaemonError;
-use super::films::{FilmMemory, Watching};
+use super::films::{FilmMemory, Filmed, Watching};
 use super::ports::{CameraPort, Picture2d, Record};
 use super::setup::CycleSetup;
 use crate::cycle::Answer;
@@ -43,8 +43,8 @@ pub(super) struct Perception {
 #[derive(Debug)]
 pub(super) struct Filming {
     filming: Watching,
-    /// Where the panel stands in it.
-    pub place: Rigid<Base, Panel>,
+    /// The panel in it.
+    pub panel: Filmed,
     /// When its first picture was taken, by the camera's clock, s.
     first_s: Option<f64>,
     /// From its first picture to its last one, s.
@@ -189,18 +189,19 @@ impl Perception {
         }
     }
 
-    /// Begins to watch, and the camera to film.
+    /// Begins to watch, and the camera to film; of the taught pixels `sanded` were sanded since the dry picture was taken.
     pub fn film(
         &self,
         cycle: &CycleSetup,
-        pass: u8,
+        (pass, sanded): (u8, Option<Arc<Mask>>),
         (eyes, memory): (&mut dyn CameraPort, Option<&FilmMemory>),
         record: &mut dyn Record,
     ) -> Result<Result<Filming, Answer>, DaemonError> {
         let (Some(place), Some((dry, dry_s))) = (self.place, &self.dry) else { return Ok(Err(MISSING)) };
-        match Watching::begin(cycle, place, (dry, *dry_s), memory) {
+        let panel = Filmed { place, sanded };
+        match Watching::begin(cycle, &panel, (dry, *dry_s), memory) {
             Ok(filming) => {
-                let mut filming = Filming { filming, place, first_s: None, seen_s: 0.0, elapsed_ms: Vec::new() };
+                let mut filming = Filming { filming, panel, first_s: None, seen_s: 0.0, elapsed_ms: Vec::new() };
                 record.frame(dry, *dry_s, Phase::Dry)?;
                 match eyes.begin_film(cycle.demands().frames_per_second) {
                     Ok(began_s) => {
@@ -231,7 +232,7 @@ impl Perception {
         };
         record.frame(&picture, time_s, Phase::Wet)?;
         let begun = Instant::now();
-        let added = match filming.filming.push((cycle, filming.place), &picture, time_s) {
+        let added = match filming.filming.push((cycle, &filming.panel), &picture, time_s) {
             Ok(added) => added,
             Err(error) => {
                 #[expect(clippy::let_underscore_must_use, reason = "nobody will ask for the next one")]
@@ -261,7 +262,7 @@ impl Perception {
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
         let counted = film::Counted { ms_per_picture: median(&mut filming.elapsed_ms), dropped };
-        let judged = match filming.filming.finish((cycle, filming.place), pass, counted) {
+        let judged = match filming.filming.finish((cycle, &filming.panel), pass, counted) {
             Ok(judged) => judged,
             Err(error) => return unseen(Kind::Inspect, pass, reason("film", &error), record),
         };

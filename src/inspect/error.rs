@@ -50,6 +50,12 @@ pub enum InspectError {
         /// How many it may have.
         most: usize,
     },
+    /// A film that lasts too long.
+    #[error("the clip has wet pictures more than {most_s} s after the first one; end it sooner")]
+    TooLong {
+        /// How long it may last, s.
+        most_s: f64,
+    },
     /// Nothing to examine.
     #[error("the clip has no picture of phase wet; the first fully wet picture is the reference of the test")]
     NoWetPicture,

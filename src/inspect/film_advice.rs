@@ -8,7 +8,7 @@
 //! longer. What stays dry longer has broken, and is no part of this.
 
 use super::advice::Sampler;
-use super::gate::MIN_CHANGE_LEVELS;
+use super::gate::MIN_CHANGE_TO_NOISE;
 use crate::geometry::{ColorPicture, Mask, median};
 use crate::panel::GridId;
 use crate::recipe;
@@ -35,7 +35,7 @@ pub struct GridContrast {
     pub channel: usize,
     /// How many times the noise that is; negative where the film is brighter than the dry panel.
     pub channel_to_noise: f64,
-    /// The share of it that the film changes in no channel by [`MIN_CHANGE_LEVELS`], percent: a break would not show there.
+    /// The share of it that the film changes in no channel by [`MIN_CHANGE_TO_NOISE`] times its noise, percent: a break would not show there.
     pub faint_percent: f64,
 }
 
@@ -98,7 +98,9 @@ impl Sampler {
             let to_noise =
                 [0, 1, 2].map(|i| changes.iter().map(|change| change[i]).sum::<f64>() / count / levels[i]);
             let channel = (1..3).fold(0, |best, i| if to_noise[i].abs() > to_noise[best].abs() { i } else { best });
-            let faint = |change: &&[f64; 3]| change.iter().all(|levels| levels.abs() < MIN_CHANGE_LEVELS);
+            let faint = |change: &&[f64; 3]| {
+                change.iter().zip(levels).all(|(change, noise)| change.abs() < MIN_CHANGE_TO_NOISE * noise)
+            };
             let faint_percent = 100.0 * changes.iter().filter(faint).count() as f64 / count;
             let channel_to_noise = to_noise[channel];
             let grid = GridContrast {

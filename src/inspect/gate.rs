@@ -11,7 +11,7 @@ mod flaws;
 #[cfg(test)]
 mod tests;
 
-use super::observed::{Demands, GridInspection, Observation};
+use super::observed::{Demands, GridInspection, Observation, Reference};
 use super::place::{MAX_OFF_PX, elsewhere, too_coarse};
 use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS};
 use crate::recipe;
@@ -19,8 +19,9 @@ use crate::verdict::{Check, Judgement, Limit, SetBy, Severity, Verdict};
 use crate::words::apart;
 use flaws::{shown, worst_flaw};
 
-/// A film must change the panel by this many grey levels at least: six times the noise of a common camera's pixel.
-pub const MIN_CHANGE_LEVELS: f64 = 6.0;
+/// A film must change the panel by this many times the clip's noise at least: half of it parts wet from dry, three times the noise from
+/// either.
+pub const MIN_CHANGE_TO_NOISE: f64 = 6.0;
 
 /// Names of the checks that tell what no number of a film says alone.
 pub mod name {
@@ -83,7 +84,7 @@ impl Film<'_> {
     fn watched(&self) -> Vec<Check> {
         let Observation { observed_s, frames, longest_gap_s, has_dry, .. } = *self.observation;
         let demands = self.demands;
-        let (needed, allowed_gap_s) = (demands.min_frames(), demands.max_gap_s());
+        let allowed_gap_s = demands.max_gap_s();
         vec![
             Check::new(name::DRY_PICTURE, "", f64::from(u8::from(has_dry)))
                 .at_least(1.0, SetBy::Program)
@@ -100,11 +101,7 @@ impl Film<'_> {
                         "the film was watched for {observed} s; the recipe's observation_s asks for {window} s: repeat the test"
                     )
                 }),
-            Check::new("wet pictures", "", frames as f64)
-                .at_least(needed, SetBy::recipe("process.frames_per_second"))
-                .rejects("too_few_frames", || {
-                    format!("{frames} wet pictures were taken; needed are {needed}: repeat the test")
-                }),
+            Check::new("wet pictures", "", frames as f64),
             Check::new("longest time between two of them", "s", longest_gap_s)
                 .at_most(allowed_gap_s, SetBy::recipe("process.frames_per_second"))
                 .rejects("gap", || {
@@ -135,10 +132,10 @@ impl Film<'_> {
     /// Can its pictures be judged by?
     fn clear(&self) -> Vec<Check> {
         let (observation, quality) = (self.observation, &self.observation.quality);
-        let change = observation.change_levels();
+        let (change, min_change) = (observation.change_levels, MIN_CHANGE_TO_NOISE * observation.noise_levels);
         let sharpness = quality.first_sharpness;
-        let (usable, allowed_s) = (self.demands.min_usable(observation.frames), self.demands.max_gap_s());
-        let is_enough = quality.usable as f64 >= usable;
+        let (usable_s, allowed_s) = (self.demands.min_usable_s(observation.observed_s), self.demands.max_gap_s());
+        let is_enough = quality.usable_s >= usable_s && quality.usable > 1;
         let is_unseen = quality.longest_unseen_s > allowed_s && quality.usable != observation.frames;
         let (flaw, flawed) = worst_flaw(quality);
         let words = || self.flaw_words((flaw, flawed), allowed_s);
@@ -147,15 +144,16 @@ impl Film<'_> {
         let light = || SetBy::recipe("inspect.max_light_change_percent");
         let pictures = || SetBy::recipe("process.frames_per_second");
         vec![
-            Check::new(name::FILM_CHANGE, "grey levels", observation.has_dry.then_some(change))
-                .at_least(MIN_CHANGE_LEVELS, SetBy::Program)
+            Check::new(name::FILM_CHANGE, "grey levels", change)
+                .at_least(min_change, SetBy::Program)
                 .rejects("dark", || {
-                    let [change, needed] = apart(change, MIN_CHANGE_LEVELS, 1);
+                    let [change, needed] = apart(change.unwrap_or(f64::NAN), min_change, 1);
                     format!(
-                        "the film changes the panel by {change} grey levels; needed are {needed}: give more light or a longer \
-                         exposure, then repeat the test"
+                        "the film changes the panel by {change} grey levels; the limit is {needed}, six times the clip's noise: give \
+                         more light or a longer exposure, then repeat the test"
                     )
                 }),
+            Check::new("noise of a pixel of the film", "grey levels", observation.noise_levels),
             Check::new(name::FIRST_SHARPNESS, "", sharpness)
                 .at_least(MIN_FIRST_SHARPNESS, SetBy::Program)
                 .rejects("focus", || {
@@ -165,8 +163,9 @@ impl Film<'_> {
                          needed are {needed}: focus the camera and repeat the test"
                     )
                 }),
-            Check::new("pictures that could be judged by", "", quality.usable as f64)
-                .at_least(usable, pictures())
+            Check::new("pictures that could be judged by", "", quality.usable as f64),
+            Check::new("time that they cover", "s", quality.usable_s)
+                .at_least(usable_s, SetBy::Program)
                 .broken(!is_enough, Severity::Reject, flaw.word(), words),
             Check::new("longest time without one", "s", quality.longest_unseen_s)
                 .at_most(allowed_s, pictures())
@@ -222,8 +221,8 @@ impl Film<'_> {
     /// What of each grid was seen, and broke.
     fn grids(&self) -> Vec<Check> {
         let (grids, min_break_mm2) = (self.grids, self.demands.min_break_mm2);
-        let faint = names(grids, |grid| grid.no_contrast);
         // A grid that failed has failed whatever else of it could not be seen: it is abraded and tested again.
+        let faint = names(grids, |grid| !grid.failed && grid.no_contrast);
         let unseen = names(grids, |grid| {
             !grid.failed && !grid.seen && !grid.only_masked && !grid.wet_when_dry && !grid.no_contrast
         });
@@ -252,9 +251,19 @@ impl Film<'_> {
             Check::new(name::UNSEEN_GRIDS, "", unseen.len() as f64).at_most(0.0, SetBy::Program).rejects(
                 "not_seen",
                 || {
+                    let is_sanded = |grid: &&GridInspection| {
+                        grid.reference != Reference::DryAndWet && unseen.contains(&grid.id.to_string())
+                    };
+                    let still = match grids.iter().any(|grid| is_sanded(&grid)) {
+                        true => {
+                            "; on a place that was sanded since the dry picture no water was seen to move, or its film stayed \
+                             in doubt: give more water or light, or more pictures a second"
+                        }
+                        false => "",
+                    };
                     format!(
-                        "not wholly seen: {}; move the panel into view, lower the exposure where it is too bright, or move the \
-                         lamp where a reflection stands still",
+                        "not wholly seen: {}; move the panel into view, lower the exposure if it is too bright, or move the \
+                         lamp if a reflection does not move{still}",
                         unseen.join(", ")
                     )
                 },

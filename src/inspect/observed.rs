@@ -7,10 +7,11 @@ use crate::panel::GridId;
 use crate::recipe::{self, Recipe};
 use crate::verdict::SetBy;
 
-/// Fewer pictures than this share of what the recipe asks for are too few.
-const MIN_FRAME_SHARE: f64 = 0.8;
-/// Pictures farther apart than this many of the recipe's intervals leave a gap in which a film can break and close.
+/// Pictures that can be judged by must cover this share of the film.
+const MIN_USABLE_SHARE: f64 = 0.8;
+/// Pictures farther apart than this many of the recipe's intervals leave a gap, unless a break has to last longer to count.
 const MAX_GAP_INTERVALS: f64 = 5.0;
+
 /// Which of the demands the cell's file states, since the recipe does not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ByCell {
@@ -69,31 +70,51 @@ impl Demands {
         }
     }
 
-    /// Pictures that must show a place dry.
-    pub fn persist_frames(&self) -> u8 {
-        // With this number of pictures, the second is compared with the first.
-        (self.persist_s * self.frames_per_second).round().clamp(2.0, 250.0) as u8
-    }
-
     /// The shortest time from the first to the last wet picture, s: the last one of a window may come one interval
     /// before its end.
     pub fn min_observed_s(&self) -> f64 {
         self.observation_s - 1.001 / self.frames_per_second
     }
 
-    /// The fewest wet pictures.
-    pub fn min_frames(&self) -> f64 {
-        (MIN_FRAME_SHARE * self.observation_s * self.frames_per_second).ceil()
+    /// For how long a film must be seen in pictures that can be judged by, s.
+    pub fn min_usable_s(&self, observed_s: f64) -> f64 {
+        MIN_USABLE_SHARE * observed_s
     }
 
-    /// The least number of wet pictures that must be usable.
-    pub fn min_usable(&self, frames: usize) -> f64 {
-        (MIN_FRAME_SHARE * frames as f64).ceil()
-    }
-
-    /// The longest time between two wet pictures, s.
+    /// The longest time between two wet pictures, s: a break that a longer gap could hide would count.
     pub fn max_gap_s(&self) -> f64 {
-        MAX_GAP_INTERVALS / self.frames_per_second
+        (MAX_GAP_INTERVALS / self.frames_per_second).max(self.persist_s)
+    }
+}
+
+/// What the places of a grid were held against.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reference {
+    /// Their own dry look and their own wet look.
+    DryAndWet,
+    /// Their own wet look alone: the grid was sanded since the dry picture, or there is none.
+    Wet,
+    /// Part of it the one, part of it the other.
+    Both,
+}
+
+impl Reference {
+    /// By the share of a grid that was sanded since the dry picture.
+    pub(super) fn from_sanded_share(share: f64) -> Self {
+        match share {
+            0.0 => Reference::DryAndWet,
+            share if share < 1.0 => Reference::Both,
+            _ => Reference::Wet,
+        }
+    }
+
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Reference::DryAndWet => "dry and wet look",
+            Reference::Wet => "wet look alone, sanded since the dry picture",
+            Reference::Both => "wet look alone where it was sanded since the dry picture",
+        }
     }
 }
 
@@ -102,6 +123,8 @@ impl Demands {
 pub struct GridInspection {
     /// Its name.
     pub id: GridId,
+    /// What its places were held against.
+    pub reference: Reference,
     /// Did at least `min_break_mm2` of film break on it?
     pub failed: bool,
     /// Was it wholly seen, but for what is too small to make it fail? A grid that was not is not passed.
@@ -135,8 +158,10 @@ pub struct Observation {
     pub never_wet_percent: f64,
     /// What the film leaves of the panel's dry brightness, 0…1, where the clip determined it.
     pub film_left: Option<f64>,
-    /// The region's mean brightness when dry, grey levels.
-    pub dry_levels: f64,
+    /// By how much the film changes the panel, grey levels: the median over the region, if the clip determined it.
+    pub change_levels: Option<f64>,
+    /// The clip's noise: the standard deviation of a pixel of the film from picture to picture, grey levels.
+    pub noise_levels: f64,
     /// The smallest break that is surely found, mm².
     pub detection_limit_mm2: f64,
     /// Did nobody say where the panel stands?
@@ -146,11 +171,6 @@ pub struct Observation {
 }
 
 impl Observation {
-    /// By how much the film changes the panel, grey levels.
-    pub fn change_levels(&self) -> f64 {
-        self.dry_levels * (1.0 - self.film_left.unwrap_or(FILM_ASSUMED))
-    }
-
     /// How much less light and how much more than the dry picture's is made up for, percent.
     pub fn light_limits_percent(&self, settings: &recipe::Inspect) -> [f64; 2] {
         let brighter = most_brighter_percent(self.film_left.unwrap_or(FILM_ASSUMED), settings);

@@ -5,8 +5,6 @@ use super::steady::OutlineMeasurement;
 use crate::recipe;
 use strum::{EnumCount, VariantArray};
 
-/// The share of the region that must have the brightness predicted from its state.
-pub const MIN_TOLD: f64 = 0.5;
 /// A picture with less of the first one's sharpness is out of focus.
 pub const MIN_SHARPNESS: f64 = 0.6;
 /// Less is no sharp picture to begin with: the largest step from pixel to pixel, of the whole edge.
@@ -21,9 +19,7 @@ pub enum Flaw {
     Brighter,
     /// The lamp flickers, and whether it or water darkened what lies around the panel cannot be told.
     Flicker,
-    /// What is brighter or darker is no light: too little of the region is as one light would have it.
-    Untold,
-    /// Glints or overexposure hide too much.
+    /// Too much is overexposed.
     Bright,
     /// The panel is not where it was.
     Moved,
@@ -44,7 +40,7 @@ impl Flaw {
     /// Its stable word.
     pub fn word(self) -> &'static str {
         match self {
-            Flaw::Darker | Flaw::Brighter | Flaw::Flicker | Flaw::Untold => "light",
+            Flaw::Darker | Flaw::Brighter | Flaw::Flicker => "light",
             Flaw::Bright => "bright",
             Flaw::Moved => "moved",
             Flaw::Focus => "focus",
@@ -68,6 +64,8 @@ pub struct Flawed {
 pub struct Quality {
     /// Pictures that were judged by.
     pub usable: usize,
+    /// The time that they cover: each one that since the picture before it, s.
+    pub usable_s: f64,
     /// The pictures with each flaw, in the order of [`Flaw::ALL`].
     pub flawed: [Flawed; Flaw::COUNT],
     /// The longest time without a usable picture, s.
@@ -90,6 +88,7 @@ impl Default for Quality {
     fn default() -> Self {
         Quality {
             usable: 0,
+            usable_s: 0.0,
             flawed: [Flawed::default(); Flaw::COUNT],
             longest_unseen_s: 0.0,
             light: [f64::INFINITY, f64::NEG_INFINITY],
@@ -117,17 +116,18 @@ impl Quality {
             self.sharpness = Some(self.sharpness.unwrap_or(f64::INFINITY).min(steady.sharpness));
         }
         let flaw = flaw(look, outline, settings);
-        self.last_s = time_s;
+        let since_s = time_s - std::mem::replace(&mut self.last_s, time_s);
         match flaw {
             Some((flaw, measured)) => {
                 let Flawed { pictures, worst } = &mut self.flawed[flaw as usize];
-                let least_is_worst = matches!(flaw, Flaw::Untold | Flaw::Focus | Flaw::Outline);
+                let least_is_worst = matches!(flaw, Flaw::Focus | Flaw::Outline);
                 let is_worse = if least_is_worst { measured < *worst } else { measured > *worst };
                 *worst = if *pictures == 0 || is_worse { measured } else { *worst };
                 *pictures += 1;
             }
             None => {
                 self.usable += 1;
+                self.usable_s += since_s;
                 self.longest_unseen_s = self.longest_unseen_s.max(time_s - self.last_usable_s);
                 self.last_usable_s = time_s;
                 self.light = [self.light[0].min(look.light), self.light[1].max(look.light)];
@@ -142,16 +142,20 @@ impl Quality {
     }
 }
 
-/// The most light above the dry picture's that can be made up for, percent. Under (1 + τ)/2τ of it a wet place is as
-/// bright as the bound between wet and dry, and the picture says as much for a film that broke all over.
+/// The most light above the dry picture's that can be made up for if nothing around the panel shows the lamp, percent. Under
+/// (1 + τ)/2τ of it a wet place is as bright as the bound between wet and dry, and the picture says as much for a film that broke all over.
 pub fn most_brighter_percent(film_left: f64, settings: &recipe::Inspect) -> f64 {
-    (50.0 * (1.0 / film_left - 1.0)).min(settings.max_light_change_percent())
+    (50.0 * (1.0 / film_left - 1.0)).clamp(0.0, settings.max_light_change_percent())
 }
 
 /// The first flaw of a picture, and what was measured.
 fn flaw(look: &PictureMeasurement, outline: OutlineMeasurement, settings: &recipe::Inspect) -> Option<(Flaw, f64)> {
     let (darker, brighter) = ((1.0 - look.light) * 100.0, (look.light - 1.0) * 100.0);
-    let hidden = look.hidden * 100.0;
+    let overexposed = look.overexposed * 100.0;
+    let most_brighter = match look.is_lamp_known {
+        true => settings.max_light_change_percent(),
+        false => most_brighter_percent(look.film_left, settings),
+    };
     let (blurred, moved_px, seen_percent) = match outline {
         OutlineMeasurement::Measured(steady) => (Some(steady.sharpness), steady.moved_px, None),
         OutlineMeasurement::Lost(seen_percent) => (None, 0.0, Some(seen_percent)),
@@ -160,11 +164,10 @@ fn flaw(look: &PictureMeasurement, outline: OutlineMeasurement, settings: &recip
     let tests = [
         (look.frozen, Flaw::Frozen, 0.0),
         (blurred.is_some_and(|sharpness| sharpness < MIN_SHARPNESS), Flaw::Focus, blurred.unwrap_or(0.0)),
-        (hidden > settings.max_bright_percent(), Flaw::Bright, hidden),
+        (overexposed > settings.max_bright_percent(), Flaw::Bright, overexposed),
         (darker > settings.max_light_change_percent(), Flaw::Darker, darker),
-        (brighter > most_brighter_percent(look.film_left, settings), Flaw::Brighter, brighter),
+        (brighter > most_brighter, Flaw::Brighter, brighter),
         (look.flicker_percent > 0.0, Flaw::Flicker, look.flicker_percent),
-        (look.told < MIN_TOLD, Flaw::Untold, look.told * 100.0),
         (moved_px > settings.max_moved_px(), Flaw::Moved, moved_px),
         (seen_percent.is_some(), Flaw::Outline, seen_percent.unwrap_or(0.0)),
         (outline == OutlineMeasurement::Disagrees, Flaw::OutlineDisagrees, 0.0),
@@ -180,8 +183,8 @@ mod tests {
 
     const GOOD: PictureMeasurement = PictureMeasurement {
         light: 1.0,
-        told: 1.0,
-        hidden: 0.0,
+        is_lamp_known: false,
+        overexposed: 0.0,
         frozen: false,
         film_left: 0.6,
         flicker_percent: 0.0,
@@ -203,10 +206,14 @@ mod tests {
                 Flaw::Brighter,
             ),
             (GOOD, PictureMeasurement { flicker_percent: 2.0, ..GOOD }, Flaw::Flicker),
-            (PictureMeasurement { told: 0.5, ..GOOD }, PictureMeasurement { told: 0.49, ..GOOD }, Flaw::Untold),
             (
-                PictureMeasurement { hidden: 0.049, ..GOOD },
-                PictureMeasurement { hidden: 0.051, ..GOOD },
+                PictureMeasurement { light: 1.39, is_lamp_known: true, ..GOOD },
+                PictureMeasurement { light: 1.41, is_lamp_known: true, ..GOOD },
+                Flaw::Brighter,
+            ),
+            (
+                PictureMeasurement { overexposed: 0.049, ..GOOD },
+                PictureMeasurement { overexposed: 0.051, ..GOOD },
                 Flaw::Bright,
             ),
             (GOOD, PictureMeasurement { frozen: true, ..GOOD }, Flaw::Frozen),

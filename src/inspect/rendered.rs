@@ -16,7 +16,8 @@ struct Test {
     taught: TaughtPanel,
     camera_from_panel: Rigid<Camera, Panel>,
     watch: Watch,
-    filmed_s: f64,
+    recipe: Recipe,
+    demands: Demands,
     truth_s: f64,
 }
 
@@ -48,31 +49,37 @@ impl Test {
             by_cell: ByCell::default(),
         };
         let watch =
-            Watch::new(&taught, cell.scanner(), camera_from_panel, recipe.inspect(), demands).expect("in view");
-        Test {
-            cell,
-            taught,
-            camera_from_panel,
-            watch,
-            filmed_s: demands.filmed_s(),
-            truth_s: WET_FROM_S + observation_s,
-        }
+            Watch::new(&view(&taught, &cell, camera_from_panel), recipe.inspect(), demands).expect("in view");
+        Test { cell, taught, camera_from_panel, watch, recipe, demands, truth_s: WET_FROM_S + observation_s }
     }
 
-    fn inspect(mut self, film: &Film) -> (Inspection, Mask) {
-        let mut picture = film.picture(0.0);
-        let frames = ((WET_FROM_S + self.filmed_s) * FRAMES_PER_SECOND).round() as u32;
+    fn inspect(self, film: &Film) -> (Inspection, Mask) {
+        self.filmed(film, film)
+    }
+
+    /// A panel that was sanded on the touched pixels after the dry pictures, which are those of another film.
+    fn inspect_sanded(mut self, film: &Film, dry: &Film, touched: &Mask) -> (Inspection, Mask) {
+        let view = View { sanded: Some(touched), ..view(&self.taught, &self.cell, self.camera_from_panel) };
+        self.watch = Watch::new(&view, self.recipe.inspect(), self.demands).expect("in view");
+        self.filmed(film, dry)
+    }
+
+    fn filmed(mut self, film: &Film, dry: &Film) -> (Inspection, Mask) {
+        let frames = ((WET_FROM_S + self.demands.filmed_s()) * FRAMES_PER_SECOND).round() as u32;
         for time_s in (0..=frames).map(|frame| f64::from(frame) / FRAMES_PER_SECOND) {
-            film.renew(&mut picture, time_s);
-            let phase = match film.phase(time_s) {
-                sim::Phase::Dry => Phase::Dry,
-                sim::Phase::Spray => Phase::Spray,
-                sim::Phase::Wet => Phase::Wet,
+            let (shown, phase) = match film.phase(time_s) {
+                sim::Phase::Dry => (dry, Phase::Dry),
+                sim::Phase::Spray => (film, Phase::Spray),
+                sim::Phase::Wet => (film, Phase::Wet),
             };
-            self.watch.push(&picture, time_s, phase).expect("in order");
+            self.watch.push(&shown.picture(time_s), time_s, phase).expect("in order");
         }
         (self.watch.finish().expect("wet pictures"), film.broken(self.truth_s))
     }
+}
+
+fn view<'a>(taught: &'a TaughtPanel, cell: &'a Cell, camera_from_panel: Rigid<Camera, Panel>) -> View<'a> {
+    View { taught, camera: cell.scanner(), camera_from_panel, sanded: None }
 }
 
 /// Grids as they truly are, and places as they truly lie but for their rim.
@@ -94,9 +101,56 @@ fn greasy_grids_are_found_however_hard_they_are_to_see() {
         });
         let film = test.cell.film_as(&spots, &FilmSpec::hard(seed), 0);
         let (inspection, truth) = test.inspect(&film);
-        assert_eq!(inspection.judgement.verdict, Verdict::Fail, "{seed}: {:?}", inspection.judgement);
-        agrees(&inspection, &truth, 0.93);
+        // An exposure may be too dark for some grids: these are not told, and none of them passes.
+        assert!(
+            inspection.judgement.reasons.iter().any(|reason| reason.code == "broken"),
+            "{seed}: {:?}",
+            inspection.judgement
+        );
+        let broken_mm2 = inspection.footprint.broken_mm2(&truth);
+        for (grid, broken_mm2) in inspection.grids.iter().zip(broken_mm2) {
+            let is_broken = broken_mm2 >= inspection.observation.min_break_mm2;
+            assert!(!is_broken || grid.failed || !grid.seen, "{seed}: {grid:?}");
+            // A break's rim adds half of a pixel around it, which is 1.8 mm wide.
+            let is_clean = broken_mm2 < 0.8 * inspection.observation.min_break_mm2;
+            assert!(!is_clean || !grid.failed, "{seed}: {grid:?}");
+        }
     }
+}
+
+/// All of the region was sanded since the dry picture and looks between 0.45 and 1.8 times as bright. Of breaks that come none passes, nor of
+/// places that never wet; these up to 1.35, since on a brighter panel the drops that run over them are taken for a film. With the look
+/// that sanding usually has, a whole film passes.
+#[test]
+fn no_look_of_what_was_sanded_hides_a_break() {
+    let sanded = |seed: u64, albedo: [f64; 2], spots: &dyn Fn(&Cell) -> Vec<Spot>| {
+        let test = Test::new(seed, 2, 16.0);
+        let (cell, spots) = (&test.cell, spots(&test.cell));
+        let mut sanding = sim::Sanding::default();
+        let areas: Vec<_> = test.taught.grids.iter().map(|grid| grid.corners).collect();
+        cell.sand_areas(&mut sanding, &areas, sim::SandedLook { albedo });
+        let film = cell.film_sanded_as((&spots, &spots), &sanding, &FilmSpec::USUAL, seed);
+        let before = cell.film_as(&spots, &FilmSpec::USUAL, seed);
+        let touched = cell.sanded_in_taught(&sanding, 3.0);
+        let (inspection, truth) = test.inspect_sanded(&film, &before, &touched);
+        let broken_mm2 = inspection.footprint.broken_mm2(&truth);
+        let is_broken = |mm2: f64| mm2 >= inspection.observation.min_break_mm2;
+        let all = inspection.grids.iter().zip(broken_mm2);
+        let passed = all.clone().filter(|(grid, mm2)| is_broken(*mm2) && grid.seen && !grid.failed).count();
+        (all.filter(|(_, mm2)| is_broken(*mm2)).count(), passed, inspection.judgement)
+    };
+    for (seed, albedo) in [(2, 0.45), (2, 0.6), (3, 0.8), (3, 1.35), (2, 1.8)] {
+        let spots = |cell: &Cell| {
+            let never = Grease::Share { share: 0.02, kind: SpotKind::NeverWets };
+            let never = if albedo < 1.5 { cell.greased(&never, seed) } else { Vec::new() };
+            [cell.spots().to_vec(), never].concat()
+        };
+        let (broken, passed, judgement) = sanded(seed, [albedo; 2], &spots);
+        assert!(broken >= 3 && passed == 0, "{seed} {albedo}: {passed} of {broken}");
+        assert_ne!(judgement.verdict, Verdict::Pass, "{seed} {albedo}");
+    }
+    let (_, _, judgement) = sanded(4, sim::SandedLook::USUAL.albedo, &|_| Vec::new());
+    assert_eq!(judgement.verdict, Verdict::Pass, "{judgement:?}");
 }
 
 #[test]
@@ -109,18 +163,16 @@ fn a_clean_panel_passes_in_bad_light() {
     }
 }
 
-/// The lamp grows by 15 % while the film thins, and flickers: together almost a third more than the first picture's.
+/// The lamp grows by 15 % while the film thins, and flickers.
 #[test]
 fn light_that_drifts_as_far_as_it_may_fails_nothing_and_hides_nothing() {
     let places = Grease::Mixed { count: 4, until_s: WET_FROM_S + 25.0 };
     for (seed, grease, verdict) in [(15, None, Verdict::Pass), (9, Some(places), Verdict::Fail)] {
-        let worst = FilmSpec { drift: 0.15, flicker: 0.03, thinning: 0.15, ..FilmSpec::hard(seed) };
+        let worst = FilmSpec { exposure: 1.0, drift: 0.15, flicker: 0.03, thinning: 0.15, ..FilmSpec::hard(seed) };
         let test = Test::new(seed, 4, 30.0);
         let spots: Vec<Spot> = grease.iter().flat_map(|grease| test.cell.greased(grease, seed)).collect();
         let film = test.cell.film_as(&spots, &worst, seed);
         let (inspection, truth) = test.inspect(&film);
-        let light = inspection.observation.quality.light;
-        assert!(light[1] > 1.27, "{light:?}");
         assert_eq!(inspection.judgement.verdict, verdict, "{:?}", inspection.judgement);
         agrees(&inspection, &truth, 0.93);
     }
@@ -136,7 +188,7 @@ fn grease_that_dries_under_the_spray_fails() {
         let (inspection, truth) = test.inspect(&film);
         assert_eq!(inspection.judgement.verdict, Verdict::Fail, "{share}: {:?}", inspection.judgement);
         agrees(&inspection, &truth, 0.93);
-        assert!(inspection.grids.iter().filter_map(|grid| grid.time_to_break_s).all(|time_s| time_s == 0.0));
+        assert!(inspection.grids.iter().filter_map(|grid| grid.time_to_break_s).all(|time_s| time_s < 1.0));
     }
 }
 
@@ -168,8 +220,8 @@ fn a_panel_that_stands_elsewhere_is_no_test() {
         let placed = Rigid::claim(Translation3::new(off_mm, 0.0, 0.0) * test.camera_from_panel.isometry());
         let (assumed, place) = if off_mm > 0.0 { (false, placed) } else { (true, nominal) };
         let demands = Demands { observation_s: 5.0, ..test.watch.demands };
-        test.watch = Watch::new(&test.taught, test.cell.scanner(), place, &test.watch.settings.clone(), demands)
-            .expect("in view");
+        let view = view(&test.taught, &test.cell, place);
+        test.watch = Watch::new(&view, &test.watch.settings.clone(), demands).expect("in view");
         if assumed {
             test.watch.assume_place();
         }

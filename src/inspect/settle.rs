@@ -1,119 +1,244 @@
-//! From broken pixels to broken places, once the film is over.
+//! From pixels that look bare to broken places, once the film is over; and which places cannot be judged.
 //!
-//! Pixels that looked dry at the end, though not long enough, or long enough beside a glint, belong to the break that they touch.
-//! Isolated small groups are noise. A place no larger than a glint must have the dry brightness all over, as a break has: a glint that
-//! does not move has a bell-shaped brightness, which equals the dry brightness on a ring alone. A larger place that is uneven and lies
-//! along a reflection that does not move is the edge of that reflection, or a break that it covers: it is reported as not seen, and so
-//! is one that is more uneven than any break, wherever it lies. A small wet place within a break is a bead of water on grease and not a
-//! film; it belongs to the break.
+//! Pixels that looked bare at the end, though not long enough, belong to the break that they touch. A break is as bare all over as
+//! anywhere in it, and the film around it differs from that. A glint that does not move has a bell-shaped brightness, and equals a bare place
+//! on a ring alone; the edge of a reflection runs from film to bare and beyond; a film that happens to look bare has no rim. Such
+//! places are not seen, unless they closed again soon and moved on. A small wet place within a break is a bead of water on grease and
+//! no film; it belongs to the break.
 
 use super::film::NEVER;
 use super::footprint::Window;
+use super::model::{FILM_ASSUMED, FILM_POWER, Model};
 use crate::geometry::{AROUND, BESIDE};
 use std::collections::{BTreeSet, VecDeque};
+use std::f64::consts::PI;
 
 /// Fewer connected pixels are noise.
 const MIN_PIECE_PX: usize = 4;
-/// Of what the film takes, so much may be left of it at the brightest tenth of a dry place …
-const NEAR_DRY: f32 = 0.2;
-/// … and so much may its inner part vary from tenth to tenth; renderings: 0.12 at most, glints and edges of reflections from 0.29 on.
-const MAX_UNEVEN: f32 = 0.22;
-/// A place that varies by so much is none, wherever it lies; the largest of 131 films in which film darkens was 0.25, of a break, and 0.54
-/// and 0.64 at the edges of reflections.
-const VERY_UNEVEN: f32 = 0.4;
-/// A place lies along a reflection where at least this share of the pixels around it was hidden. Measured on nine rendered films: at most
-/// 0.12 around breaks, whose rims mirror lamps, and 0.36 around the one edge of a reflection among them.
-const ALONG_REFLECTION: f64 = 0.25;
-/// A smaller inner part carries no information by its evenness. Where such a place closed soon it must be nearer to dry.
+/// The inner part of a break varies by so much of what the film takes, from its first
+/// quarter to its last; glints and edges of reflections vary by more (`make bench-inspect`).
+const MAX_UNEVEN: f32 = 0.14;
+/// Noise alone makes the looks of an even place vary by 1.35 σ between their quarters; of a few pixels by this much.
+const NOISE_SPREAD: f32 = 1.8;
+/// The pixels of a disc that touch its outside are a rim of this width, px.
+const RIM_PX: f64 = 0.9;
+/// A smaller inner part carries no information by its evenness.
 const MIN_CORE_PX: usize = 9;
-const SOON_S: f32 = 5.0;
-const NEARER_DRY: f32 = 0.12;
+/// A place lies along a reflection if this share of the pixels around it is brighter than any bare place. Around breaks, whose rims mirror
+/// lamps, at most 0.12 was found in rendered films.
+const ALONG_REFLECTION: f64 = 0.25;
+/// Of the film around a break this share must be told from a bare place; around it is this far from it, px: beyond the wedge of
+/// water at a rim.
+const TOLD_AROUND: f64 = 0.6;
+/// So much of the film around it looks like a place that became film.
+const ALIKE_AROUND: f64 = 0.35;
+/// A place without a dry look broke if it changed by this share of what the faintest break changes; less is not sure.
+const FAINTEST_SHARE: f64 = 0.7;
+const AWAY_PX: usize = 3;
 
-/// The observed history of the window's pixels besides the times at which they broke.
-pub struct FilmObservation<'a> {
-    /// Since when a pixel that did not break has looked dry, s.
-    pub looks_dry_since_s: &'a dyn Fn(usize) -> Option<f32>,
-    /// How long a pixel that broke was open, s, where it closed again.
-    pub was_open_s: &'a dyn Fn(usize) -> Option<f32>,
-    /// How far from its dry brightness it was while it looked dry, as a share of what the film takes.
-    pub off_dry: &'a dyn Fn(usize) -> f32,
-    /// Whether a pixel of the region was not seen for most of the time, or at the end.
-    pub was_hidden: &'a dyn Fn(usize) -> bool,
-    /// The region.
-    pub inside: &'a [bool],
+/// The sizes of what is not a break.
+#[derive(Debug, Clone, Copy)]
+pub struct Sizes {
     /// The largest glint, px.
     pub glint_px: usize,
     /// The largest bead, px.
     pub bead_px: usize,
 }
 
-/// When each pixel of the window broke, s, [`NEVER`] where its film holds; and the pixels, also [`NEVER`], of which it cannot be said
-/// whether they broke.
-pub fn settled(window: &Window, broke_s: Vec<f32>, seen: &FilmObservation<'_>) -> (Vec<f32>, Vec<usize>) {
+/// What is observed of the window's pixels besides the times at which they broke.
+pub trait Observed {
+    /// Since when a pixel that did not break has looked bare, s.
+    fn looks_bare_since_s(&self, index: usize) -> Option<f32>;
+    /// How long a pixel that broke was open, s, if it closed again.
+    fn was_open_s(&self, index: usize) -> Option<f32>;
+    /// Its look while it looked bare, as a share of its dry look; of a place without one, of its film's.
+    fn bare_look(&self, index: usize) -> f32;
+    /// Its film's look in the same shares.
+    fn film_look(&self, index: usize) -> f32;
+    /// The standard deviation of its bare look, in the same shares.
+    fn noise(&self, index: usize) -> f32;
+    /// Is its film brighter than any bare place?
+    fn is_bright(&self, index: usize) -> bool;
+    /// Does its film differ from a bare place by enough?
+    fn has_contrast(&self, index: usize) -> bool;
+    /// How long a place must look bare to have broken, s.
+    fn persist_s(&self) -> f32;
+    /// Does it belong to the region?
+    fn is_inside(&self, index: usize) -> bool;
+    /// Has it no dry look of its own?
+    fn is_without_dry(&self, index: usize) -> bool;
+    /// Its look while it looks bare, and its look of now, grey levels, both in the light of the first wet picture.
+    fn levels(&self, index: usize) -> [f32; 2];
+    /// By less than this share of its look a film differs from the film beside it.
+    fn alike_share(&self) -> f32;
+    /// The least and the largest look of a break on a place without a dry look, as a share of its film's look; `None` if that is not known.
+    fn break_to_film(&self) -> Option<[f32; 2]>;
+}
+
+/// What became of the pixels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settled {
+    /// When each broke, s; [`NEVER`] if its film holds.
+    pub broke_s: Vec<f32>,
+    /// Of which it cannot be said if they broke: these count as holding in `broke_s`.
+    pub unsure: Vec<usize>,
+}
+
+/// Assembles the broken places.
+pub fn settled(window: &Window, broke_s: Vec<f32>, sizes: Sizes, seen: &impl Observed) -> Settled {
     let mut broke_s = broke_s;
-    grow(window, &mut broke_s, seen.looks_dry_since_s);
-    let is_noise = |piece: &Vec<usize>| {
-        piece.len() < MIN_PIECE_PX || (piece.len() <= seen.glint_px && !is_level(window, &broke_s, piece, seen))
-    };
-    let noise: Vec<Vec<usize>> =
-        window.raster().pieces(&AROUND, |i| broke_s[i] < NEVER).into_iter().filter(is_noise).collect();
-    noise.iter().flatten().for_each(|&i| broke_s[i] = NEVER);
-    let is_unsure = |piece: &Vec<usize>| {
-        let uneven = uneven(&core_of(window, &broke_s, piece, seen)).unwrap_or(0.0);
-        let is_along = || hidden_around(window, &broke_s, piece, seen) >= ALONG_REFLECTION;
-        (uneven >= VERY_UNEVEN && seen.glint_px > 0) || (uneven >= MAX_UNEVEN && is_along())
-    };
+    grow(window, &mut broke_s, |index| seen.looks_bare_since_s(index));
+    let is_bead = fill_beads(window, &mut broke_s, sizes.bead_px, seen);
     let pieces = window.raster().pieces(&AROUND, |i| broke_s[i] < NEVER);
-    let unsure: Vec<usize> = pieces.into_iter().filter(is_unsure).flatten().collect();
-    unsure.iter().for_each(|&i| broke_s[i] = NEVER);
+    let mut unsure = Vec::new();
+    for piece in pieces {
+        let place = Place { window, broke_s: &broke_s, is_bead: &is_bead, piece: &piece };
+        match place.judged(sizes.glint_px, seen) {
+            Verdict::Broke => continue,
+            Verdict::Passed => {}
+            Verdict::Unsure => unsure.extend_from_slice(&piece),
+        }
+        piece.iter().for_each(|&i| broke_s[i] = NEVER);
+    }
+    unsure.sort_unstable();
+    Settled { broke_s, unsure }
+}
+
+/// Takes small wet places within what looks bare for beads that belong to it: they close the place when its rim was complete.
+fn fill_beads(window: &Window, broke_s: &mut [f32], bead_px: usize, seen: &impl Observed) -> Vec<bool> {
+    let mut is_bead = vec![false; broke_s.len()];
     for wet in window.raster().pieces(&BESIDE, |i| broke_s[i] == NEVER) {
-        let enclosed = wet.len() <= seen.bead_px && wet.iter().all(|&i| seen.inside[i] && !at_rim(window, i));
+        let enclosed = wet.len() <= bead_px && wet.iter().all(|&i| seen.is_inside(i) && !at_rim(window, i));
         if enclosed {
             let rim = wet.iter().flat_map(|&i| window.raster().neighbours(i, &BESIDE)).map(|i| broke_s[i]);
             let closed_in_s = rim.filter(|time_s| *time_s < NEVER).fold(0.0, f32::max);
-            wet.iter().for_each(|&i| broke_s[i] = closed_in_s);
+            wet.iter().for_each(|&i| (broke_s[i], is_bead[i]) = (closed_in_s, true));
         }
     }
-    (broke_s, unsure)
+    is_bead
 }
 
-/// Whether a place has the dry brightness all over: some of it reaches that, and what does not lie at its rim is even.
-fn is_level(window: &Window, broke_s: &[f32], piece: &[usize], seen: &FilmObservation<'_>) -> bool {
-    let reached = high(&sorted(piece.iter().copied(), seen));
-    if let Some(uneven) = uneven(&core_of(window, broke_s, piece, seen)) {
-        return reached > -NEAR_DRY && uneven < MAX_UNEVEN;
+/// What a place that looks bare is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Verdict {
+    Broke,
+    /// A glint passed.
+    Passed,
+    Unsure,
+}
+
+/// A connected place that looks bare.
+struct Place<'a> {
+    window: &'a Window,
+    broke_s: &'a [f32],
+    is_bead: &'a [bool],
+    piece: &'a [usize],
+}
+
+impl Place<'_> {
+    fn judged(&self, glint_px: usize, seen: &impl Observed) -> Verdict {
+        let passed = self.piece.len() <= glint_px && self.moved_on(seen) || self.became_film(seen);
+        let unless_passed = if passed { Verdict::Passed } else { Verdict::Unsure };
+        if self.piece.len() < MIN_PIECE_PX {
+            return unless_passed;
+        }
+        let next = self.ring(1, |i| self.broke_s[i] == NEVER);
+        let around = self.ring(AWAY_PX, |i| self.broke_s[i] == NEVER && seen.is_inside(i));
+        let core = self.core();
+        let is_even = spread(&core, seen).is_none_or(|spread| spread <= most_spread(&core, &around, seen));
+        // A break in a film that is bright itself lies along no reflection.
+        let is_along = share(&next, |i| seen.is_bright(i)) >= ALONG_REFLECTION
+            && share(self.piece, |i| seen.is_bright(i)) < ALONG_REFLECTION;
+        let is_told = share(&around, |i| seen.has_contrast(i)) >= TOLD_AROUND;
+        let is_break =
+            is_compact(self.piece.len(), core.len()) && is_even && !is_along && is_told && self.fits(seen);
+        if is_break && !(passed && core.len() < MIN_CORE_PX) { Verdict::Broke } else { unless_passed }
     }
-    let closed_soon = piece.iter().all(|&i| (seen.was_open_s)(i).is_some_and(|open_s| open_s < SOON_S));
-    reached > if closed_soon { -NEARER_DRY } else { -NEAR_DRY }
+
+    /// Did what looks bare move on? A break is open all over at one time; of what a glint passed the first part is film again before
+    /// the last part was reached.
+    fn moved_on(&self, seen: &impl Observed) -> bool {
+        let own = || self.piece.iter().copied().filter(|&i| !self.is_bead[i]);
+        let mut since_s: Vec<f32> = own().map(|i| self.broke_s[i]).collect();
+        let until_s: Option<Vec<f32>> = own().map(|i| Some(self.broke_s[i] + seen.was_open_s(i)?)).collect();
+        let Some(mut until_s) = until_s.filter(|until_s| !until_s.is_empty()) else { return false };
+        since_s.sort_by(f32::total_cmp);
+        until_s.sort_by(f32::total_cmp);
+        // Closing is noticed as late as opening: a run has to go back.
+        since_s[since_s.len() - 1 - since_s.len() / 10] > until_s[until_s.len() / 10] - seen.persist_s()
+    }
+
+    /// Has a place without a dry look of its own become like the film around it? A glint lay on it while its wet look was learnt, or the
+    /// water reached it later. A break differs from the film around it. Along an edge of what was sanded only one side is alike.
+    fn became_film(&self, seen: &impl Observed) -> bool {
+        let of_film = |i: usize| self.broke_s[i] == NEVER && seen.is_inside(i) && seen.is_without_dry(i);
+        let around = self.ring(AWAY_PX, of_film);
+        let own: Vec<usize> = self.piece.iter().copied().filter(|&i| !self.is_bead[i]).collect();
+        if !own.iter().all(|&i| seen.is_without_dry(i)) || around.len() < MIN_CORE_PX {
+            return false;
+        }
+        let look = own.iter().map(|&i| seen.levels(i)[0]).sum::<f32>() / own.len().max(1) as f32;
+        let is_alike = |film: f32| (look - film).abs() <= seen.alike_share() * film;
+        let film = around.iter().map(|&i| seen.levels(i)[1]).sum::<f32>() / around.len() as f32;
+        is_alike(film) || share(&around, |i| is_alike(seen.levels(i)[1])) >= ALIKE_AROUND
+    }
+
+    /// Does it differ from its own film as a break does, as far as it has no dry look?
+    fn fits(&self, seen: &impl Observed) -> bool {
+        let own = self.piece.iter().copied().filter(|&i| seen.is_without_dry(i) && !self.is_bead[i]);
+        let shares: Vec<f32> = own.map(|i| seen.bare_look(i)).collect();
+        let mean = shares.iter().sum::<f32>() / shares.len().max(1) as f32;
+        let within = |[least, most]: [f32; 2]| least <= mean && mean <= most;
+        shares.is_empty() || seen.break_to_film().is_some_and(within)
+    }
+
+    /// The pixels within a distance around it, of those that count.
+    fn ring(&self, away_px: usize, counts: impl Fn(usize) -> bool) -> Vec<usize> {
+        let inner: BTreeSet<usize> = self.piece.iter().copied().collect();
+        let (mut reached, mut rim) = (inner.clone(), self.piece.to_vec());
+        for _ in 0..away_px {
+            let raster = self.window.raster();
+            let next: Vec<usize> = rim.iter().flat_map(|&i| raster.neighbours(i, &AROUND)).collect();
+            rim = next.into_iter().filter(|&i| reached.insert(i)).collect();
+        }
+        reached.into_iter().filter(|i| !inner.contains(i) && counts(*i)).collect()
+    }
+
+    /// Its pixels that do not lie at its rim, and are no beads.
+    fn core(&self) -> Vec<usize> {
+        let is_inner =
+            |&i: &usize| self.window.raster().neighbours(i, &BESIDE).all(|next| self.broke_s[next] < NEVER);
+        self.piece.iter().copied().filter(is_inner).filter(|&i| !self.is_bead[i]).collect()
+    }
 }
 
-/// The share of the pixels around a place that were hidden.
-fn hidden_around(window: &Window, broke_s: &[f32], piece: &[usize], seen: &FilmObservation<'_>) -> f64 {
-    let next = |&i: &usize| window.raster().neighbours(i, &AROUND).filter(|&next| broke_s[next] == NEVER);
-    let around: BTreeSet<usize> = piece.iter().flat_map(next).collect();
-    let hidden = around.iter().filter(|&&i| (seen.was_hidden)(i)).count();
-    hidden as f64 / around.len().max(1) as f64
+/// How much the looks of a break's inner part may vary between its quarters, by the film around it and by noise.
+fn most_spread(core: &[usize], around: &[usize], seen: &impl Observed) -> f32 {
+    let mean = |pixels: &[usize], of: &dyn Fn(usize) -> f32| {
+        pixels.iter().map(|&i| of(i)).sum::<f32>() / pixels.len().max(1) as f32
+    };
+    let bare = mean(core, &|i| seen.bare_look(i));
+    let film = mean(around, &|i| seen.film_look(i));
+    (MAX_UNEVEN * (bare - film)).hypot(NOISE_SPREAD * mean(core, &|i| seen.noise(i)))
 }
 
-/// How far from dry the pixels of a place are that do not lie at its rim, in order.
-fn core_of(window: &Window, broke_s: &[f32], piece: &[usize], seen: &FilmObservation<'_>) -> Vec<f32> {
-    let inner = |&i: &usize| window.raster().neighbours(i, &BESIDE).all(|next| broke_s[next] < NEVER);
-    sorted(piece.iter().copied().filter(inner), seen)
+/// How much they do, from the first quarter to the last; of few pixels nothing is said.
+fn spread(core: &[usize], seen: &impl Observed) -> Option<f32> {
+    let mut looks: Vec<f32> = core.iter().map(|&i| seen.bare_look(i)).collect();
+    looks.sort_by(f32::total_cmp);
+    (looks.len() >= MIN_CORE_PX).then(|| looks[looks.len() - 1 - looks.len() / 4] - looks[looks.len() / 4])
 }
 
-/// How much they vary from tenth to tenth; of few nothing is said.
-fn uneven(core: &[f32]) -> Option<f32> {
-    (core.len() >= MIN_CORE_PX).then(|| high(core) - core[core.len() / 10])
+/// Has a place the inner part that a disc of its size has, or half of it? A trail, and the edge of a reflection, are thin.
+fn is_compact(size_px: usize, core_px: usize) -> bool {
+    let radius_px = (size_px as f64 / PI).sqrt();
+    core_px as f64 >= PI * (radius_px - RIM_PX).max(0.0).powi(2) / 2.0
 }
 
-fn high(sorted: &[f32]) -> f32 {
-    sorted[sorted.len() - 1 - sorted.len() / 10]
-}
-
-fn sorted(pixels: impl Iterator<Item = usize>, seen: &FilmObservation<'_>) -> Vec<f32> {
-    let mut off: Vec<f32> = pixels.map(seen.off_dry).collect();
-    off.sort_by(f32::total_cmp);
-    off
+/// The share of some pixels for which something holds; of none all.
+fn share(pixels: &[usize], holds: impl Fn(usize) -> bool) -> f64 {
+    let count = pixels.iter().filter(|&&i| holds(i)).count();
+    if pixels.is_empty() { 1.0 } else { count as f64 / pixels.len() as f64 }
 }
 
 /// Whether it lies at the window's edge.
@@ -121,12 +246,12 @@ fn at_rim(window: &Window, index: usize) -> bool {
     window.raster().neighbours(index, &BESIDE).count() < 4
 }
 
-fn grow(window: &Window, broke_s: &mut [f32], looks_dry_since_s: impl Fn(usize) -> Option<f32>) {
+fn grow(window: &Window, broke_s: &mut [f32], looks_bare_since_s: impl Fn(usize) -> Option<f32>) {
     let mut rim: VecDeque<usize> = (0..broke_s.len()).filter(|&i| broke_s[i] < NEVER).collect();
     while let Some(index) = rim.pop_front() {
         for next in window.raster().neighbours(index, &AROUND) {
             if broke_s[next] == NEVER
-                && let Some(since_s) = looks_dry_since_s(next)
+                && let Some(since_s) = looks_bare_since_s(next)
             {
                 broke_s[next] = since_s;
                 rim.push_back(next);
@@ -135,78 +260,87 @@ fn grow(window: &Window, broke_s: &mut [f32], looks_dry_since_s: impl Fn(usize) 
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// A film's model with the region that is judged.
+pub struct OfModel<'a> {
+    model: &'a Model,
+    inside: &'a [bool],
+    break_to_film: Option<[f32; 2]>,
+}
 
-    const WINDOW: Window = Window { left: 0, top: 0, width: 8, height: 6 };
-
-    fn times(rows: [&str; 6]) -> Vec<f32> {
-        rows.iter()
-            .flat_map(|row| row.bytes())
-            .map(|b| if b == b'.' { NEVER } else { f32::from(b - b'0') })
-            .collect()
-    }
-
-    const DRY: FilmObservation<'_> = FilmObservation {
-        looks_dry_since_s: &|_| None,
-        was_open_s: &|_| None,
-        off_dry: &|_| 0.0,
-        was_hidden: &|_| false,
-        inside: &[true; 48],
-        glint_px: 0,
-        bead_px: 0,
-    };
-
-    #[test]
-    fn noise_goes_a_bead_is_filled_and_the_rim_joins() {
-        let broke = times(["........", ".1111..7", ".1.21...", ".1111...", "........", "77......"]);
-        let late = |i: usize| (i == 8 + 5).then_some(9.0);
-        let expected = times(["........", ".11119..", ".1221...", ".1111...", "........", "........"]);
-        let seen = FilmObservation { looks_dry_since_s: &late, bead_px: 1, ..DRY };
-        assert_eq!(settled(&WINDOW, broke.clone(), &seen), (expected, vec![]));
-        assert_eq!(settled(&WINDOW, broke, &DRY).0[2 * 8 + 2], NEVER, "without filling");
-    }
-
-    fn left(broke: &[f32], seen: &FilmObservation<'_>) -> usize {
-        settled(&WINDOW, broke.to_vec(), seen).0.iter().filter(|time_s| **time_s < NEVER).count()
-    }
-
-    /// By hand: 5 × 6 px have an inner part of 3 × 4 px, which is even, or higher by 0.3 at one column.
-    #[test]
-    fn a_glint_is_a_bell_and_a_break_is_level() {
-        let broke = times(["11111...", "11111...", "11111...", "11111...", "11111...", "11111..."]);
-        let (bell, level, low) = (|i: usize| if i % 8 == 2 { 0.0 } else { -0.3_f32 }, |_| -0.15, |_| -0.21);
-        for (off_dry, glint_px, expected) in
-            [(&bell as &dyn Fn(usize) -> f32, 30, 0), (&level, 30, 30), (&low, 30, 0), (&low, 29, 30)]
-        {
-            assert_eq!(left(&broke, &FilmObservation { off_dry, glint_px, ..DRY }), expected, "{glint_px}");
-        }
-    }
-
-    /// By hand: of 6 × 4 px in the window's corner 5 × 3 px are inner ones. Each column is so much brighter than the one before,
-    /// from tenth to tenth 4 · 0.09 or 4 · 0.05: more than a break varies, or less; 4 · 0.11 is more than any. Around them lie 11 px, of
-    /// which the four of the seventh column, 36 %, or two, 18 %, were hidden. The place is larger than a glint.
-    #[test]
-    fn an_uneven_place_along_a_reflection_is_not_told() {
-        let broke = times(["111111..", "111111..", "111111..", "111111..", "........", "........"]);
-        for (step, hidden_rows, unsure) in [(0.09, 4, 24), (0.05, 4, 0), (0.09, 2, 0), (0.11, 2, 24)] {
-            let was_hidden = |i: usize| i % 8 == 6 && i / 8 < hidden_rows;
-            let off_dry = |i: usize| step * (i % 8) as f32;
-            let seen = FilmObservation { off_dry: &off_dry, was_hidden: &was_hidden, glint_px: 12, ..DRY };
-            let (settled, found) = settled(&WINDOW, broke.clone(), &seen);
-            let left = settled.iter().filter(|time_s| **time_s < NEVER).count();
-            assert_eq!((found.len(), left), (unsure, 24 - unsure), "{step} {hidden_rows}");
-        }
-    }
-
-    /// Eight pixels have no inner part: what closed soon must be nearer to dry than what stayed.
-    #[test]
-    fn a_tiny_place_that_closed_soon_must_be_dry() {
-        let broke = times(["1111....", "1111....", "........", "........", "........", "........"]);
-        for (open_s, off, expected) in [(4.0, -0.15, 0), (4.0, -0.1, 8), (6.0, -0.15, 8), (6.0, -0.25, 0)] {
-            let seen = FilmObservation { was_open_s: &|_| Some(open_s), off_dry: &|_| off, glint_px: 8, ..DRY };
-            assert_eq!(left(&broke, &seen), expected, "{open_s} s, {off}");
-        }
+impl<'a> OfModel<'a> {
+    /// The model with the pixels that are judged.
+    pub fn new(model: &'a Model, inside: &'a [bool]) -> Self {
+        OfModel { model, inside, break_to_film: break_to_film(model) }
     }
 }
+
+/// By the film on the places that have a dry look, or by the assumed one if there are none. A film that is darker than the dry panel
+/// here and brighter there leaves it open.
+fn break_to_film(model: &Model) -> Option<[f32; 2]> {
+    let [low, high] = model.film_range().unwrap_or([FILM_ASSUMED; 2]);
+    let away = FAINTEST_SHARE * 2.0 * model.away_share();
+    if high < model.damp() {
+        Some([1.0 + away, low.powf(-FILM_POWER) * 1.125].map(|share| share as f32))
+    } else if low > 1.0 {
+        Some([model.damp() * high.powf(-FILM_POWER), 1.0 - away].map(|share| share as f32))
+    } else {
+        None
+    }
+}
+
+impl Observed for OfModel<'_> {
+    fn looks_bare_since_s(&self, index: usize) -> Option<f32> {
+        self.model.looks_bare_since_s(index).filter(|_| self.inside[index])
+    }
+
+    fn was_open_s(&self, index: usize) -> Option<f32> {
+        self.model.was_open_s(index)
+    }
+
+    fn bare_look(&self, index: usize) -> f32 {
+        self.model.bare_look(index)
+    }
+
+    fn film_look(&self, index: usize) -> f32 {
+        self.model.film_look(index)
+    }
+
+    fn noise(&self, index: usize) -> f32 {
+        self.model.bare_look_noise(index)
+    }
+
+    fn is_bright(&self, index: usize) -> bool {
+        self.model.is_bright(index)
+    }
+
+    fn has_contrast(&self, index: usize) -> bool {
+        self.model.has_contrast(index)
+    }
+
+    fn persist_s(&self) -> f32 {
+        self.model.persist_s()
+    }
+
+    fn is_inside(&self, index: usize) -> bool {
+        self.inside[index]
+    }
+
+    fn is_without_dry(&self, index: usize) -> bool {
+        self.model.is_without_dry(index)
+    }
+
+    fn levels(&self, index: usize) -> [f32; 2] {
+        self.model.levels(index)
+    }
+
+    fn alike_share(&self) -> f32 {
+        self.model.away_share() as f32 / 2.0
+    }
+
+    fn break_to_film(&self) -> Option<[f32; 2]> {
+        self.break_to_film
+    }
+}
+
+#[cfg(test)]
+mod tests;

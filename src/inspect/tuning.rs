@@ -3,7 +3,7 @@
 
 use super::advice::Advice;
 use super::film_advice::GridContrast;
-use super::gate::{MIN_CHANGE_LEVELS, name};
+use super::gate::{MIN_CHANGE_TO_NOISE, name};
 use super::observed::Demands;
 use super::place::too_coarse;
 use crate::verdict::{Check, Reason, SetBy, Severity};
@@ -131,7 +131,7 @@ fn faint(grids: &[GridContrast]) -> Option<Check> {
              that the panel mirrors the dark there, or take a diffuser so large that it mirrors nothing else"
         };
         format!(
-            "the film changes a part of {} by less than {MIN_CHANGE_LEVELS:.0} grey levels in every channel, and a break there \
+            "the film changes a part of {} by less than {MIN_CHANGE_TO_NOISE:.0} times the noise in every channel, and a break there \
              would not show: {remedy}",
             named.join(", ")
         )

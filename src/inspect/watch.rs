@@ -1,8 +1,8 @@
 //! The running test: takes pictures one by one.
 
 use super::film::NEVER;
-use super::footprint::Footprint;
-use super::model::{MOST_PICTURES, Model};
+use super::footprint::{Footprint, Looked};
+use super::model::{LONGEST_S, MOST_PICTURES, Model, Terms};
 use super::observed::Demands;
 use super::place::elsewhere;
 use super::quality::Quality;
@@ -13,6 +13,19 @@ use crate::panel::{GridId, TaughtPanel};
 use crate::phase::Phase;
 use crate::recipe::{self, Method};
 use crate::verdict::Reason;
+
+/// A panel before the camera that films it.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a> {
+    /// The panel as taught.
+    pub taught: &'a TaughtPanel,
+    /// The camera.
+    pub camera: &'a PinholeCamera,
+    /// `camera_from_base · base_from_panel` (Eq. 4.6, 4.7).
+    pub camera_from_panel: Rigid<Camera, Panel>,
+    /// The taught pixels of places that were sanded since the dry picture was taken: they are judged by their wet look alone.
+    pub sanded: Option<&'a Mask>,
+}
 
 /// Watches a film break.
 #[derive(Debug)]
@@ -51,25 +64,25 @@ pub struct Step {
 }
 
 impl Watch {
-    /// Begins a test of the panel where it stands now: `camera_from_panel` is
-    /// `camera_from_base · base_from_panel` (Eq. 4.6, 4.7). `demands` say how long it lasts and what fails.
+    /// Begins a test of a panel where it is now. `demands` say how long it lasts and what fails.
     ///
     /// # Errors
-    /// Where the region is not in the picture at all.
-    pub fn new(
-        taught: &TaughtPanel,
-        camera: &PinholeCamera,
-        camera_from_panel: Rigid<Camera, Panel>,
-        settings: &recipe::Inspect,
-        demands: Demands,
-    ) -> Result<Self, InspectError> {
+    /// If the region is not in the picture at all.
+    pub fn new(view: &View<'_>, settings: &recipe::Inspect, demands: Demands) -> Result<Self, InspectError> {
+        let View { taught, camera, camera_from_panel, sanded } = *view;
         let is_thesis = settings.method() == Method::Thesis;
         let margin_px = if is_thesis { thesis::margin_px(settings) } else { 0 };
-        let footprint = Footprint::new(taught, camera, camera_from_panel, (margin_px, &settings.masked_px()))?;
+        let masked_px = &settings.masked_px();
+        let looked = Looked { margin_px, masked_px, sanded };
+        let footprint = Footprint::new(taught, camera, camera_from_panel, looked)?;
         let (grids, pixels) = (footprint.grids().len(), footprint.inside().len());
-        let weights = settings.channel_weights();
+        let terms = Terms {
+            channel_weights: settings.channel_weights(),
+            persist_s: demands.persist_s,
+            damp: settings.damp(),
+        };
         Ok(Watch {
-            model: Model::new(*footprint.window(), footprint.inside(), weights, demands.persist_frames()),
+            model: Model::new(*footprint.window(), footprint.inside(), &footprint.sanded(), terms),
             thesis: is_thesis.then(|| thesis::OverTime::new(pixels, settings)),
             outline: Outline::new(taught, camera, camera_from_panel),
             quality: Quality::default(),
@@ -134,6 +147,9 @@ impl Watch {
         let (previous_s, previous) = self.last.unwrap_or((f64::NEG_INFINITY, Phase::Dry));
         if !(time_s.is_finite() && time_s > previous_s) {
             return Err(InspectError::TimeOrder { time_s, previous_s });
+        }
+        if self.first_wet_s.is_some_and(|first_s| time_s - first_s > LONGEST_S) {
+            return Err(InspectError::TooLong { most_s: LONGEST_S });
         }
         if self.frames + 1 >= MOST_PICTURES {
             return Err(InspectError::TooManyPictures { most: MOST_PICTURES - 1 });

@@ -1,14 +1,55 @@
-//! From which waypoint on the disc reaches each grid: what bounds where a path that was cut short may have been.
+//! What a path touches: from which waypoint on the disc reaches each grid, which bounds where a path that was cut short may have been, and
+//! which taught pixels it may touch at all.
 
 use super::planned::Plan;
-use crate::geometry::{Panel, Point, Vector};
-use crate::panel::{GridId, Region};
+use crate::geometry::{Mask, Panel, Point, Vector};
+use crate::panel::{GridId, Region, TaughtPanel};
+use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter, Patch};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use rayon::prelude::*;
 
 /// Samples along each side of a grid, its edges among them.
 const SAMPLES: usize = 16;
 /// The disc is taken this much larger: what it barely reaches counts as reached, mm.
 const MARGIN_MM: f64 = 1.0;
+
+/// A place is taken as touched that lies this far beyond the disc's edge, mm: the panel is placed, and the tool moves, within less.
+const BEYOND_MM: f64 = 1.5;
+/// Of the way between two waypoints a point is taken at least every so many mm; a place lies at most half of it farther from a point
+/// than from the way.
+const STEP_MM: f64 = 0.5;
+
+/// The taught pixels that the disc may touch on a plan's way, whatever of it is executed. A pixel of the panel without a scanned point counts as
+/// touched if any does.
+pub fn taught_pixels(plan: &Plan, panel: &TaughtPanel, settings: &recipe::Path) -> Mask {
+    let all: Vec<_> = plan.paths.iter().flat_map(|path| &path.waypoints).collect();
+    let mut way: Vec<[f64; 3]> = Vec::new();
+    for (index, waypoint) in all.iter().enumerate().filter(|(_, waypoint)| waypoint.contact) {
+        let to = waypoint.panel_from_tool.origin();
+        let before = index.checked_sub(1).map(|before| all[before]).filter(|before| before.contact);
+        let from = before.map_or(to, |before| before.panel_from_tool.origin());
+        let steps = (from.distance_mm(to) / STEP_MM).ceil().max(1.0);
+        let points = (0..=steps as usize).map(|step| from + Vector::new((to - from).mm * (step as f64 / steps)));
+        way.extend(points.map(|point| <[f64; 3]>::from(point.mm)));
+    }
+    let mut touched = Mask { inside: vec![false; panel.mask.inside.len()], ..panel.mask };
+    let Some(tree) = (!way.is_empty()).then(|| ImmutableKdTree::<f64, 3>::new_from_slice(&way).ok()).flatten()
+    else {
+        return touched;
+    };
+    let reach_mm = settings.disc_diameter_mm() / 2.0 + BEYOND_MM + STEP_MM / 2.0;
+    touched.inside.par_iter_mut().enumerate().filter(|(index, _)| panel.mask.inside[*index]).for_each(
+        |(index, touched)| {
+            let point = panel.scan.point(index % panel.mask.width, index / panel.mask.width);
+            *touched = point.is_none_or(|point| {
+                let found = tree.query(&point.mm.into()).nearest_one::<SquaredEuclidean<f64>>().execute();
+                found.distance <= reach_mm * reach_mm
+            });
+        },
+    );
+    touched
+}
 
 /// Each planned grid with the first waypoint on whose way the disc reaches it, counted from the plan's first, which is
 /// 0. A grid that the path does not reach is left out.

@@ -2,7 +2,7 @@
 
 use super::checks::check_row;
 use super::page::{Figure, Page, Row, Section};
-use crate::inspect::{Inspection, name};
+use crate::inspect::{Inspection, Reference, name};
 use crate::recipe::Recipe;
 
 /// What a person fills in by hand.
@@ -57,7 +57,12 @@ fn grids(inspection: &Inspection) -> Section {
         };
         let when = grid.time_to_break_s.map(|time_s| format!(" from {time_s:.1} s")).unwrap_or_default();
         let share = if grid.seen { String::new() } else { format!(", {:.0} % seen", 100.0 * footprint.seen_share) };
-        let value = format!("{word}; {:.1} of {:.0} mm² broke{when}{share}", grid.broken_mm2, footprint.area_mm2);
+        let by = match grid.reference {
+            Reference::DryAndWet => String::new(),
+            reference => format!("; judged by its {}", reference.words()),
+        };
+        let value =
+            format!("{word}; {:.1} of {:.0} mm² broke{when}{share}{by}", grid.broken_mm2, footprint.area_mm2);
         Row::new(&grid.id.to_string(), value, &limit)
     };
     let rows = inspection.grids.iter().zip(inspection.footprint.grids()).map(row).collect();

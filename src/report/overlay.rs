@@ -138,27 +138,31 @@ impl View<'_> {
         self.framed(canvas, panel, &[(Ink::ORANGE, "taught outline at the place found"), (Ink::WHITE, "grids")])
     }
 
-    /// What broke: the mask tinted and outlined, failed grids with a thick rim.
+    /// What broke, tinted and outlined, what was not seen, outlined, if that is known yet, and failed grids with a thick rim.
     ///
     /// # Errors
     /// As [`View::taught`].
     pub fn inspected(
         &self,
         panel: &TaughtPanel,
-        broken: &Mask,
+        (broken, not_seen): (&Mask, Option<&Mask>),
         failed: &dyn Fn(&Grid) -> bool,
     ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::on(self.picture)?;
-        canvas.shade(broken, Ink::YELLOW, 0.3)?;
-        for contour in outer_contours(broken)? {
-            canvas.polyline(&contour, true, Pen { ink: Ink::YELLOW, width_px: 1 })?;
+        let not_seen = not_seen.filter(|mask| mask.inside.contains(&true));
+        for (mask, ink) in not_seen.map(|mask| (mask, Ink::BLUE)).into_iter().chain([(broken, Ink::YELLOW)]) {
+            canvas.shade(mask, ink, 0.3)?;
+            for contour in outer_contours(mask)? {
+                canvas.polyline(&contour, true, Pen { ink, width_px: 1 })?;
+            }
         }
         self.grids(&mut canvas, &panel.grids, failed)?;
-        let legend = [
+        let mut legend = vec![
             (Ink::YELLOW, "broken film"),
             (Ink::VERMILLION, "failed grid"),
             (Ink::WHITE, "grid that did not fail"),
         ];
+        legend.extend(not_seen.map(|_| (Ink::BLUE, "not seen")));
         self.framed(canvas, panel, &legend)
     }
 

@@ -25,11 +25,13 @@ pub(super) fn dry_and_wet(sight: &PixelHit) -> (Color, Color) {
         let color = background.map(fixed);
         return (color, color);
     };
-    let light = lighting(&panel.normal) * (1.0 + weave(panel.place, panel.pixel_mm));
+    let light = lighting(&panel.normal) * (1.0 + panel.look.weave * weave(panel.place, panel.pixel_mm));
     let mix = |channel: usize, film: f64| {
-        fixed(share * DRY[channel] * light * film + (1.0 - share) * background[channel])
+        let dry = DRY[channel] * panel.look.albedo[channel] * light;
+        fixed(share * dry * film + (1.0 - share) * background[channel])
     };
-    ([0, 1, 2].map(|channel| mix(channel, 1.0)), [0, 1, 2].map(|channel| mix(channel, FILM[channel])))
+    let film = FILM.map(|left| left.powf(panel.look.film));
+    ([0, 1, 2].map(|channel| mix(channel, 1.0)), [0, 1, 2].map(|channel| mix(channel, film[channel])))
 }
 
 fn fixed(gray: f64) -> u16 {
@@ -57,6 +59,7 @@ fn weave([s, t]: [f64; 2], pixel_mm: f64) -> f64 {
 mod tests {
     use super::super::cast::PanelHit;
     use super::super::fixture::Background;
+    use super::super::sanding::Look;
     use super::*;
 
     fn sight(edge_px: f64) -> PixelHit {
@@ -68,6 +71,7 @@ mod tests {
             edge_px,
             coverage: (0.5 - edge_px).clamp(0.0, 1.0),
             pixel_mm: 0.4,
+            look: Look::AS_MADE,
         };
         let background = Background { depth_mm: Some(800.0), cos_incidence: 1.0, color: [180.0; 3] };
         PixelHit { ray: Vector3::z(), panel: Some(panel), background }

@@ -8,6 +8,7 @@
 //! and the panel's share of the pixel is the part of a square pixel on the inner side of that straight line.
 
 use super::fixture::{self, Background};
+use super::sanding::{Look, Sanding};
 use super::shape::Shape;
 use crate::geometry::{Base, Camera, Frame, Panel, PinholeCamera, Pixel, Rigid};
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
@@ -68,6 +69,8 @@ pub(super) struct PanelHit {
     pub coverage: f64,
     /// What one pixel stands for here, mm.
     pub pixel_mm: f64,
+    /// What sanding made of the place.
+    pub look: Look,
 }
 
 /// The part of a square pixel on the inner side of a straight edge: `edge_px` from its centre to the edge, negative
@@ -104,6 +107,7 @@ pub(super) struct View<'a> {
     rays: &'a Rays,
     base_from_camera: Isometry3<f64>,
     panel: Option<PanelView<'a>>,
+    sanding: Option<&'a Sanding>,
 }
 
 /// A panel before a camera, or before what throws light as a camera sees.
@@ -132,7 +136,12 @@ impl<'a> View<'a> {
                 base_from_camera.isometry().inverse() * base_from_panel.isometry() * shape.panel_from_sheet();
             PanelView::new(camera, shape, &camera_from_sheet)
         });
-        View { camera, rays, base_from_camera: *base_from_camera.isometry(), panel }
+        View { camera, rays, base_from_camera: *base_from_camera.isometry(), panel, sanding: None }
+    }
+
+    /// The same view of a panel that was sanded.
+    pub fn sanded(self, sanding: &'a Sanding) -> Self {
+        View { sanding: Some(sanding).filter(|sanding| !sanding.is_empty()), ..self }
     }
 
     /// Columns of the picture.
@@ -167,7 +176,10 @@ impl<'a> View<'a> {
             if let Some(met) = met {
                 depth_mm = Some(met.depth_mm);
             }
-            let panel = met.filter(|met| met.edge_px < EDGE_REACH_PX);
+            let panel = met.filter(|met| met.edge_px < EDGE_REACH_PX).map(|met| match self.sanding {
+                Some(sanding) => PanelHit { look: sanding.look(met.place), ..met },
+                None => met,
+            });
             let background = fixture::look(&origin, &(base_axes * ray), pixel_rad);
             seen(column, PixelHit { ray, panel, background });
         }
@@ -241,6 +253,7 @@ impl<'a> PanelView<'a> {
             edge_px,
             coverage: covered(edge_px, growth_px.normalize()),
             pixel_mm: depth / self.focal_px[0],
+            look: Look::AS_MADE,
         }
     }
 }

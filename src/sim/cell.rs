@@ -1,12 +1,13 @@
 //! The simulated cell: where everything stands, and what its two cameras see.
 
 use super::cast::{Rays, View};
-use super::film::Film;
+use super::film::{Film, OnPanel};
 use super::film_spec::FilmSpec;
 use super::flange;
 use super::noise::{PixelNoise, Purpose, Seed};
 use super::projector::Projector;
 use super::real_arm::{RealArm, Reported};
+use super::sanding::{SandedLook, Sanding};
 use super::scanner;
 use super::scanner_distortion::ScannerDistortion;
 use super::scene::{self, CornerView, Scene};
@@ -16,7 +17,8 @@ use super::timing::WET_FROM_S;
 use super::truth::Truth;
 use super::wet_flange;
 use crate::geometry::{
-    Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Pixel, Rigid,
+    Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel,
+    Point, Rigid,
 };
 
 /// Which of the panel's two poses a camera looks at.
@@ -248,7 +250,53 @@ impl Cell {
     pub fn film_as(&self, spots: &[Spot], spec: &FilmSpec, index: u64) -> Film {
         let view = self.scanner_view(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)));
         let seed = self.seed.child(Purpose::Film, spots.len() as u64 + (index << 8));
-        Film::new(&view, spots, spec, &self.pixels, seed)
+        Film::new(&view, OnPanel { spots, stained: spots, washed: false }, spec, &self.pixels, seed)
+    }
+
+    /// A test after sanding: what is left of the grease, and the stains of all that was there.
+    pub fn film_sanded(&self, left: &[Spot], sanding: &Sanding, index: u64) -> Film {
+        self.film_sanded_as((left, &self.spots), sanding, &self.film, index)
+    }
+
+    /// The same as hard to read as `spec` says; before sanding there was the grease `stained`.
+    pub fn film_sanded_as(
+        &self,
+        (left, stained): (&[Spot], &[Spot]),
+        sanding: &Sanding,
+        spec: &FilmSpec,
+        index: u64,
+    ) -> Film {
+        let view = self.scanner_view(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)));
+        let seed = self.seed.child(Purpose::Film, left.len() as u64 + (index << 8));
+        let on_panel = OnPanel { spots: left, stained, washed: !sanding.is_empty() };
+        Film::new(&view.sanded(sanding), on_panel, spec, &self.pixels, seed)
+    }
+
+    /// Adds a pass of a disc of this radius whose centre was at these places of the panel.
+    pub fn sand(&self, sanding: &mut Sanding, centres: &[Point<Panel>], radius_mm: f64, look: SandedLook) {
+        let shape = self.present.as_ref().unwrap_or(&self.taught);
+        let places: Vec<[f64; 2]> = centres.iter().map(|centre| shape.nearest(*centre).0).collect();
+        sanding.add_track(&places, radius_mm, (self.seed, look));
+    }
+
+    /// Adds a pass over these areas of the panel, each the corners of a quadrilateral.
+    pub fn sand_areas(&self, sanding: &mut Sanding, areas: &[[Point<Panel>; 4]], look: SandedLook) {
+        let shape = self.present.as_ref().unwrap_or(&self.taught);
+        let quads: Vec<_> = areas.iter().map(|area| area.map(|corner| shape.nearest(corner).0)).collect();
+        sanding.add_quads(&quads, (self.seed, look));
+    }
+
+    /// Truth: the pixels of the taught scan that show a place which was sanded, or lies nearer to one than `margin_mm`.
+    pub fn sanded_in_taught(&self, sanding: &Sanding, margin_mm: f64) -> Mask {
+        let view = self.scanner_view(Some((&self.taught, &scene::nominal())));
+        let mut mask = Mask::empty(view.width(), view.height());
+        for row in 0..view.height() {
+            view.look_along_row(row, |column, sight| {
+                let touched = sight.panel.is_some_and(|panel| sanding.touched(panel.place, margin_mm));
+                mask.inside[row * mask.width + column] = touched;
+            });
+        }
+        mask
     }
 
     /// Other grease on this panel than its scene's; `index` distinguishes the drawings of one cell.

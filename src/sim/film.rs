@@ -2,8 +2,8 @@
 //!
 //! What does not change is made once: the dry and the fully wet colour of each pixel, and what water does to it
 //! ([`super::wetting`]). A picture at time t then is
-//!     exposure · light(t) · (dry + (wet − dry) w r (1 + n) + glints w) + noise,
-//! with w the film's presence, r the run-off, a streaky pattern that travels down the panel, and n how much thicker the
+//!     exposure · light(t) · (bare + (wet − bare) w r (1 + n) + glints w) + noise,
+//! with `bare` what the place is without a film: dry and dusty until water has reached it, washed afterwards; w the film's presence, r the run-off, a streaky pattern that travels down the panel, and n how much thicker the
 //! new film is; a drop is thick film, also over a break, where water has come. A picture is a function of its time: any
 //! frame rate shows the same film.
 
@@ -11,13 +11,14 @@ use super::appearance::{Color, dry_and_wet};
 use super::cast::View;
 use super::film_spec::FilmSpec;
 use super::lamp::Lamp;
-use super::noise::{PixelNoise, Purpose, Seed, to_byte};
+use super::noise::{PixelNoise, Purpose, Seed, ValueNoise, to_byte};
 use super::runoff::Runoff;
 use super::spots::Spot;
 use super::timing::{Phase, SPRAY_FROM_S, WET_FROM_S};
 use super::travellers::{Ground, Spotted, Travellers};
-use super::wetting::{Water, Wetted};
+use super::wetting::{Colors, Water, Wetted};
 use crate::geometry::{ColorPicture, Mask};
+use rand::RngExt;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -49,24 +50,52 @@ pub struct Film {
     seed: Seed,
 }
 
+/// What lies on the panel when its film begins.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct OnPanel<'a> {
+    /// Grease that is there.
+    pub spots: &'a [Spot],
+    /// Grease that is there or was: it leaves a stain.
+    pub stained: &'a [Spot],
+    /// Water has washed the dust off already.
+    pub washed: bool,
+}
+
+/// Dust lies in patches of this size, mm.
+const DUST_MM: f64 = 18.0;
+
 impl Film {
-    pub(super) fn new(view: &View<'_>, spots: &[Spot], spec: &FilmSpec, pixels: &PixelNoise, seed: Seed) -> Self {
+    pub(super) fn new(
+        view: &View<'_>,
+        OnPanel { spots, stained, washed }: OnPanel<'_>,
+        spec: &FilmSpec,
+        pixels: &PixelNoise,
+        seed: Seed,
+    ) -> Self {
         let (width, height) = (view.width(), view.height());
         let water = Water::new(spots, spec, seed);
+        let stains = Stains::new(stained, spec, seed);
+        let dust = ValueNoise::new(seed.stream(Purpose::Condition, 1_000), DUST_MM, 260.0);
+        let most_dust = if washed { 0.0 } else { spec.dust };
         let mut dry = vec![Color::default(); width * height];
         let mut rows = vec![Row::default(); height];
         dry.par_chunks_mut(width).zip(rows.par_iter_mut()).enumerate().for_each(|(index, (dry, row))| {
             view.look_along_row(index, |column, sight| {
                 let (dry_color, wet) = dry_and_wet(&sight);
-                let [dry_color, wet] = [dry_color, wet].map(|color| exposed(color, spec.exposure));
-                dry[column] = dry_color;
+                dry[column] = exposed(dry_color, spec.exposure);
                 let Some(panel) = sight.panel.filter(|panel| panel.coverage > 0.0) else { return };
+                // What only a part of the pixel shows changes by that part.
+                let stained = 1.0 + panel.coverage * (stains.at(panel.place) - 1.0);
+                let dusty = 1.0 + panel.coverage * most_dust * dust.at(panel.place).clamp(-1.0, 1.0);
+                let [washed, wet] = [dry_color, wet].map(|color| exposed(color, spec.exposure * stained));
+                dry[column] = exposed(dry_color, spec.exposure * stained * dusty);
+                let colors = Colors { wet, washed };
                 if row.wetted.is_empty() {
                     row.first_column = column;
                 }
                 // Outlines are convex, so a row's pixels of the panel are neighbours; a gap would be dry.
-                row.wetted.resize(column - row.first_column, Wetted::beside(dry_color));
-                row.wetted.push(water.at(panel.place, panel.pixel_mm, wet));
+                row.wetted.resize(column - row.first_column, Wetted::beside(washed));
+                row.wetted.push(water.at(panel.place, panel.pixel_mm, colors));
             });
         });
         let ground = ground(&rows, view);
@@ -145,9 +174,12 @@ impl Film {
                 let film = own + drop * (DROP_THICKNESS - own).max(0.0);
                 let gain = gains[column - columns.start];
                 let glint = shine[offset] * film.min(1.0) * (self.spec.exposure * 128.0) as f32;
+                let washed = wetted.reached(time_s as f32);
                 let color = std::array::from_fn(|channel| {
-                    let (from, to) = (f32::from(dry[column][channel]), f32::from(wetted.wet[channel]));
-                    (from + (to - from) * film + glint) * gain
+                    let [dry, bare, wet] =
+                        [dry[column], wetted.bare, wetted.wet].map(|color| f32::from(color[channel]));
+                    let bare = dry + (bare - dry) * washed;
+                    (bare + (wet - bare) * film + glint) * gain
                 });
                 pixels[column] = shown(color, noise, column);
             }
@@ -175,6 +207,18 @@ impl Film {
         mask
     }
 
+    /// Truth: the colours of each pixel, dry and under a whole film, grey levels; alike beside the panel.
+    pub fn dry_and_wet_levels(&self) -> Vec<[[f64; 3]; 2]> {
+        let levels = |color: Color| color.map(|level| f64::from(level) / f64::from(super::noise::LEVEL));
+        let mut both: Vec<[[f64; 3]; 2]> = self.dry.iter().map(|dry| [levels(*dry); 2]).collect();
+        for (index, row) in self.rows.iter().enumerate() {
+            for (offset, wetted) in row.wetted.iter().enumerate() {
+                both[index * self.width + row.first_column + offset][1] = levels(wetted.wet);
+            }
+        }
+        both
+    }
+
     /// Truth: when the film breaks at each pixel, s of the film, row by row; infinite where it holds.
     pub fn break_times_s(&self) -> Vec<f32> {
         let mut times_s = vec![f32::INFINITY; self.width * self.height];
@@ -184,6 +228,32 @@ impl Film {
             }
         }
         times_s
+    }
+}
+
+/// Places that grease has stained, each with the factor of its brightness.
+struct Stains<'a>(Vec<(&'a Spot, f64)>);
+
+impl<'a> Stains<'a> {
+    fn new(spots: &'a [Spot], spec: &FilmSpec, seed: Seed) -> Self {
+        let factor = |(index, spot): (usize, &'a Spot)| {
+            // The same stain in each film of a cell: it belongs to the spot.
+            let [s, t] = spot.centre_mm();
+            let mut random = seed.stream(Purpose::Condition, Seed::index_of(&[s, t]) ^ index as u64);
+            (spot, 1.0 + spec.stain * random.random_range(-1.0..1.0))
+        };
+        Stains(spots.iter().enumerate().map(factor).collect())
+    }
+
+    fn at(&self, place: [f64; 2]) -> f64 {
+        let factor = |(spot, factor): &(&Spot, f64)| {
+            let [s, t] = spot.centre_mm();
+            let is_near = (place[0] - s).hypot(place[1] - t) < spot.radius_mm();
+            // A stain has a soft edge: all of it from a tenth of the way inwards.
+            let share = if is_near { ((1.0 - spot.reach(place).0) / 0.1).clamp(0.0, 1.0) } else { 0.0 };
+            1.0 + share * (factor - 1.0)
+        };
+        self.0.iter().map(factor).product()
     }
 }
 

@@ -24,6 +24,14 @@ pub struct FilmSpec {
     pub beads: usize,
     /// How much more the film darkens when it is new than later, as a share.
     pub thinning: f64,
+    /// A place whose film broke comes back to at least this share of its dry brightness: 1 is wholly dry.
+    pub damp: f64,
+    /// Droplets that stay where the film broke, on 100 mm².
+    pub droplets: f64,
+    /// Dust on the panel before the first water, which washes it off: it changes the brightness by up to this share.
+    pub dust: f64,
+    /// Grease makes its place darker or lighter by up to this share, dry or wet, also after it was sanded off.
+    pub stain: f64,
 }
 
 impl FilmSpec {
@@ -38,6 +46,10 @@ impl FilmSpec {
         drops: 0,
         beads: 0,
         thinning: 0.0,
+        damp: 1.0,
+        droplets: 0.0,
+        dust: 0.0,
+        stain: 0.0,
     };
 
     /// A good cell on a common day.
@@ -51,10 +63,14 @@ impl FilmSpec {
         drops: 3,
         beads: 1,
         thinning: 0.08,
+        damp: 0.9,
+        droplets: 0.5,
+        dust: 0.03,
+        stain: 0.04,
     };
 
     /// A film as hard as they come, by its seed: exposures from dark to bright, ±15 % of drift, a shadow in every
-    /// second one.
+    /// second one, places that stay damp, droplets, dust and stains.
     pub fn hard(seed: u64) -> FilmSpec {
         let mut random = Seed(seed).stream(Purpose::Light, 1);
         let mut between = |low: f64, high: f64| random.random_range(low..high);
@@ -70,6 +86,10 @@ impl FilmSpec {
             drops: between(2.0, 12.0) as usize,
             beads: between(0.0, 4.0) as usize,
             thinning: between(0.0, 0.15),
+            damp: between(0.75, 1.0),
+            droplets: between(0.0, 2.0),
+            dust: between(0.0, 0.1),
+            stain: between(0.0, 0.12),
         }
     }
 }

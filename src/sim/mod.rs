@@ -10,7 +10,7 @@
 //! - `board`, `board_cell`, `target`: calibration boards before both cameras
 //! - `real_arm`: an arm that is not as it is drawn
 //! - `cell`: all of it together
-//! - `scanner`, `flange`, `wet_flange`, `film`, `timing`, `wetting`, `runoff`, `lamp`, `travellers`: what the cameras deliver ·
+//! - `scanner`, `flange`, `wet_flange`, `film`, `timing`, `wetting`, `runoff`, `lamp`, `travellers`, `sanding`: what the cameras deliver ·
 //!   `projector`: which points the 3D camera has · `film_spec`: how hard films are to read · `spots`: grease · `truth`:
 //!   what is true of it all
 //!
@@ -32,6 +32,7 @@ mod outline;
 mod projector;
 mod real_arm;
 mod runoff;
+mod sanding;
 mod scanner;
 mod scanner_distortion;
 mod scene;
@@ -52,6 +53,7 @@ pub use cell::{Cell, PanelPosition, Region, SEARCH_BOX_MM};
 pub use film::Film;
 pub use film_spec::FilmSpec;
 pub use real_arm::{RealArm, Reported, TOOL_LENGTH_MM};
+pub use sanding::{SandedLook, Sanding};
 pub use scanner::{NoiseFigures, noise_in_force};
 pub use scanner_distortion::ScannerDistortion;
 pub use scene::{CornerView, Scene};

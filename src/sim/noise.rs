@@ -28,6 +28,8 @@ pub(super) enum Purpose {
     Drops,
     Grease,
     Arm,
+    Sanding,
+    Condition,
 }
 
 /// The seed from which everything is drawn.

@@ -1,7 +1,8 @@
 //! One pixel of the panel under water: when it becomes wet, when its film breaks there and closes again.
 //!
-//! With r the share that water has reached, q that of the pixel which is greasy, b that of a bead on it, o and c how far
-//! the film has opened and closed, each 0…1 and linear in time, its film is  r (1 − q (1 − b) o (1 − c)).
+//! With r the share that water has reached, q that of the pixel which is greasy, b that of a bead or droplet on it, o and c how far
+//! the film has opened and closed, each 0…1 and linear in time, its film is  r (1 − q (1 − b) o (1 − c)). What the film leaves open
+//! is the bare place: under dust until water has reached it, then washed, and damp by its spot's share.
 
 use super::appearance::Color;
 use super::film_spec::FilmSpec;
@@ -18,11 +19,15 @@ const FRONT_UNEVEN_S: f64 = 0.12;
 const WETTING_S: f64 = 0.2;
 const OPENING_S: f64 = 0.15;
 const CLOSING_S: f64 = 0.4;
+/// On a place that covers much of the panel more droplets than these would only take time.
+const MOST_DROPLETS: usize = 60;
 
 /// A pixel of the panel.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wetted {
     pub wet: Color,
+    /// Washed and without its film: damp, if it is greasy.
+    pub bare: Color,
     wet_from_s: f32,
     /// Infinite where no grease is.
     pub breaks_at_s: f32,
@@ -40,6 +45,7 @@ impl Wetted {
     pub fn beside(color: Color) -> Self {
         Wetted {
             wet: color,
+            bare: color,
             wet_from_s: f32::INFINITY,
             breaks_at_s: f32::INFINITY,
             closes_at_s: f32::INFINITY,
@@ -77,22 +83,47 @@ struct Bead {
 /// The water on one panel: its front, and the grease that it meets.
 pub(super) struct Water<'a> {
     front: ValueNoise,
-    spots: Vec<(&'a Spot, Vec<Bead>)>,
+    spots: Vec<Greasy<'a>>,
+}
+
+/// A spot with what stays on it when its film has broken.
+struct Greasy<'a> {
+    spot: &'a Spot,
+    beads: Vec<Bead>,
+    /// Share of its dry brightness.
+    damp: f64,
+}
+
+/// A pixel's colours under a whole film, and washed without one.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Colors {
+    pub wet: Color,
+    pub washed: Color,
 }
 
 impl<'a> Water<'a> {
     pub fn new(spots: &'a [Spot], spec: &FilmSpec, seed: Seed) -> Self {
         let front = ValueNoise::new(seed.stream(Purpose::Film, 0), 25.0, 260.0);
-        let spots = spots.iter().enumerate().map(|(index, spot)| (spot, beads(spot, index, spec, seed))).collect();
-        Water { front, spots }
+        let greasy = |(index, spot): (usize, &'a Spot)| {
+            let mut random = seed.stream(Purpose::Condition, index as u64);
+            let damp = spec.damp + (1.0 - spec.damp) * random.random_range(0.0..1.0);
+            Greasy { spot, beads: beads(spot, index, spec, seed), damp }
+        };
+        Water { front, spots: spots.iter().enumerate().map(greasy).collect() }
     }
 
     /// What it does to the pixel that shows this place of the panel, mm, and is `pixel_mm` wide there.
-    pub fn at(&self, place: [f64; 2], pixel_mm: f64, wet: Color) -> Wetted {
+    pub fn at(&self, place: [f64; 2], pixel_mm: f64, Colors { wet, washed }: Colors) -> Wetted {
         let wet_from_s = self.reached_s(place);
-        let wetted = Wetted { wet_from_s: wet_from_s as f32, streak: Runoff::place(place), ..Wetted::beside(wet) };
+        let wetted = Wetted {
+            wet,
+            bare: washed,
+            wet_from_s: wet_from_s as f32,
+            streak: Runoff::place(place),
+            ..Wetted::beside(wet)
+        };
         let away_mm = |[s, t]: [f64; 2]| (place[0] - s).hypot(place[1] - t);
-        for (spot, beads) in &self.spots {
+        for Greasy { spot, beads, damp } in &self.spots {
             if away_mm(spot.centre_mm()) > spot.radius_mm() + 2.0 * pixel_mm {
                 continue;
             }
@@ -102,7 +133,9 @@ impl<'a> Water<'a> {
                 let share =
                     |bead: &Bead| (0.5 + (bead.radius_mm - away_mm(bead.centre_mm)) / pixel_mm).clamp(0.0, 1.0);
                 let bead = beads.iter().map(share).fold(0.0, f64::max);
+                let bare = washed.map(|level| (f64::from(level) * (1.0 - greasy * (1.0 - damp))).round() as u16);
                 return Wetted {
+                    bare,
                     breaks_at_s: spot.breaks_where_wet_s(reached, f64::from(wetted.wet_from_s)) as f32,
                     closes_at_s: spot.closes_at_s as f32,
                     greasy: greasy as f32,
@@ -137,5 +170,6 @@ fn beads(spot: &Spot, index: usize, spec: &FilmSpec, seed: Seed) -> Vec<Bead> {
             radius_mm: between(0.4, 1.2).min(0.25 * reach_mm),
         }
     };
-    (0..spec.beads).map(bead).collect()
+    let droplets = (spec.droplets / 100.0 * std::f64::consts::PI * reach_mm * reach_mm) as usize;
+    (0..spec.beads + droplets.min(MOST_DROPLETS)).map(bead).collect()
 }

@@ -3,7 +3,7 @@
 
 use super::{Drawing, names, strip::Strip};
 use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
-use crate::inspect::{Demands, GridInspection, InspectError, Inspection, Watch};
+use crate::inspect::{self, Demands, GridInspection, InspectError, Inspection, Reference, Watch};
 use crate::panel::{Grid, GridId, TaughtPanel};
 use crate::phase::Phase;
 use crate::recipe::Recipe;
@@ -21,6 +21,8 @@ pub struct Setup<'a> {
     pub camera: &'a PinholeCamera,
     /// Where the panel stands before it.
     pub camera_from_panel: Rigid<Camera, Panel>,
+    /// The taught pixels of places that were sanded since the dry picture was taken.
+    pub sanded: Option<&'a Mask>,
     /// How long the film is watched, and what fails.
     pub demands: Demands,
     /// The recipe.
@@ -51,8 +53,9 @@ impl Filming {
     /// # Errors
     /// Where the region is not in the picture at all.
     pub fn begin(setup: &Setup<'_>, lasts_s: f64) -> Result<Self, InspectError> {
-        let Setup { panel, camera, camera_from_panel, demands, recipe } = *setup;
-        let watch = Watch::new(panel, camera, camera_from_panel, recipe.inspect(), demands)?;
+        let Setup { panel, camera, camera_from_panel, sanded, demands, recipe } = *setup;
+        let view = inspect::View { taught: panel, camera, camera_from_panel, sanded };
+        let watch = Watch::new(&view, recipe.inspect(), demands)?;
         let strip = Strip::new(panel, (camera, camera_from_panel), lasts_s);
         Ok(Filming { watch, strip, last: None, opened: false })
     }
@@ -132,8 +135,8 @@ impl Filmed {
             ),
             Drawing::new(
                 "inspected",
-                "Everything that broke by the end of the film, and the grids that failed",
-                view.inspected(setup.panel, &inspection.mask(), &failed),
+                "Everything that broke by the end of the film, what was not seen, and the grids that failed",
+                view.inspected(setup.panel, (&inspection.mask(), Some(&inspection.not_seen())), &failed),
             ),
             Drawing::new(
                 "break_times",
@@ -162,6 +165,13 @@ impl Filmed {
         }
         if let Some(lamp) = process.lamp() {
             finding = finding.detail(name::LAMP, lamp);
+        }
+        for reference in [Reference::Wet, Reference::Both] {
+            let of = inspection.grids.iter().filter(|grid| grid.reference == reference);
+            let ids: Vec<GridId> = of.map(|grid| grid.id).collect();
+            if !ids.is_empty() {
+                finding = finding.detail(&format!("judged by the {}", reference.words()), names(&ids));
+            }
         }
         let checks = inspection.checks.iter().cloned();
         finding.detail("failed", names(&failed)).with(checks).with(counts(inspection, counted))

@@ -6,6 +6,8 @@
 
 #[path = "inspect/clips.rs"]
 mod clips;
+#[path = "inspect/conditions.rs"]
+mod conditions;
 #[path = "inspect/damage.rs"]
 mod damage;
 #[path = "inspect/optics/mod.rs"]

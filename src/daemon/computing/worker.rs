@@ -152,7 +152,8 @@ impl<'p> Worker<'p> {
             // It only looks: nothing of it is new.
             (false, _) => {
                 let eyes = (cameras, self.films.as_ref());
-                std::mem::take(&mut work.perception).film(cycle, work.pass, eyes, notes)?
+                let sanded = work.abrasion.sanded();
+                std::mem::take(&mut work.perception).film(cycle, (work.pass, sanded), eyes, notes)?
             }
         };
         Ok(match watched {
@@ -180,7 +181,8 @@ fn show_plan(view: &LiveView, setup: &Arc<CycleSetup>, work: &Work, answer: Answ
 /// The newest picture of a film with what broke so far, for people who look on.
 fn live(filming: &Filming, setup: &Arc<CycleSetup>) -> Option<LiveFrame> {
     let (picture, broken, failed) = filming.so_far()?;
-    let film = LiveFilm { seen_s: filming.seen_s, broken, failed, setup: setup.clone(), place: filming.place };
+    let film =
+        LiveFilm { seen_s: filming.seen_s, broken, failed, setup: setup.clone(), place: filming.panel.place };
     Some(LiveFrame { name: "film".to_owned(), picture, film: Some(film) })
 }
 

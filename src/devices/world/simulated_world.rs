@@ -9,7 +9,7 @@ use crate::cell::{self, Output};
 use crate::devices::cameras::{CameraError, FlangePicture, Picture, Shot};
 use crate::devices::mock::{self, ChannelFile, Controller, Sample, Setup};
 use crate::geometry::{Base, ColorPicture, Flange, Joints, Mask, OrganizedCloud, Rigid};
-use crate::sim::{self, Film, Spot, Truth, WET_FROM_S};
+use crate::sim::{self, Film, SandedLook, Spot, Truth, WET_FROM_S};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Of this share of its area covered, a spot of grease is gone.
@@ -212,18 +212,29 @@ impl SimulatedWorld {
         state.wetting.map(|wetting| wetting.on_ms).filter(|on_ms| state.healed.0 != Some(*on_ms))
     }
 
-    /// Takes what was executed up to that moment: spots that the disc covered will hold their film.
+    /// Takes what was executed up to that moment: spots that the disc covered will hold their film, and where it was since the wetting
+    /// before, the panel has another look.
     pub fn abrade(&self, trace: &[Sample]) {
-        let truth = &self.fixed.truth;
-        let (disc_diameter_mm, since_ms) = {
+        let Fixed { cell, truth, .. } = &*self.fixed;
+        let (disc_diameter_mm, since_ms, (sanding, sanded_until_ms, passes)) = {
             let state = self.lock();
-            (state.disc_diameter_mm, state.part_since_ms)
+            (state.disc_diameter_mm, state.part_since_ms, state.sanding.clone())
         };
-        let of_part = trace.partition_point(|sample| sample.time_ms < since_ms);
-        let touched = Touched::by(&trace[of_part..], truth, disc_diameter_mm);
+        let from = |time_ms: u64| &trace[trace.partition_point(|sample| sample.time_ms < time_ms)..];
+        let touched = Touched::by(from(since_ms), truth, disc_diameter_mm);
         let healed = truth.spots.iter().map(|spot| touched.share_of(spot) >= HEALED_FROM).collect();
+        let new = Touched::by(from(sanded_until_ms.max(since_ms)), truth, disc_diameter_mm);
+        let until_ms = trace.last().map_or(sanded_until_ms, |last| last.time_ms + 1);
+        let sanding = if new.centres().is_empty() || disc_diameter_mm <= 0.0 {
+            (sanding, until_ms, passes)
+        } else {
+            let mut with_pass = (*sanding).clone();
+            cell.sand(&mut with_pass, new.centres(), disc_diameter_mm / 2.0, SandedLook::USUAL);
+            (Arc::new(with_pass), until_ms, passes + 1)
+        };
         let mut state = self.lock();
         state.healed = (state.wetting.map(|wetting| wetting.on_ms), healed);
+        state.sanding = sanding;
     }
 
     /// A colour picture of the fixed camera.
@@ -245,18 +256,23 @@ impl SimulatedWorld {
         Picture { picture, time_s: seconds(now.time_ms) }
     }
 
-    /// The film of what is greasy now, made where it is another one than the last. Made with the world let go: a
+    /// The film of what is greasy now on the panel as it looks now, made if it is another one than the last. Made with the world let go: a
     /// controller must not wait for it.
     fn film(&self) -> Arc<Film> {
-        let (healed, last) = {
+        let (healed, (sanding, _, passes), last) = {
             let state = self.lock();
-            (state.healed.1.clone(), state.film.clone())
+            (state.healed.1.clone(), state.sanding.clone(), state.film.clone())
         };
-        if let Some((_, film)) = last.filter(|(of, _)| *of == healed) {
+        let of = (healed, passes);
+        if let Some((_, film)) = last.filter(|(known, _)| *known == of) {
             return film;
         }
-        let film = Arc::new(self.fixed.cell.film_of(&self.fixed.greasy(&healed)));
-        self.lock().film = Some((healed, film.clone()));
+        let greasy = self.fixed.greasy(&of.0);
+        let film = Arc::new(match passes {
+            0 => self.fixed.cell.film_of(&greasy),
+            _ => self.fixed.cell.film_sanded(&greasy, &sanding, passes),
+        });
+        self.lock().film = Some((of, film.clone()));
         film
     }
 

@@ -4,7 +4,7 @@ use super::line::SimulatedLine;
 use super::signal::Signal;
 use super::water::Wetting;
 use crate::cell::Output;
-use crate::sim::Film;
+use crate::sim::{Film, Sanding};
 use std::sync::Arc;
 
 /// What should not have been done, seen from the world's side. For tests.
@@ -30,8 +30,10 @@ pub(super) struct State {
     pub wetting: Option<Wetting>,
     /// Which spots are gone, as far as the wetting that began at this time shows it.
     pub healed: (Option<u64>, Vec<bool>),
-    /// The film with these spots gone.
-    pub film: Option<(Vec<bool>, Arc<Film>)>,
+    /// Where the disc was, a pass for each wetting after it, until when that is known, ms, and how many passes there are.
+    pub sanding: (Arc<Sanding>, u64, u64),
+    /// The film with these spots gone, after so many passes.
+    pub film: Option<((Vec<bool>, u64), Arc<Film>)>,
     /// Each wetting of this part that was watched: when its water came on, its film, and the film's time in the last picture, s.
     pub watched: Vec<(u64, Arc<Film>, f64)>,
     pub shots: u64,
@@ -49,6 +51,7 @@ impl State {
             signals,
             wetting: None,
             healed: (None, vec![false; spots]),
+            sanding: (Arc::default(), 0, 0),
             film: None,
             watched: Vec::new(),
             shots: 0,
@@ -69,6 +72,7 @@ impl State {
         (self.part_since_ms, self.wetting) = (now_ms, None);
         self.watched.clear();
         self.healed = (None, vec![false; self.healed.1.len()]);
+        self.sanding = (Arc::default(), now_ms, 0);
     }
 
     /// An output of the controller changed.

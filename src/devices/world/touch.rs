@@ -30,6 +30,11 @@ impl Touched {
         Touched { centres, radius_mm: disc_diameter_mm / 2.0 }
     }
 
+    /// Where its centre was.
+    pub fn centres(&self) -> &[Point<Panel>] {
+        &self.centres
+    }
+
     /// Whether the disc was here.
     pub fn covers(&self, point: Point<Panel>) -> bool {
         self.centres.iter().any(|centre| centre.distance_mm(point) <= self.radius_mm)

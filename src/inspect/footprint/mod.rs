@@ -11,7 +11,7 @@
 mod samples;
 
 use super::InspectError;
-use crate::geometry::{Camera, Mask, Panel, PinholeCamera, Pixel, Raster, Rigid};
+use crate::geometry::{AROUND, Camera, Mask, Panel, PinholeCamera, Pixel, Raster, Rigid};
 use crate::imaging::{ImagingError, named};
 use crate::panel::{GridId, TaughtPanel};
 use crate::recipe;
@@ -19,7 +19,7 @@ use opencv::core::{Mat, MatTraitConstManual};
 use opencv::imgproc;
 use samples::{Sample, mean_areas, region_samples};
 
-/// A grid of which less than this share of its surface is in the picture was not seen; the rest is rounding at edges.
+/// A grid of which less than this share of its surface is in the picture was not looked at; the rest is rounding at edges.
 const SEEN_SHARE: f64 = 0.99;
 
 /// A break of this number of pixels is found by either method; fewer may be lost in its rim. `make bench-inspect` prints the
@@ -53,6 +53,18 @@ impl Window {
 struct Patch {
     grid: u32,
     area_mm2: f32,
+    sanded: bool,
+}
+
+/// What of the taught region is looked at.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Looked<'a> {
+    /// The window is wider than the region by this, px.
+    pub margin_px: usize,
+    /// Quadrilaterals of the taught picture that are left out.
+    pub masked_px: &'a [[[f64; 2]; 4]],
+    /// Taught pixels that were sanded since the dry picture was taken.
+    pub sanded: Option<&'a Mask>,
 }
 
 /// One grid as the camera sees it.
@@ -73,14 +85,18 @@ pub struct GridFootprint {
 }
 
 impl GridFootprint {
-    /// A grid that is not seen cannot pass.
-    pub fn seen(&self) -> bool {
-        self.seen_share >= SEEN_SHARE
+    /// Whether all of it lies in the picture and is not masked, whatever of it showed nothing there. Else it cannot pass.
+    pub fn is_looked_at(&self) -> bool {
+        self.looked_at_share() >= SEEN_SHARE
     }
 
-    /// Whether all of it that is not seen is what the recipe masks.
+    fn looked_at_share(&self) -> f64 {
+        self.seen_share + if self.area_mm2 > 0.0 { self.lost_mm2 / self.area_mm2 } else { 0.0 }
+    }
+
+    /// Whether the recipe masks some of it, and all of it that is not looked at.
     pub fn only_masked(&self) -> bool {
-        self.seen_share + self.masked_share >= SEEN_SHARE
+        self.masked_share > 0.0 && self.looked_at_share() + self.masked_share >= SEEN_SHARE
     }
 }
 
@@ -99,19 +115,18 @@ pub struct Footprint {
 }
 
 impl Footprint {
-    /// Projects the region's taught pixels, but for those that `masked_px` covers, quadrilaterals of the taught picture;
-    /// the window is their bounding box and `margin_px` more.
+    /// Projects the region's taught pixels, but for those that are left out; the window is their bounding box and a margin.
     pub(super) fn new(
         taught: &TaughtPanel,
         camera: &PinholeCamera,
         camera_from_panel: Rigid<Camera, Panel>,
-        (margin_px, masked_px): (usize, &[[[f64; 2]; 4]]),
+        Looked { margin_px, masked_px, sanded }: Looked<'_>,
     ) -> Result<Self, InspectError> {
-        let samples = region_samples(taught, masked_px);
+        let samples = region_samples(taught, masked_px, sanded);
         let mean_mm2 = mean_areas(&samples, taught.grids.len());
         let [mut whole_mm2, mut seen_mm2, mut masked_mm2] = [(); 3].map(|()| vec![0.0; mean_mm2.len()]);
         let mut held: Vec<(PixelPosition, Patch)> = Vec::with_capacity(samples.len());
-        for Sample { grid, point, area_mm2, masked } in samples {
+        for Sample { grid, point, area_mm2, masked, sanded } in samples {
             let area_mm2 = area_mm2.unwrap_or(mean_mm2[grid]);
             whole_mm2[grid] += area_mm2;
             if masked {
@@ -121,7 +136,10 @@ impl Footprint {
             let pixel = point.and_then(|point| camera.project(camera_from_panel * point)); // Eq. 4.6, 4.7, 3.11
             if let Some((column, row)) = pixel.and_then(|px| px.whole(camera.width_px, camera.height_px)) {
                 seen_mm2[grid] += area_mm2;
-                held.push((PixelPosition { row, column }, Patch { grid: grid as u32, area_mm2: area_mm2 as f32 }));
+                held.push((
+                    PixelPosition { row, column },
+                    Patch { grid: grid as u32, area_mm2: area_mm2 as f32, sanded },
+                ));
             }
         }
         held.sort_by_key(|(place, _)| *place);
@@ -160,7 +178,9 @@ impl Footprint {
         settings: &recipe::Inspect,
     ) -> Result<f64, InspectError> {
         let nominal = taught.panel_from_camera.inverse();
-        Ok(Footprint::new(taught, &taught.camera, nominal, (0, &settings.masked_px()))?.detection_limit_mm2())
+        let masked_px = &settings.masked_px();
+        let looked = Looked { masked_px, ..Looked::default() };
+        Ok(Footprint::new(taught, &taught.camera, nominal, looked)?.detection_limit_mm2())
     }
 
     /// The grids, row by row.
@@ -171,6 +191,30 @@ impl Footprint {
     /// The region's pixels.
     pub fn region(&self) -> Mask {
         self.to_picture(|index| self.inside[index])
+    }
+
+    /// Which pixels of the window show a place that was sanded since the dry picture: one between such pixels, too.
+    pub(super) fn sanded(&self) -> Vec<bool> {
+        let own: Vec<Option<bool>> = (0..self.inside.len())
+            .map(|index| {
+                let patches = &self.patches[self.starts[index] as usize..self.starts[index + 1] as usize];
+                (!patches.is_empty()).then(|| patches.iter().any(|patch| patch.sanded))
+            })
+            .collect();
+        let raster = self.window.raster();
+        let near = |index: usize| raster.neighbours(index, &AROUND).any(|next| own[next] == Some(true));
+        (0..own.len()).map(|index| own[index].unwrap_or_else(|| self.inside[index] && near(index))).collect()
+    }
+
+    /// How much of each grid was sanded since the dry picture, as a share of what is looked at.
+    pub(super) fn sanded_shares(&self) -> Vec<f64> {
+        let mut areas = vec![(0.0, 0.0); self.grids.len()];
+        for patch in &self.patches {
+            let (sanded, all) = &mut areas[patch.grid as usize];
+            *all += f64::from(patch.area_mm2);
+            *sanded += if patch.sanded { f64::from(patch.area_mm2) } else { 0.0 };
+        }
+        areas.into_iter().map(|(sanded, all)| sanded / all.max(f64::MIN_POSITIVE)).collect()
     }
 
     /// The broken surface of each grid where these pixels of the picture are broken, mm², in the order of the grids.

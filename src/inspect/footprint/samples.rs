@@ -13,10 +13,12 @@ pub struct Sample {
     pub point: Option<Point<Panel>>,
     pub area_mm2: Option<f64>,
     pub masked: bool,
+    /// It was sanded since the dry picture was taken.
+    pub sanded: bool,
 }
 
 /// The region's taught pixels. One without a point of its own, a drop-out, takes the surface through its neighbours.
-pub fn region_samples(taught: &TaughtPanel, masked_px: &[[[f64; 2]; 4]]) -> Vec<Sample> {
+pub fn region_samples(taught: &TaughtPanel, masked_px: &[[[f64; 2]; 4]], sanded: Option<&Mask>) -> Vec<Sample> {
     let masks: Vec<Vec<Pixel>> =
         masked_px.iter().map(|corners| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect()).collect();
     let corners =
@@ -32,7 +34,8 @@ pub fn region_samples(taught: &TaughtPanel, masked_px: &[[[f64; 2]; 4]]) -> Vec<
             .filter(|_| is_surrounded(&taught.mask, column, row))
             .and_then(|_| taught.scan.pixel_area_over_mm2(column, row, AREA_REACH_PX));
         let masked = masks.iter().any(|mask| polygon::contains(mask, pixel));
-        Some(Sample { grid, point: own.or_else(|| taught.surface_at(pixel)), area_mm2, masked })
+        let sanded = sanded.is_some_and(|sanded| sanded.contains(column, row));
+        Some(Sample { grid, point: own.or_else(|| taught.surface_at(pixel)), area_mm2, masked, sanded })
     };
     rows.flat_map(|row| columns.clone().map(move |column| (column, row))).filter_map(sample).collect()
 }

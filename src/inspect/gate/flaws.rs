@@ -1,7 +1,7 @@
 //! What is wrong with the pictures of a film that cannot be judged by, in words.
 
 use super::super::observed::Observation;
-use super::super::quality::{Flaw, Flawed, MIN_SHARPNESS, MIN_TOLD, Quality};
+use super::super::quality::{Flaw, Flawed, MIN_SHARPNESS, Quality};
 use super::super::steady::LEAST_SEEN_PERCENT;
 use crate::recipe;
 use crate::words::apart;
@@ -19,7 +19,6 @@ pub(super) fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings:
     let (limit, decimals) = match flaw {
         Flaw::Darker => (darker_percent, 1),
         Flaw::Brighter => (brighter_percent, 1),
-        Flaw::Untold => (100.0 * MIN_TOLD, 0),
         Flaw::Bright => (settings.max_bright_percent(), 1),
         Flaw::Moved => (settings.max_moved_px(), 1),
         Flaw::Focus => (MIN_SHARPNESS, 2),
@@ -43,11 +42,7 @@ pub(super) fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings:
              darker or brighter, so that nobody knows which of lamp and water made it so; set the exposure to a multiple of 10 ms where the \
              mains have 50 Hz and of 8.33 ms at 60 Hz, or use a lamp that does not flicker"
         ),
-        Flaw::Untold => format!(
-            "as little as {worst} % of the region is as bright as wet and dry places are in one light (needed {limit} %); keep \
-             other light and shadows away"
-        ),
-        Flaw::Bright => format!("glints or overexposure hide up to {worst} % of the region (allowed {limit} %)"),
+        Flaw::Bright => format!("up to {worst} % of the region is overexposed (limit {limit} %)"),
         Flaw::Moved => {
             format!("the panel lies up to {worst} px from where the first picture has it (allowed {limit} px)")
         }

@@ -22,12 +22,13 @@ fn good() -> Observation {
         has_dry: true,
         never_wet_percent: 0.0,
         film_left: Some(0.6),
-        dry_levels: 70.0,
+        change_levels: Some(20.0),
+        noise_levels: 1.0,
         detection_limit_mm2: 3.0,
         is_place_assumed: false,
         quality: Quality::default(),
     };
-    observation.quality.usable = 10;
+    (observation.quality.usable, observation.quality.usable_s) = (10, 10.0);
     observation
 }
 
@@ -36,12 +37,13 @@ fn codes(observation: &Observation) -> Vec<String> {
     judgement.reasons.into_iter().map(|reason| reason.code.to_string()).collect()
 }
 
-/// By hand: 8 of 10 pictures, 5 intervals, 15 levels of which the film takes 0.4, and a fifth of the edge are enough.
+/// By hand: 8 of 10 seconds, 5 intervals, a film that changes the panel by six times the noise, and a fifth of the edge are enough.
 #[test]
 fn each_demand_is_kept_at_its_limit_and_not_beyond() {
-    let usable = |usable: usize, longest_unseen_s: f64| {
+    let usable = |usable_s: f64, longest_unseen_s: f64| {
         let mut observation = good();
-        (observation.quality.usable, observation.quality.longest_unseen_s) = (usable, longest_unseen_s);
+        (observation.quality.usable, observation.quality.usable_s) = (8, usable_s);
+        observation.quality.longest_unseen_s = longest_unseen_s;
         observation
     };
     let first = |sharpness: f64| {
@@ -57,9 +59,17 @@ fn each_demand_is_kept_at_its_limit_and_not_beyond() {
     let pairs = [
         (good(), Observation { has_dry: false, ..good() }, "no_dry_picture"),
         (Observation { observed_s: 9.0, ..good() }, Observation { observed_s: 8.9, ..good() }, "too_short"),
-        (Observation { frames: 8, ..good() }, Observation { frames: 7, ..good() }, "too_few_frames"),
         (Observation { longest_gap_s: 5.0, ..good() }, Observation { longest_gap_s: 5.1, ..good() }, "gap"),
-        (Observation { dry_levels: 15.1, ..good() }, Observation { dry_levels: 14.9, ..good() }, "dark"),
+        (
+            Observation { change_levels: Some(6.1), ..good() },
+            Observation { change_levels: Some(5.9), ..good() },
+            "dark",
+        ),
+        (
+            Observation { change_levels: Some(12.1), noise_levels: 2.0, ..good() },
+            Observation { change_levels: Some(11.9), noise_levels: 2.0, ..good() },
+            "dark",
+        ),
         (
             Observation { never_wet_percent: 20.0, ..good() },
             Observation { never_wet_percent: 20.1, ..good() },
@@ -75,8 +85,8 @@ fn each_demand_is_kept_at_its_limit_and_not_beyond() {
         (off(false, Some(1.5)), off(false, Some(1.6)), "elsewhere"),
         (off(true, Some(1.5)), off(true, None), "elsewhere"),
         (off(false, None), off(true, Some(8.0)), "elsewhere"),
-        (usable(8, 5.0), usable(7, 5.0), "light"),
-        (usable(8, 5.0), usable(8, 5.1), "light"),
+        (usable(8.0, 5.0), usable(7.9, 5.0), "light"),
+        (usable(8.0, 5.0), usable(8.0, 5.1), "light"),
     ];
     for (kept, missed, code) in pairs {
         assert_eq!((codes(&kept), codes(&missed)), (vec![], vec![code.to_owned()]), "{missed:?}");
@@ -87,7 +97,7 @@ fn each_demand_is_kept_at_its_limit_and_not_beyond() {
 #[test]
 fn the_limit_that_was_broken_is_named() {
     let mut quality = good().quality;
-    (quality.usable, quality.longest_unseen_s) = (7, 6.0);
+    (quality.usable, quality.usable_s, quality.longest_unseen_s) = (7, 7.0, 6.0);
     quality.flawed[Flaw::Brighter as usize] = Flawed { pictures: 2, worst: 36.4 };
     quality.flawed[Flaw::Focus as usize] = Flawed { pictures: 1, worst: 0.4 };
     let judgement = judge(&Observation { quality, ..good() }, &[], &DEMANDS, &inspect_table("")).judgement;
@@ -102,7 +112,8 @@ fn the_limit_that_was_broken_is_named() {
 fn an_outline_that_does_not_agree_is_told_from_one_that_is_not_seen() {
     let told = |flaw: Flaw, worst: f64| {
         let mut observation = good();
-        (observation.quality.usable, observation.quality.longest_unseen_s) = (7, 6.0);
+        (observation.quality.usable, observation.quality.usable_s) = (7, 7.0);
+        observation.quality.longest_unseen_s = 6.0;
         observation.quality.flawed[flaw as usize] = Flawed { pictures: 3, worst };
         let judgement = judge(&observation, &[], &DEMANDS, &inspect_table("")).judgement;
         judgement.reasons[0].message.clone()

@@ -1,17 +1,22 @@
 //! Queries of the model: the state of each pixel of the window.
 
-use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, OPEN, RUN};
-use super::light::TILE_PX;
-use super::unseen::was_seen;
-use super::{Mirror, Model};
+use super::judging::TICKS_A_SECOND;
+use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, LOOK, NO_DRY, OPEN, STEPPED};
+use super::{Model, Shimmer};
+use crate::geometry::median;
 
-/// A tile of the region under a film that takes the same fraction everywhere.
-pub struct TileFilm {
-    /// How bright it is when dry, grey levels.
-    pub dry_levels: f64,
-    /// By how much the film changes it, grey levels.
-    pub change_levels: f64,
-}
+/// A pixel that showed nothing for a larger share of the film was not seen …
+const MOST_UNSEEN: f64 = 0.5;
+/// … nor was one that shows nothing for longer than this at the end, s: reflections move on sooner, and a break stays.
+const MOST_UNSEEN_AT_END_S: f64 = 3.0;
+/// A film that changes a place by less than this many times the noise is not told from a break.
+pub const MIN_CONTRAST_TO_NOISE: f64 = 4.0;
+/// Brighter than this against its dry look a place is not bare, in any light that is told.
+const BRIGHT: f32 = 1.15;
+/// One pixel in this many says what the film leaves of the dry look.
+const FILM_EVERY: usize = 7;
+/// Fewer of them do not say what film leaves in general.
+const ENOUGH_FILM: usize = 100;
 
 impl Model {
     /// Block and place in it of a pixel of the window.
@@ -20,138 +25,207 @@ impl Model {
         (row * self.columns + column / BLOCK_PX, column % BLOCK_PX)
     }
 
-    fn kept(&self, index: usize) -> u16 {
+    fn state(&self, index: usize) -> u16 {
         let (block, at) = self.at(index);
-        self.kept[block][at]
+        self.state[block][at]
     }
 
-    /// How bright the region is when dry, grey levels.
-    pub fn mean_dry_levels(&self) -> f64 {
-        if let Some(mirror) = &self.mirror {
-            return mirror.mean_dry_levels();
-        }
-        let inside =
-            self.kept.as_flattened().iter().zip(self.dry.as_flattened()).filter(|(kept, _)| **kept & INSIDE > 0);
-        let (sum, count) = inside.fold((0_u64, 0_u64), |(sum, count), (_, dry)| (sum + u64::from(*dry), count + 1));
-        sum as f64 / count.max(1) as f64 / f64::from(LEVEL)
+    fn dry_levels(&self, index: usize) -> f64 {
+        let (block, at) = self.at(index);
+        f64::from(self.dry[block][at]) / f64::from(LEVEL)
     }
 
-    /// The tile of a pixel of the window, as [`Model::tiles`] has them.
-    pub fn tile_of(&self, index: usize) -> usize {
-        let (row, column) = (index / self.window.width, index % self.window.width);
-        row / TILE_PX * self.columns + column / TILE_PX
+    fn wet_levels(&self, index: usize) -> f64 {
+        let (block, at) = self.at(index);
+        f64::from(self.wet[block][at]) / f64::from(LEVEL)
     }
 
-    /// Each tile of the region, where the clip determined what the film leaves; `None` where none of the region lies in it. Where a
-    /// film mirrors more than elsewhere it takes less away.
-    pub fn tiles(&self) -> Option<Vec<Option<TileFilm>>> {
-        let film = self.film()?;
-        let mut sums = vec![(0_u64, 0_u64); self.kept.len() / TILE_PX];
-        for (block, (kept, dry)) in self.kept.iter().zip(&self.dry).enumerate() {
-            let tile = &mut sums[block / self.columns / TILE_PX * self.columns + block % self.columns];
-            for (_, dry) in kept.iter().zip(dry).filter(|(kept, _)| **kept & INSIDE > 0) {
-                *tile = (tile.0 + u64::from(*dry), tile.1 + 1);
-            }
-        }
-        let tile = |((sum, count), (beyond, pictures)): ((u64, u64), &(f64, u32))| {
-            let dry_levels = (count > 0).then(|| sum as f64 / count as f64 / f64::from(LEVEL))?;
-            let beyond = if *pictures > 0 { (beyond / f64::from(*pictures)).max(1.0) } else { 1.0 };
-            Some(TileFilm { dry_levels, change_levels: dry_levels * (1.0 - film * beyond) })
-        };
-        Some(sums.into_iter().zip(&self.beyond).map(tile).collect())
+    /// How long a place must look bare to have broken, s.
+    pub fn persist_s(&self) -> f32 {
+        self.terms.persist_s as f32
+    }
+
+    /// The clip's noise, grey levels.
+    pub fn noise_levels(&self) -> f64 {
+        self.noise.levels()
+    }
+
+    /// The median over the region's pixels that have a dry look, were seen wet and did not break.
+    fn median(&self, of: impl Fn(usize) -> f64) -> Option<f64> {
+        let counts = |index: &usize| self.state(*index) & (INSIDE | NO_DRY | EVER_WET | BROKE) == INSIDE | EVER_WET;
+        let all = (0..self.window.width * self.window.height).step_by(FILM_EVERY).filter(counts);
+        let mut values: Vec<f64> = all.map(of).collect();
+        median(&mut values)
+    }
+
+    /// The look of a pixel's film, levels.
+    pub fn wet_look_levels(&self, index: usize) -> f64 {
+        self.wet_levels(index)
+    }
+
+    /// What moves on the places without a dry look, if there are any.
+    pub fn shimmer(&self) -> Option<&Shimmer> {
+        self.shimmer.as_ref()
+    }
+
+    /// The variance of the sensor's noise in a site of the shimmer at a film of this look, levels²; `None` if it was not measured.
+    pub fn site_variance(&self, index: usize, look_levels: f64) -> Option<f64> {
+        let (block, _) = self.at(index);
+        let view = self.views.chosen[self.views.tile_of(block)];
+        let [of_channel, of_mean] = self.lamp.sensor().map(|sensor| sensor.variance(look_levels));
+        Some(self.views.variance(view, of_channel?, of_mean?))
+    }
+
+    /// What the film leaves of the dry look, measured by its wet looks.
+    pub(super) fn measured_film(&self) -> Option<f64> {
+        self.median(|index| self.wet_levels(index) / self.dry_levels(index).max(1.0))
+    }
+
+    /// What the film leaves of the dry look, if the clip determined it.
+    pub fn film(&self) -> Option<f64> {
+        self.film_left
+    }
+
+    /// By how much the film changes the region, grey levels: the median.
+    pub fn change_levels(&self) -> Option<f64> {
+        self.median(|index| (self.wet_levels(index) - self.dry_levels(index)).abs())
     }
 
     /// A pixel's dry brightness, of any unit.
     pub fn dry_brightness(&self, index: usize) -> f64 {
-        let (block, at) = self.at(index);
-        f64::from(self.dry[block][at])
+        self.dry_levels(index)
     }
 
     /// Whether a pixel of the window was looked at.
     pub fn sees(&self, index: usize) -> bool {
-        if let Some(mirror) = &self.mirror {
-            return mirror.sees(index);
-        }
-        self.kept(index) & INSIDE > 0
+        self.state(index) & INSIDE > 0
     }
 
-    /// Whether it showed that it is wet or dry, and did so in half of the pictures and near the end: no glint, nothing that
-    /// flickers.
+    /// Whether a pixel is judged by its wet look alone.
+    pub fn is_without_dry(&self, index: usize) -> bool {
+        self.state(index) & NO_DRY > 0
+    }
+
+    /// Whether it showed film or a bare place for half of the time, and near the end, and did not take a look that is neither.
     pub fn saw(&self, index: usize) -> bool {
-        if let Some(mirror) = &self.mirror {
-            return mirror.saw(index);
-        }
         let (block, at) = self.at(index);
-        self.sees(index)
-            && self.kept(index) & (EVER_WET | BROKE | RUN) > 0
-            && was_seen(self.past[block].unseen[at], self.past[block].unseen_now[at], &self.times_s)
+        let (past, state) = (&self.past[block], self.state(index));
+        let Some(last_s) = self.times_s.last().copied().map(f64::from) else { return false };
+        let unseen_s = f64::from(past.unseen[at]) / TICKS_A_SECOND;
+        let seen_s = f64::from(self.times_s[usize::from(past.seen_at[at])]);
+        // A block that was left alone since it was calm showed its film.
+        let is_calm = state & super::kernel::BUSY == 0;
+        state & INSIDE > 0
+            && state & (EVER_WET | BROKE) > 0
+            && state & STEPPED == 0
+            && unseen_s <= MOST_UNSEEN * last_s
+            && (is_calm || last_s - seen_s <= MOST_UNSEEN_AT_END_S)
     }
 
     /// Whether it was seen wet in a picture.
     pub fn ever_wet(&self, index: usize) -> bool {
-        if let Some(mirror) = &self.mirror {
-            return mirror.ever_wet(index);
-        }
-        self.kept(index) & EVER_WET > 0
+        self.state(index) & EVER_WET > 0
     }
 
     /// Whether its film is open now.
     pub fn is_open(&self, index: usize) -> bool {
-        if let Some(mirror) = &self.mirror {
-            return mirror.is_open(index);
-        }
-        self.kept(index) & OPEN > 0
+        self.state(index) & OPEN > 0
     }
 
-    /// How long its film was open, where it broke and closed again, s.
+    /// How long its film was open, if it broke and closed again, s.
     pub fn was_open_s(&self, index: usize) -> Option<f32> {
-        if let Some(mirror) = &self.mirror {
-            return mirror.was_open_s(index);
-        }
         let (block, at) = self.at(index);
         let (past, time_s) = (&self.past[block], |picture: u16| self.times_s[usize::from(picture)]);
-        (self.kept(index) & (BROKE | OPEN) == BROKE).then(|| time_s(past.until[at]) - time_s(past.since[at]))
+        (self.state(index) & (BROKE | OPEN) == BROKE).then(|| time_s(past.until[at]) - time_s(past.since[at]))
     }
 
-    /// How far from its dry brightness it was while it looked dry, as a share of what the film takes.
-    pub fn off_dry(&self, index: usize) -> f32 {
+    /// The look to which its shares refer, levels: its dry look, or its film's if it has none.
+    fn whole_levels(&self, index: usize) -> f64 {
+        let levels = if self.is_without_dry(index) { self.wet_levels(index) } else { self.dry_levels(index) };
+        levels.max(1.0)
+    }
+
+    /// Its look while it looked bare, as a share of its dry look; of a place without one, of its film's.
+    pub fn bare_look(&self, index: usize) -> f32 {
         let (block, at) = self.at(index);
-        f32::from(self.past[block].off[at] as i16)
-            / (f32::from(self.dry[block][at]) * (1.0 - self.wetting.film as f32)).max(1.0)
+        let off_levels = f64::from(self.past[block].off[at] as i16) / f64::from(LEVEL);
+        (1.0 + off_levels / self.whole_levels(index)) as f32
     }
 
-    /// Whether film and dry differ enough there to tell one from the other.
+    /// Its look while it looked bare, and its look in the last picture, grey levels, both in the light of its film's look.
+    pub fn levels(&self, index: usize) -> [f32; 2] {
+        let (block, at) = self.at(index);
+        let gain = self.light.of_tile(self.views.tile_of(block));
+        let now = f64::from(self.look[block][at] & LOOK) / f64::from(LEVEL) / gain;
+        [self.bare_look(index) * self.whole_levels(index) as f32, now as f32]
+    }
+
+    /// Its film's look in the same shares.
+    pub fn film_look(&self, index: usize) -> f32 {
+        (self.wet_levels(index) / self.whole_levels(index)) as f32
+    }
+
+    /// The standard deviation of [`Model::bare_look`], in the same shares: that of a mean look, and of the look that it is held against.
+    pub fn bare_look_noise(&self, index: usize) -> f32 {
+        let of_whole = match self.is_without_dry(index) {
+            true => self.wet_variance,
+            false => 1.0 / f64::from(self.dry_pictures.max(1)),
+        };
+        let share = f64::from(self.bare_look(index));
+        let variance = self.bare_variance + share * share * of_whole;
+        (self.noise_levels() * variance.sqrt() / self.whole_levels(index)) as f32
+    }
+
+    /// What the film leaves of the dry look, from the 20th to the last but the 20th part of the region's known film; `None` if nothing is
+    /// known.
+    pub fn film_range(&self) -> Option<[f64; 2]> {
+        let counts = |index: &usize| self.state(*index) & (INSIDE | NO_DRY | EVER_WET | BROKE) == INSIDE | EVER_WET;
+        let all = (0..self.window.width * self.window.height).step_by(FILM_EVERY).filter(counts);
+        let mut shares: Vec<f64> = all.map(|index| f64::from(self.film_look(index))).collect();
+        shares.sort_by(f64::total_cmp);
+        let part = shares.len() / 20;
+        (shares.len() >= ENOUGH_FILM).then(|| [shares[part], shares[shares.len() - 1 - part]])
+    }
+
+    /// The least share of its dry look to which a broken place comes back.
+    pub fn damp(&self) -> f64 {
+        self.terms.damp
+    }
+
+    /// By how many times the noise a break that is as damp as allowed differs from the film there.
+    pub fn contrast_to_noise(&self, index: usize) -> f64 {
+        let wet = self.wet_levels(index);
+        let (least, most) = if self.is_without_dry(index) {
+            let dry = wet / self.film_left.unwrap_or(super::FILM_ASSUMED);
+            (self.terms.damp * dry, dry)
+        } else {
+            let dry = self.dry_levels(index);
+            (self.terms.damp * dry, dry)
+        };
+        let gap = if wet < least { least - wet } else { wet - most };
+        gap / self.noise.levels()
+    }
+
+    /// Whether film and a bare place differ enough there to tell one from the other.
     pub fn has_contrast(&self, index: usize) -> bool {
-        self.mirror.as_ref().is_none_or(|mirror| mirror.has_contrast(index))
+        self.contrast_to_noise(index) >= MIN_CONTRAST_TO_NOISE
     }
 
-    /// The film as a mirror, where it is judged as one.
-    pub fn mirror(&self) -> Option<&Mirror> {
-        self.mirror.as_deref()
+    /// Whether its film is brighter than any bare place there.
+    pub fn is_bright(&self, index: usize) -> bool {
+        !self.is_without_dry(index) && self.sees(index) && self.film_look(index) > BRIGHT
     }
 
-    /// When its film broke, s; `None` where it did not.
+    /// When its film broke, s; `None` if it did not.
     pub fn broke_s(&self, index: usize) -> Option<f32> {
-        if let Some(mirror) = &self.mirror {
-            return mirror.broke_s(index);
-        }
-        (self.kept(index) & BROKE > 0).then(|| self.since_s(index))
+        (self.state(index) & BROKE > 0).then(|| self.since_s(index))
     }
 
-    /// Since when it has looked dry, though not long enough to count, or long enough beside a glint.
-    pub fn looks_dry_since_s(&self, index: usize) -> Option<f32> {
-        if let Some(mirror) = &self.mirror {
-            return mirror.looks_dry_since_s(index);
-        }
-        let kept = self.kept(index);
-        if kept & (BROKE | INSIDE) != INSIDE {
-            return None;
-        }
+    /// Since when it has looked bare, though not long enough to count.
+    pub fn looks_bare_since_s(&self, index: usize) -> Option<f32> {
         let (block, at) = self.at(index);
-        let beside = usize::from(self.past[block].beside_glint[at]);
-        // Half of what makes a break: that it belongs to one is told by the break it reaches.
-        let is_long = beside > 0 && 2 * (self.times_s.len() - beside) > usize::from(self.persist);
-        (kept & RUN > 0).then(|| self.since_s(index)).or_else(|| is_long.then(|| self.times_s[beside - 1]))
+        let looks_bare = self.state(index) & (BROKE | INSIDE) == INSIDE && self.past[block].run[at] > 0;
+        looks_bare.then(|| self.since_s(index))
     }
 
     fn since_s(&self, index: usize) -> f32 {

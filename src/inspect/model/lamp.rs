@@ -4,10 +4,12 @@
 //! Lamps on the mains tint pictures whose exposure is no multiple of half of the mains' period, each channel by its own share:
 //! phosphors are slow, the diode that feeds them is not. Taken channel by channel, that beat is light like any other.
 //!
-//! What became wet around the panel is darker, too, as if the lamp were: no lamp is told to be as dark, and of one that [`Flicker`]s as
-//! much nobody knows whether it or water made the surroundings darker.
+//! What became wet around the panel is darker, too, as if the lamp were: no lamp is taken to be as dark, and of one that [`Flicker`]s as
+//! much it is not known if it or water made the surroundings darker. Water makes nothing brighter: if they are brighter than any lamp
+//! that drifts, or saturate, the camera's exposure or gain has changed.
 
 use super::flicker::Flicker;
+use super::sensor::SensorNoise;
 use crate::geometry::{ColorPicture, median};
 use crate::inspect::footprint::Window;
 
@@ -20,6 +22,8 @@ const MIN_PLACES: usize = 60;
 const LEVELS: std::ops::RangeInclusive<u8> = 16..=235;
 /// No lamp changes by more while a panel is tested: what lies around it became wet.
 const PLAUSIBLE: std::ops::Range<f64> = 0.77..1.3;
+/// From this level on a place may be overexposed, and says only that it is at least as bright.
+const SATURATED: u8 = 250;
 /// A place agrees where it is this near to the median.
 const NEAR: f64 = 0.08;
 /// So much of what lies around the panel must agree on the light.
@@ -30,10 +34,13 @@ const MIN_AGREE: f64 = 0.5;
 pub struct Lamp {
     places: Vec<(usize, [f64; 3])>,
     flicker: Flicker,
+    /// What the square about each place showed last, in the dry picture's light.
+    last: Vec<[f64; 3]>,
+    sensor: [SensorNoise; 2],
 }
 
 /// The light of one picture.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Lit {
     /// Of each channel, against the dry picture.
     pub gains: [f64; 3],
@@ -41,9 +48,13 @@ pub struct Lit {
     pub agree: f64,
     /// The mean swing of a lamp that flickers, where the places agree on a light that no lamp has; else 0. Percent.
     pub flicker_percent: f64,
+    /// The mean gain, if the places agree that it is more than a lamp's drift.
+    pub brighter: Option<f64>,
 }
 
 impl Lit {
+    const UNKNOWN: Lit = Lit { gains: [1.0; 3], agree: 0.0, flicker_percent: 0.0, brighter: None };
+
     /// Of each channel, where enough of the places agree.
     pub fn sure(&self) -> Option<[f64; 3]> {
         (self.agree >= MIN_AGREE).then_some(self.gains)
@@ -71,34 +82,93 @@ impl Lamp {
                 }
             }
         }
-        Lamp { places, flicker: Flicker::default() }
+        Lamp { places, ..Lamp::default() }
     }
 
     /// Around this window in the next dry picture.
     pub fn and_around(&mut self, window: &Window, dry: &ColorPicture) {
         self.at(dry);
-        *self = Lamp { flicker: self.flicker.against_this(), ..Lamp::around(window, dry) };
+        let sensor = std::mem::take(&mut self.sensor);
+        *self = Lamp { flicker: self.flicker.against_this(), sensor, ..Lamp::around(window, dry) };
     }
 
     /// The light of the next picture.
     pub fn at(&mut self, picture: &ColorPicture) -> Lit {
         if self.places.len() < MIN_PLACES {
-            return Lit { gains: [1.0; 3], agree: 0.0, flicker_percent: 0.0 };
+            return Lit::UNKNOWN;
+        }
+        let ratio = |now: u8, dry: f64| (f64::from(now) + 0.01) / dry;
+        let is_saturated = |index: usize| picture.rgb[index].iter().any(|level| *level >= SATURATED);
+        let (saturated, told): (Vec<_>, Vec<_>) = self.places.iter().partition(|(index, _)| is_saturated(*index));
+        if told.len() < MIN_PLACES.max(saturated.len()) {
+            let mut least: Vec<f64> =
+                saturated.iter().map(|(index, dry)| ratio(picture.rgb[*index][1], dry[1])).collect();
+            let least = median(&mut least).filter(|least| *least >= PLAUSIBLE.end);
+            return Lit { brighter: least, ..Lit::UNKNOWN };
         }
         let mut ratios = [0, 1, 2].map(|i| -> Vec<f64> {
-            self.places.iter().map(|(index, dry)| (f64::from(picture.rgb[*index][i]) + 0.01) / dry[i]).collect()
+            told.iter().map(|(index, dry)| ratio(picture.rgb[*index][i], dry[i])).collect()
         });
         let gains = ratios.each_mut().map(|ratios| most(ratios));
         let near = ratios
             .iter()
             .zip(gains)
             .map(|(ratios, gain)| ratios.iter().filter(|ratio| is_near(**ratio, gain)).count());
-        let agree = near.sum::<usize>() as f64 / (3 * self.places.len()) as f64;
+        let agree = near.sum::<usize>() as f64 / (3 * told.len()) as f64;
+        self.take_noise(picture, gains);
         let flicker_percent = self.flicker.percent_with(gains);
         if gains.iter().all(|gain| PLAUSIBLE.contains(gain)) {
-            return Lit { gains, agree, flicker_percent: 0.0 };
+            return Lit { gains, agree, flicker_percent: 0.0, brighter: None };
         }
-        Lit { gains, agree: 0.0, flicker_percent: if agree < MIN_AGREE { 0.0 } else { flicker_percent } }
+        if agree < MIN_AGREE {
+            return Lit { gains, ..Lit::UNKNOWN };
+        }
+        let mean = gains.iter().sum::<f64>() / 3.0;
+        Lit { gains, flicker_percent, brighter: (mean >= PLAUSIBLE.end).then_some(mean), ..Lit::UNKNOWN }
+    }
+}
+
+impl Lamp {
+    /// The sensor's noise in the means of squares of [`Lamp::SIDE_PX`]: of one channel, and of the mean of all three. Neighbours and channels of
+    /// a colour picture are not independent, so that neither follows from the noise of a pixel.
+    pub fn sensor(&self) -> [&SensorNoise; 2] {
+        self.sensor.each_ref()
+    }
+
+    /// The side of the squares whose noise is measured, px.
+    pub const SIDE_PX: usize = 4;
+
+    fn take_noise(&mut self, picture: &ColorPicture, gains: [f64; 3]) {
+        let side = Lamp::SIDE_PX;
+        // A saturated pixel has no noise: such a place says nothing.
+        let now = |(index, _): &(usize, [f64; 3])| -> [f64; 3] {
+            let left = (index % picture.width).min(picture.width.saturating_sub(side));
+            let top = (index / picture.width).min(picture.height.saturating_sub(side));
+            let mut sums = [0.0; 3];
+            for row in top..(top + side).min(picture.height) {
+                for rgb in &picture.rgb[row * picture.width + left..][..side.min(picture.width)] {
+                    let level = |i: usize| if rgb[i] >= SATURATED { f64::NAN } else { f64::from(rgb[i]) };
+                    (0..3).for_each(|i| sums[i] += level(i));
+                }
+            }
+            std::array::from_fn(|i| sums[i] / gains[i] / (side * side) as f64)
+        };
+        let mut now: Vec<[f64; 3]> = self.places.iter().map(now).collect();
+        if self.last.len() == now.len() {
+            // The squares say better than single pixels what is common to them.
+            for i in 0..3 {
+                let shares = self.last.iter().zip(&now).map(|(before, now)| now[i] / before[i]);
+                let mut shares: Vec<f64> = shares.filter(|share| share.is_finite()).collect();
+                let common = median(&mut shares).unwrap_or(1.0);
+                now.iter_mut().for_each(|now| now[i] /= common);
+            }
+            let mean = |rgb: &[f64; 3]| rgb.iter().sum::<f64>() / 3.0;
+            for (before, now) in self.last.iter().zip(&now) {
+                (0..3).for_each(|i| self.sensor[0].take(before[i], now[i]));
+                self.sensor[1].take(mean(before), mean(now));
+            }
+        }
+        self.last = now;
     }
 }
 
@@ -137,11 +207,18 @@ mod tests {
         assert_eq!(wet.agree, 0.0, "all around became wet: no lamp");
         let whole = Window { left: 0, top: 0, width: 160, height: 120 };
         let none = Lamp::around(&whole, &ColorPicture::filled(160, 120, [100; 3])).at(&now);
-        assert_eq!(
-            none,
-            Lit { gains: [1.0; 3], agree: 0.0, flicker_percent: 0.0 },
-            "nothing lies around the panel"
-        );
+        assert_eq!(none, Lit::UNKNOWN, "nothing lies around the panel");
+    }
+
+    /// By hand: surroundings of 100 levels that become 180 are 1.8 times as bright; those of 190 saturate, at least 1.34 times.
+    #[test]
+    fn an_exposure_that_changed_is_no_lamp_and_no_water() {
+        let window = Window { left: 40, top: 30, width: 80, height: 60 };
+        for (dry, now, least) in [(100, 180, 1.79), (190, 255, 1.33)] {
+            let mut lamp = Lamp::around(&window, &ColorPicture::filled(160, 120, [dry; 3]));
+            let lit = lamp.at(&ColorPicture::filled(160, 120, [now; 3]));
+            assert!(lit.sure().is_none() && lit.brighter.is_some_and(|gain| gain >= least), "{lit:?}");
+        }
     }
 
     /// By hand: of five places two became wet, and the others are 3 % darker, as bright, and 3 % brighter: the median of all is 0.97, that

@@ -1,13 +1,11 @@
-//! The light over the region in one picture, against the dry picture: smooth in the picture, free in time.
+//! The light over the region in one picture, against the looks of its film: smooth in the picture, free in time.
 //!
-//! Each tile of 32 × 32 px says by which factor it is brighter than its pixels' states let expect. Pixels that just
-//! became wet or dry are far from that factor (a film takes a third or more) and have no part in it: neither has a
-//! glint. A tile's factor is then a mean over its neighbours, bounded from above by little more than the region's median:
-//! a shadow darkens a part, nothing brightens a part alone. So a break that fills a tile is not taken for light.
+//! Each tile of 32 × 32 px says by which factor its film is brighter than its wet look. Pixels that just became wet or bare are far
+//! from that factor (a film takes a third or more) and have no part in it: neither has a glint. A tile's factor is then a mean over its
+//! neighbours, and bounded: a shadow darkens a part, nothing brightens a part alone. So a break that fills a tile is not taken for light.
 //!
-//! A film that removes more in one part than in another looks like a shadow there, and a film that removes more as time passes looks
-//! like a lamp that fades. A place that breaks then is brighter than dry in that light. So the light has a ceiling, the median or
-//! what lies around the panel, and only what is brighter than dry under the ceiling is a glint.
+//! If the surroundings of the panel show the lamp, its change is taken out of the looks before ([`super::lamp`]). What is left of the light
+//! then is a shadow, and what is more is a film that thins out: on a bare place the light is never more than the lamp's.
 
 use super::kernel::{BLOCK_PX, Block, CELL_PX, CELLS, Sum};
 
@@ -21,51 +19,53 @@ const MIN_SHARE: f64 = 0.25;
 /// How much brighter or darker than the region's median a tile may be.
 const LOCALLY: [f64; 2] = [0.55, 1.08];
 
-/// The panel's light against that of its surroundings, where both nearly agree.
-const AGREES: std::ops::RangeInclusive<f64> = 0.95..=1.05;
-
 /// The light of one picture.
 #[derive(Debug, Clone)]
 pub struct Light {
     columns: usize,
-    /// Of each tile, row by row; 1 is the dry picture's.
+    /// Of each tile, row by row; 1 is that of the wet looks.
     tiles: Vec<f64>,
     /// The region's median.
     pub global: f64,
-    /// The brightest light that any place may have: what is dry is as bright as that at most.
-    pub ceiling: f64,
-    /// The share of the region that contributed to it.
-    pub share: f64,
-    /// Of each tile that says anything by how much it is brighter than the region's median.
-    pub beyond: Vec<Option<f64>>,
+    /// Does the lamp's own change play no part in it?
+    without_lamp: bool,
 }
 
 impl Light {
-    /// The dry picture's own light on a lattice of tiles.
+    /// The same light as that of the wet looks, on a lattice of tiles.
     pub fn even(columns: usize, rows: usize) -> Self {
-        Light {
-            columns,
-            tiles: vec![1.0; columns * rows],
-            global: 1.0,
-            ceiling: 1.0,
-            share: 1.0,
-            beyond: vec![None; columns * rows],
-        }
+        Light { columns, tiles: vec![1.0; columns * rows], global: 1.0, without_lamp: false }
     }
 
-    /// The light by the tiles' sums, each with its pixels in the region; beside what lies around the panel in so much light, where that
-    /// is known.
-    pub fn found(&self, sums: &[Sum], inside: &[u32], around: Option<f64>) -> Light {
+    /// The light of the first wet picture, which is that of the wet looks.
+    pub fn first(&self, without_lamp: bool) -> Light {
+        Light { tiles: vec![1.0; self.tiles.len()], global: 1.0, without_lamp, ..*self }
+    }
+
+    /// Whether the lamp's own change plays no part in it.
+    pub fn is_without_lamp(&self) -> bool {
+        self.without_lamp
+    }
+
+    /// The light on a tile, against the first wet picture.
+    pub fn of_tile(&self, tile: usize) -> f64 {
+        self.tiles[tile].max(f64::MIN_POSITIVE)
+    }
+
+    /// The light by the tiles' sums, each with its pixels in the region.
+    pub fn found(&self, sums: &[Sum], inside: &[u32], without_lamp: bool) -> Light {
         let known =
             |i: usize| f64::from(sums[i].pixels) >= MIN_SHARE * f64::from(inside[i]) && sums[i].expected > 0;
         let ratio = |i: usize| f64::from(sums[i].found) / f64::from(sums[i].expected);
         let mut ratios: Vec<(f64, u32)> =
             (0..sums.len()).filter(|&i| inside[i] > 0 && known(i)).map(|i| (ratio(i), inside[i])).collect();
         ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let global = weighted_median(&ratios).unwrap_or(self.global);
+        let last = if without_lamp == self.without_lamp { self.global } else { 1.0 };
+        let median = weighted_median(&ratios).unwrap_or(last);
+        // A film that broke all over is brighter than any that thinned out, and no lamp says so.
+        let global = if without_lamp { median.clamp(LOCALLY[0], LOCALLY[1]) } else { median };
         let rows = self.tiles.len() / self.columns;
-        // A shadow may lie on more than half of the region.
-        let bounds = [LOCALLY[0] * global, (LOCALLY[1] * global).max(around.unwrap_or(0.0))];
+        let bounds = LOCALLY.map(|bound| if without_lamp { bound } else { bound * global });
         let neighbours = |i: usize| {
             let (column, row) = (i % self.columns, i / self.columns);
             let columns = column.saturating_sub(1)..(column + 2).min(self.columns);
@@ -83,32 +83,7 @@ impl Light {
             }
             if weight > 0.0 { sum / weight } else { global }
         };
-        let told: u64 = sums.iter().map(|sum| u64::from(sum.pixels)).sum();
-        let all: u64 = inside.iter().copied().map(u64::from).sum();
-        let light = Light {
-            columns: self.columns,
-            tiles: (0..sums.len()).map(smooth).collect(),
-            global,
-            ceiling: global,
-            share: told as f64 / all.max(1) as f64,
-            beyond: (0..sums.len()).map(|i| (inside[i] > 0 && known(i)).then(|| ratio(i) / global)).collect(),
-        };
-        light.beside(around)
-    }
-
-    /// The same light everywhere.
-    pub fn flat(&self, global: f64) -> Light {
-        Light { tiles: vec![global; self.tiles.len()], global, ceiling: global, ..self.clone() }
-    }
-
-    /// Where what lies around the panel is in brighter light than this, the panel may be so, too. Where both nearly agree it knows the
-    /// light better: the panel's median takes a film that leaves a little more for a little more light.
-    fn beside(self, around: Option<f64>) -> Light {
-        let Some(around) = around else { return self };
-        let share = self.global / around;
-        let share = if AGREES.contains(&share) { share } else { 1.0 };
-        let beyond = self.beyond.iter().map(|beyond| beyond.map(|beyond| share * beyond)).collect();
-        Light { ceiling: self.ceiling.max(around), beyond, ..self }
+        Light { columns: self.columns, tiles: (0..sums.len()).map(smooth).collect(), global, without_lamp }
     }
 
     /// The light on the blocks of one row of tiles, 1/4096, each row of cells once: it goes from tile centre to tile centre.
@@ -129,10 +104,13 @@ impl Light {
         blocks
     }
 
-    /// The brightest light that there may be where it is as in `gains`, 1/4096.
-    pub fn ceilings_q12(&self, gains: &[Block]) -> Vec<Block> {
-        let ceiling = q12(self.ceiling);
-        gains.iter().map(|block| block.map(|gain| gain.max(ceiling))).collect()
+    /// The light on bare places beside film with these gains, 1/4096.
+    pub fn on_bare_q12(&self, gains: &[Block]) -> Vec<Block> {
+        if !self.without_lamp {
+            return gains.to_vec();
+        }
+        let lamp = q12(1.0);
+        gains.iter().map(|block| block.map(|gain| gain.min(lamp))).collect()
     }
 }
 
@@ -173,42 +151,34 @@ mod tests {
     fn a_part_may_be_darker_and_not_brighter() {
         let mut sums = vec![sum(1_100); 9];
         sums[4] = sum(1_300);
-        let light = Light::even(3, 3).found(&sums, &[100; 9], None);
+        let light = Light::even(3, 3).found(&sums, &[100; 9], false);
         assert!((light.global - 1.1).abs() < 1e-12);
         assert!((light.tiles[4] - (8.0 * 1.1 + 1.188) / 9.0).abs() < 1e-9, "{}", light.tiles[4]);
         sums[4] = sum(800);
-        let light = Light::even(3, 3).found(&sums, &[100; 9], None);
+        let light = Light::even(3, 3).found(&sums, &[100; 9], false);
         assert!((light.tiles[4] - (8.0 * 1.1 + 0.8) / 9.0).abs() < 1e-9);
     }
 
-    /// By hand: a tile that is 1.21/1.1 times as bright as the median; where the lamp is known to be 1.06 as bright it is 1.21/1.06.
+    /// By hand: beside a lamp that is known, a film that is 1.3 times as bright as it was has 1.08 at most, and a bare place has the
+    /// lamp's light; in a shadow of 0.8 both have 0.8.
     #[test]
-    fn a_tile_that_is_brighter_is_so_against_the_lamp() {
-        let mut sums = vec![sum(1_100); 9];
-        sums[4] = sum(1_210);
-        for (around, expected) in [(None, 1.1), (Some(1.06), 1.21 / 1.06), (Some(0.9), 1.1)] {
-            let light = Light::even(3, 3).found(&sums, &[100; 9], around);
-            assert!((light.beyond[4].expect("it says something") - expected).abs() < 1e-9, "{around:?} {light:?}");
-        }
-    }
-
-    /// By hand: of 4 × 5 tiles the upper two rows lie in full light and the others in a shadow of 0.7. A corner has full light where the
-    /// lamp is known to be as it was, and else 1.08 · 0.7.
-    #[test]
-    fn a_shadow_may_lie_on_more_than_half() {
-        let mut sums = vec![sum(700); 20];
-        (0..8).for_each(|i| sums[i] = sum(1_000));
-        let corner = |around| Light::even(4, 5).found(&sums, &[100; 20], around).tiles[0];
-        assert!((corner(Some(1.0)) - 1.0).abs() < 1e-9 && (corner(None) - 0.756).abs() < 1e-9);
+    fn beside_a_known_lamp_no_film_is_light() {
+        let of = |found: u32| Light::even(3, 3).found(&[sum(found); 9], &[100; 9], true);
+        let light = of(1_300);
+        assert!((light.global - 1.08).abs() < 1e-12 && (light.tiles[4] - 1.08).abs() < 1e-12);
+        assert_eq!(light.on_bare_q12(&light.blocks_q12(1))[0][0], 4096);
+        let shadow = of(800);
+        let gains = shadow.blocks_q12(1);
+        assert_eq!((gains[0][0], shadow.on_bare_q12(&gains)[0][0]), (3276, 3276));
     }
 
     #[test]
-    fn a_tile_that_tells_nothing_takes_its_neighbours_light() {
+    fn a_tile_that_shows_nothing_takes_its_neighbours_light() {
         let mut sums = vec![sum(900); 9];
         sums[4] = Sum { pixels: 20, ..sum(1_600) };
-        let light = Light::even(3, 3).found(&sums, &[100; 9], None);
-        assert!((light.tiles[4] - 0.9).abs() < 1e-12 && (light.share - 820.0 / 900.0).abs() < 1e-12);
-        let nothing = light.found(&[Sum::default(); 9], &[100; 9], None);
+        let light = Light::even(3, 3).found(&sums, &[100; 9], false);
+        assert!((light.tiles[4] - 0.9).abs() < 1e-12);
+        let nothing = light.found(&[Sum::default(); 9], &[100; 9], false);
         assert!((nothing.global - 0.9).abs() < 1e-12, "the light of before");
     }
 

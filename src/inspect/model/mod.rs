@@ -1,15 +1,15 @@
-//! The default method: models how each pixel looks dry and wet, and for how long it has looked dry.
+//! The film's model: what each pixel looks like wet and bare, and for how long it has looked so.
 //!
-//! A film removes a fraction of the panel's brightness and keeps its pattern (it is multiplicative). Light multiplies the whole picture
-//! and is smooth. A glint adds to it and moves. With the dry picture d of a pixel, the brightness is s = g τ d while its film is closed
-//! and s = g d once it has broken. τ is one number for the panel and is estimated from the clip while the panel becomes wet
-//! ([`wetting`], [`preparation`]); g ([`light`]) is estimated from each picture, by the pixels whose state is known. A pixel that looks dry
-//! for long enough has been broken since it first did ([`judging`], row by row in a [`band`]).
+//! **A grid passes only on positive evidence of an unbroken film: every place of it was seen wet, and looks like its own wet state until
+//! the end of the observation. What is neither surely film nor surely broken is not seen, and no grid with such a place passes.** Every
+//! limit of this room lies on the safe side of that rule.
 //!
-//! Where the first wet picture shows that the film does not remove one fraction everywhere, it is a mirror, and is judged as one
-//! ([`mirror`]).
+//! Each pixel is held against its own wet look w, learnt from the first second of the film, and against its own dry look d, if it still has
+//! one: a place that was sanded since the dry picture has none ([`judging`]). Film may be darker than the dry panel or brighter, by place
+//! and by channel ([`views`]). All limits are multiples of the clip's own noise ([`noise`]). The lamp's light is taken out of each picture
+//! by what lies around the panel ([`lamp`]), shadows and a film that thins out by the film itself, tile by tile ([`light`]).
 //!
-//! Memory is fixed: about 22 bytes for each pixel of the window. The model does not know grids or verdicts.
+//! Memory is fixed: about 28 bytes for each pixel of the window. The model does not know grids or verdicts.
 
 mod answers;
 mod band;
@@ -20,29 +20,28 @@ mod kernel;
 mod lamp;
 mod light;
 mod measurement;
-mod mirror;
-mod preparation;
+mod noise;
 mod region;
+mod sensor;
+mod shimmer;
 #[cfg(test)]
 mod tests;
-mod unseen;
-mod wetting;
+mod views;
 
 use super::footprint::Window;
 use crate::geometry::ColorPicture;
 use band::Band;
 use colour::is_of_dry_colour;
-use judging::{Past, Rule};
-use kernel::{Adding, BLOCK_PX, BROKE, Block, CELL_PX, CELLS, INSIDE, LEVEL, NEW, OPEN, RUN, Sum};
-use lamp::Lamp;
+use judging::{Past, Rule, TICKS_A_SECOND};
+use kernel::{Adding, BLOCK_PX, BROKE, Block, EVER_WET, INSIDE, LEVEL, LOOK, NEW, NO_DRY, OPEN, OVEREXPOSED, Sum};
+use lamp::{Lamp, Lit};
 use light::{Light, TILE_PX};
 pub use measurement::PictureMeasurement;
-pub use mirror::Mirror;
+use noise::Noise;
 use rayon::prelude::*;
-use region::{HIDDEN_EVERY, LIGHT_EVERY, Region};
-use std::ops::Range;
-pub use wetting::FILM_ASSUMED;
-use wetting::Wetting;
+use region::{EXPOSED_EVERY, LIGHT_EVERY, Region};
+pub use shimmer::{DIFFERENCES, Shimmer};
+use views::Views;
 
 /// Of the film's light this is the most and the least, 1/1024 …
 const WIDE_Q10: [u16; 2] = [512, 1331];
@@ -50,15 +49,34 @@ const WIDE_Q10: [u16; 2] = [512, 1331];
 const ABOUT: [f64; 2] = [0.86, 1.16];
 /// Every nth row is used for the first mean: thousands of pixels remain.
 const MEAN_EVERY: usize = 4;
+/// Darker than this a dry place shows nothing, levels; from OVEREXPOSED on it may be overexposed.
+const MIN_DRY_LEVELS: u8 = 4;
+const MAX_DRY_LEVELS: u8 = 249;
+/// The wet look is learnt over this time, s.
+const LEARNT_S: f64 = 1.0;
+/// While water comes, a place is wet that differs from each bare look by this share of its dry look.
+const SPRAYED_SHARE: f64 = 0.1;
+/// A film leaves more or less of a sanded place's look than of the panel's by such a power, which the simulators draw from 0.85 to 1.25.
+pub const FILM_POWER: f64 = 1.3;
+/// Looks are compared up to this many times a film's.
+const MOST_BRIGHT: f64 = 3.9;
+/// What a film leaves of the dry look, until the clip determines it.
+pub const FILM_ASSUMED: f64 = 0.62;
 
-/// Of the region's tiles more than this share that look neither wet nor dry in the first wet picture say that the film mirrors.
-const MOST_ODD: f64 = 0.03;
-/// … and so does more than this share of its cells that were never wet and are this far from their dry brightness.
-const MOST_WRONG_DRY: f64 = 0.005;
-const WRONG_DRY: f64 = 0.04;
-
-/// More pictures than these are not counted.
+/// More pictures than these are not counted, nor a film that lasts longer, s.
 pub const MOST_PICTURES: usize = u16::MAX as usize;
+pub const LONGEST_S: f64 = 1_000.0;
+
+/// What a film is judged with.
+#[derive(Debug, Clone, Copy)]
+pub struct Terms {
+    /// How much red, green and blue count.
+    pub channel_weights: [f64; 3],
+    /// How long a place must look bare to have broken, s.
+    pub persist_s: f64,
+    /// A broken place comes back to this share of its dry look at least.
+    pub damp: f64,
+}
 
 /// The pixels of a window over time.
 #[derive(Debug)]
@@ -66,273 +84,346 @@ pub struct Model {
     window: Window,
     /// Blocks of a row, which are the columns of tiles, too.
     columns: usize,
-    weights: [u16; 3],
-    persist: u8,
+    terms: Terms,
+    views: Views,
+    /// The mean of the dry pictures, in their channels.
+    dry_rgb: Vec<[u8; 3]>,
+    dry_sum: Vec<[u16; 3]>,
+    dry_pictures: u16,
     dry: Vec<Block>,
-    brightness: Vec<Block>,
+    wet: Vec<Block>,
+    look: Vec<Block>,
     before: Vec<Block>,
-    /// State and run.
-    kept: Vec<Block>,
+    state: Vec<Block>,
     past: Vec<Past>,
     region: Region,
+    noise: Noise,
+    /// What moves on places without a dry look, if there are any.
+    shimmer: Option<Shimmer>,
+    lamp: Lamp,
+    lit: Lit,
     light: Light,
     /// The light of the picture that was looked at last.
     next_light: Option<Light>,
-    /// Of each tile the sum over the pictures of by how much it is brighter than the region's median, and their number.
-    beyond: Vec<(f64, u32)>,
-    wetting: Wetting,
-    watching: bool,
-    /// The last dry picture in its channels, and what lies around the panel in it.
-    dry_rgb: Vec<[u8; 3]>,
-    lamp: Lamp,
-    /// By how much each channel of the lamp is brighter than when the panel was dry, where that is sure.
-    tint: [f64; 3],
-    /// Where the film mirrors, all of this instead.
-    mirror: Option<Box<Mirror>>,
+    /// What the film leaves of the dry look: the median over the region's pixels.
+    film_left: Option<f64>,
+    /// The brightest light so far, against that of the first wet picture.
+    brightest: f64,
     /// The times of the pictures that were judged, s; the first stands for the beginning.
     times_s: Vec<f32>,
+    /// The first wet picture was looked at.
+    is_watching: bool,
+    /// The variance of the learnt wet look, and of the mean of a bare look, for a variance of 1 of one picture.
+    wet_variance: f64,
+    bare_variance: f64,
 }
 
 impl Model {
-    /// A model of the window's pixels for which `inside` says so; `persist` pictures make a break.
-    pub fn new(window: Window, inside: &[bool], channel_weights: [f64; 3], persist: u8) -> Self {
-        let columns = window.width.div_ceil(TILE_PX);
+    /// A model of the window's pixels for which `inside` says so, of which `sanded` have no dry look of their own any more.
+    pub fn new(window: Window, inside: &[bool], sanded: &[bool], terms: Terms) -> Self {
+        let columns = views::columns(window.width);
         let tile_rows = window.height.div_ceil(TILE_PX);
         let blocks = columns * tile_rows * TILE_PX;
-        let mut kept = vec![[0; BLOCK_PX]; blocks];
+        let mut state = vec![[0; BLOCK_PX]; blocks];
         for (index, _) in inside.iter().enumerate().filter(|(_, inside)| **inside) {
-            kept[index / window.width * columns + index % window.width / BLOCK_PX]
-                [index % window.width % BLOCK_PX] = INSIDE | OPEN;
+            let without = if sanded.get(index).is_some_and(|sanded| *sanded) { NO_DRY } else { 0 };
+            state[index / window.width * columns + index % window.width / BLOCK_PX]
+                [index % window.width % BLOCK_PX] = INSIDE | without;
         }
         Model {
             window,
             columns,
-            weights: whole_weights(channel_weights),
-            persist,
+            terms,
+            views: Views::new(terms.channel_weights, columns, columns * tile_rows),
+            dry_rgb: Vec::new(),
+            dry_sum: vec![[0; 3]; window.width * window.height],
+            dry_pictures: 0,
             dry: vec![[0; BLOCK_PX]; blocks],
-            brightness: vec![[0; BLOCK_PX]; blocks],
+            wet: vec![[0; BLOCK_PX]; blocks],
+            look: vec![[0; BLOCK_PX]; blocks],
             before: vec![[0; BLOCK_PX]; blocks],
-            region: Region::of(&kept, columns),
-            kept,
+            region: Region::of(&state, columns),
+            state,
             past: vec![Past::NONE; blocks],
+            noise: Noise::new(),
+            shimmer: sanded.contains(&true).then(|| Shimmer::new(columns, blocks)),
+            lamp: Lamp::default(),
+            lit: Lit::default(),
             light: Light::even(columns, tile_rows),
             next_light: None,
-            beyond: vec![(0.0, 0); columns * tile_rows],
-            wetting: Wetting::new(blocks * BLOCK_PX),
-            watching: false,
-            dry_rgb: Vec::new(),
-            lamp: Lamp::default(),
-            tint: [1.0; 3],
-            mirror: None,
+            film_left: None,
+            brightest: 1.0,
             times_s: vec![0.0],
+            is_watching: false,
+            wet_variance: 1.0,
+            bare_variance: 1.0,
         }
     }
 
-    /// Takes the brightness of a picture; whether it is bit-equal to the one before, and while it is at hand each tile's
-    /// sums, as [`Model::sums`] has them.
-    fn read(&mut self, picture: &ColorPicture, band_q10: [u16; 2]) -> (bool, Vec<Sum>) {
-        std::mem::swap(&mut self.brightness, &mut self.before);
-        let (window, weights, columns) = (self.window, self.weights, self.columns);
-        let mut brightness = std::mem::take(&mut self.brightness);
-        let tile_row = |(index, light): (usize, &mut [Block])| {
+    /// A picture of the dry panel; several are averaged.
+    pub fn dry(&mut self, picture: &ColorPicture) {
+        let window = self.window;
+        self.dry_pictures += 1;
+        let rows = (window.top..window.top + window.height).map(|row| row * picture.width + window.left);
+        let pixels = rows.flat_map(|first| &picture.rgb[first..first + window.width]);
+        for (sum, pixel) in self.dry_sum.iter_mut().zip(pixels) {
+            (0..3).for_each(|i| sum[i] = sum[i].saturating_add(u16::from(pixel[i])));
+        }
+        let count = self.dry_pictures;
+        self.dry_rgb = self.dry_sum.iter().map(|sum| sum.map(|sum| ((sum + count / 2) / count) as u8)).collect();
+        for index in 0..self.dry_rgb.len() {
+            let (block, at) = self.at(index);
+            let brightest = self.dry_rgb[index].into_iter().max().unwrap_or_default();
+            let shows = (MIN_DRY_LEVELS..=MAX_DRY_LEVELS).contains(&brightest);
+            if !shows && self.state[block][at] & NO_DRY == 0 {
+                self.state[block][at] = 0;
+            }
+        }
+        self.region = Region::of(&self.state, self.columns);
+        self.set_dry_looks();
+        self.lamp.and_around(&window, picture);
+    }
+
+    /// The dry looks in each tile's view.
+    fn set_dry_looks(&mut self) {
+        let mut out = [0];
+        for index in 0..self.dry_rgb.len() {
+            let (block, at) = self.at(index);
+            let weights = self.views.weights(self.views.chosen[self.views.tile_of(block)], [1.0; 3]);
+            kernel::looks(&self.dry_rgb[index..=index], weights, &mut out);
+            self.dry[block][at] = out[0] & LOOK;
+        }
+    }
+
+    /// Whether a dry picture was taken.
+    pub fn has_dry(&self) -> bool {
+        self.dry_pictures > 0
+    }
+
+    /// A picture under the spray: what is wet by now.
+    pub fn spray(&mut self, picture: &ColorPicture) {
+        if !self.has_dry() {
+            return;
+        }
+        self.lit = self.lamp.at(picture);
+        self.read(picture);
+        let damp = self.terms.damp;
+        for ((look, dry), state) in self.look.iter().zip(&self.dry).zip(&mut self.state) {
+            for i in 0..BLOCK_PX {
+                let (s, d) = (f64::from(look[i] & LOOK), f64::from(dry[i]));
+                let is_wet = s < (damp - SPRAYED_SHARE) * d || s > (1.0 + 2.0 * SPRAYED_SHARE) * d;
+                state[i] |= if is_wet && look[i] & OVEREXPOSED == 0 { EVER_WET } else { 0 };
+            }
+        }
+    }
+
+    /// Takes the looks of a picture, in the light of the dry one as far as the lamp is known; whether it is bit-equal to the one before.
+    fn read(&mut self, picture: &ColorPicture) -> bool {
+        std::mem::swap(&mut self.look, &mut self.before);
+        let (window, columns, views) = (self.window, self.columns, &self.views);
+        let gains = self.lit.sure().unwrap_or([1.0; 3]);
+        let weights: Vec<[u16; 3]> = (0..views.count()).map(|view| views.weights(view, gains)).collect();
+        let before = &self.before;
+        let tile_row = |(index, look): (usize, &mut [Block])| {
             let first = index * TILE_PX;
-            let lines = light.chunks_mut(columns).take(window.height - first);
-            for (line, out) in lines.enumerate() {
+            for (line, out) in look.chunks_mut(columns).take(window.height - first).enumerate() {
                 let row = window.top + first + line;
                 let pixels = &picture.rgb[row * picture.width + window.left..][..window.width];
-                kernel::brightness(pixels, weights, &mut out.as_flattened_mut()[..window.width]);
+                for (column, (pixels, out)) in pixels.chunks(BLOCK_PX).zip(out).enumerate() {
+                    kernel::looks(pixels, weights[views.chosen[index * columns + column]], out);
+                }
             }
-            (*light == self.before[first * columns..][..light.len()], self.sums_of(light, index, band_q10))
+            *look == before[first * columns..][..look.len()]
         };
-        let rows: Vec<(bool, Vec<Sum>)> =
-            brightness.par_chunks_mut(columns * TILE_PX).enumerate().map(tile_row).collect();
-        self.brightness = brightness;
-        (rows.iter().all(|(same, _)| *same), rows.into_iter().flat_map(|(_, sums)| sums).collect())
+        let same: Vec<bool> = self.look.par_chunks_mut(columns * TILE_PX).enumerate().map(tile_row).collect();
+        same.into_iter().all(|same| same)
     }
 
     /// Looks at a picture of the wet panel, and judges nothing yet.
     pub fn look(&mut self, picture: &ColorPicture) -> PictureMeasurement {
-        let lit = self.lamp.at(picture);
-        if let Some(mirror) = &mut self.mirror {
-            return mirror.look(picture, &lit);
-        }
-        let is_first = !self.watching;
-        let (frozen, sums) = if self.watching {
-            self.read(picture, WIDE_Q10)
-        } else {
+        self.lit = self.lamp.at(picture);
+        let is_first = !self.is_watching;
+        let frozen = if is_first {
             self.begin(picture);
-            // The first picture stands for the one before it.
-            self.before.clone_from(&self.brightness);
-            (false, self.sums(WIDE_Q10))
+            false
+        } else {
+            self.read(picture)
         };
-        self.tint = lit.sure().unwrap_or([1.0; 3]);
-        let around = lit.sure().map(|gains| self.lit_by(gains));
-        let light = self.light.found(&sums, &self.region.inside, around);
-        let look = PictureMeasurement {
-            light: light.global,
-            told: light.share,
-            hidden: self.hidden_under(light.global),
+        let is_known = self.lit.sure().is_some();
+        let light = self.light.found(&self.sums(), &self.region.inside, is_known);
+        let lamp = self.lit.sure().map(|gains| gains.iter().sum::<f64>() / 3.0);
+        let measured = PictureMeasurement {
+            light: self.lit.brighter.or(lamp).unwrap_or(light.global),
+            is_lamp_known: is_known,
+            overexposed: self.overexposed_share(),
             frozen,
-            film_left: self.wetting.film,
-            flicker_percent: lit.flicker_percent,
+            film_left: self.film_left.unwrap_or(FILM_ASSUMED),
+            flicker_percent: self.lit.flicker_percent,
         };
-        if is_first && self.is_mirror(&light, around) {
-            let place = (self.window, self.columns);
-            let wet = (picture, &lit);
-            let mut mirror = Box::new(Mirror::new(place, &self.dry_rgb, &self.kept, self.persist, wet));
-            let look = mirror.look(picture, &lit);
-            self.mirror = Some(mirror);
-            return look;
-        }
         self.next_light = Some(light);
-        look
+        measured
     }
 
-    /// The light in what is looked at, of a lamp whose channels are so bright.
-    fn lit_by(&self, gains: [f64; 3]) -> f64 {
-        (0..3).map(|i| f64::from(self.weights[i]) * gains[i]).sum::<f64>() / f64::from(LEVEL)
-    }
-
-    /// Whether the first wet picture shows places that are neither dry nor as much darker as the film makes the others.
-    fn is_mirror(&self, light: &Light, around: Option<f64>) -> bool {
-        let is_wrong = |lit: f64| self.wrong_dry_share(lit) > MOST_WRONG_DRY;
-        self.has_dry() && (self.odd_share(light) > MOST_ODD || around.is_some_and(is_wrong))
-    }
-
-    /// The share of the region's cells that were wet in no picture and have not the dry brightness either: what no water
-    /// wetted has it to a few percent.
-    fn wrong_dry_share(&self, lit: f64) -> f64 {
-        let gain = u64::from(light::q12(lit));
-        let (mut wrong, mut cells) = (0, 0);
-        let rows = self.kept.len() / self.columns;
-        for (row, cell) in
-            (0..rows / CELL_PX).flat_map(|row| (0..self.columns * CELLS).map(move |cell| (row, cell)))
-        {
-            let (mut inside, mut never_wet, mut found, mut expected) = (0, 0, 0, 0);
-            for line in row * CELL_PX..(row + 1) * CELL_PX {
-                let at = line * self.columns + cell / CELLS;
-                for i in cell % CELLS * CELL_PX..(cell % CELLS + 1) * CELL_PX {
-                    if self.kept[at][i] & INSIDE > 0 {
-                        inside += 1;
-                        if self.kept[at][i] & kernel::EVER_WET > 0 {
-                            continue;
-                        }
-                        never_wet += 1;
-                        found += u64::from(self.brightness[at][i] & kernel::BRIGHTNESS);
-                        expected += u64::from(self.dry[at][i]) * gain / 4096;
-                    }
-                }
-            }
-            if inside >= CELL_PX * CELL_PX * 3 / 4 {
-                cells += 1;
-                let off = (found as f64 / expected.max(1) as f64 - 1.0).abs();
-                // At the rim of a place that never wets pixels are in between.
-                wrong += usize::from(never_wet * 10 >= inside * 9 && off > WRONG_DRY);
-            }
+    /// The first wet picture: what each tile is looked at by, and the first wet looks.
+    fn begin(&mut self, picture: &ColorPicture) {
+        let gains = self.lit.sure().unwrap_or([1.0; 3]);
+        let window = self.window;
+        if self.has_dry() {
+            let change = |index: usize| {
+                let (block, at) = self.at(index);
+                let (row, column) = (index / window.width, index % window.width);
+                let now = picture.rgb[(window.top + row) * picture.width + window.left + column];
+                let dry = self.dry_rgb[index];
+                let change = std::array::from_fn(|i| f64::from(now[i]) / gains[i] - f64::from(dry[i]));
+                (self.state[block][at] & (INSIDE | NO_DRY) == INSIDE).then_some((block, change))
+            };
+            let changes: Vec<(usize, [f64; 3])> = (0..self.dry_rgb.len()).step_by(3).filter_map(change).collect();
+            self.views.choose(changes.into_iter());
+            self.set_dry_looks();
         }
-        wrong as f64 / cells.max(1) as f64
-    }
-
-    /// The share of the region's tiles of which most pixels look neither dry nor wet.
-    fn odd_share(&self, light: &Light) -> f64 {
-        let (film_q16, columns) = (self.film_q16(), self.columns);
-        let (mut odd_tiles, mut tiles) = (0, 0);
-        for tile_row in 0..self.kept.len() / columns / TILE_PX {
-            let gains = light.blocks_q12(tile_row);
-            for column in 0..columns {
-                let (mut odd, mut all) = (0, 0);
-                for row in (0..TILE_PX).step_by(LIGHT_EVERY) {
-                    let at = (tile_row * TILE_PX + row) * columns + column;
-                    let gain_q12 = &gains[row / CELL_PX * columns + column];
-                    odd += kernel::odd(&self.brightness[at], &self.dry[at], &self.kept[at], gain_q12, film_q16);
-                    all += self.kept[at].iter().filter(|kept| **kept & INSIDE > 0).count() as u32;
-                }
-                if all >= (TILE_PX * TILE_PX / LIGHT_EVERY / 4) as u32 {
-                    tiles += 1;
-                    odd_tiles += u32::from(2 * odd > all);
-                }
-            }
+        self.read(picture);
+        // The first picture stands for the one before it.
+        self.before.clone_from(&self.look);
+        self.wet = self.look.iter().map(|look| look.map(|look| look & LOOK)).collect();
+        for state in self.state.as_flattened_mut() {
+            *state |= if *state & NO_DRY > 0 { EVER_WET } else { 0 };
         }
-        f64::from(odd_tiles) / f64::from(tiles.max(1))
+        self.light = self.light.first(self.lit.sure().is_some());
+        self.is_watching = true;
     }
 
-    /// The share of the region that is hidden under this light.
-    fn hidden_under(&self, gain: f64) -> f64 {
-        let gain_q12 = light::q12(gain);
-        let hidden = |(row, inside): (usize, &Range<usize>)| {
-            let part = row * self.columns + inside.start..row * self.columns + inside.end;
-            let (light, dry, kept) = (&self.brightness[part.clone()], &self.dry[part.clone()], &self.kept[part]);
-            kernel::hidden(light, dry, kept, gain_q12)
-        };
-        let hidden: u32 = self.region.rows.iter().enumerate().step_by(HIDDEN_EVERY).map(hidden).sum();
-        f64::from(hidden) / f64::from(self.region.hidden_of.max(1))
+    /// The share of the region that is overexposed.
+    fn overexposed_share(&self) -> f64 {
+        let rows = self.region.rows.iter().enumerate().step_by(EXPOSED_EVERY);
+        let found: u32 = rows
+            .map(|(row, inside)| {
+                let part = row * self.columns + inside.start..row * self.columns + inside.end;
+                kernel::overexposed(&self.look[part.clone()], &self.state[part])
+            })
+            .sum();
+        f64::from(found) / f64::from(self.region.exposed_of.max(1))
     }
 
     /// Judges the picture that was looked at last. The pixels that broke now come back, as indices of the window.
     pub fn follow(&mut self, picture: &ColorPicture, since_wet_s: f64) -> Vec<usize> {
-        if let Some(mirror) = &mut self.mirror {
-            return mirror.follow(since_wet_s);
-        }
-        let Some(light) = self.next_light.take().filter(|_| self.times_s.len() < MOST_PICTURES) else {
-            return Vec::new();
-        };
-        for ((sum, count), beyond) in self.beyond.iter_mut().zip(&light.beyond) {
-            (*sum, *count) = (*sum + beyond.unwrap_or(0.0), *count + u32::from(beyond.is_some()));
-        }
+        let too_many = self.times_s.len() >= MOST_PICTURES || since_wet_s > LONGEST_S;
+        let Some(light) = self.next_light.take().filter(|_| !too_many) else { return Vec::new() };
         let brighter = light.global / self.light.global.max(f64::MIN_POSITIVE);
+        self.take_noise(brighter);
         self.light = light;
-        let now = self.times_s.len() as u16;
+        self.take_shimmer(since_wet_s);
+        let before = self.times_s.last().copied().unwrap_or_default();
         self.times_s.push(since_wet_s as f32);
-        let broke = self.judge(Rule {
-            film_q16: self.film_q16(),
-            persist: u16::from(self.persist),
+        if !self.light.is_without_lamp() {
+            self.brightest = self.brightest.max(self.light.global);
+        }
+        if self.film_left.is_none() {
+            self.film_left = self.measured_film();
+        }
+        let ticks = |time_s: f64| (time_s * TICKS_A_SECOND).round() as u16;
+        let now = self.times_s.len() as u16 - 1;
+        let step = ticks(since_wet_s) - ticks(f64::from(before));
+        let rule = Rule {
+            damp_q16: q16(self.terms.damp),
+            away_q16: q16(self.away_share()),
+            bright_q12: light::q12(self.brightest_break()),
+            noise: (self.noise.levels() * f64::from(LEVEL)).round() as u16,
+            persist: ticks(self.terms.persist_s).max(1),
+            step,
+            ticks: ticks(since_wet_s),
             before: now - 1,
             now,
             brighter_q12: light::q12(brighter),
-            notes: BROKE | NEW,
-        });
+            mean: (TICKS_A_SECOND / f64::from(step.max(1))).log2().round().clamp(1.0, 6.0) as u32,
+            learn: (since_wet_s <= LEARNT_S).then_some(if now <= 2 { 1 } else { 2 }),
+        };
+        if let Some(power) = rule.learn {
+            let part = 0.5_f64.powi(power as i32);
+            self.wet_variance = (1.0 - part).powi(2) * self.wet_variance + part * part;
+        }
+        let part = 0.5_f64.powi(rule.mean as i32);
+        self.bare_variance = part / (2.0 - part);
+        let broke = self.judge(&rule);
         let (broke, mirrors): (Vec<usize>, Vec<usize>) =
             broke.into_iter().partition(|&index| self.has_dry_colour(picture, index));
         mirrors.into_iter().for_each(|index| self.take_back(index));
         broke
     }
 
-    /// Whether a pixel of the window has the dry panel's colour; without a dry picture nobody knows better.
-    fn has_dry_colour(&self, picture: &ColorPicture, index: usize) -> bool {
-        let (row, column) = (index / self.window.width, index % self.window.width);
-        let now = picture.rgb[(self.window.top + row) * picture.width + self.window.left + column];
-        self.dry_rgb.get(index).is_none_or(|dry| is_of_dry_colour(now, *dry, self.tint))
+    /// Half of what a break that is as damp as allowed changes a film by, as a share of the film's look.
+    pub fn away_share(&self) -> f64 {
+        // A shadow on the first picture is no film, which is taken in the brightest light so far: a break is rather too near than too far.
+        let film = self.film_left.unwrap_or(FILM_ASSUMED);
+        let film = if film < 1.0 { (film * self.brightest).min(1.0) } else { film };
+        ((self.terms.damp / film - 1.0).abs() / 2.0).min(0.5)
     }
 
-    /// What looks dry is a reflection: it did not break, and since it looks dry it has said nothing of its film. Its run stays one picture
-    /// short, so that the next one is looked at as well.
+    /// The brightest that a place without a dry look can be when its film has opened, as a share of its film's look.
+    pub fn brightest_break(&self) -> f64 {
+        let film = self.film_left.unwrap_or(FILM_ASSUMED).min(1.0);
+        (film.powf(-FILM_POWER) * 1.125).min(MOST_BRIGHT)
+    }
+
+    fn take_shimmer(&mut self, since_wet_s: f64) {
+        let Some(shimmer) = self.shimmer.as_mut() else { return };
+        shimmer.take(&shimmer::Picture { look: &self.look, wet: &self.wet, state: &self.state, since_wet_s });
+    }
+
+    /// Ends the observation: nothing is taken any more.
+    pub fn end(&mut self) {
+        self.shimmer.iter_mut().for_each(Shimmer::end);
+    }
+
+    fn take_noise(&mut self, brighter: f64) {
+        for (row, inside) in self.region.rows.iter().enumerate().step_by(noise::ROWS_EVERY) {
+            let part = row * self.columns + inside.start..row * self.columns + inside.end;
+            let (look, before, state) = (&self.look[part.clone()], &self.before[part.clone()], &self.state[part]);
+            self.noise.take(look, before, state, brighter);
+        }
+    }
+
+    /// Whether a pixel of the window has the dry panel's colour; a place without a dry look has none to compare.
+    fn has_dry_colour(&self, picture: &ColorPicture, index: usize) -> bool {
+        let (block, at) = self.at(index);
+        if self.state[block][at] & NO_DRY > 0 {
+            return true;
+        }
+        let (row, column) = (index / self.window.width, index % self.window.width);
+        let now = picture.rgb[(self.window.top + row) * picture.width + self.window.left + column];
+        let tint = self.lit.sure().unwrap_or([1.0; 3]);
+        self.dry_rgb.get(index).is_none_or(|dry| is_of_dry_colour(now, *dry, tint))
+    }
+
+    /// What looks bare is a reflection: it did not break, and since it looks bare it has shown nothing of its film. Its run stays one
+    /// picture short, so that the next one is looked at as well.
     fn take_back(&mut self, index: usize) {
         let (block, at) = self.at(index);
-        let now = self.times_s.len() as u16 - 1;
-        let (kept, past) = (&mut self.kept[block][at], &mut self.past[block]);
-        *kept = *kept & !(BROKE | NEW | OPEN | RUN) | (u16::from(self.persist) - 1);
-        past.unseen[at] += 1;
-        past.unseen_now[at] = now - past.since[at];
+        let past = &mut self.past[block];
+        self.state[block][at] &= !(BROKE | NEW | OPEN);
+        past.run[at] = past.run[at].saturating_sub(1);
+        past.unseen[at] = past.unseen[at].saturating_add((self.terms.persist_s * TICKS_A_SECOND) as u16);
+        past.seen_at[at] = past.since[at];
     }
 
     /// Each tile's sums, first over a wide band, then about their mean.
-    fn sums(&self, band_q10: [u16; 2]) -> Vec<Sum> {
-        let tile_rows = self.brightness.chunks(self.columns * TILE_PX).enumerate();
-        tile_rows.flat_map(|(index, light)| self.sums_of(light, index, band_q10)).collect()
+    fn sums(&self) -> Vec<Sum> {
+        let tile_rows: Vec<usize> = (0..self.state.len() / self.columns / TILE_PX).collect();
+        let sums: Vec<Vec<Sum>> = tile_rows.par_iter().map(|row| self.sums_of(*row)).collect();
+        sums.concat()
     }
 
     /// Those of one row of tiles.
-    fn sums_of(&self, light: &[Block], tile_row: usize, band_q10: [u16; 2]) -> Vec<Sum> {
-        let (stride, film_q16) = (self.columns, self.film_q16());
-        let first = tile_row * TILE_PX * stride;
+    fn sums_of(&self, tile_row: usize) -> Vec<Sum> {
+        let stride = self.columns;
+        let rows = tile_row * TILE_PX * stride..(tile_row + 1) * TILE_PX * stride;
+        let (look, wet, state) = (&self.look[rows.clone()], &self.wet[rows.clone()], &self.state[rows]);
         let tile = |column: usize| {
             if self.region.inside[tile_row * stride + column] == 0 {
                 return Sum::default();
             }
-            let (light, dry, kept) = (&light[column..], &self.dry[first + column..], &self.kept[first + column..]);
-            let add =
-                |every, band_q10| kernel::add_up(light, dry, kept, Adding { stride, every, film_q16, band_q10 });
-            let first = add(MEAN_EVERY, band_q10);
+            let (look, wet, state) = (&look[column..], &wet[column..], &state[column..]);
+            let add = |every, band_q10| kernel::add_up(look, wet, state, Adding { stride, every, band_q10 });
+            let first = add(MEAN_EVERY, WIDE_Q10);
             if first.expected == 0 {
                 return first;
             }
@@ -342,23 +433,19 @@ impl Model {
         (0..stride).map(tile).collect()
     }
 
-    fn film_q16(&self) -> u16 {
-        (self.wetting.film * 65_536.0).round() as u16
-    }
-
     /// Judges every pixel; those that broke now come back.
-    fn judge(&mut self, rule: Rule) -> Vec<usize> {
+    fn judge(&mut self, rule: &Rule) -> Vec<usize> {
         let (columns, width) = (self.columns, self.window.width);
-        let (lamp, watching) = (&self.light, self.watching);
+        let light = &self.light;
         let size = columns * TILE_PX;
-        let given =
-            self.brightness.par_chunks(size).zip(self.before.par_chunks(size)).zip(self.dry.par_chunks(size));
-        let over_time = self.kept.par_chunks_mut(size).zip(self.past.par_chunks_mut(size));
+        let given = self.look.par_chunks(size).zip(self.before.par_chunks(size)).zip(self.dry.par_chunks(size));
+        let over_time = (self.state.par_chunks_mut(size).zip(self.wet.par_chunks_mut(size)))
+            .zip(self.past.par_chunks_mut(size));
         let rows = given.zip(over_time).zip(self.region.rows.par_chunks(TILE_PX)).enumerate();
         let broke: Vec<Vec<usize>> = rows
-            .map(|(index, ((((light, before), dry), (kept, past)), inside))| {
-                let mut band = Band { columns, light, before, dry, kept, past, inside };
-                let pixels = band.judge(lamp, index, rule, watching).into_iter();
+            .map(|(index, ((((look, before), dry), ((state, wet), past)), inside))| {
+                let mut band = Band { columns, look, before, dry, state, wet, past, inside };
+                let pixels = band.judge(light, index, rule).into_iter();
                 let stride = columns * BLOCK_PX;
                 pixels.map(|at| (index * TILE_PX + at / stride) * width + at % stride).collect()
             })
@@ -367,11 +454,7 @@ impl Model {
     }
 }
 
-/// Weights as whole numbers that add up to [`LEVEL`].
-fn whole_weights(weights: [f64; 3]) -> [u16; 3] {
-    let sum: f64 = weights.iter().sum();
-    let mut whole = weights.map(|weight| (weight / sum * f64::from(LEVEL)).floor() as u16);
-    let heaviest = (0..3).fold(0, |best, i| if weights[i] > weights[best] { i } else { best });
-    whole[heaviest] += LEVEL - whole.iter().sum::<u16>();
-    whole
+/// A share below 1 in 1/65536.
+fn q16(share: f64) -> u16 {
+    (share * 65_536.0).round().min(65_535.0) as u16
 }

@@ -4,9 +4,9 @@ use super::kernel::{Block, INSIDE};
 use super::light::TILE_PX;
 use std::ops::Range;
 
-/// Every nth row is used to estimate the light, and every nth the hidden share: thousands of pixels remain.
+/// Every nth row is used to estimate the light, and every nth the overexposed share: thousands of pixels remain.
 pub(super) const LIGHT_EVERY: usize = 2;
-pub(super) const HIDDEN_EVERY: usize = 4;
+pub(super) const EXPOSED_EVERY: usize = 4;
 
 /// The region in a window's blocks.
 #[derive(Debug)]
@@ -15,8 +15,8 @@ pub struct Region {
     pub inside: Vec<u32>,
     /// Of each row the blocks from the first to the last that hold one.
     pub rows: Vec<Range<usize>>,
-    /// Its pixels in the rows that are used for the hidden share.
-    pub hidden_of: u32,
+    /// Its pixels in the rows that are used for the overexposed share.
+    pub exposed_of: u32,
 }
 
 impl Region {
@@ -36,7 +36,7 @@ impl Region {
         Region {
             inside: (0..counts.len() / TILE_PX).map(tile).collect(),
             rows: counts.chunks(columns).map(row).collect(),
-            hidden_of: counts.chunks(columns).step_by(HIDDEN_EVERY).flatten().sum(),
+            exposed_of: counts.chunks(columns).step_by(EXPOSED_EVERY).flatten().sum(),
         }
     }
 }

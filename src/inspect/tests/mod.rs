@@ -94,9 +94,13 @@ fn demands() -> Demands {
     }
 }
 
+fn view(taught: &TaughtPanel, camera_from_panel: Rigid<Camera, Panel>) -> View<'_> {
+    View { taught, camera: &CAMERA, camera_from_panel, sanded: None }
+}
+
 fn watch(x_mm: f64, settings: &str) -> Watch {
     let recipe = recipe(settings);
-    Watch::new(&taught(&recipe), &CAMERA, shifted(x_mm), recipe.inspect(), demands()).expect("in view")
+    Watch::new(&view(&taught(&recipe), shifted(x_mm)), recipe.inspect(), demands()).expect("in view")
 }
 
 /// A wet panel with dry blocks, each from left, top to right, bottom (exclusive).

@@ -104,6 +104,13 @@ settings! {
         channel_weights: [f64; 3], 0.0..=1.0, default [1.0, 1.0, 1.0];
         /// How long a place must be seen dry before it counts as broken, s. It broke when it was first seen so.
         persist_s: f64, 0.1..=10.0, default 1.2;
+        /// A place whose film broke comes back to this share of its dry brightness at least; the rest is damp. The smallest break that
+        /// is surely found is stated for it.
+        damp: f64, 0.5..=1.0, default 0.8;
+        /// The largest reflection that is taken for a glint, mm².
+        glint_mm2: f64, 0.0..=500.0, default 40.0;
+        /// The largest place within a break that is taken for a bead of water on it, mm².
+        bead_mm2: f64, 0.0..=500.0, default 20.0;
         /// Share of the region that may be wet in no picture, percent; more is no test.
         max_never_wet_percent: f64, 0.0..=100.0, default 20.0;
         /// Change of the light since the dry picture that is made up for, percent; of more light at most what brings a wet

@@ -197,8 +197,14 @@ impl Held {
         let camera_from_panel =
             self.cell.calibrated_base_from_camera().inverse() * self.cell.truth().base_from_panel;
         let camera = self.cell.scanner();
-        let setup =
-            Setup { panel: &self.panel, camera, camera_from_panel, demands: self.demands, recipe: &self.recipe };
+        let setup = Setup {
+            panel: &self.panel,
+            camera,
+            camera_from_panel,
+            sanded: None,
+            demands: self.demands,
+            recipe: &self.recipe,
+        };
         let mut filming = Filming::begin(&setup, OBSERVED_S).ok()?;
         for shot in listed.shots() {
             let picture = pictures.get(shot.file.strip_suffix(".png")?.parse::<usize>().ok()?)?;

@@ -1,15 +1,22 @@
-//! Rendered clips with all that makes a film hard to read, and what the test says of them.
+//! Clips of the simulator with all that makes a film hard to read, and what the test says of them.
 
-use crate::tally::Tally;
-use panelprep::geometry::{Camera, ColorPicture, Mask, Panel, Rigid};
-use panelprep::inspect::{ByCell, Demands, Footprint, Inspection, Watch, score, score_within};
-use panelprep::panel::TaughtPanel;
+use crate::conditions::Conditions;
+use crate::tally::{Clip, Tally, Truth, contrast_to_noise};
+use panelprep::geometry::{Camera, ColorPicture, Mask, Panel, Point, Rigid, Vector};
+use panelprep::inspect::{ByCell, Demands, Footprint, Inspection, View, Watch};
+use panelprep::panel::{GridId, TaughtPanel};
 use panelprep::phase::Phase;
 use panelprep::recipe::Recipe;
-use panelprep::sim::{self, Cell, Film, FilmSpec, Grease, Scene, Spot, SpotKind, WET_FROM_S};
-use panelprep::verdict::Verdict;
+use panelprep::sim::{self, Cell, Film, FilmSpec, Grease, SandedLook, Sanding, Scene, Spot, SpotKind, WET_FROM_S};
+use std::time::Instant;
 
+/// What the recipes of all clips ask for.
 pub const FRAMES_PER_SECOND: f64 = 5.0;
+/// Noise of a pixel of the simulator, grey levels.
+const NOISE_LEVELS: f64 = 2.0;
+
+/// What is taken for sanded goes so far beyond what was, mm.
+pub const SANDED_MARGIN_MM: f64 = 3.0;
 
 /// What a bench is run with.
 #[derive(Debug, Clone)]
@@ -32,15 +39,7 @@ pub struct Bench {
 impl Bench {
     pub fn new(seed: u64, reduction: usize, inspect: &str) -> Self {
         let cell = Cell::new(seed, Scene::Clean, reduction);
-        let region = cell.region();
-        let corners = region.corners_px.map(|pixel| [pixel.u, pixel.v]);
-        let [low, high] = sim::SEARCH_BOX_MM;
-        let text = format!(
-            "panel = \"simulated\"\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\n\
-             [region]\ncorners_px = {corners:?}\nrows = {}\ncolumns = {}\n[inspect]\n{inspect}\n",
-            region.rows, region.columns,
-        );
-        let recipe = Recipe::check("bench.toml", &text).expect("a valid recipe");
+        let recipe = recipe(&cell, inspect);
         let truth = cell.truth();
         let taught = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), truth.base_from_camera, &recipe)
             .expect("a panel to learn");
@@ -52,34 +51,54 @@ impl Bench {
         let settings = self.recipe.inspect();
         // No less than what pixels of this size show surely, also of a panel that was displaced.
         let limit_mm2 = Footprint::taught_detection_limit_mm2(&self.taught, settings).expect("in view");
-        let (min_break_mm2, persist_s) = ((1.2 * limit_mm2).max(5.0), settings.persist_s());
         Demands {
             observation_s,
             frames_per_second: FRAMES_PER_SECOND,
-            min_break_mm2,
-            persist_s,
+            min_break_mm2: (1.2 * limit_mm2).max(5.0),
+            persist_s: settings.persist_s(),
             by_cell: ByCell::default(),
         }
     }
 
-    pub fn watch(&self, recipe: &Recipe, observation_s: f64) -> Watch {
+    pub fn watch(&self, observation_s: f64, sanded: Option<&Mask>) -> Watch {
         let demands = self.demands(observation_s);
-        Watch::new(&self.taught, self.cell.scanner(), self.camera_from_panel, recipe.inspect(), demands)
-            .expect("in view")
+        let (taught, camera_from_panel) = (&self.taught, self.camera_from_panel);
+        let view = View { taught, camera: self.cell.scanner(), camera_from_panel, sanded };
+        Watch::new(&view, self.recipe.inspect(), demands).expect("in view")
     }
 
-    /// The same recipe with the thesis's method.
-    pub fn thesis(&self) -> Recipe {
-        let region = self.cell.region();
-        let corners = region.corners_px.map(|pixel| [pixel.u, pixel.v]);
-        let [low, high] = sim::SEARCH_BOX_MM;
-        let text = format!(
-            "panel = \"simulated\"\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\n\
-             [region]\ncorners_px = {corners:?}\nrows = {}\ncolumns = {}\n[inspect]\nmethod = \"thesis\"\n",
-            region.rows, region.columns,
-        );
-        Recipe::check("thesis.toml", &text).expect("a valid recipe")
+    /// The panel after these grids were sanded, pass by pass.
+    fn sanded(&self, conditions: &Conditions) -> Sanding {
+        let mut sanding = Sanding::default();
+        for pass in &conditions.sanded {
+            let areas: Vec<[Point<Panel>; 4]> =
+                pass.iter().map(|id| self.widened(*id, conditions.beyond_mm)).collect();
+            self.cell.sand_areas(&mut sanding, &areas, SandedLook::WORST);
+        }
+        sanding
     }
+
+    /// The corners of a grid, moved outwards.
+    fn widened(&self, id: GridId, by_mm: f64) -> [Point<Panel>; 4] {
+        let grid = self.taught.grids.iter().find(|grid| grid.id == id).expect("a grid of the region");
+        let middle = grid.corners.iter().map(|corner| corner.mm.coords).sum::<nalgebra::Vector3<f64>>() / 4.0;
+        grid.corners.map(|corner| {
+            let away = corner.mm.coords - middle;
+            corner + Vector::new(away.normalize() * by_mm * 2.0_f64.sqrt())
+        })
+    }
+}
+
+fn recipe(cell: &Cell, inspect: &str) -> Recipe {
+    let region = cell.region();
+    let corners = region.corners_px.map(|pixel| [pixel.u, pixel.v]);
+    let [low, high] = sim::SEARCH_BOX_MM;
+    let text = format!(
+        "panel = \"simulated\"\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\n\
+         [region]\ncorners_px = {corners:?}\nrows = {}\ncolumns = {}\n[inspect]\n{inspect}\n",
+        region.rows, region.columns,
+    );
+    Recipe::check("bench.toml", &text).expect("a valid recipe")
 }
 
 pub fn phase(film: &Film, time_s: f64) -> Phase {
@@ -90,10 +109,9 @@ pub fn phase(film: &Film, time_s: f64) -> Phase {
     }
 }
 
-/// The times of a clip's pictures, s of the film.
-pub fn times_s(demands: &Demands) -> impl Iterator<Item = f64> + use<> {
-    let end_s = WET_FROM_S + demands.filmed_s();
-    (0..=(end_s * FRAMES_PER_SECOND).round() as u32).map(|frame| f64::from(frame) / FRAMES_PER_SECOND)
+/// The times of the pictures of a clip without conditions of its own, s of the film.
+pub fn times_s(demands: &Demands) -> Vec<f64> {
+    Conditions::plain(FRAMES_PER_SECOND).times_s(WET_FROM_S + demands.filmed_s())
 }
 
 /// What a clip shows.
@@ -120,99 +138,74 @@ fn kind(seed: u64, extent: &Extent) -> Kind {
 
 pub fn run(extent: &Extent) {
     let mut tally = Tally::default();
-    println!(
-        "clip seed kind   exposure drift shadow glints verdict  iou   within  prec  rec   TF FF FP TP  missed / time errors, s"
-    );
+    println!("renderer seed kind fps sanded verdict IoU | grids: failed passed not seen | reasons");
     let asked = |seed: &u64| extent.kind.as_ref().is_none_or(|name| kind(*seed, extent).name == name);
     for seed in extent.seeds.clone().filter(asked) {
         one(seed, extent, &mut tally);
     }
-    tally.print();
+    tally.print("the simulator's clips");
 }
 
 fn one(seed: u64, extent: &Extent, tally: &mut Tally) {
     let bench = Bench::new(seed, extent.reduction, &std::env::var("INSPECT").unwrap_or_default());
     let Kind { name, spec, grease } = kind(seed, extent);
+    let conditions = Conditions::new(seed, &bench.taught.grids.iter().map(|grid| grid.id).collect::<Vec<_>>());
     let spots: Vec<Spot> = grease.iter().flat_map(|grease| bench.cell.greased(grease, seed)).collect();
-    let film = bench.cell.film_as(&spots, &spec, seed);
+    let sanding = bench.sanded(&conditions);
+    let film = bench.cell.film_sanded_as((&spots, &spots), &sanding, &spec, seed);
     let demands = bench.demands(extent.observed_s);
-    let mut watch = bench.watch(&bench.recipe, extent.observed_s);
-    let thesis_recipe = bench.thesis();
-    let mut thesis = (seed < 17 && name == "mixed").then(|| bench.watch(&thesis_recipe, extent.observed_s));
-    let mut picture = film.picture(0.0);
-    for time_s in times_s(&demands) {
-        film.renew(&mut picture, time_s);
-        watch.push(&picture, time_s, phase(&film, time_s)).expect("in order");
-        if let Some(thesis) = &mut thesis {
-            thesis.push(&picture, time_s, phase(&film, time_s)).expect("in order");
+    // What was sanded is known by the disc's way, to a few millimetres.
+    let declared = bench.cell.sanded_in_taught(&sanding, SANDED_MARGIN_MM);
+    let mut watch = bench.watch(extent.observed_s, Some(&declared));
+    let before = bench.cell.film_as(&spots, &spec, seed);
+    watch.push(&before.picture(0.0), 0.0, Phase::Dry).expect("the first");
+    let mut last = None;
+    for time_s in conditions.times_s(WET_FROM_S + demands.filmed_s()) {
+        let phase = phase(&film, time_s);
+        if phase == Phase::Dry {
+            continue;
         }
+        let picture = film.picture(time_s);
+        let begun = Instant::now();
+        watch.push(&picture, time_s, phase).expect("in order");
+        if time_s >= WET_FROM_S + 1.0 {
+            tally.judged_in(begun.elapsed());
+        }
+        last = Some((picture, time_s));
     }
+    let (picture, last_s) = last.expect("pictures");
     let inspection = watch.finish().expect("wet pictures");
-    let truth = film.broken(WET_FROM_S + extent.observed_s);
+    let wet_from_s = last_s - inspection.observation.observed_s;
+    let broken = film.broken(last_s.min(wet_from_s + extent.observed_s));
     if let Ok(folder) = std::env::var("PICTURES") {
-        save(&folder, seed, &picture, &inspection, &truth);
+        save(&folder, &format!("clip{seed:04}"), &picture, &inspection, &broken);
     }
-    let region = inspection.footprint.region();
-    if let Some(thesis) = thesis {
-        let found = thesis.finish().expect("wet pictures");
-        tally.thesis_iou.push(score(&found.mask(), &truth, &region).expect("one size").iou);
-    }
-    let whole = score(&inspection.mask(), &truth, &region).expect("one size");
-    let within = score_within(&inspection.mask(), &truth, &region).expect("one size");
-    let confusion = inspection.confusion(&truth).expect("one size");
-    let (missed, errors) = tally.spots_of(&inspection, &film, &truth);
-    let expected = if name == "clean" { Verdict::Pass } else { Verdict::Fail };
-    let right = inspection.judgement.verdict == expected;
-    println!(
-        "{seed:9} {name:6} {:6.2} {:6.2} {:6.2} {:5}   {:8} {:.3} {:.3}  {:.3} {:.3} {:3}{:3}{:3}{:4}  {missed:.0?} {errors:.2?}{}",
-        spec.exposure,
-        spec.drift,
-        spec.shadow,
-        spec.glints,
-        inspection.judgement.verdict.word(),
-        whole.iou,
-        within.iou,
-        whole.precision,
-        whole.recall,
-        confusion.true_fail,
-        confusion.false_fail,
-        confusion.false_pass,
-        confusion.true_pass,
-        if right { "" } else { "  <-" },
-    );
-    if !right {
-        tally.wrong_verdicts += 1;
-        inspection
-            .judgement
-            .reasons
-            .iter()
-            .for_each(|reason| println!("      {}: {}", reason.code, reason.message));
-    }
-    if truth.count() > 0 {
-        tally.iou.push(whole.iou);
-        tally.iou_within.push(within.iou);
-    }
-    tally.false_pass += confusion.false_pass;
-    tally.false_fail += confusion.false_fail;
-    tally.clean_grids += confusion.true_pass + confusion.false_fail;
-    tally.broken_grids += confusion.true_fail + confusion.false_pass;
-    tally.spray_wrong += usize::from(name == "spray" && inspection.judgement.verdict != Verdict::Fail);
+    let looks = film.dry_and_wet_levels();
+    let contrast: Vec<f64> = looks.into_iter().map(|looks| contrast_to_noise(looks, |_| NOISE_LEVELS)).collect();
+    let truth = Truth { broken: &broken, later: &film.broken(last_s), contrast: &contrast };
+    let sanded = bench.taught.grids.iter().filter(|grid| conditions.passes_of(grid.id) > 0).count();
+    let clip = Clip { renderer: "sim", seed, kind: name, frames_per_second: conditions.frames_per_second, sanded };
+    tally.take(&clip, &inspection, &truth, |id| conditions.passes_of(id) > 0);
+    let true_s = film.break_times_s();
+    tally.times(&inspection, &broken, |index| f64::from(true_s[index]) - wet_from_s);
 }
 
-/// The last picture with what was found and what is true: green both, orange found alone, blue true alone.
-fn save(folder: &str, seed: u64, picture: &ColorPicture, inspection: &Inspection, truth: &Mask) {
+/// The last picture with what was found and what is true: green both, orange found alone, blue true alone, yellow not
+/// seen.
+pub fn save(folder: &str, name: &str, picture: &ColorPicture, inspection: &Inspection, truth: &Mask) {
     let mut drawn = picture.clone();
-    let (found, region) = (inspection.mask(), inspection.footprint.region());
+    let (found, region, not_seen) = (inspection.mask(), inspection.footprint.region(), inspection.not_seen());
     for index in (0..drawn.rgb.len()).filter(|&index| region.inside[index]) {
         match (found.inside[index], truth.inside[index]) {
             (true, true) => drawn.rgb[index] = [0, 158, 115],
             (true, false) => drawn.rgb[index] = [230, 159, 0],
             (false, true) => drawn.rgb[index] = [86, 180, 233],
+            _ if not_seen.inside[index] => drawn.rgb[index] = [240, 228, 66],
             _ => {}
         }
     }
-    let png = panelprep::files::write_color_png(&drawn).expect("a picture");
-    std::fs::write(format!("{folder}/clip{seed:03}.png"), png).expect("a folder");
-    let png = panelprep::files::write_color_png(picture).expect("a picture");
-    std::fs::write(format!("{folder}/clip{seed:03}_plain.png"), png).expect("a folder");
+    for (suffix, picture) in [("", &drawn), ("_plain", picture)] {
+        let png = panelprep::files::write_color_png(picture).expect("a picture");
+        std::fs::write(format!("{folder}/{name}{suffix}.png"), png).expect("a folder");
+    }
 }

@@ -19,7 +19,7 @@ pub fn run(reduction: usize) {
     std::fs::create_dir_all(&folder).expect("a folder for passing frames");
     let frames = FRAMES / (reduction * reduction) as u32;
     let mut picture = film.picture(0.0);
-    let mut watch = bench.watch(&bench.recipe, 60.0);
+    let mut watch = bench.watch(60.0, None);
     for (index, time_s) in [0.2, 2.0, 3.0].into_iter().enumerate() {
         film.renew(&mut picture, time_s);
         watch.push(&picture, index as f64, phase(&film, time_s)).expect("in order");

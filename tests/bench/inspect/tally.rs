@@ -1,105 +1,244 @@
-//! What many clips say together.
+//! What many clips of either renderer come to, grid by grid.
 
 use panelprep::geometry::Mask;
-use panelprep::inspect::Inspection;
-use panelprep::sim::{Film, WET_FROM_S};
+use panelprep::inspect::{GridInspection, Inspection, score_within};
+use panelprep::panel::GridId;
+use std::collections::BTreeMap;
+use std::time::Duration;
 
-/// Numbers of all clips.
+/// A place has contrast if its film differs by so many times the noise from each break that is as damp as the recipe allows.
+pub const CONTRAST_TO_NOISE: f64 = 10.0;
+/// What the recipes allow.
+const DAMP: f64 = 0.8;
+/// … and a grid, if so much of it has.
+const CONTRAST_SHARE: f64 = 0.95;
+
+/// What is true of a clip; masks and values are those of its pictures' pixels.
+pub struct Truth<'a> {
+    /// What is broken when the observation ends.
+    pub broken: &'a Mask,
+    /// … and when the last picture is taken.
+    pub later: &'a Mask,
+    /// By how many times the noise the film differs from a break: see [`contrast_to_noise`].
+    pub contrast: &'a [f64],
+}
+
+/// By how many times the noise a film differs from the nearest look of a break, in the channel in which it does so most or in their mean;
+/// `noise` is that of one channel at its level.
+pub fn contrast_to_noise([dry, wet]: [[f64; 3]; 2], noise: impl Fn(f64) -> f64) -> f64 {
+    let gap = |dry: f64, wet: f64| (DAMP * dry - wet).max(wet - dry);
+    let mean = |rgb: [f64; 3]| rgb.iter().sum::<f64>() / 3.0;
+    let of_mean = gap(mean(dry), mean(wet)) / (noise(mean(dry)) / 3.0_f64.sqrt());
+    (0..3).map(|i| gap(dry[i], wet[i]) / noise(dry[i])).fold(of_mean, f64::max)
+}
+
+/// One clip, as it is printed.
+pub struct Clip<'a> {
+    pub renderer: &'static str,
+    pub seed: u64,
+    pub kind: &'a str,
+    pub frames_per_second: f64,
+    /// Grids that were sanded before.
+    pub sanded: usize,
+}
+
+/// A grid, judged or not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Found {
+    Passed,
+    Failed,
+    NotSeen,
+}
+
+/// Numbers of all clips of one renderer.
 #[derive(Debug, Default)]
 pub struct Tally {
-    pub iou: Vec<f64>,
-    pub iou_within: Vec<f64>,
-    pub thesis_iou: Vec<f64>,
-    pub spots: usize,
-    pub missed: Vec<f64>,
-    /// Area and whether it was found, of every spot.
-    pub by_size: Vec<(f64, bool)>,
-    pub time_errors_s: Vec<f64>,
-    pub false_pass: usize,
-    pub false_fail: usize,
-    pub clean_grids: usize,
-    pub broken_grids: usize,
-    pub spray_wrong: usize,
-    pub wrong_verdicts: usize,
+    clips: usize,
+    invalid: BTreeMap<String, usize>,
+    /// Truly broken grids, truly clean ones with contrast, and the other clean ones.
+    broken: BTreeMap<Found, usize>,
+    clean: BTreeMap<Found, usize>,
+    faint: BTreeMap<Found, usize>,
+    /// The same of grids that were sanded.
+    sanded_broken: BTreeMap<Found, usize>,
+    sanded_clean: BTreeMap<Found, usize>,
+    iou: Vec<f64>,
+    judging: Vec<Duration>,
+    time_errors_s: Vec<f64>,
+}
+
+/// A clip of which nothing is judged, for what concerns all of its pictures.
+fn is_unjudged(inspection: &Inspection) -> bool {
+    const OF_GRIDS: [&str; 5] = ["not_seen", "no_contrast", "wet_when_dry", "broken", "masked"];
+    inspection.judgement.reasons.iter().any(|reason| !OF_GRIDS.contains(&&*reason.code))
 }
 
 impl Tally {
-    /// Takes every spot of a clip: areas of those that were missed, and how late or early 10 mm² of each were broken.
-    pub fn spots_of(&mut self, inspection: &Inspection, film: &Film, truth: &Mask) -> (Vec<f64>, Vec<f64>) {
+    pub fn judged_in(&mut self, duration: Duration) {
+        self.judging.push(duration);
+    }
+
+    /// Takes a clip. `sanded` says which grids were sanded before it.
+    pub fn take(
+        &mut self,
+        clip: &Clip<'_>,
+        inspection: &Inspection,
+        truth: &Truth<'_>,
+        sanded: impl Fn(GridId) -> bool,
+    ) {
+        let footprint = &inspection.footprint;
+        let region = footprint.region();
+        let unjudged = is_unjudged(inspection);
+        let [real_mm2, later_mm2] = [truth.broken, truth.later].map(|mask| footprint.broken_mm2(mask));
+        let clear = Mask {
+            inside: (0..truth.contrast.len()).map(|i| truth.contrast[i] >= CONTRAST_TO_NOISE).collect(),
+            ..region
+        };
+        let (clear_mm2, all_mm2) = (footprint.broken_mm2(&clear), footprint.broken_mm2(&region));
+        let min_mm2 = inspection.observation.min_break_mm2;
+        let mut row: BTreeMap<(&str, Found), usize> = BTreeMap::new();
+        let mut wrong = Vec::new();
+        for (index, grid) in inspection.grids.iter().enumerate() {
+            let found = if unjudged { Found::NotSeen } else { found(grid) };
+            let is_clear = clear_mm2[index] >= CONTRAST_SHARE * all_mm2[index];
+            let (kind, counts) = match (real_mm2[index] >= min_mm2, later_mm2[index] >= min_mm2) {
+                (true, _) => ("broken", &mut self.broken),
+                // What breaks after the window is no mistake, found or not.
+                (false, true) => continue,
+                _ if is_clear => ("clean", &mut self.clean),
+                _ => ("faint", &mut self.faint),
+            };
+            if !unjudged {
+                *counts.entry(found).or_default() += 1;
+                let of_sanded = match kind {
+                    "broken" => Some(&mut self.sanded_broken),
+                    "clean" => Some(&mut self.sanded_clean),
+                    _ => None,
+                };
+                if let Some(of_sanded) = of_sanded.filter(|_| sanded(grid.id)) {
+                    *of_sanded.entry(found).or_default() += 1;
+                }
+            }
+            *row.entry((kind, found)).or_default() += 1;
+            let is_wrong = matches!((kind, found), ("broken", Found::Passed) | ("clean" | "faint", Found::Failed));
+            if is_wrong && !unjudged {
+                wrong.push(format!(
+                    "{}: {found:?}, {:.1} mm² found, {:.1} mm² broken ({:.1} at the end); a grid fails from {min_mm2:.1} mm²{}",
+                    grid.id, grid.broken_mm2, real_mm2[index], later_mm2[index],
+                    if sanded(grid.id) { ", sanded" } else { "" },
+                ));
+            }
+        }
+        // What was not seen is counted above, and is neither found nor missed.
+        let not_seen = inspection.not_seen();
+        let within = Mask {
+            inside: (0..region.inside.len())
+                .map(|i| region.inside[i] && clear.inside[i] && !not_seen.inside[i])
+                .collect(),
+            ..region
+        };
+        let has_break = truth.broken.inside.iter().zip(&within.inside).any(|(open, within)| *open && *within);
+        let observed_s = inspection.observation.observed_s;
+        let iou = (has_break && !unjudged)
+            .then(|| score_within(&inspection.mask_at(observed_s), truth.broken, &within).expect("one size").iou);
+        self.iou.extend(iou);
+        self.clips += 1;
+        let codes: Vec<&str> = inspection.judgement.reasons.iter().map(|reason| &*reason.code).collect();
+        if unjudged {
+            codes.first().into_iter().for_each(|code| *self.invalid.entry((*code).to_owned()).or_default() += 1);
+        }
+        let count = |kind, found| row.get(&(kind, found)).copied().unwrap_or_default();
+        let counts = |kind| [Found::Failed, Found::Passed, Found::NotSeen].map(|found| count(kind, found));
+        let ([bf, bp, bn], [cf, cp, cn], [ff, fp, fnot]) = (counts("broken"), counts("clean"), counts("faint"));
+        println!(
+            "{} {:5} {:6} {:4.0} {:3} {:8} {} | broken {bf:3}{bp:3}{bn:3} | clean {cf:3}{cp:3}{cn:3} | faint {ff:3}{fp:3}{fnot:3} | {}{}",
+            clip.renderer,
+            clip.seed,
+            clip.kind,
+            clip.frames_per_second,
+            clip.sanded,
+            inspection.judgement.verdict.word(),
+            iou.map_or_else(|| "  –  ".to_owned(), |iou| format!("{iou:.3}")),
+            codes.join(" "),
+            if wrong.is_empty() { "" } else { "  <-" },
+        );
+        wrong.iter().for_each(|line| println!("      {line}"));
+        if std::env::var("REASONS").is_ok() {
+            let reasons = &inspection.judgement.reasons;
+            reasons.iter().for_each(|reason| println!("      {}: {}", reason.code, reason.message));
+        }
+    }
+
+    /// How late or early 10 mm² of each place were broken; `true_s` is after the first fully wet picture.
+    pub fn times(&mut self, inspection: &Inspection, truth: &Mask, true_s: impl Fn(usize) -> f64) {
         let (footprint, region) = (&inspection.footprint, inspection.footprint.region());
-        let true_s = film.break_times_s();
-        let (mut missed, mut errors) = (Vec::new(), Vec::new());
         let inside = truth.inside.iter().zip(&region.inside).map(|(truly, inside)| *truly && *inside).collect();
         for piece in (Mask { inside, ..*truth }).pieces() {
             let mut mask = Mask::empty(truth.width, truth.height);
             piece.iter().for_each(|&index| mask.inside[index] = true);
             let area_mm2: f64 = footprint.broken_mm2(&mask).iter().sum();
-            let mut real: Vec<f64> = piece.iter().map(|&i| (f64::from(true_s[i]) - WET_FROM_S).max(0.0)).collect();
+            let mut real: Vec<f64> = piece.iter().map(|&i| true_s(i).max(0.0)).collect();
             let mut found: Vec<f64> =
                 piece.iter().filter_map(|&i| inspection.break_time_s(i % truth.width, i / truth.width)).collect();
-            let is_found = found.len() * 2 >= piece.len();
-            self.spots += 1;
-            self.by_size.push((area_mm2, is_found));
-            if !is_found {
-                missed.push(area_mm2);
-            }
             let tenth = (10.0 / area_mm2 * piece.len() as f64).ceil() as usize;
             real.sort_by(f64::total_cmp);
             found.sort_by(f64::total_cmp);
             if let (Some(real_s), Some(found_s)) = (real.get(tenth), found.get(tenth)) {
-                errors.push(found_s - real_s);
+                self.time_errors_s.push(found_s - real_s);
             }
         }
-        self.missed.extend(missed.iter().filter(|area_mm2| **area_mm2 >= 25.0));
-        self.time_errors_s.extend(&errors);
-        (missed, errors)
     }
 
-    pub fn print(&self) {
-        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
-        let least = |values: &[f64]| values.iter().copied().fold(f64::INFINITY, f64::min);
-        println!("\nintersection over union on {} clips with breaks (mean, least):", self.iou.len());
+    pub fn print(&mut self, name: &str) {
+        let share = |counts: &BTreeMap<Found, usize>, found: Found| {
+            let (some, all) = (counts.get(&found).copied().unwrap_or_default(), counts.values().sum::<usize>());
+            format!("{some} of {all} ({:.2} %)", 100.0 * some as f64 / all.max(1) as f64)
+        };
+        let invalid: usize = self.invalid.values().sum();
+        println!("\n{name}: {} clips, {invalid} of them not judged {:?}", self.clips, self.invalid);
+        println!("  failed grids passed        {} (needed 0)", share(&self.broken, Found::Passed));
+        println!("  failed grids not seen      {}", share(&self.broken, Found::NotSeen));
+        println!("  clean grids failed         {} (needed 0.5 %)", share(&self.clean, Found::Failed));
+        println!("  clean grids not seen       {} (needed 3 %)", share(&self.clean, Found::NotSeen));
         println!(
-            "  without ±1 px of rim  {:.4}  {:.4}   (needed 0.95)",
-            mean(&self.iou_within),
-            least(&self.iou_within)
-        );
-        println!("  with the rim          {:.4}  {:.4}   (needed 0.90)", mean(&self.iou), least(&self.iou));
-        println!(
-            "  the thesis's pipeline, default thresholds, on {} of them: {:.4}  {:.4}",
-            self.thesis_iou.len(),
-            mean(&self.thesis_iou),
-            least(&self.thesis_iou)
+            "  of those that were sanded: failed passed {}, not seen {}; clean failed {}, not seen {}",
+            share(&self.sanded_broken, Found::Passed),
+            share(&self.sanded_broken, Found::NotSeen),
+            share(&self.sanded_clean, Found::Failed),
+            share(&self.sanded_clean, Found::NotSeen),
         );
         println!(
-            "spots: {}; missed of those from 25 mm² on: {} {:.0?}",
-            self.spots,
-            self.missed.len(),
-            self.missed
+            "  clean grids with less than {CONTRAST_TO_NOISE} times the noise: failed {}, passed {}, not seen {}",
+            share(&self.faint, Found::Failed),
+            share(&self.faint, Found::Passed),
+            share(&self.faint, Found::NotSeen),
         );
-        for (low, high) in [(0.0, 5.0), (5.0, 25.0), (25.0, 50.0), (50.0, 200.0), (200.0, f64::INFINITY)] {
-            let of: Vec<bool> = self.by_size.iter().filter(|(a, _)| (low..high).contains(a)).map(|s| s.1).collect();
-            println!(
-                "  {low:4.0} to {high:4.0} mm²: {} of {} missed",
-                of.iter().filter(|found| !**found).count(),
-                of.len()
-            );
+        let mean = self.iou.iter().sum::<f64>() / self.iou.len().max(1) as f64;
+        let least = self.iou.iter().copied().fold(f64::INFINITY, f64::min);
+        let low = self.iou.iter().filter(|iou| **iou < 0.95).count();
+        println!(
+            "  intersection over union, ±1 px, from {CONTRAST_TO_NOISE} times the noise on, {} clips: mean {mean:.4}, least {least:.4}, \
+             {low} below 0.95 (needed 0.95)",
+            self.iou.len()
+        );
+        if !self.time_errors_s.is_empty() {
+            let near = self.time_errors_s.iter().filter(|error| error.abs() <= 0.5).count();
+            let percent = 100.0 * near as f64 / self.time_errors_s.len() as f64;
+            println!("  time to break, from 10 mm²: {percent:.1} % of {} within 0.5 s", self.time_errors_s.len());
         }
-        println!(
-            "grids: {} broken, {} of them passed (needed 0); {} clean, {} of them failed: {:.2} % (needed 0.5 %)",
-            self.broken_grids,
-            self.false_pass,
-            self.clean_grids,
-            self.false_fail,
-            100.0 * self.false_fail as f64 / self.clean_grids.max(1) as f64
-        );
-        let near = self.time_errors_s.iter().filter(|error| error.abs() <= 0.5).count();
-        println!(
-            "time to break, from 10 mm²: {:.1} % of {} within 0.5 s (needed 95 %)",
-            100.0 * near as f64 / self.time_errors_s.len().max(1) as f64,
-            self.time_errors_s.len()
-        );
-        println!("grease that breaks under the spray: {} clips not failed (needed 0)", self.spray_wrong);
-        println!("verdicts that are wrong: {}", self.wrong_verdicts);
+        self.judging.sort();
+        let at = |share: f64| {
+            let index = (self.judging.len().max(1) - 1) as f64 * share;
+            self.judging.get(index as usize).map_or(f64::NAN, |time| time.as_secs_f64() * 1e3)
+        };
+        println!("  a picture: median {:.2} ms, 95 % {:.2} ms", at(0.5), at(0.95));
+    }
+}
+
+fn found(grid: &GridInspection) -> Found {
+    match grid.failed {
+        true => Found::Failed,
+        false if grid.seen && !grid.no_contrast && !grid.wet_when_dry => Found::Passed,
+        false => Found::NotSeen,
     }
 }

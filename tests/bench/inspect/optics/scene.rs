@@ -9,10 +9,13 @@
 
 use super::light::{Field, RESIN, Surroundings, WATER, fresnel, under_water, wet_diffuse};
 use super::random::{Deviates, Random};
+use super::sanding::{Look, Remains, Zone, look};
 use super::water::{Place, SPRAY_FROM_S, Surface, WET_FROM_S, Water};
+use crate::conditions::Conditions;
+use crate::tally::contrast_to_noise;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep::geometry::{Base, Camera, ColorPicture, Mask, OrganizedCloud, Panel, PinholeCamera, Rigid};
-use panelprep::panel::TaughtPanel;
+use panelprep::panel::{GridId, TaughtPanel};
 use panelprep::phase::Phase;
 use panelprep::recipe::Recipe;
 use rayon::prelude::*;
@@ -69,8 +72,11 @@ struct Seen {
     weave: f64,
     rho: [f64; 3],
     lit: [f64; 3],
+    /// Dry as it was made, dry as it is now, and the gloss under water.
+    made: [f64; 3],
     dry: [f64; 3],
     gloss_wet: [f64; 3],
+    look: Look,
     place: Place,
     pixel_mm: f64,
 }
@@ -94,6 +100,9 @@ pub struct Scene {
     mains_hz: f64,
     noise: Deviates,
     seed: u64,
+    remains: Vec<Remains>,
+    zones: Vec<Zone>,
+    pub conditions: Conditions,
 }
 
 /// The panel's depth and its slopes.
@@ -138,9 +147,40 @@ fn weave([x, y]: [f64; 2], pixel_mm: f64) -> f64 {
     sign / (1.0 + (1.5 * pixel_mm / TOW_MM).powi(2))
 }
 
+/// Rows and columns of grids.
+const GRIDS: [usize; 2] = [3, 4];
+/// The region ends so far from the panel's edge, mm.
+const INSET_MM: f64 = 12.0;
+
+/// The grids of every clip.
+pub fn grid_ids() -> Vec<GridId> {
+    let columns = |row| (1..=GRIDS[1]).map(move |column| GridId { row, column });
+    (1..=GRIDS[0]).flat_map(columns).collect()
+}
+
+/// What was sanded: each grid as a rectangle, and wider by what the disc goes beyond it.
+fn zones(conditions: &Conditions, half: [f64; 2], random: &mut Random) -> Vec<Zone> {
+    let mut zones = Vec::new();
+    for pass in &conditions.sanded {
+        let albedo = 0.4 * (1.8_f64 / 0.4).powf(random.between(0.0, 1.0));
+        for id in pass {
+            let side = |axis: usize, index: usize, of: usize| {
+                let (low, size) = (INSET_MM - half[axis], 2.0 * (half[axis] - INSET_MM) / of as f64);
+                let from = low + size * (index - 1) as f64;
+                [from - conditions.beyond_mm, from + size + conditions.beyond_mm]
+            };
+            let (x, y) = (side(0, id.column, GRIDS[1]), side(1, id.row, GRIDS[0]));
+            zones.push(Zone::new([x[0], y[0]], [x[1], y[1]], albedo, random));
+        }
+    }
+    zones
+}
+
 impl Scene {
     pub fn new(seed: u64, reduction: usize, observed_s: f64) -> Self {
         let spec = Spec::new(seed);
+        let conditions = Conditions::new(seed, &grid_ids());
+        let spec = Spec { frames_per_second: conditions.frames_per_second, ..spec };
         let mut random = Random::new(seed, 2);
         let (width, height) = (1944 / reduction, 1200 / reduction);
         let focal = 2100.0 / reduction as f64;
@@ -170,6 +210,12 @@ impl Scene {
         };
         let above = Surroundings::new(spec.field, spec.projector, &mut random);
         let water = Water::new(shape.half, spec.spots, WET_FROM_S + 0.8 * observed_s, &mut random);
+        let mut after = Random::new(seed, 3);
+        let zones = zones(&conditions, shape.half, &mut after);
+        let dense = after.between(0.0, 1.5);
+        let remains: Vec<Remains> = (water.grease.iter())
+            .map(|grease| Remains::new(grease.centre_mm, grease.radius_mm, dense, &mut after))
+            .collect();
         let carbon = random.between(0.03, 0.07);
         let rho = if spec.red { [0.35, 0.06, 0.05] } else { [carbon * 1.05, carbon, carbon * 0.97] };
         let board = if spec.red { random.between(0.09, 0.13) } else { random.between(0.16, 0.3) };
@@ -211,8 +257,10 @@ impl Scene {
                 weave: weave(at, px_mm),
                 rho,
                 lit: above.irradiance([at[0], at[1], z]),
+                made: [0.0; 3],
                 dry: [0.0; 3],
                 gloss_wet: [0.0; 3],
+                look: look(&zones, at),
                 place: water.place(at, down),
                 pixel_mm: px_mm,
             });
@@ -225,13 +273,21 @@ impl Scene {
             let lobe = above.blurred(meets, wide * rough);
             let share = gloss * fresnel(cos, RESIN);
             let yarn = 1.0 + 0.08 * one.weave;
-            one.dry = std::array::from_fn(|i| one.rho[i] * yarn * one.lit[i] + share * lobe[i]);
+            let stain = water.grease_at(&one.place).map_or(1.0, |(index, _)| remains[index].stain);
+            one.made = std::array::from_fn(|i| one.rho[i] * stain * yarn * one.lit[i] + share * lobe[i]);
+            // Scratches scatter as much as they are deep: a sanded place mirrors a wider lobe.
+            let yarn = 1.0 + 0.08 * one.weave * one.look.weave;
+            let (gloss, rough) = (gloss * one.look.gloss, rough.max(0.3 * (1.0 - one.look.gloss)));
+            let lobe = above.blurred(meets, wide * rough);
+            let rho: [f64; 3] = std::array::from_fn(|i| one.rho[i] * one.look.albedo[i] * stain * yarn);
+            one.dry = std::array::from_fn(|i| rho[i] * one.lit[i] + share * one.look.gloss * lobe[i]);
             let lobe = above.blurred(meets, wide * rough * WATER);
             one.gloss_wet = lobe.map(|level| level * gloss * under_water() * (1.0 - fresnel(cos, WATER)).powi(2));
-            one.rho = one.rho.map(|rho| rho * yarn);
+            one.weave *= one.look.weave;
+            one.rho = rho;
         }
         // The exposure is set by the dry panel's brightest channel, and so that the board is not overexposed.
-        let mean = |i: usize| seen.iter().map(|one| one.dry[i]).sum::<f64>() / seen.len() as f64;
+        let mean = |i: usize| seen.iter().map(|one| one.made[i]).sum::<f64>() / seen.len() as f64;
         let brightest = (0..3).map(mean).fold(0.0, f64::max);
         let most = around.iter().flat_map(|(dry, ..)| dry).fold(0.0_f32, |a, b| a.max(*b));
         let scale = (random.between(50.0, 110.0) / brightest).min(225.0 / f64::from(most));
@@ -266,6 +322,9 @@ impl Scene {
             noise,
             seed,
             spec,
+            remains,
+            zones,
+            conditions,
         };
         let colors = scene.picture(0.0).rgb;
         scene.taught = Scene::teach(&camera, cloud, colors, base_from_camera, &scene.recipe);
@@ -287,7 +346,7 @@ impl Scene {
     /// The region's corners: all of the panel but for 12 mm.
     fn region(shape: &Shape, camera: &PinholeCamera) -> [[f64; 2]; 4] {
         [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[a, b]| {
-            let (x, y) = (a * (shape.half[0] - 12.0), b * (shape.half[1] - 12.0));
+            let (x, y) = (a * (shape.half[0] - INSET_MM), b * (shape.half[1] - INSET_MM));
             let z = shape.depth([x, y]);
             [camera.fx_px * x / z + camera.cx_px, camera.fy_px * y / z + camera.cy_px]
         })
@@ -297,7 +356,8 @@ impl Scene {
         let more = std::env::var("INSPECT").unwrap_or_default();
         let text = format!(
             "panel = \"optics\"\n[locate]\nbox_min_mm = [-400, -300, -50]\nbox_max_mm = [400, 300, 60]\n\
-             [region]\ncorners_px = {corners:?}\nrows = 3\ncolumns = 4\n[inspect]\n{more}\n"
+             [region]\ncorners_px = {corners:?}\nrows = {}\ncolumns = {}\n[inspect]\n{more}\n",
+            GRIDS[0], GRIDS[1],
         );
         Recipe::check("optics.toml", &text).expect("a valid recipe")
     }
@@ -345,8 +405,11 @@ impl Scene {
         picture.rgb.par_iter_mut().enumerate().for_each(|(index, pixel)| *pixel = exposed(ground(index), index));
         let on_panel: Vec<(usize, [u8; 3])> = (self.seen.par_iter())
             .map(|one| {
-                let surface = self.water.at(&one.place, time_s, one.pixel_mm);
-                let own = self.radiance(one, &surface);
+                let own = if time_s < SPRAY_FROM_S {
+                    one.made
+                } else {
+                    self.radiance(one, &self.surface(one, time_s), time_s)
+                };
                 let behind = ground(one.index);
                 let rgb = std::array::from_fn(|i| behind[i] + (own[i] - behind[i]) * one.cover);
                 (one.index, exposed(rgb, one.index))
@@ -356,10 +419,25 @@ impl Scene {
         picture
     }
 
+    /// The water at a place, with the droplets that stay where the film has opened.
+    fn surface(&self, one: &Seen, time_s: f64) -> Surface {
+        let surface = self.water.at(&one.place, time_s, one.pixel_mm);
+        let droplet = (self.water.grease_at(&one.place).filter(|_| surface.wet < 1.0 && time_s > WET_FROM_S))
+            .and_then(|(index, at)| self.remains[index].droplet(at, one.pixel_mm));
+        match droplet {
+            Some((share, slope)) if share > surface.wet => Surface { wet: share, slope, shows_weave: 0.0 },
+            _ => surface,
+        }
+    }
+
     /// What one place of the panel sends to the camera.
-    fn radiance(&self, one: &Seen, surface: &Surface) -> [f64; 3] {
+    fn radiance(&self, one: &Seen, surface: &Surface, time_s: f64) -> [f64; 3] {
+        // A place whose film has opened is damp.
+        let damp = (self.water.grease_at(&one.place).filter(|_| self.water.opens_s(&one.place) < time_s))
+            .map_or(1.0, |(index, _)| self.remains[index].damp);
+        let bare = one.dry.map(|level| level * damp);
         if surface.wet <= 0.0 {
-            return one.dry;
+            return bare;
         }
         let tow = one.weave * 0.05 * surface.shows_weave;
         let slope = [one.slope[0] + surface.slope[0] + tow, one.slope[1] + surface.slope[1] - tow];
@@ -367,8 +445,18 @@ impl Scene {
         let mirrored = self.above.radiance(one.mirrored(slope, self.above.above_mm));
         std::array::from_fn(|i| {
             let wet = f * mirrored[i] + wet_diffuse(one.rho[i], f) * one.lit[i] + one.gloss_wet[i];
-            one.dry[i] + (wet - one.dry[i]) * surface.wet
+            bare[i] + (wet - bare[i]) * surface.wet
         })
+    }
+
+    /// The pixels of places that were sanded, and so much around them. The panel is filmed where it was taught.
+    pub fn sanded_in_taught(&self, margin_mm: f64) -> Mask {
+        let mut mask = Mask::empty(self.camera.width_px, self.camera.height_px);
+        for one in &self.seen {
+            let at = [one.point[0], one.point[1]];
+            mask.inside[one.index] = self.zones.iter().any(|zone| zone.depth(at) > -margin_mm);
+        }
+        mask
     }
 
     /// Truth: the pixels whose film is open by this time.
@@ -380,21 +468,22 @@ impl Scene {
         mask
     }
 
-    /// Truth: by how many grey levels a calm film changes each pixel in the channel where it changes most.
+    /// Truth: by how many times a pixel's noise a calm film differs from a break.
     pub fn contrast(&self) -> Vec<f64> {
-        let mut levels = vec![0.0; self.camera.width_px * self.camera.height_px];
+        let mut times = vec![0.0; self.camera.width_px * self.camera.height_px];
         for one in &self.seen {
-            let wet = self.radiance(one, &Water::CALM);
-            let change = (0..3).map(|i| (wet[i] - one.dry[i]).abs() * self.scale);
-            levels[one.index] = change.fold(0.0, f64::max);
+            let looks =
+                [one.dry, self.radiance(one, &Water::CALM, 0.0)].map(|rgb| rgb.map(|level| level * self.scale));
+            times[one.index] = contrast_to_noise(looks, |level| (0.5 + 0.012 * level).sqrt());
         }
-        levels
+        times
     }
 
-    /// The times of its pictures, s.
-    pub fn times_s(&self, filmed_s: f64) -> Vec<f64> {
-        let frames = ((WET_FROM_S + filmed_s) * self.spec.frames_per_second).round() as u32;
-        (0..=frames).map(|frame| f64::from(frame) / self.spec.frames_per_second).collect()
+    /// Truth: when the film opens at each pixel, s of the clip; infinite where it holds.
+    pub fn opens_s(&self) -> Vec<f64> {
+        let mut times_s = vec![f64::INFINITY; self.camera.width_px * self.camera.height_px];
+        self.seen.iter().for_each(|one| times_s[one.index] = self.water.opens_s(&one.place));
+        times_s
     }
 }
 

@@ -146,6 +146,14 @@ impl Water {
         })
     }
 
+    /// The grease at a place, and where that is, mm.
+    pub fn grease_at(&self, place: &Place) -> Option<(usize, [f64; 2])> {
+        place
+            .grease
+            .filter(|(index, away, _)| *away < self.grease[*index].radius_mm)
+            .map(|(index, ..)| (index, place.at))
+    }
+
     /// The same place under a film at rest.
     pub const CALM: Surface = Surface { wet: 1.0, slope: [0.0; 2], shows_weave: 0.0 };
 

@@ -1,0 +1,108 @@
+//! The clip's own noise: how much a pixel of the film differs from picture to picture.
+//!
+//! The difference of two pictures has √2 of one picture's standard deviation σ. Water that moves makes some of the differences larger,
+//! so the lower third of their distribution counts: of a normal distribution 30 % of the absolute differences are below 0.385 √2 σ.
+
+use super::kernel::{Block, INSIDE, LEVEL, LOOK, NO_DRY, OVEREXPOSED};
+
+/// The share of the differences that is looked at, and where it lies for σ = 1.
+const SHARE: f64 = 0.3;
+const AT_SHARE: f64 = 0.385;
+/// Differences are counted in classes of 1/16 level, up to this many.
+const CLASS: u16 = LEVEL / 16;
+const CLASSES: usize = 512;
+/// Less noise than the rounding to whole levels leaves is no measurement, levels; and what is assumed before there is one.
+const LEAST_LEVELS: f64 = 0.35;
+const ASSUMED_LEVELS: f64 = 1.5;
+/// One row in this many is looked at, and this many differences are enough.
+pub(super) const ROWS_EVERY: usize = 4;
+const ENOUGH: u64 = 200;
+
+/// What the differences so far say.
+#[derive(Debug, Clone)]
+pub struct Noise {
+    classes: Vec<u64>,
+}
+
+impl Noise {
+    pub fn new() -> Self {
+        Noise { classes: vec![0; CLASSES] }
+    }
+
+    /// Takes the pixels of a row in two pictures that follow each other; `brighter` is the light of the second against the first.
+    pub fn take(&mut self, look: &[Block], before: &[Block], state: &[Block], brighter: f64) {
+        for ((look, before), state) in look.iter().zip(before).zip(state) {
+            for ((look, before), state) in look.iter().zip(before).zip(state) {
+                let counts = state & (INSIDE | NO_DRY) != 0 && (look | before) & OVEREXPOSED == 0;
+                if counts && state & INSIDE > 0 {
+                    let was = (f64::from(before & LOOK) * brighter) as u16;
+                    let class = usize::from((look & LOOK).abs_diff(was) / CLASS);
+                    self.classes[class.min(CLASSES - 1)] += 1;
+                }
+            }
+        }
+    }
+
+    /// σ in grey levels.
+    pub fn levels(&self) -> f64 {
+        let all: u64 = self.classes.iter().sum();
+        if all < ENOUGH {
+            return ASSUMED_LEVELS;
+        }
+        let wanted = SHARE * all as f64;
+        let mut below = 0.0;
+        for (class, count) in self.classes.iter().enumerate() {
+            let next = below + *count as f64;
+            if next >= wanted {
+                let within = (wanted - below) / (*count as f64).max(1.0);
+                let level = (class as f64 + within) * f64::from(CLASS) / f64::from(LEVEL);
+                return (level / AT_SHARE / std::f64::consts::SQRT_2).max(LEAST_LEVELS);
+            }
+            below = next;
+        }
+        LEAST_LEVELS
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::kernel::BLOCK_PX;
+    use super::*;
+
+    /// Sums of twelve uniform numbers are nearly normal: of σ = 2 levels 2 are found. If a quarter of the pixels moves by 20, 30 % of all are
+    /// 40 % of the others, which lie below 0.524 √2 σ: by hand 2 · 0.524/0.385 = 2.72 are found.
+    #[test]
+    fn noise_is_found_beside_what_moves() {
+        for moving in [0, 4] {
+            let mut state: u32 = 7;
+            let mut random = || {
+                let sum: f64 = (0..12)
+                    .map(|_| {
+                        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                        f64::from(state >> 8) / f64::from(1 << 24)
+                    })
+                    .sum();
+                2.0 * (sum - 6.0)
+            };
+            let mut noise = Noise::new();
+            for row in 0..200 {
+                let mut block = |by: f64| -> Block {
+                    std::array::from_fn(|i| {
+                        let moves = if moving > 0 && i % moving == 0 { by } else { 0.0 };
+                        ((60.0 + moves + random()) * f64::from(LEVEL)) as u16
+                    })
+                };
+                let [a, b] = [block(0.0), block(if row % 2 == 0 { 20.0 } else { -20.0 })];
+                noise.take(&[a], &[b], &[[INSIDE; BLOCK_PX]], 1.0);
+            }
+            let found = noise.levels();
+            let most = if moving > 0 { 2.8 } else { 2.1 };
+            assert!(found > 1.9 && found < most, "{moving}: {found}");
+        }
+    }
+
+    #[test]
+    fn a_few_pixels_say_nothing() {
+        assert_eq!(Noise::new().levels(), ASSUMED_LEVELS);
+    }
+}

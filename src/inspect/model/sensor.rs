@@ -1,0 +1,85 @@
+//! The sensor's noise by brightness, measured where no water moves.
+//!
+//! The variance of a sensor's noise grows with the light: σ² = a + b s (EMVA 1288). Differences of two pictures have twice that; those of
+//! places whose light changed between the two are far beyond it and do not count.
+
+/// Differences beyond this are no noise of a mean of many pixels, levels.
+const MOST_LEVELS: f64 = 3.0;
+/// Brightness is counted in classes of this width, levels, and a class with fewer differences says nothing.
+const CLASS_LEVELS: f64 = 16.0;
+const CLASSES: usize = 16;
+const ENOUGH: f64 = 100.0;
+
+/// The least variance: rounding leaves 1/12 in each of 4 × 4 pixels and three channels.
+const LEAST: f64 = 1.0 / 12.0 / 48.0;
+
+/// Differences so far: of each class how many, and the sums of their squares and of their brightness.
+#[derive(Debug, Clone, Default)]
+pub struct SensorNoise {
+    classes: [[f64; 3]; CLASSES],
+}
+
+impl SensorNoise {
+    /// Takes a place in two pictures, in one light.
+    pub fn take(&mut self, before: f64, now: f64) {
+        let difference = now - before;
+        if difference.abs() < MOST_LEVELS {
+            let class = ((before / CLASS_LEVELS) as usize).min(CLASSES - 1);
+            let [count, squares, levels] = &mut self.classes[class];
+            *count += 1.0;
+            *squares += difference * difference;
+            *levels += before;
+        }
+    }
+
+    /// The variance of the noise at a brightness, levels²; `None` if too little was seen.
+    pub fn variance(&self, levels: f64) -> Option<f64> {
+        let known: Vec<(f64, f64, f64)> = (self.classes.iter())
+            .filter(|[count, ..]| *count >= ENOUGH)
+            .map(|[count, squares, levels]| (*count, levels / count, squares / count / 2.0))
+            .collect();
+        let weight: f64 = known.iter().map(|(count, ..)| count).sum();
+        if known.is_empty() {
+            return None;
+        }
+        let mean =
+            |of: &dyn Fn(&(f64, f64, f64)) -> f64| known.iter().map(|it| it.0 * of(it)).sum::<f64>() / weight;
+        let (level, variance) = (mean(&|it| it.1), mean(&|it| it.2));
+        let (spread, shared) = (mean(&|it| (it.1 - level).powi(2)), mean(&|it| (it.1 - level) * (it.2 - variance)));
+        // Noise does not fall with the light, and is never less than what rounding leaves of the mean of 48 numbers.
+        let slope = if spread > 1.0 { (shared / spread).max(0.0) } else { 0.0 };
+        let at = |levels: f64| (variance + slope * (levels - level)).max(LEAST);
+        // Beyond what was seen the slope is not sure, and with a and b ≥ 0 the variance is at least in proportion to s below it, and at most
+        // above it: the larger one counts, so that noise is never taken for water.
+        let nearest =
+            known.iter().map(|it| it.1).min_by(|a, b| (a - levels).abs().total_cmp(&(b - levels).abs()))?;
+        let seen = known.iter().fold([f64::INFINITY, 0.0], |[low, high], it| [it.1.min(low), it.1.max(high)]);
+        let is_beyond = levels < seen[0] || levels > seen[1];
+        Some(if is_beyond { at(levels).max(at(nearest) * levels / nearest) } else { at(levels) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: differences of ±1 at 40 levels are a variance of 1/2, of ±2 at 100 levels one of 2; between them at 70 it is 1.25, at
+    /// 10 levels it would be −0.25, and is a quarter of that at 40. At 200 the line gives 4.5, twice that at 100 is less.
+    #[test]
+    fn noise_grows_with_the_light() {
+        let mut noise = SensorNoise::default();
+        assert_eq!(noise.variance(50.0), None);
+        for i in 0..400 {
+            let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
+            noise.take(40.0, 40.0 + sign);
+            noise.take(100.0, 100.0 + 2.0 * sign);
+            noise.take(100.0, 150.0);
+        }
+        let at = |levels: f64| noise.variance(levels).expect("enough");
+        assert!((at(40.0) - 0.5).abs() < 1e-9 && (at(100.0) - 2.0).abs() < 1e-9 && (at(70.0) - 1.25).abs() < 1e-9);
+        assert!((at(10.0) - 0.125).abs() < 1e-9 && (at(200.0) - 4.5).abs() < 1e-9);
+        let mut of_one = SensorNoise::default();
+        (0..200).for_each(|i| of_one.take(50.0, if i % 2 == 0 { 51.0 } else { 49.0 }));
+        assert!((of_one.variance(100.0).expect("enough") - 1.0).abs() < 1e-9, "of one brightness: in proportion");
+    }
+}

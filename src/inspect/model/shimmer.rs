@@ -1,0 +1,187 @@
+//! Whether water moves on a place that has no dry look of its own.
+//!
+//! A film is never quite still: it runs off, waves travel on it, it thins out. With s the look of a place, w its wet look, x₁, x₂, …
+//! the means of s/w over a square of 4 × 4 px and spans of a second with n₁, n₂, … pictures, and σ the sensor's noise in such a square, which is
+//! measured beside the panel, where no water moves ([`super::sensor`]),
+//!     z = (x₁ − 2 x₂ + x₃) / ((σ/w) √(1/n₁ + 4/n₂ + 1/n₃)).                                                     (1)
+//! Over places that are still, z has the variance 1. What is common to neighbours is the light's, and second differences leave out a
+//! place that dries steadily. A shadow or a glint that passes a still place shows in a few of them, and a film in most.
+
+use super::kernel::{BLOCK_PX, Block, INSIDE, LOOK, NO_DRY, OVEREXPOSED};
+use super::lamp::Lamp;
+use rayon::prelude::*;
+
+/// A site is a square of so many pixels a side: water moves on a scale of millimetres, and the noise of its mean is smaller.
+const EVERY: usize = Lamp::SIDE_PX;
+/// So many spans are looked at. A span begins with a picture and holds those of this time, s, a second but for what clocks round: at
+/// less than a picture a second each picture is a span.
+const SPANS: usize = 24;
+const SPAN_S: f64 = 0.99;
+/// So much of a site's pixels and pictures must be seen in a span.
+const WHOLE: f32 = 0.9;
+/// How many second differences they have.
+pub const DIFFERENCES: usize = SPANS - 2;
+/// The sums of each place that is looked at: a lattice of sites.
+#[derive(Debug, Clone)]
+pub struct Shimmer {
+    columns: usize,
+    /// The span that is added up, when it began, and how many pictures each has.
+    span: usize,
+    began_s: f64,
+    pictures: [u32; SPANS],
+    /// Of each site the sum of s/w over its pixels and the pictures, and how many they were.
+    sums: Vec<[f32; 2]>,
+    /// The means of s/w in the spans that are over; not a number if too little was seen.
+    means: Vec<[f32; SPANS]>,
+}
+
+/// What is looked at in one picture.
+pub struct Picture<'a> {
+    pub look: &'a [Block],
+    pub wet: &'a [Block],
+    pub state: &'a [Block],
+    pub since_wet_s: f64,
+}
+
+impl Shimmer {
+    /// A site's side, px.
+    pub const SIDE_PX: usize = EVERY;
+
+    /// For blocks in rows of `columns`.
+    pub fn new(columns: usize, blocks: usize) -> Self {
+        let sites = blocks * BLOCK_PX / (EVERY * EVERY);
+        Shimmer {
+            columns,
+            span: 0,
+            began_s: f64::NEG_INFINITY,
+            pictures: [0; SPANS],
+            sums: vec![[0.0; 2]; sites],
+            means: vec![[f32::NAN; SPANS]; sites],
+        }
+    }
+
+    /// Takes a picture; later ones than the last span holds say nothing more.
+    pub fn take(&mut self, picture: &Picture<'_>) {
+        if picture.since_wet_s - self.began_s >= SPAN_S {
+            if self.began_s.is_finite() {
+                self.close();
+                self.span += 1;
+            }
+            self.began_s = picture.since_wet_s;
+        }
+        if self.span >= SPANS {
+            return;
+        }
+        self.pictures[self.span] += 1;
+        let columns = self.columns;
+        let of_row = self.columns();
+        self.sums.par_chunks_mut(of_row).enumerate().for_each(|(line, sums)| {
+            for row in EVERY * line..EVERY * (line + 1) {
+                let blocks = row * columns..(row + 1) * columns;
+                let looks = picture.look[blocks.clone()].iter().zip(&picture.wet[blocks.clone()]);
+                let blocks = looks.zip(&picture.state[blocks]);
+                for (((look, wet), state), sums) in blocks.zip(sums.chunks_mut(BLOCK_PX / EVERY)) {
+                    take_row(look, wet, state, sums);
+                }
+            }
+        });
+    }
+
+    /// Ends a span.
+    fn close(&mut self) {
+        let Some(pictures) = self.pictures.get(self.span).copied() else { return };
+        for (sums, means) in self.sums.iter_mut().zip(&mut self.means) {
+            let [sum, count] = *sums;
+            // With fewer pixels its noise would be larger than is taken.
+            if count > 0.0 && count >= WHOLE * (EVERY * EVERY) as f32 * pictures as f32 {
+                means[self.span] = sum / count;
+            }
+            *sums = [0.0; 2];
+        }
+    }
+
+    /// Ends the observation.
+    pub fn end(&mut self) {
+        self.close();
+        self.span = SPANS;
+    }
+
+    /// Sites in a row of the lattice.
+    pub fn columns(&self) -> usize {
+        self.columns * BLOCK_PX / EVERY
+    }
+
+    /// How many sites there are.
+    pub fn len(&self) -> usize {
+        self.sums.len()
+    }
+
+    /// Row and column of a site in the window, px.
+    pub fn place(&self, at: usize) -> (usize, usize) {
+        (at / self.columns() * EVERY, at % self.columns() * EVERY)
+    }
+
+    /// The sites about a pixel of the window.
+    pub fn sites_about(&self, row: usize, column: usize) -> impl Iterator<Item = usize> + '_ {
+        let (row, column) = (row / EVERY, column / EVERY);
+        let columns = column.saturating_sub(1)..(column + 2).min(self.columns());
+        (row.saturating_sub(1)..row + 2)
+            .flat_map(move |row| columns.clone().map(move |column| row * self.columns() + column))
+    }
+
+    /// z of a site by each second difference, for this σ/w of a site in one picture; not a number where too little was seen.
+    pub fn at(&self, site: usize, noise: f64) -> [f32; DIFFERENCES] {
+        let x = &self.means[site];
+        std::array::from_fn(|k| {
+            let part = |k: usize| 1.0 / self.pictures[k].max(1) as f32;
+            (x[k] - 2.0 * x[k + 1] + x[k + 2]) / (noise as f32 * (part(k) + 4.0 * part(k + 1) + part(k + 2)).sqrt())
+        })
+    }
+}
+
+/// Adds the part of a block's row that each site has.
+fn take_row(look: &Block, wet: &Block, state: &Block, sums: &mut [[f32; 2]]) {
+    let mut shares = [[0.0_f32; 2]; BLOCK_PX];
+    for i in 0..BLOCK_PX {
+        let counts = state[i] & (INSIDE | NO_DRY) == INSIDE | NO_DRY && look[i] & OVEREXPOSED == 0;
+        let own = f32::from(u8::from(counts && wet[i] > 0));
+        shares[i] = [own * f32::from(look[i] & LOOK) / f32::from(wet[i].max(1)), own];
+    }
+    for (sums, shares) in sums.iter_mut().zip(shares.chunks(EVERY)) {
+        for share in shares {
+            *sums = [sums[0] + share[0], sums[1] + share[1]];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::kernel::LEVEL;
+    use super::*;
+
+    /// By hand: 60 levels that rise by 0.1 in each span of 1 s show nothing. A place that is 1 level brighter in every second span has second
+    /// differences of 2 levels: with a noise of 1 level and 10 pictures a span z is 2 / √((1 + 4 + 1)/10) = 2.58.
+    #[test]
+    fn what_a_film_shows_and_a_place_that_dries_does_not() {
+        const ROWS: usize = 32;
+        let wet = [[60 * LEVEL; BLOCK_PX]; ROWS];
+        let state = [[INSIDE | NO_DRY; BLOCK_PX]; ROWS];
+        let mut shimmer = Shimmer::new(1, ROWS);
+        for picture in 0..240_usize {
+            let span = (picture / 10) as f64;
+            let look: Vec<Block> = (0..ROWS)
+                .map(|row| {
+                    let own = if row < 16 { 0.1 * span } else { span % 2.0 };
+                    [(f64::from(LEVEL) * (60.0 + own)) as u16; BLOCK_PX]
+                })
+                .collect();
+            let since_wet_s = 0.1 * picture as f64 + 0.05;
+            shimmer.take(&Picture { look: &look, wet: &wet, state: &state, since_wet_s });
+        }
+        shimmer.end();
+        let at = |row: usize| shimmer.at(row / EVERY * shimmer.columns() + 5, 1.0 / 60.0);
+        assert!(at(10).iter().all(|shown| shown.abs() < 0.05), "{:?}", at(10));
+        assert!(at(20).iter().all(|shown| (shown.abs() - 2.58).abs() < 0.05), "{:?}", at(20));
+        assert_eq!(shimmer.place(5 * 8 + 5), (20, 20));
+    }
+}

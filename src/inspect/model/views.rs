@@ -1,0 +1,95 @@
+//! In which channel, or in which mean of them, a tile of the region is looked at.
+//!
+//! Where water darkens or mirrors one channel more than the others, that one tells film from a bare place best, against its noise. The
+//! first wet picture decides for each tile; a tile without a dry look of its own takes the mean.
+
+use super::kernel::{BLOCK_PX, LEVEL};
+use super::light::TILE_PX;
+
+/// A difference beyond this says no more, levels.
+const MOST_LEVELS: f64 = 40.0;
+/// A channel alone must be this much better than the mean: each tile decides by a few hundred noisy pixels.
+const BETTER: f64 = 1.1;
+
+/// Weights of the channels in what may be looked at, and how much less noise than one channel it has.
+#[derive(Debug, Clone)]
+pub struct Views {
+    weights: Vec<([f64; 3], f64)>,
+    columns: usize,
+    /// What each tile looks at.
+    pub chosen: Vec<usize>,
+}
+
+impl Views {
+    /// The mean by the recipe's weights first, then each channel that counts in it.
+    pub fn new(channel_weights: [f64; 3], columns: usize, tiles: usize) -> Self {
+        let sum: f64 = channel_weights.iter().sum();
+        let mean = channel_weights.map(|weight| weight / sum);
+        let surer = |weights: [f64; 3]| 1.0 / weights.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
+        let one = |i: usize| std::array::from_fn(|channel| f64::from(u8::from(channel == i)));
+        let channels = (0..3).filter(|&i| mean[i] > 0.0).map(|i| (one(i), 1.0));
+        let weights = std::iter::once((mean, surer(mean))).chain(channels).collect();
+        Views { weights, columns, chosen: vec![0; tiles] }
+    }
+
+    /// Chooses by the change from dry to wet of some of the region's pixels: the pixel's block, and its change in each channel.
+    pub fn choose(&mut self, changes: impl Iterator<Item = (usize, [f64; 3])>) {
+        let mut said = vec![vec![0.0_f64; self.weights.len()]; self.chosen.len()];
+        for (block, change) in changes {
+            for (said, (weights, surer)) in said[self.tile_of(block)].iter_mut().zip(&self.weights) {
+                let change: f64 = (0..3).map(|i| weights[i] * change[i]).sum();
+                *said += surer * change.abs().min(MOST_LEVELS);
+            }
+        }
+        for (chosen, said) in self.chosen.iter_mut().zip(said) {
+            let best = (0..said.len()).fold(0, |best, view| if said[view] > said[best] { view } else { best });
+            *chosen = if said[best] > BETTER * said[0] { best } else { 0 };
+        }
+    }
+
+    /// The tile of a block.
+    pub fn tile_of(&self, block: usize) -> usize {
+        block / self.columns / TILE_PX * self.columns + block % self.columns
+    }
+
+    /// How many views there are.
+    pub fn count(&self) -> usize {
+        self.weights.len()
+    }
+
+    /// The variance of a view's noise, by that of one channel and that of the mean of all three with equal weights.
+    pub fn variance(&self, view: usize, of_channel: f64, of_mean: f64) -> f64 {
+        let squares = self.weights[view].0.iter().map(|weight| weight * weight).sum::<f64>();
+        if squares > 0.99 { of_channel } else { of_mean * 3.0 * squares }
+    }
+
+    /// The weights of a view in light that is brighter by these gains: its look is as if the light were the dry picture's.
+    pub fn weights(&self, view: usize, gains: [f64; 3]) -> [u16; 3] {
+        std::array::from_fn(|i| (self.weights[view].0[i] / gains[i] * f64::from(LEVEL)).round() as u16)
+    }
+}
+
+/// Columns of tiles, and of blocks, across so many pixels.
+pub fn columns(width: usize) -> usize {
+    width.div_ceil(BLOCK_PX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: the mean of three equal channels has 1/√3 of the noise. A change of 30 in one channel alone is 10 of the mean, 17 against
+    /// its noise: the channel is looked at. A change of 20 in each is 20 of the mean, 35 against its noise.
+    #[test]
+    fn a_tile_looks_at_what_changes_most_against_its_noise() {
+        let chosen = |change: [f64; 3], weights: [f64; 3]| {
+            let mut views = Views::new(weights, 1, 1);
+            views.choose((0..100).map(|row| (row % 32, change)));
+            views.weights(views.chosen[0], [1.0; 3])
+        };
+        assert_eq!(chosen([0.0, 0.0, -30.0], [1.0; 3]), [0, 0, 64]);
+        assert_eq!(chosen([20.0; 3], [1.0; 3]), [21, 21, 21]);
+        assert_eq!(chosen([0.0, 0.0, 30.0], [0.5, 0.5, 0.0]), [32, 32, 0], "a channel that the recipe leaves out");
+        assert_eq!(Views::new([1.0; 3], 1, 1).weights(1, [2.0, 1.0, 1.0]), [32, 0, 0]);
+    }
+}

@@ -1,0 +1,159 @@
+//! What a place that looks bare is, on a window of 40 × 40 px: film 0.6 of the dry look, breaks 0.9.
+
+use super::*;
+
+const SIDE: usize = 40;
+const WINDOW: Window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
+const SIZES: Sizes = Sizes { glint_px: 50, bead_px: 6 };
+
+/// What is observed, by default a film that holds.
+struct Film {
+    broke_s: Vec<f32>,
+    open_s: Vec<Option<f32>>,
+    bare: Vec<f32>,
+    is_sanded: bool,
+    has_contrast: bool,
+    bright: Vec<bool>,
+    break_to_film: Option<[f32; 2]>,
+}
+
+impl Film {
+    /// A place of these pixels that broke at 1 s and is open.
+    fn with(place: impl Fn(usize, usize) -> bool) -> Self {
+        let inside = |i: usize| place(i % SIDE, i / SIDE);
+        Film {
+            broke_s: (0..SIDE * SIDE).map(|i| if inside(i) { 1.0 } else { NEVER }).collect(),
+            open_s: vec![None; SIDE * SIDE],
+            bare: vec![0.9; SIDE * SIDE],
+            is_sanded: false,
+            has_contrast: true,
+            bright: vec![false; SIDE * SIDE],
+            break_to_film: Some([1.2, 2.0]),
+        }
+    }
+
+    /// How many pixels broke, and of how many it cannot be said.
+    fn settled(&self) -> (usize, usize) {
+        let Settled { broke_s, unsure } = settled(&WINDOW, self.broke_s.clone(), SIZES, self);
+        (broke_s.iter().filter(|time_s| **time_s < NEVER).count(), unsure.len())
+    }
+}
+
+impl Observed for Film {
+    fn looks_bare_since_s(&self, _index: usize) -> Option<f32> {
+        None
+    }
+    fn was_open_s(&self, index: usize) -> Option<f32> {
+        self.open_s[index]
+    }
+    fn bare_look(&self, index: usize) -> f32 {
+        if self.is_sanded { self.bare[index] / 0.6 } else { self.bare[index] }
+    }
+    fn film_look(&self, _index: usize) -> f32 {
+        if self.is_sanded { 1.0 } else { 0.6 }
+    }
+    fn noise(&self, _index: usize) -> f32 {
+        0.005
+    }
+    fn is_bright(&self, index: usize) -> bool {
+        self.bright[index]
+    }
+    fn has_contrast(&self, _index: usize) -> bool {
+        self.has_contrast
+    }
+    fn persist_s(&self) -> f32 {
+        0.5
+    }
+    fn is_inside(&self, _index: usize) -> bool {
+        true
+    }
+    fn is_without_dry(&self, _index: usize) -> bool {
+        self.is_sanded
+    }
+    fn levels(&self, index: usize) -> [f32; 2] {
+        [self.bare[index] * 100.0, 60.0]
+    }
+    fn alike_share(&self) -> f32 {
+        0.08
+    }
+    fn break_to_film(&self) -> Option<[f32; 2]> {
+        self.break_to_film
+    }
+}
+
+fn disc(column: usize, row: usize) -> bool {
+    column.abs_diff(20).pow(2) + row.abs_diff(20).pow(2) <= 36
+}
+
+/// By hand: a disc of 6 px radius has 113 px.
+#[test]
+fn an_even_disc_broke() {
+    assert_eq!(Film::with(disc).settled(), (113, 0));
+}
+
+/// A bell from 0.6 to 0.9 varies by more than 0.14 of what the film takes, and is no break; nor can it be said that it is none.
+#[test]
+fn a_bell_that_does_not_move_is_unsure() {
+    let mut film = Film::with(disc);
+    for (i, bare) in film.bare.iter_mut().enumerate() {
+        let away2 = (i % SIDE).abs_diff(20).pow(2) + (i / SIDE).abs_diff(20).pow(2);
+        *bare = 0.65 + 0.25 * (-(away2 as f32) / 18.0).exp();
+    }
+    assert_eq!(film.settled(), (0, 113));
+}
+
+/// By hand: 30 × 2 px have no pixel that does not touch the outside; a disc of their size would have 37.
+#[test]
+fn a_thin_line_is_unsure() {
+    assert_eq!(Film::with(|column, row| (5..35).contains(&column) && (20..22).contains(&row)).settled(), (0, 60));
+}
+
+/// A film that looks bare all around it, or reflections beside it: nothing can be said.
+#[test]
+fn without_contrast_or_along_a_reflection_a_place_is_unsure() {
+    assert_eq!(Film { has_contrast: false, ..Film::with(disc) }.settled(), (0, 113));
+    let mut film = Film::with(disc);
+    for i in 0..SIDE * SIDE {
+        film.bright[i] = i % SIDE > 20 && !disc(i % SIDE, i / SIDE);
+    }
+    assert_eq!(film.settled(), (0, 113));
+}
+
+/// What looks bare from 1 s to 1.4 s at its left and from 2 s to 2.4 s at its right moved on, and is as small as a glint. The same place open
+/// at one time broke, and closed.
+#[test]
+fn a_glint_that_moves_on_is_no_break() {
+    let place = |column: usize, row: usize| (10..16).contains(&column) && (10..16).contains(&row);
+    let mut film = Film::with(place);
+    for i in (0..SIDE * SIDE).filter(|i| place(i % SIDE, i / SIDE)) {
+        film.open_s[i] = Some(0.4);
+        film.bare[i] = 0.7 + 0.03 * (i % SIDE - 10) as f32;
+        film.broke_s[i] = 1.0 + 0.2 * (i % SIDE - 10) as f32;
+    }
+    assert_eq!(film.settled(), (0, 0));
+    let mut closed = Film::with(disc);
+    closed.open_s = vec![Some(3.0); SIDE * SIDE];
+    assert_eq!(closed.settled(), (113, 0));
+}
+
+/// By hand: 2 × 2 px of water within a break are a bead and belong to it; 3 × 3 px are more than the 6 px of the largest.
+#[test]
+fn a_bead_belongs_to_its_break() {
+    let with_hole = |side: usize| {
+        let hole = 19..19 + side;
+        Film::with(move |column, row| disc(column, row) && !(hole.contains(&column) && hole.contains(&row)))
+    };
+    assert_eq!(with_hole(2).settled(), (113, 0));
+    assert_eq!(with_hole(3).settled().0, 113 - 9);
+}
+
+/// A sanded place: by hand 0.9/0.6 = 1.5 of its film's look is within 1.2 to 2.0 and broke; 0.62 is within 8 % of the film around it, which it
+/// became after a glint; 0.45, and any look if nothing is known of the film, is neither.
+#[test]
+fn a_sanded_place_is_held_against_the_film_around_it() {
+    let sanded = |bare: f32| Film { is_sanded: true, bare: vec![bare; SIDE * SIDE], ..Film::with(disc) };
+    assert_eq!(sanded(0.9).settled(), (113, 0));
+    assert_eq!(sanded(0.62).settled(), (0, 0));
+    assert_eq!(sanded(0.45).settled(), (0, 113));
+    assert_eq!(Film { break_to_film: None, ..sanded(0.9) }.settled(), (0, 113));
+}

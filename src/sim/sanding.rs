@@ -1,0 +1,210 @@
+//! How sanding changes the look of the panel.
+//!
+//! A disc takes the gloss and the weave away and leaves scratches: the place becomes lighter or darker, and a film takes another share
+//! of its light. Each pass of the disc does so by other factors, and its rim by others than its middle. The factors are drawn from
+//! harmless to worse than reported of real panels: no measured set of sanded composite under a film is known.
+
+use super::noise::{Purpose, Seed};
+use rand::RngExt;
+
+/// The lattice of the sheet: a cell is 1 mm wide, from −256 to 256 mm in both directions.
+const CELLS: usize = 512;
+const HALF_MM: f64 = 256.0;
+/// The look changes over this width at the edge of what the disc covered, mm.
+const SOFT_MM: f64 = 0.8;
+
+/// The look of one place against the panel as it was made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Look {
+    /// Factor of the dry brightness, by channel.
+    pub albedo: [f64; 3],
+    /// Share of the weave's contrast that is left.
+    pub weave: f64,
+    /// A film leaves its usual share to this power.
+    pub film: f64,
+}
+
+impl Look {
+    /// Nothing was done to it.
+    pub const AS_MADE: Look = Look { albedo: [1.0; 3], weave: 1.0, film: 1.0 };
+
+    fn mixed(self, other: &Look, share: f64) -> Look {
+        let mix = |a: f64, b: f64| a + share * (b - a);
+        Look {
+            albedo: std::array::from_fn(|channel| mix(self.albedo[channel], other.albedo[channel])),
+            weave: mix(self.weave, other.weave),
+            film: mix(self.film, other.film),
+        }
+    }
+}
+
+/// One pass of the disc: where it was, and what it left.
+#[derive(Debug, Clone)]
+struct Pass {
+    /// Distance to the edge of what the disc covered, mm, positive inside; row by row from the lower left.
+    depth_mm: Vec<f32>,
+    middle: Look,
+    rim: Look,
+    rim_mm: f64,
+}
+
+/// All passes of the disc over one panel, in order.
+#[derive(Debug, Clone, Default)]
+pub struct Sanding {
+    passes: Vec<Pass>,
+}
+
+/// How strongly sanding changes the look.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SandedLook {
+    /// The least and the largest factor of the dry brightness.
+    pub albedo: [f64; 2],
+}
+
+impl SandedLook {
+    /// What is expected of a real disc.
+    pub const USUAL: SandedLook = SandedLook { albedo: [0.7, 1.4] };
+    /// From less than half of the brightness to almost twice of it.
+    pub const WORST: SandedLook = SandedLook { albedo: [0.4, 1.8] };
+}
+
+impl Sanding {
+    /// Adds a pass of a disc of this radius whose centre was at these places of the sheet, mm. Everything else is drawn from the seed
+    /// and the number of the pass.
+    pub(super) fn add_track(&mut self, centres_mm: &[[f64; 2]], radius_mm: f64, (seed, look): (Seed, SandedLook)) {
+        let mut depth_mm = vec![f32::NEG_INFINITY; CELLS * CELLS];
+        for [s, t] in centres_mm {
+            let reach = |mm: f64| {
+                let cell = |mm: f64| (mm + HALF_MM).clamp(0.0, (CELLS - 1) as f64) as usize;
+                cell(mm - radius_mm)..cell(mm + radius_mm) + 1
+            };
+            for row in reach(*t) {
+                for column in reach(*s) {
+                    let [u, v] = [column, row].map(|cell| cell as f64 + 0.5 - HALF_MM);
+                    let depth = (radius_mm - (u - s).hypot(v - t)) as f32;
+                    let cell = &mut depth_mm[row * CELLS + column];
+                    *cell = cell.max(depth);
+                }
+            }
+        }
+        self.add(depth_mm, seed, look);
+    }
+
+    /// Adds a pass over these quadrilaterals of the sheet, mm.
+    pub(super) fn add_quads(&mut self, quads_mm: &[[[f64; 2]; 4]], (seed, look): (Seed, SandedLook)) {
+        let depth = |index: usize| {
+            let place = [index % CELLS, index / CELLS].map(|cell| cell as f64 + 0.5 - HALF_MM);
+            quads_mm.iter().map(|quad| depth_in(quad, place)).fold(f64::NEG_INFINITY, f64::max) as f32
+        };
+        self.add((0..CELLS * CELLS).map(depth).collect(), seed, look);
+    }
+
+    fn add(&mut self, depth_mm: Vec<f32>, seed: Seed, SandedLook { albedo: [least, most] }: SandedLook) {
+        let mut random = seed.stream(Purpose::Sanding, self.passes.len() as u64);
+        let mut between = |low: f64, high: f64| random.random_range(low..high);
+        let albedo = least * (most / least).powf(between(0.0, 1.0));
+        let mut tinted = |albedo: f64| [0; 3].map(|_| albedo * between(0.96, 1.04));
+        let (middle, rim) = (tinted(albedo), tinted(albedo));
+        let darker = between(0.85, 1.15);
+        let middle = Look { albedo: middle, weave: between(0.0, 0.3), film: between(0.85, 1.25) };
+        let rim = Look { albedo: rim.map(|albedo| albedo * darker), weave: between(0.2, 0.8), ..middle };
+        self.passes.push(Pass { depth_mm, middle, rim, rim_mm: between(1.5, 6.0) });
+    }
+
+    /// Was nothing sanded?
+    pub fn is_empty(&self) -> bool {
+        self.passes.is_empty()
+    }
+
+    /// Whether the disc was at this place of the sheet, or nearer to it than `margin_mm`.
+    pub(super) fn touched(&self, place: [f64; 2], margin_mm: f64) -> bool {
+        self.passes.iter().any(|pass| pass.depth_at(place) > -margin_mm)
+    }
+
+    /// How a place of the sheet looks now: a later pass covers the earlier ones.
+    pub(super) fn look(&self, place: [f64; 2]) -> Look {
+        self.passes.iter().fold(Look::AS_MADE, |look, pass| {
+            let depth = pass.depth_at(place);
+            let own = pass.rim.mixed(&pass.middle, ((depth - pass.rim_mm) / SOFT_MM).clamp(0.0, 1.0));
+            look.mixed(&own, (depth / SOFT_MM + 0.5).clamp(0.0, 1.0))
+        })
+    }
+}
+
+impl Pass {
+    /// Between the centres of four cells.
+    fn depth_at(&self, place: [f64; 2]) -> f64 {
+        let [(column, across), (row, up)] = place.map(|mm| {
+            let at = (mm + HALF_MM - 0.5).clamp(0.0, (CELLS - 2) as f64);
+            (at as usize, at.fract())
+        });
+        let cell = |dc: usize, dr: usize| {
+            // Far from the disc the depth is that of no disc at all: any negative number serves.
+            f64::from(self.depth_mm[(row + dr) * CELLS + column + dc].max(-1_000.0))
+        };
+        let low = cell(0, 0) + across * (cell(1, 0) - cell(0, 0));
+        let high = cell(0, 1) + across * (cell(1, 1) - cell(0, 1));
+        low + up * (high - low)
+    }
+}
+
+/// Distance of a place to the nearest side of a convex quadrilateral, positive inside.
+fn depth_in(quad: &[[f64; 2]; 4], [s, t]: [f64; 2]) -> f64 {
+    let area: f64 = (0..4).map(|i| cross(quad[i], quad[(i + 1) % 4])).sum();
+    let side = |i: usize| {
+        let ([a, b], [c, d]) = (quad[i], quad[(i + 1) % 4]);
+        area.signum() * ((c - a) * (t - b) - (d - b) * (s - a)) / (c - a).hypot(d - b)
+    };
+    (0..4).map(side).fold(f64::INFINITY, f64::min)
+}
+
+fn cross([a, b]: [f64; 2], [c, d]: [f64; 2]) -> f64 {
+    a * d - b * c
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: a disc of 20 mm at (0, 0) and at (30, 0) is 20 mm deep at its centres and 5 mm where both meet, at (15, 0).
+    #[test]
+    fn a_track_is_as_deep_as_the_nearest_disc() {
+        let mut sanding = Sanding::default();
+        sanding.add_track(&[[0.0, 0.0], [30.0, 0.0]], 20.0, (Seed(1), SandedLook::WORST));
+        let pass = &sanding.passes[0];
+        for (place, depth) in [([0.0, 0.0], 20.0), ([15.0, 0.0], 5.0), ([55.0, 0.0], -5.0)] {
+            let found = pass.depth_at(place);
+            assert!((found - depth).abs() < 0.8 || depth < 0.0 && found < -4.0, "{place:?}: {found}");
+        }
+        assert!(sanding.touched([48.0, 0.0], 0.0) && !sanding.touched([55.0, 0.0], 2.0));
+        assert_eq!(sanding.look([-100.0, 0.0]), Look::AS_MADE);
+        let look = sanding.look([0.0, 0.0]);
+        assert!((look.albedo[0] - pass.middle.albedo[0]).abs() + (look.weave - pass.middle.weave).abs() < 1e-12);
+    }
+
+    /// By hand: in a square of 40 mm about (0, 0) a place at (15, 5) is 5 mm from its right side, whichever way round it is listed.
+    #[test]
+    fn depth_in_a_square_by_hand() {
+        let quad = [[-20.0, -20.0], [20.0, -20.0], [20.0, 20.0], [-20.0, 20.0]];
+        let other_way = [quad[3], quad[2], quad[1], quad[0]];
+        for quad in [quad, other_way] {
+            assert!((depth_in(&quad, [15.0, 5.0]) - 5.0).abs() < 1e-12);
+            assert!((depth_in(&quad, [0.0, 23.0]) + 3.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn each_pass_has_a_look_of_its_own_within_its_limits() {
+        let mut sanding = Sanding::default();
+        let square = [[-40.0, -40.0], [40.0, -40.0], [40.0, 40.0], [-40.0, 40.0]];
+        let looks: Vec<Look> = (0..20)
+            .map(|_| {
+                sanding.add_quads(&[square], (Seed(7), SandedLook::WORST));
+                sanding.look([0.0, 0.0])
+            })
+            .collect();
+        let albedos: Vec<f64> = looks.iter().map(|look| look.albedo[1]).collect();
+        assert!(albedos.iter().all(|albedo| (0.38..1.88).contains(albedo)), "{albedos:?}");
+        assert!(albedos.iter().any(|albedo| *albedo < 0.6) && albedos.iter().any(|albedo| *albedo > 1.4));
+    }
+}
