@@ -50,18 +50,15 @@ impl Watch {
             let Settled { broke_s, unsure } = self.settled(since_wet_s, &inside);
             since_wet_s = broke_s;
             unsure.into_iter().for_each(|index| is_unsure[index] = true);
-            let sanded = Sanded {
-                model: &self.model,
-                window: self.footprint.window(),
-                inside: &inside,
-                broke_s: &since_wet_s,
-            };
-            let without = sanded.without_evidence()?;
-            is_unsure.iter_mut().zip(without).for_each(|(is_unsure, without)| *is_unsure |= without);
             for index in self.wet_when_dry(&since_wet_s, &inside) {
                 (since_wet_s[index], was_wet[index]) = (NEVER, true);
             }
         }
+        // By either method: what was sanded needs evidence that it was wet.
+        let sanded =
+            Sanded { model: &self.model, window: self.footprint.window(), inside: &inside, broke_s: &since_wet_s };
+        let without = sanded.without_evidence()?;
+        is_unsure.iter_mut().zip(without).for_each(|(is_unsure, without)| *is_unsure |= without);
         let model = &self.model;
         let never_wet = |index: &usize| inside[*index] && model.sees(*index) && !model.ever_wet(*index);
         let never_wet_mm2: f64 = self.footprint.surface_mm2((0..inside.len()).filter(never_wet));

@@ -17,9 +17,9 @@ use rayon::prelude::*;
 
 /// The film shimmers by this many times the sensor's noise …
 const MIN_SHIMMER: f64 = 1.35;
-/// … and by so many standard deviations of what noise alone would show.
+/// … and by this many standard deviations of what noise alone would show.
 const SURE_SIGMA: f64 = 4.5;
-/// … of still places the shimmer is below that by so many.
+/// … of still places the shimmer is below that by this many.
 const STILL_SIGMA: f64 = 3.0;
 /// This share of the differences may show a shadow or a glint that passes, and does not count; by fewer others nothing is said, nor by
 /// fewer places.
@@ -97,11 +97,11 @@ impl Sanded<'_> {
         let has_evidence = |i: usize| {
             let (row, column) = (i / self.window.width, i % self.window.width);
             let look = self.look_levels(i);
-            self.is_like_film_beside(row, column, look)
-                || shimmer.sites_about(row, column).any(|at| {
-                    let Some(site) = lattice.sites.get(at).filter(|site| site.look > 0.0) else { return false };
-                    is_wet[at] && (look - site.look).abs() <= lattice.tolerance * site.look
-                })
+            let is_like_wet_site = |at: usize| {
+                let Some(site) = lattice.sites.get(at).filter(|site| site.look > 0.0) else { return false };
+                is_wet[at] && (look - site.look).abs() <= lattice.tolerance * site.look
+            };
+            shimmer.sites_about(row, column).any(is_like_wet_site) || self.is_like_film_beside(row, column, look)
         };
         let is_without = |i: usize| {
             let is_whole = self.inside[i] && self.model.is_without_dry(i) && self.broke_s[i].is_infinite();

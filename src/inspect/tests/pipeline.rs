@@ -189,3 +189,19 @@ fn bad_pictures_are_refused_with_what_is_wrong() {
     let gone = Watch::new(&view(&taught(&recipe), shifted(900.0)), recipe.inspect(), demands());
     assert_eq!(gone.map(|_| ()), Err(InspectError::RegionNotInPicture));
 }
+
+/// Pictures of a whole film in which no water moves: if its places were sanded since the dry picture nothing shows that they were ever wet,
+/// and neither method passes them.
+#[test]
+fn a_sanded_place_needs_evidence_of_water_by_either_method() {
+    for method in [FILM, SHARP] {
+        let (recipe, all) =
+            (recipe(method), Mask { width: WIDTH, height: HEIGHT, inside: vec![true; WIDTH * HEIGHT] });
+        let taught = taught(&recipe);
+        let sanded = View { sanded: Some(&all), ..view(&taught, shifted(0.0)) };
+        let watch = Watch::new(&sanded, recipe.inspect(), demands()).expect("in view");
+        let inspection = run(watch, |_| vec![]);
+        assert_eq!(inspection.judgement.verdict, Verdict::Invalid, "{method}: {:?}", inspection.judgement);
+        assert!(inspection.grids.iter().all(|grid| !grid.seen && grid.reference == Reference::Wet), "{method}");
+    }
+}
