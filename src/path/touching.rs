@@ -16,7 +16,7 @@ const MARGIN_MM: f64 = 1.0;
 
 /// A place is taken as touched that lies this far beyond the disc's edge, mm: the panel is placed, and the tool moves, within less.
 const BEYOND_MM: f64 = 1.5;
-/// Of the way between two waypoints a point is taken at least every so many mm; a place lies at most half of it farther from a point
+/// Of the way between two waypoints a point is taken at least at this distance, mm; a place lies at most half of it farther from a point
 /// than from the way.
 const STEP_MM: f64 = 0.5;
 
@@ -34,10 +34,11 @@ pub fn taught_pixels(plan: &Plan, panel: &TaughtPanel, settings: &recipe::Path) 
         way.extend(points.map(|point| <[f64; 3]>::from(point.mm)));
     }
     let mut touched = Mask { inside: vec![false; panel.mask.inside.len()], ..panel.mask };
-    let Some(tree) = (!way.is_empty()).then(|| ImmutableKdTree::<f64, 3>::new_from_slice(&way).ok()).flatten()
-    else {
+    if way.is_empty() {
         return touched;
-    };
+    }
+    // A way that cannot be searched may touch all of the panel.
+    let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(&way) else { return panel.mask.clone() };
     let reach_mm = settings.disc_diameter_mm() / 2.0 + BEYOND_MM + STEP_MM / 2.0;
     touched.inside.par_iter_mut().enumerate().filter(|(index, _)| panel.mask.inside[*index]).for_each(
         |(index, touched)| {
