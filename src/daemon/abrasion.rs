@@ -2,6 +2,7 @@
 
 use super::answers::{figure, figure_alone, grade, reason};
 use super::error::DaemonError;
+use super::films::mask_hash;
 use super::perception::{Perception, view};
 use super::ports::{Note, Record};
 use super::setup::CycleSetup;
@@ -58,9 +59,9 @@ impl Abrasion {
         let Abrasion { plan, touched, done, most_passes, worn_mm2, earlier, removed, sanded, is_air, .. } = self;
         let removed_mm3 = removed.as_ref().map(RemovalMap::volume_mm3);
         let plan = plan.as_ref().map(|(number, _)| number);
-        let sanded_px = sanded.as_ref().map(|mask| mask.inside.iter().filter(|inside| **inside).count());
+        let sanded = mask_hash(sanded.as_deref());
         format!(
-            "{plan:?} {touched:?} {done:?} {most_passes} {worn_mm2} {earlier:?} {removed_mm3:?} {sanded_px:?} {is_air}"
+            "{plan:?} {touched:?} {done:?} {most_passes} {worn_mm2} {earlier:?} {removed_mm3:?} {sanded:x} {is_air}"
         )
     }
 

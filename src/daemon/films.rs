@@ -185,9 +185,7 @@ impl FilmMemory {
 impl Filmed {
     /// What a film depends on of it, as text.
     fn inputs(&self) -> String {
-        let mut hasher = DefaultHasher::new();
-        self.sanded.as_ref().map(|mask| &mask.inside).hash(&mut hasher);
-        format!("{:?} {:x}", self.place, hasher.finish())
+        format!("{:?} {:x}", self.place, mask_hash(self.sanded.as_deref()))
     }
 }
 
@@ -200,6 +198,13 @@ fn inputs(shots: &[Shot], begins_s: Option<f64>) -> String {
     };
     let late_s = begins_s.map(|begins_s| first_s - begins_s);
     format!("{late_s:?}{}", shots.iter().map(one).collect::<String>())
+}
+
+/// A number that other masks of the taught pixels do not have, and no mask.
+pub(super) fn mask_hash(mask: Option<&Mask>) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    mask.map(|mask| &mask.inside).hash(&mut hasher);
+    hasher.finish()
 }
 
 /// A number that other pictures do not have. It names pictures within one process, where nobody forges any.
