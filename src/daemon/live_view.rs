@@ -61,7 +61,7 @@ impl LiveFrame {
     pub fn drawn(&self) -> Result<ColorPicture, ImagingError> {
         let Some(film) = &self.film else { return Ok((*self.picture).clone()) };
         let failed = |grid: &Grid| film.failed.contains(&grid.id);
-        view(&film.setup, &self.picture, film.place).inspected(&film.setup.panel, (&film.broken, None), &failed)
+        view(&film.setup, &self.picture, film.place).inspected(&film.setup.panel, &film.broken, None, &failed)
     }
 }
 

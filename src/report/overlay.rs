@@ -145,7 +145,8 @@ impl View<'_> {
     pub fn inspected(
         &self,
         panel: &TaughtPanel,
-        (broken, not_seen): (&Mask, Option<&Mask>),
+        broken: &Mask,
+        not_seen: Option<&Mask>,
         failed: &dyn Fn(&Grid) -> bool,
     ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::on(self.picture)?;

@@ -136,7 +136,7 @@ impl Filmed {
             Drawing::new(
                 "inspected",
                 "Everything that broke by the end of the film, what was not seen, and the grids that failed",
-                view.inspected(setup.panel, (&inspection.mask(), Some(&inspection.not_seen())), &failed),
+                view.inspected(setup.panel, &inspection.mask(), Some(&inspection.not_seen()), &failed),
             ),
             Drawing::new(
                 "break_times",
