@@ -2,7 +2,7 @@
 
 use super::line::SimulatedLine;
 use super::signal::Signal;
-use super::state::{State, Violation};
+use super::state::{Sanded, State, Violation};
 use super::touch::Touched;
 use super::water::{film_s, seconds};
 use crate::cell::{self, Output};
@@ -216,25 +216,23 @@ impl SimulatedWorld {
     /// before, the panel has another look.
     pub fn abrade(&self, trace: &[Sample]) {
         let Fixed { cell, truth, .. } = &*self.fixed;
-        let (disc_diameter_mm, since_ms, (sanding, sanded_until_ms, passes)) = {
+        let (disc_diameter_mm, since_ms, mut sanded) = {
             let state = self.lock();
-            (state.disc_diameter_mm, state.part_since_ms, state.sanding.clone())
+            (state.disc_diameter_mm, state.part_since_ms, state.sanded.clone())
         };
         let from = |time_ms: u64| &trace[trace.partition_point(|sample| sample.time_ms < time_ms)..];
         let touched = Touched::by(from(since_ms), truth, disc_diameter_mm);
         let healed = truth.spots.iter().map(|spot| touched.share_of(spot) >= HEALED_FROM).collect();
-        let new = Touched::by(from(sanded_until_ms.max(since_ms)), truth, disc_diameter_mm);
-        let until_ms = trace.last().map_or(sanded_until_ms, |last| last.time_ms + 1);
-        let sanding = if new.centres().is_empty() || disc_diameter_mm <= 0.0 {
-            (sanding, until_ms, passes)
-        } else {
-            let mut with_pass = (*sanding).clone();
-            cell.sand(&mut with_pass, new.centres(), disc_diameter_mm / 2.0, SandedLook::USUAL);
-            (Arc::new(with_pass), until_ms, passes + 1)
-        };
+        let new = Touched::by(from(sanded.until_ms.max(since_ms)), truth, disc_diameter_mm);
+        sanded.until_ms = trace.last().map_or(sanded.until_ms, |last| last.time_ms + 1);
+        if !new.centres().is_empty() && disc_diameter_mm > 0.0 {
+            let sanding = Arc::make_mut(&mut sanded.sanding);
+            cell.sand(sanding, new.centres(), disc_diameter_mm / 2.0, SandedLook::USUAL);
+            sanded.passes += 1;
+        }
         let mut state = self.lock();
         state.healed = (state.wetting.map(|wetting| wetting.on_ms), healed);
-        state.sanding = sanding;
+        state.sanded = sanded;
     }
 
     /// A colour picture of the fixed camera.
@@ -259,9 +257,9 @@ impl SimulatedWorld {
     /// The film of what is greasy now on the panel as it looks now, made if it is another one than the last. Made with the world let go: a
     /// controller must not wait for it.
     fn film(&self) -> Arc<Film> {
-        let (healed, (sanding, _, passes), last) = {
+        let (healed, Sanded { sanding, passes, .. }, last) = {
             let state = self.lock();
-            (state.healed.1.clone(), state.sanding.clone(), state.film.clone())
+            (state.healed.1.clone(), state.sanded.clone(), state.film.clone())
         };
         let of = (healed, passes);
         if let Some((_, film)) = last.filter(|(known, _)| *known == of) {

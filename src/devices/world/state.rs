@@ -24,15 +24,25 @@ pub enum Violation {
     ToolWithoutExtraction,
 }
 
+/// What the disc has sanded of this part.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Sanded {
+    /// Where the disc was: a pass for each wetting after it.
+    pub sanding: Arc<Sanding>,
+    /// The number of passes.
+    pub passes: u64,
+    /// Until when the robot's trace is in it, ms.
+    pub until_ms: u64,
+}
+
 /// What changes.
 pub(super) struct State {
     pub signals: Vec<Signal>,
     pub wetting: Option<Wetting>,
     /// Which spots are gone, as far as the wetting that began at this time shows it.
     pub healed: (Option<u64>, Vec<bool>),
-    /// Where the disc was, a pass for each wetting after it, until when that is known, ms, and how many passes there are.
-    pub sanding: (Arc<Sanding>, u64, u64),
-    /// The film with these spots gone, after so many passes.
+    pub sanded: Sanded,
+    /// The film with these spots gone, after this number of passes.
     pub film: Option<((Vec<bool>, u64), Arc<Film>)>,
     /// Each wetting of this part that was watched: when its water came on, its film, and the film's time in the last picture, s.
     pub watched: Vec<(u64, Arc<Film>, f64)>,
@@ -51,7 +61,7 @@ impl State {
             signals,
             wetting: None,
             healed: (None, vec![false; spots]),
-            sanding: (Arc::default(), 0, 0),
+            sanded: Sanded::default(),
             film: None,
             watched: Vec::new(),
             shots: 0,
@@ -72,7 +82,7 @@ impl State {
         (self.part_since_ms, self.wetting) = (now_ms, None);
         self.watched.clear();
         self.healed = (None, vec![false; self.healed.1.len()]);
-        self.sanding = (Arc::default(), now_ms, 0);
+        self.sanded = Sanded { until_ms: now_ms, ..Sanded::default() };
     }
 
     /// An output of the controller changed.
