@@ -11,9 +11,9 @@ use super::kernel::{BLOCK_PX, Block, INSIDE, LOOK, NO_DRY, OVEREXPOSED};
 use super::lamp::Lamp;
 use rayon::prelude::*;
 
-/// A site is a square of so many pixels a side: water moves on a scale of millimetres, and the noise of its mean is smaller.
+/// A site is a square of this side, px: water moves on a scale of millimetres, and the noise of its mean is smaller.
 const EVERY: usize = Lamp::SIDE_PX;
-/// So many spans are looked at. A span begins with a picture and holds those of this time, s, a second but for what clocks round: at
+/// The number of spans. A span begins with a picture and holds those of this time, s, a second but for what clocks round: at
 /// less than a picture a second each picture is a span.
 const SPANS: usize = 24;
 const SPAN_S: f64 = 0.99;

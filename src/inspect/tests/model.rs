@@ -189,7 +189,7 @@ fn a_grid_that_failed_has_failed_whatever_is_hidden_and_what_broke_counts_with_w
     assert!((both.grids[0].broken_mm2 - 48.0).abs() < 0.1, "{:?}", both.grids[0]);
 }
 
-/// A reflection on a rectangle of pixels in so many of six wet pictures, and blocks that break after the first of them.
+/// A reflection on a rectangle of pixels in the first of six wet pictures, and blocks that break after the first of them.
 fn shone([left, top, right, bottom]: [usize; 4], pictures: usize, blocks: &[[usize; 4]]) -> Inspection {
     let mut watch = watch(0.0, FILM);
     watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");

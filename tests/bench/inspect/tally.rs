@@ -6,7 +6,7 @@ use panelprep::panel::GridId;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// A place has contrast if its film differs by so many times the noise from each break that is as damp as the recipe allows.
+/// A place has contrast if its film differs by this many times the noise from each break that is as damp as the recipe allows.
 pub const CONTRAST_TO_NOISE: f64 = 10.0;
 /// What the recipes allow.
 const DAMP: f64 = 0.8;
