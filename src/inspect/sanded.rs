@@ -3,7 +3,7 @@
 //! Such a place is held against its own wet look while the film is watched. That it was wet when the film began needs evidence of its
 //! own, because a bare place keeps its look, too: water moves, and places beside each other then differ in what they show over time by
 //! more than the sensor's noise ([`Shimmer`]). A place was wet if the places near it that look alike shimmer. They are looked at in squares
-//! that grow, until there are enough of them; a bare place is not alike the film around it, and it is still.
+//! that grow, until there are enough of them; a bare place is not alike the film around it, and it is still, or most of it if drops run over a part.
 //!
 //! A film that does not move at all leaves its sanded places unseen: a new dry picture helps, taken after they dried.
 
@@ -21,6 +21,10 @@ const MIN_SHIMMER: f64 = 1.35;
 const SURE_SIGMA: f64 = 4.5;
 /// … of still places the shimmer is below that by this many.
 const STILL_SIGMA: f64 = 3.0;
+/// A place that surely moves less than this share of the water that moves on a film of the clip is still; of the places that look alike
+/// more than this share is still only where no film is: on rendered films at most 0.023 of 99 % of all places was, on bare ones 0.31.
+const LEAST_OF_FILM: f64 = 0.2;
+const MOST_STILL: f64 = 0.05;
 /// This share of the differences may show a shadow or a glint that passes, and does not count; by fewer others nothing is said, nor by
 /// fewer places.
 const PASSING: f64 = 0.34;
@@ -28,6 +32,8 @@ const MIN_DIFFERENCES: usize = 3;
 const MIN_SITES: f64 = 6.0;
 /// Squares of these half sides are looked at, in steps of the lattice on which shimmer is measured.
 const RADII: [usize; 4] = [2, 4, 8, 16];
+/// The first ones show what lies nearest.
+const NEAREST: usize = 2;
 /// Places look alike within this many times the noise of one pixel, or within a quarter of what a break changes.
 const ALIKE_SIGMA: f64 = 3.0;
 /// The smallest break that is surely found, 12 px.
@@ -52,6 +58,13 @@ struct Site {
     noise: f64,
     /// Its shimmer in each difference.
     shimmer: [f32; DIFFERENCES],
+}
+
+impl Site {
+    /// Its noise as a share of its look.
+    fn noise_share(&self) -> f64 {
+        self.noise / self.look
+    }
 }
 
 /// What some places show together in each difference: how many, the sum of their z and of their squares.
@@ -92,7 +105,7 @@ impl Sanded<'_> {
     pub fn without_evidence(&self) -> Result<Vec<bool>, ImagingError> {
         let Some(shimmer) = self.model.shimmer() else { return Ok(vec![false; self.inside.len()]) };
         let lattice = Lattice { sites: self.sites(shimmer), shimmer, tolerance: self.model.away_share() };
-        let is_wet: Vec<bool> = (0..lattice.sites.len()).map(|at| lattice.was_wet(at)).collect();
+        let is_wet = lattice.wet();
         // A pixel takes the evidence of a site beside it that looks as it does, or of a place beside it that was not sanded.
         let has_evidence = |i: usize| {
             let (row, column) = (i / self.window.width, i % self.window.width);
@@ -192,40 +205,85 @@ struct Lattice<'a> {
 }
 
 impl Lattice<'_> {
-    fn was_wet(&self, at: usize) -> bool {
-        if self.sites[at].look <= 0.0 {
-            return false;
+    /// Which sites were wet.
+    fn wet(&self) -> Vec<bool> {
+        let sites = 0..self.sites.len();
+        let water: Vec<Option<f64>> = sites.clone().into_par_iter().map(|at| self.water(at)).collect();
+        let mut known: Vec<f64> = water.iter().flatten().copied().collect();
+        let Some(film) = median(&mut known) else { return vec![false; water.len()] };
+        let is_still: Vec<bool> = sites.clone().into_par_iter().map(|at| self.is_still(at, film)).collect();
+        // Drops that run over a bare place move as well, on part of it: the rest of it is still, and looks alike.
+        let is_wet =
+            |at: usize| water[at].is_some() && !is_still[at] && self.still_share(at, &is_still) <= MOST_STILL;
+        sites.into_par_iter().map(is_wet).collect()
+    }
+
+    /// How much water moves on a site: the variance of its look over what noise has, in shares of the look; `None` without evidence.
+    fn water(&self, at: usize) -> Option<f64> {
+        let site = &self.sites[at];
+        if site.look <= 0.0 {
+            return None;
         }
         for (nth, radius) in RADII.into_iter().enumerate() {
-            let Some((ratio, deviation)) = self.alike(at, radius).shimmer() else { return false };
+            let (ratio, deviation) = self.alike(at, radius).shimmer()?;
             if ratio >= MIN_SHIMMER.max(1.0 + SURE_SIGMA * deviation) {
-                return true;
+                return Some((ratio - 1.0) * site.noise_share().powi(2));
             }
             // What lies nearest and is surely still outweighs what moves farther away.
-            if nth <= 1 && ratio + STILL_SIGMA * deviation < MIN_SHIMMER {
-                return false;
+            if nth < NEAREST && ratio + STILL_SIGMA * deviation < MIN_SHIMMER {
+                return None;
             }
         }
-        false
+        None
+    }
+
+    /// Does a site surely move less than a film of this clip does, by what lies nearest?
+    fn is_still(&self, at: usize, film: f64) -> bool {
+        let site = &self.sites[at];
+        if site.look <= 0.0 {
+            return false;
+        }
+        let least = 1.0 + LEAST_OF_FILM * film / site.noise_share().powi(2);
+        RADII[..NEAREST].iter().all(|radius| {
+            let shown = self.alike(at, *radius).shimmer();
+            shown.is_some_and(|(ratio, deviation)| ratio + STILL_SIGMA * deviation < least)
+        })
+    }
+
+    /// Of the sites that look like this one and are not far, the share that is still.
+    fn still_share(&self, at: usize, is_still: &[bool]) -> f64 {
+        let (mut still, mut all) = (0, 0);
+        self.near_alike(at, RADII[RADII.len() - 1], |near| {
+            all += 1;
+            still += usize::from(is_still[near]);
+        });
+        still as f64 / all.max(1) as f64
     }
 
     /// What the places show together that look like this one and are near it.
     fn alike(&self, at: usize, radius: usize) -> Shown {
+        let mut shown = Shown::default();
+        self.near_alike(at, radius, |near| shown.add(&self.sites[near]));
+        shown
+    }
+
+    /// Calls for each site within a square about this one that looks like it.
+    fn near_alike(&self, at: usize, radius: usize, mut takes: impl FnMut(usize)) {
         let own = &self.sites[at];
         let alike = (self.tolerance / 2.0 * own.look).max(ALIKE_SIGMA * own.noise);
         let columns = self.shimmer.columns();
         let rows = self.sites.len() / columns;
         let (row, column) = (at / columns, at % columns);
-        let mut shown = Shown::default();
         for row in row.saturating_sub(radius)..(row + radius + 1).min(rows) {
-            let near = column.saturating_sub(radius)..(column + radius + 1).min(columns);
-            for site in &self.sites[row * columns + near.start..row * columns + near.end] {
+            for near in
+                row * columns + column.saturating_sub(radius)..row * columns + (column + radius + 1).min(columns)
+            {
+                let site = &self.sites[near];
                 if site.look > 0.0 && (site.look - own.look).abs() <= alike {
-                    shown.add(site);
+                    takes(near);
                 }
             }
         }
-        shown
     }
 }
 
