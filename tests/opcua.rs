@@ -5,7 +5,7 @@
 use super::operator_page::add_account;
 use super::service::{Service, taught};
 use panelprep::accounts::{AuditEntry, Role};
-use panelprep::packml::{ArgumentKind, METHODS, NODES};
+use panelprep::packml::{METHODS, NODES};
 use panelprep::record::{CycleId, Front};
 use panelprep::store::Store;
 use rand::{RngExt, SeedableRng};
@@ -45,12 +45,8 @@ fn write_tables(folder: &Path) -> PathBuf {
     let nodes = NODES.iter().map(
         |node| json!({ "path": node.path, "type": node.kind.name(), "unit": node.unit, "meaning": node.meaning }),
     );
-    let argument = |kind| match kind {
-        ArgumentKind::String => "String",
-        ArgumentKind::Boolean => "Boolean",
-    };
     let methods = METHODS.iter().map(|method| {
-        let arguments: Vec<_> = method.arguments.iter().map(|one| argument(one.kind)).collect();
+        let arguments: Vec<_> = method.arguments.iter().map(|one| one.kind.name()).collect();
         let roles = Role::VARIANTS.iter().filter(|role| method.is_allowed(Some(**role)));
         let roles: Vec<_> = roles.map(|role| role.word()).collect();
         json!({ "name": method.name, "arguments": arguments, "roles": roles })
@@ -283,11 +279,7 @@ fn the_manual_has_every_node_and_method() {
         .iter()
         .map(|node| format!("| `{}` | {} | {} | {} |", node.path, node.kind.name(), dash(node.unit), node.meaning));
     let methods = METHODS.iter().map(|method| {
-        let kind = |kind| match kind {
-            ArgumentKind::String => "String",
-            ArgumentKind::Boolean => "Boolean",
-        };
-        let arguments = method.arguments.iter().map(|one| format!("{}: {}", one.name, kind(one.kind)));
+        let arguments = method.arguments.iter().map(|one| format!("{}: {}", one.name, one.kind.name()));
         let roles: Vec<&str> =
             Role::VARIANTS.iter().filter(|role| method.is_allowed(Some(**role))).map(|role| role.word()).collect();
         let who = if method.needs.is_none() { "every session".to_owned() } else { roles.join(", ") };

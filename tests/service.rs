@@ -74,7 +74,13 @@ impl Service {
         service
     }
 
+    /// Asks the service. A decision is upon the step that is shown just before, if the test names none.
     pub fn ctl(&self, ask: &str) -> (i32, Value) {
+        let is_decision = ["accept", "unhold", "clear"].contains(&ask.split(' ').next().unwrap_or_default());
+        if is_decision && !ask.contains("--step") {
+            let step = self.ctl("state").1["step"].as_u64().unwrap_or_default();
+            return self.ctl(&format!("{ask} --step {step}"));
+        }
         json(&self.folder, &format!("ctl {ask} --cell cell/cell.toml"))
     }
 

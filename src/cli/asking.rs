@@ -54,10 +54,10 @@ pub(super) fn ask(socket: &Path, what: &What) -> Result<Reply, Fault> {
 
 /// What scripts read of an answer.
 pub(super) fn object(reply: &Reply) -> Map<String, Value> {
-    let Reply { answer, state, phase, epoch, cycle_id, verdict, recording, reasons, done, .. } = reply;
+    let Reply { answer, state, phase, epoch, step, cycle_id, verdict, recording, reasons, done, .. } = reply;
     let Reply { panel, pass, film_s, waypoint, of, page, axes_deg, .. } = reply;
     let json = json!({
-        "verdict": verdict, "reasons": reasons, "answer": answer, "state": state, "phase": phase, "epoch": epoch,
+        "verdict": verdict, "reasons": reasons, "answer": answer, "state": state, "phase": phase, "epoch": epoch, "step": step,
         "cycle_id": cycle_id, "recording": recording, "panel": panel, "pass": pass, "film_s": film_s,
         "waypoint": waypoint, "of": of, "page": page, "done": done,
         "axes_deg": axes_deg,
@@ -71,7 +71,8 @@ pub(super) fn outcome(reply: &Reply) -> Outcome {
     let mut outcome = Outcome { exit: reply.answer.code(), json: object(reply), words: vec![] };
     outcome.words.extend(done.clone());
     if state.is_some() {
-        outcome.say(format!("state: {}", place(reply)));
+        let step = reply.step.map_or(String::new(), |step| format!("; step {step}"));
+        outcome.say(format!("state: {}{step}", place(reply)));
     }
     if let Some(cycle) = cycle_id {
         let panel = panel.as_ref().map_or(String::new(), |panel| format!(" of panel {panel}"));

@@ -1,15 +1,17 @@
 //! `panelprep ctl`: questions to the service, and its answers.
 
-use super::args::{Common, Ctl, CtlAsk};
+use super::args::{Common, Ctl, CtlAsk, Decision};
 use super::asking::{ask, insist, outcome};
 use super::disk;
 use super::fault::Fault;
 use super::follow;
 use super::load::CellFiles;
 use super::outcome::Outcome;
+use super::output::tell_line;
 use super::part;
 use crate::cycle::Request;
-use crate::daemon::{Exit, RecordIn, StartRequest, What};
+use crate::daemon::{self, Exit, OwnText, RecordIn, StartRequest, What};
+use std::io::IsTerminal;
 use std::path::Path;
 
 /// Asks, and tells what was answered.
@@ -22,7 +24,7 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
     if matches!(args.ask, CtlAsk::Watch) {
         return follow::watch(&socket, common.json);
     }
-    let what = what(&args.ask)?;
+    let what = what(&args.ask, &socket)?;
     let reply = match what {
         What::Table(Request::Stop | Request::Abort) => insist(&socket, &what)?,
         _ => ask(&socket, &what)?,
@@ -34,24 +36,44 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
     }
 }
 
-fn what(ask: &CtlAsk) -> Result<What, Fault> {
+fn what(ask: &CtlAsk, socket: &Path) -> Result<What, Fault> {
     Ok(match ask {
         CtlAsk::Start { recipe, record, part, .. } => What::Start(StartRequest {
             recipe: recipe.display().to_string(),
             text: disk::read_text(recipe)?,
             record: record.as_ref().map(|file| record_in(file.as_deref())).transpose()?,
             part: part::checked(part.names())?,
+            own_text: OwnText::default(),
         }),
         CtlAsk::Hold => What::Table(Request::Hold),
-        CtlAsk::Unhold { dried } => What::Table(Request::Unhold { dried: *dried }),
+        CtlAsk::Unhold { dried, decision } => decided(socket, Request::Unhold { dried: *dried }, *decision)?,
         CtlAsk::Stop => What::Table(Request::Stop),
         CtlAsk::Abort => What::Table(Request::Abort),
-        CtlAsk::Clear => What::Table(Request::Clear),
+        CtlAsk::Clear { decision } => decided(socket, Request::Clear, *decision)?,
         CtlAsk::Reset { .. } => What::Table(Request::Reset),
-        CtlAsk::Accept => What::Table(Request::Accept),
+        CtlAsk::Accept { decision } => decided(socket, Request::Accept, *decision)?,
         CtlAsk::NewDisc => What::NewDisc,
         CtlAsk::State | CtlAsk::Watch => What::State,
     })
+}
+
+/// A decision upon the step that the person names, or that is shown now at a terminal and confirmed.
+fn decided(socket: &Path, request: Request, decision: Decision) -> Result<What, Fault> {
+    if let Some(step) = decision.step {
+        return Ok(What::Decided { request, step });
+    }
+    let command = daemon::command(request);
+    let now = ask(socket, &What::State)?;
+    let (Some(step), true) = (now.step, std::io::stdin().is_terminal()) else {
+        return Err(Fault::NoStep { command });
+    };
+    outcome(&now).words.iter().for_each(|line| tell_line(line));
+    tell_line(&format!("Enter: {command} of step {step}; Ctrl-C: leave it"));
+    let mut answer = String::new();
+    match std::io::stdin().read_line(&mut answer) {
+        Ok(read) if read > 0 && answer.trim().is_empty() => Ok(What::Decided { request, step }),
+        _ => Err(Fault::NoStep { command }),
+    }
 }
 
 /// The service stands in a folder of its own, so a file goes to it by its whole path.

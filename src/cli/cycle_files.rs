@@ -140,7 +140,7 @@ impl TaughtRecipe {
         let TaughtRecipe { recipe, taught: Taught { panel, corners, .. }, .. } = self;
         let setup = CycleSetup::new(cell, recipe, (panel, corners), calibrated.of_cycle()).map_err(Fault::stage)?;
         let setup = setup.after(before);
-        Ok(PreparedCycle { request, setup, start, recording: None })
+        Ok(PreparedCycle { request, setup, start, recording: None, remarks: vec![] })
     }
 
     /// What the one cycle of a command works with.

@@ -102,6 +102,15 @@ pub enum Fault {
         /// What is wrong.
         problem: String,
     },
+    /// A decision without what it was taken upon.
+    #[error(
+        "{command}: nothing was requested, since it is not named what this is decided upon; read `panelprep ctl state`, then \
+         `panelprep ctl {command} --step N` with the step that it shows"
+    )]
+    NoStep {
+        /// The command.
+        command: &'static str,
+    },
     /// Nobody listens.
     #[error(
         "{}: no service answers; start `panelprep run` with the same --cell and --store (or `systemctl start panelprep`), \

@@ -2,6 +2,7 @@
 
 use super::args::{Common, Run};
 use super::cycle_files::{Calibrated, TaughtRecipe};
+use super::disk;
 use super::fault::{DeviceFault, Fault, RecordFault};
 use super::fronts::{Fronts, edge_node, line_front, office_sender, opcua_server, operator_page, push_sender};
 use super::health;
@@ -15,11 +16,12 @@ use super::report::{self, Kept};
 use super::zivid;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
-    self, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, Ports, PreparedCycle,
+    self, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, OwnText, Ports, PreparedCycle,
     RecordIn, Recorded, RecordedPort, Recording, RecordingSwitch, Request, RequestHandler, RequestQueue,
     RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord, WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
+use crate::files::content_hash;
 use crate::record::{CycleId, RecordingFile};
 use crate::requirements::Purpose;
 use crate::store::{Pruned, Store, StoreError};
@@ -255,7 +257,7 @@ fn loader(
     world: Option<SimulatedWorld>,
 ) -> Arc<Loader> {
     let one_at_a_time = Mutex::new(());
-    Arc::new(move |StartRequest { recipe: name, text, record, part }| {
+    Arc::new(move |StartRequest { recipe: name, text, record, part, own_text }| {
         // A file on a disk that hangs must not take the places of those who ask for a stop.
         let Ok(_turn) = one_at_a_time.try_lock() else {
             return Err(vec![Reason::new("busy", "another start is being read; ask again when it was answered")]);
@@ -263,6 +265,10 @@ fn loader(
         let health = health::judge(&files).map_err(|fault| vec![unreadable(&fault)])?;
         if health.verdict == Verdict::Reject {
             return Err(health.reasons);
+        }
+        let foreign = foreign_recipe(files.cell.page().recipes.as_path(), (&name, &text));
+        if let (Some(foreign), OwnText::Refused) = (&foreign, own_text) {
+            return Err(vec![not_permitted(foreign)]);
         }
         let load = || -> Result<_, Fault> {
             if cameras_by(&files)? != taken_by {
@@ -292,6 +298,7 @@ fn loader(
             let mut prepared =
                 PreparedCycle { recording: record, ..taught_recipe.prepared(cell.clone(), &calibrated)? };
             prepared.start.recording = named;
+            prepared.remarks.extend(foreign.clone());
             Ok(prepared)
         };
         load().map_err(|fault| {
@@ -303,6 +310,32 @@ fn loader(
             vec![Reason::new(code, fault.to_string())]
         })
     })
+}
+
+/// Says so where a recipe's text is not the one that the recipes' folder has by this name.
+fn foreign_recipe(folder: &Path, (name, text): (&str, &str)) -> Option<Reason> {
+    let file = folder.join(Path::new(name).file_name().unwrap_or_default());
+    let there = disk::read_text(&file).ok();
+    let found = match &there {
+        Some(there) if there == text => return None,
+        Some(there) => format!("there it has SHA-256 {}", content_hash(there.as_bytes())),
+        None => "there is no such file".to_owned(),
+    };
+    let message = format!(
+        "the recipe {name} with SHA-256 {} is none of the folder {}: {found}",
+        content_hash(text.as_bytes()),
+        folder.display()
+    );
+    Some(Reason::new("foreign_recipe", message))
+}
+
+/// The operator starts by what an engineer has put into the folder.
+fn not_permitted(foreign: &Reason) -> Reason {
+    let message = format!(
+        "{}; the role operator starts by recipes of that folder alone, an engineer puts a recipe there or starts by its text",
+        foreign.message
+    );
+    Reason { message, ..foreign.clone() }
 }
 
 fn unreadable(fault: &Fault) -> Reason {
@@ -317,4 +350,26 @@ fn outcome(state: &State) -> Outcome {
     outcome.put("state", at.word().into());
     outcome.words[0] = format!("ended in state {}", at.word());
     outcome
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A recipe of the folder is known by its name and its whole text; a text of one's own under the same name is not it.
+    #[test]
+    fn a_recipe_of_the_folder_is_known_by_name_and_text() {
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(folder.path().join("door.toml"), "min_break_mm2 = 25\n").expect("written");
+        let foreign = |name: &str, text: &str| foreign_recipe(folder.path(), (name, text));
+        assert_eq!(foreign("door.toml", "min_break_mm2 = 25\n"), None);
+        assert_eq!(foreign("/etc/panelprep/recipes/door.toml", "min_break_mm2 = 25\n"), None, "by its whole name");
+        let own = foreign("door.toml", "min_break_mm2 = 10000\n").expect("another text");
+        let sha256 = content_hash(b"min_break_mm2 = 25\n");
+        assert!(own.code == "foreign_recipe" && own.message.contains(&sha256), "{}", own.message);
+        for (name, text) in [("gate.toml", "min_break_mm2 = 25\n"), ("..", ""), ("", ""), ("door.toml/", "")] {
+            assert!(foreign(name, text).is_some(), "{name}");
+        }
+        assert!(not_permitted(&own).message.contains("the role operator"));
+    }
 }

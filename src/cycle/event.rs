@@ -52,6 +52,13 @@ pub enum Request {
     Clear,
 }
 
+impl Request {
+    /// Whether a person decides it upon what the cell shows, so that it is good for that step alone.
+    pub fn is_decision(self) -> bool {
+        matches!(self, Request::Unhold { .. } | Request::Accept | Request::Clear)
+    }
+}
+
 /// What the cell says. The answer to an act comes once; the rest comes when it happens.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]

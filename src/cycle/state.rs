@@ -23,6 +23,9 @@ pub struct State {
     pub last_id: Id,
     /// Reports that answered nothing.
     pub dropped: u64,
+    /// How often `at` has changed. A person decides upon what one step shows.
+    #[serde(default)]
+    pub step: u64,
 }
 
 impl State {
@@ -46,6 +49,7 @@ impl State {
         epoch: 0,
         last_id: Id(0),
         dropped: 0,
+        step: 0,
     };
 }
 

@@ -20,6 +20,9 @@ pub(super) fn step_with(rules: Rules, state: State, event: Event) -> (State, Vec
         Event::Told(report) => turn.told(report),
     }
     turn.proceed();
+    if turn.state.at != state.at {
+        turn.state.step += 1;
+    }
     (turn.state, turn.effects)
 }
 

@@ -4,6 +4,7 @@ use super::caller;
 use super::lending::SharedCameras;
 use super::reply::{Exit, Reply};
 use super::request::{PreparedCycle, Request, StartRequest, What};
+use super::words;
 use super::request_queue::{NotTaken, RequestSender};
 use crate::record::Who;
 use crate::verdict::Reason;
@@ -56,6 +57,9 @@ impl Gateway {
             What::Shoot(_) => {
                 let message = "the service has not opened its cameras yet; ask for the state";
                 return Reply::refused(Exit::Refused, vec![Reason::new("not_now", message)]);
+            }
+            What::Table(request) if request.is_decision() => {
+                return Reply::refused(Exit::Refused, vec![words::no_step(request)]);
             }
             what => (what, caller::named(who)),
         };

@@ -126,7 +126,7 @@ pub use replay::{
     RecordingSwitch, Stands, free_mb, recording_file, recordings, too_full,
 };
 pub use reply::{Exit, Reply};
-pub use request::{PartNames, PreparedCycle, RecordIn, Request, StartRequest, What};
+pub use request::{OwnText, PartNames, PreparedCycle, RecordIn, Request, StartRequest, What};
 pub use request_handler::{EndedCycle, RequestHandler, ServiceParts};
 pub use request_queue::{NotTaken, RequestQueue, RequestSender, request_queue};
 pub use run::{LoopOutcome, LoopStart, Ports, run};
@@ -138,5 +138,5 @@ pub use sparkplug::{SparkplugEdge, SparkplugParts};
 pub use web::{OperatorPage, PageError, PageParts};
 pub use wiring::Wiring;
 pub use without_store::wait_for;
-pub use words::{refusal, request_word, why};
+pub use words::{command, refusal, request_word, why};
 pub use written_page::WrittenPage;

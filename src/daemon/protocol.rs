@@ -1,8 +1,8 @@
 //! The service's socket, in lines: one JSON object asks, one answers, then the connection ends.
 //!
 //! ```text
-//! {"ask":"unhold","dried":true}
-//! {"answer":"refused","state":"idle","phase":null,"epoch":4,"cycle_id":null,"verdict":null,"recording":null,"reasons":[…]}
+//! {"ask":"unhold","dried":true,"step":17}
+//! {"answer":"refused","state":"idle","phase":null,"epoch":4,"step":18,"cycle_id":null,"verdict":null,"recording":null,"reasons":[…]}
 //! ```
 //!
 //! Strict: an unknown word, an unknown or repeated key, more than one object, a line that is too long or has no end is
@@ -36,11 +36,16 @@ enum Line {
     Unhold {
         #[serde(default)]
         dried: bool,
+        step: u64,
     },
-    Accept {},
+    Accept {
+        step: u64,
+    },
     Stop {},
     Abort {},
-    Clear {},
+    Clear {
+        step: u64,
+    },
     Reset {},
     #[serde(rename = "new-disc")]
     NewDisc {},
@@ -97,11 +102,11 @@ pub fn read_request(line: &[u8]) -> Result<What, ProtocolError> {
         Line::NewDisc {} => What::NewDisc,
         Line::Shoot { shot } => What::Shoot(shot),
         Line::Hold {} => What::Table(Request::Hold),
-        Line::Unhold { dried } => What::Table(Request::Unhold { dried }),
-        Line::Accept {} => What::Table(Request::Accept),
+        Line::Unhold { dried, step } => What::Decided { request: Request::Unhold { dried }, step },
+        Line::Accept { step } => What::Decided { request: Request::Accept, step },
         Line::Stop {} => What::Table(Request::Stop),
         Line::Abort {} => What::Table(Request::Abort),
-        Line::Clear {} => What::Table(Request::Clear),
+        Line::Clear { step } => What::Decided { request: Request::Clear, step },
         Line::Reset {} => What::Table(Request::Reset),
     })
 }
@@ -117,13 +122,15 @@ pub fn request_line(what: &What) -> Result<String, ProtocolError> {
         What::NewDisc => Line::NewDisc {},
         What::Shoot(shot) => Line::Shoot { shot: *shot },
         What::Table(Request::Hold) => Line::Hold {},
-        What::Table(Request::Unhold { dried }) => Line::Unhold { dried: *dried },
-        What::Table(Request::Accept) => Line::Accept {},
+        What::Decided { request: Request::Unhold { dried }, step } => Line::Unhold { dried: *dried, step: *step },
+        What::Decided { request: Request::Accept, step } => Line::Accept { step: *step },
+        What::Decided { request: Request::Clear, step } => Line::Clear { step: *step },
         What::Table(Request::Stop) => Line::Stop {},
         What::Table(Request::Abort) => Line::Abort {},
-        What::Table(Request::Clear) => Line::Clear {},
         What::Table(Request::Reset) => Line::Reset {},
-        What::Table(Request::Start { .. } | Request::AirRun { .. })
+        What::Table(_)
+        | What::Decided { .. }
+        | What::Outdated { .. }
         | What::Begin(_)
         | What::Unprepared { .. }
         | What::Leave => return Err(ProtocolError::NotForClients),
@@ -145,13 +152,15 @@ mod tests {
             r#"{"ask":"start","recipe":"panel.toml","text":"panel = \"a\\b\"\n","record":RECORD,"part":PART}"#;
         let part = r#"{"serial":"SN \"7\"","operator":"Ännä"}"#;
         let start = |record, part| start.replace("RECORD", record).replace("PART", part);
-        let plain = ["state", "hold", "accept", "stop", "abort", "clear", "reset", "new-disc"];
+        let plain = ["state", "hold", "stop", "abort", "reset", "new-disc"];
         let plain = plain.map(|word| format!("{{\"ask\":\"{word}\"}}"));
         let others = [
             start("null", "null"),
             start("\"store\"", part),
             start("{\"file\":\"/var/cycle 7.mcap\"}", "null"),
-            r#"{"ask":"unhold","dried":true}"#.to_owned(),
+            r#"{"ask":"unhold","dried":true,"step":17}"#.to_owned(),
+            r#"{"ask":"accept","step":17}"#.to_owned(),
+            r#"{"ask":"clear","step":18446744073709551615}"#.to_owned(),
             r#"{"ask":"shoot","shot":"scan"}"#.to_owned(),
             r#"{"ask":"shoot","shot":{"film":{"pictures_per_second":2.5}}}"#.to_owned(),
         ];
@@ -164,7 +173,11 @@ mod tests {
             Ok(What::Table(request)) => request,
             other => panic!("{other:?}"),
         };
-        assert_eq!(table(b"{\"ask\":\"unhold\"}\n"), Request::Unhold { dried: false }, "wet unless said");
+        let wet = read_request(b"{\"ask\":\"unhold\",\"step\":3}\n");
+        assert!(
+            matches!(wet, Ok(What::Decided { request: Request::Unhold { dried: false }, step: 3 })),
+            "wet unless said: {wet:?}"
+        );
         assert_eq!(table(b" {\"ask\" : \"hold\"} \r\n"), Request::Hold);
         assert_eq!(request_line(&What::Leave), Err(ProtocolError::NotForClients));
     }
@@ -173,7 +186,7 @@ mod tests {
     #[test]
     fn hostile_lines_ask_for_nothing() {
         let deep = format!("{}1{}\n", "[".repeat(100_000), "]".repeat(100_000));
-        let cases: [(&[u8], &str); 18] = [
+        let cases: [(&[u8], &str); 23] = [
             (b"", "no end"),
             (b"{\"ask\":\"abort\"}", "no end"),
             (b"\n", "EOF"),
@@ -187,6 +200,12 @@ mod tests {
             (b"{\"ask\":\"hold\"}{\"ask\":\"abort\"}\n", "trailing"),
             (b"{\"ask\":\"unhold\",\"dried\":\"yes\"}\n", "boolean"),
             (b"{\"ask\":\"unhold\",\"dried\":1}\n", "boolean"),
+            // What a person decides names what it was decided upon.
+            (b"{\"ask\":\"unhold\",\"dried\":true}\n", "step"),
+            (b"{\"ask\":\"accept\"}\n", "step"),
+            (b"{\"ask\":\"clear\"}\n", "step"),
+            (b"{\"ask\":\"clear\",\"step\":-1}\n", "u64"),
+            (b"{\"ask\":\"accept\",\"step\":null}\n", "u64"),
             (b"{\"ask\":\"start\",\"recipe\":\"a.toml\"}\n", "text"),
             (b"{\"ask\":\"start\",\"recipe\":\"a\",\"text\":\"\",\"record\":true}\n", "invalid type"),
             (b"{\"ask\":\"start\",\"recipe\":\"a\",\"text\":\"\",\"record\":\"here\"}\n", "`store`"),
@@ -206,7 +225,7 @@ mod tests {
         #[test]
         fn any_bytes_are_read_or_refused(bytes in proptest::collection::vec(any::<u8>(), 0..200), cut in 0_usize..28) {
             let _ = read_request(&bytes);
-            let line = b"{\"ask\":\"unhold\",\"dried\":true}\n";
+            let line = b"{\"ask\":\"unhold\",\"step\":12345678}\n";
             prop_assert!(read_request(&line[..cut]).is_err());
         }
     }

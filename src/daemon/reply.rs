@@ -58,6 +58,9 @@ pub struct Reply {
     pub axes_deg: Option<[f64; 6]>,
     /// The robot's last epoch.
     pub epoch: Option<u32>,
+    /// The step of the cycle's table that this reply shows; accept, unhold and clear name it.
+    #[serde(default)]
+    pub step: Option<u64>,
     /// The cycle that runs, or ran last since the service started.
     pub cycle_id: Option<i64>,
     /// Its verdict, once it has one.
@@ -103,6 +106,7 @@ impl Reply {
             page: None,
             axes_deg: None,
             epoch: None,
+            step: None,
             cycle_id: None,
             verdict: None,
             recording: None,

@@ -60,6 +60,20 @@ pub enum What {
     NewDisc,
     /// What the table of the cycle decides about.
     Table(cycle::Request),
+    /// The same, by a person who decided upon what this step of the table showed ([`cycle::State::step`]).
+    Decided {
+        /// What is requested: accept, unhold or clear.
+        request: cycle::Request,
+        /// The step.
+        step: u64,
+    },
+    /// What was decided upon another step than the present one. The loop only records it.
+    Outdated {
+        /// What was requested.
+        request: cycle::Request,
+        /// What changed since.
+        reasons: Vec<Reason>,
+    },
     /// Pictures of the cell's cameras, while the cell rests without a cycle.
     Shoot(ShotRequest),
     /// To end the program, where the cell rests.
@@ -77,8 +91,9 @@ impl What {
     pub(super) fn words(&self) -> String {
         match self {
             What::State => "state".to_owned(),
-            What::Table(cycle::Request::Unhold { dried: true }) => "unhold --dried".to_owned(),
-            What::Table(request) => words::request_word(*request).to_owned(),
+            What::Table(request) | What::Decided { request, .. } | What::Outdated { request, .. } => {
+                words::command(*request).to_owned()
+            }
             What::NewDisc => "new-disc".to_owned(),
             What::Begin(prepared) => format!("start of panel {}", prepared.setup.panel_name()),
             What::Start(StartRequest { recipe, .. }) | What::Unprepared { recipe, .. } => {
@@ -109,6 +124,20 @@ pub struct StartRequest {
     /// The part in the cell, with its work order and operator.
     #[serde(default)]
     pub part: Option<PartNames>,
+    /// Whether the text may be another than the recipes' folder has. The front decides it by the person's role; no line of a
+    /// client can say so.
+    #[serde(skip)]
+    pub own_text: OwnText,
+}
+
+/// Whether a start may bring a text that is none of the recipes' folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum OwnText {
+    /// Only a recipe of the folder, by name and content.
+    #[default]
+    Refused,
+    /// Any text; the record says that it is none of the folder's.
+    Allowed,
 }
 
 /// Where a cycle is recorded.
@@ -132,4 +161,6 @@ pub struct PreparedCycle {
     pub start: CycleStart,
     /// How it is recorded, where it is.
     pub recording: Option<RecordingPlan>,
+    /// What the record says of the start, though it is taken.
+    pub remarks: Vec<Reason>,
 }

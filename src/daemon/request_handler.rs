@@ -18,6 +18,7 @@ use crate::record::{CycleId, Front, Who};
 use crate::supervision::{Supervised, Supervisor, ThreadFault, supervised};
 use crate::verdict::{Reason, Verdict};
 use sd_notify::NotifyState;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
@@ -65,6 +66,9 @@ const REST: Duration = Duration::from_millis(20);
 /// So many requests for the state are answered in one round of the loop.
 const MOST_ANSWERED: usize = 64;
 
+/// Of so many steps of the table it is known what they showed: more than a cycle has between two holds.
+const MOST_STEPS: usize = 64;
+
 /// What a start that the loop has taken is for.
 #[derive(Debug)]
 struct Ordered {
@@ -110,6 +114,8 @@ pub struct RequestHandler {
     set_aside: Vec<Reason>,
     /// As the loop last showed it.
     state: State,
+    /// The last steps of the table, with what each showed.
+    steps: VecDeque<(u64, String)>,
 }
 
 impl RequestHandler {
@@ -140,6 +146,7 @@ impl RequestHandler {
             noted: Vec::new(),
             set_aside: Vec::new(),
             state: State::NEW,
+            steps: VecDeque::new(),
         }
     }
 
@@ -158,6 +165,7 @@ impl RequestHandler {
             page: self.cycle.and_then(|cycle| self.parts.written.of(cycle)),
             axes_deg: self.parts.cameras.as_ref().and_then(SharedCameras::stands).map(|axes| axes.degrees()),
             epoch: Some(state.epoch),
+            step: Some(state.step),
             cycle_id: self.cycle.map(|cycle| cycle.0),
             verdict: self.verdict,
             recording: self.parts.recording.told(),
@@ -228,6 +236,26 @@ impl RequestHandler {
         }
     }
 
+    /// A decision goes to the table if the step that it was taken upon is the present one.
+    fn decided(&self, request: cycle::Request, step: u64, state: &State) -> What {
+        if step == state.step {
+            return What::Table(request);
+        }
+        let was = self.steps.iter().find(|(known, _)| *known == step).map(|(_, shown)| shown.as_str());
+        What::Outdated { request, reasons: vec![words::outdated(request, (step, was), state)] }
+    }
+
+    /// Remembers what each step showed, so that a decision upon an earlier one is refused with what changed.
+    fn remember_step(&mut self, state: &State) {
+        if self.steps.back().is_some_and(|(step, _)| *step == state.step) {
+            return;
+        }
+        if self.steps.len() == MOST_STEPS {
+            self.steps.pop_front();
+        }
+        self.steps.push_back((state.step, words::shown(state)));
+    }
+
     /// A request that the loop is to act on.
     fn hand_over(&mut self, mut request: Request) -> Request {
         self.waiting = request.reply.take();
@@ -249,6 +277,11 @@ impl RequestHandler {
                     grids: setup.panel.grids.iter().map(|grid| grid.id).collect(),
                     film_total_s: setup.demands().filmed_s(),
                 });
+            }
+            What::Outdated { reasons, .. } => {
+                let (reasons, state) = (reasons.clone(), self.state);
+                tracing::warn!("refused: {}", reasons[0].message);
+                self.answer(Exit::Refused, reasons, &state);
             }
             _ => {}
         }
@@ -285,6 +318,7 @@ impl RequestHandler {
     /// What is requested now.
     fn requested(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         self.state = *state;
+        self.remember_step(state);
         self.sign.works();
         self.parts.supervisor.check()?;
         // What was requested when the loop last came round was taken: else it would be answered by now.
@@ -313,6 +347,10 @@ impl RequestHandler {
                 What::Leave => {
                     self.signal();
                     break;
+                }
+                What::Decided { request: asked, step } => {
+                    let what = self.decided(asked, step, state);
+                    return Ok(Some(self.hand_over(Request { what, ..request })));
                 }
                 _ => return Ok(Some(self.hand_over(request))),
             }

@@ -22,7 +22,8 @@ impl Running<'_> {
         let why = |request, refusal| (answer(refusal), vec![words::refusal(request, refusal, &self.state)]);
         match (event, refused) {
             (Event::Asked(request), None) => {
-                self.keep_asked(Wanted::For(request), self.requester.clone(), (Answer::Done, vec![]))
+                let remarks = std::mem::take(&mut self.remarks);
+                self.keep_asked(Wanted::For(request), self.requester.clone(), (Answer::Done, remarks))
             }
             (Event::Asked(request), Some((_, refusal))) => {
                 let came = why(request, refusal);

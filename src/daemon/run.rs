@@ -256,8 +256,11 @@ impl Running<'_> {
                 let wanted = Wanted::Start { recipe };
                 self.keep_asked(wanted, self.requester.clone(), (Answer::Refused, reasons))?;
             }
+            What::Outdated { request, reasons } => {
+                self.keep_asked(Wanted::For(request), self.requester.clone(), (Answer::Refused, reasons))?;
+            }
             // The gateway and the request handler answer these.
-            What::State | What::Start(_) | What::Shoot(_) => {}
+            What::Decided { .. } | What::State | What::Start(_) | What::Shoot(_) => {}
         }
         Ok(TakenUp::Done)
     }
@@ -303,6 +306,7 @@ impl Running<'_> {
             }
         }
         self.cycle = Some(Arc::new(prepared.setup));
+        self.remarks = prepared.remarks;
         (self.perception, self.abrasion, self.verdict) = (Perception::default(), Abrasion::default(), None);
         // What was heard of the tool before is no part of this cycle's recording: it is heard and told anew.
         (self.trace, self.sent, self.pressing) = (Trace::default(), None, Pressing::default());

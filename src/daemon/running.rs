@@ -17,7 +17,7 @@ use crate::eki::{self, Time};
 use crate::path::trace::Trace;
 use crate::record::{Front, Who};
 use crate::tape::Begin;
-use crate::verdict::Verdict;
+use crate::verdict::{Reason, Verdict};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -56,6 +56,8 @@ pub(super) struct Running<'p> {
     pub pressing: Pressing,
     pub pending: Option<Pending>,
     pub sent: Option<Sent>,
+    /// What the record says of the start that was taken up last.
+    pub remarks: Vec<Reason>,
     /// Waypoints of the path whose epoch was ended last, until the next motion: an answer that tells them may be given up for something else.
     pub left_at: u32,
     pub robot_state: Option<eki::State>,
@@ -97,6 +99,7 @@ impl<'p> Running<'p> {
             pressing: Pressing::default(),
             pending: None,
             sent: None,
+            remarks: Vec::new(),
             left_at: 0,
             robot_state: None,
             condition: cycle::Robot::Unknown,

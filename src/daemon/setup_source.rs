@@ -1,5 +1,6 @@
 //! Where recipes and calibrations come from.
 
+use crate::files::content_hash;
 use crate::geometry::ColorPicture;
 use crate::office::RecipeOffer;
 use crate::verdict::{Reason, Verdict};
@@ -11,6 +12,29 @@ pub struct RecipeText {
     pub name: String,
     /// Its text.
     pub text: String,
+}
+
+impl RecipeText {
+    /// SHA-256 of its text, by which a start names it.
+    pub fn sha256(&self) -> String {
+        content_hash(self.text.as_bytes())
+    }
+
+    /// The recipe, if it is the one that a person decided upon.
+    ///
+    /// # Errors
+    /// Where it has another text by now.
+    pub fn decided_upon(self, sha256: &str) -> Result<Self, String> {
+        let found = self.sha256();
+        if sha256.trim().eq_ignore_ascii_case(&found) {
+            return Ok(self);
+        }
+        Err(format!(
+            "{}: the start was decided upon the recipe with SHA-256 \"{}\", and the file's is {found}; read the recipe as it is now, then start by it",
+            self.name,
+            sha256.trim().escape_debug()
+        ))
+    }
 }
 
 /// A camera, the tool or another thing whose calibration has an age.

@@ -15,7 +15,7 @@ use super::gateway::Gateway;
 use super::lending::{self, SharedCameras, ShotRequest};
 use super::protocol::{MOST_BYTES, MOST_SHORT_BYTES, ProtocolError, may_be_long, read_request};
 use super::reply::{Exit, Reply};
-use super::request::What;
+use super::request::{StartRequest, What};
 use super::slots::{Most, Slot, Slots};
 use crate::accounts::Role;
 use crate::record::Who;
@@ -192,6 +192,10 @@ async fn attend((stream, who): (UnixStream, Who), mut slot: Slot<Option<u32>>, g
         }
     };
     drop(slot);
+    let heard = heard.map(|what| match what {
+        What::Start(start) => What::Start(StartRequest { own_text: rule.own_text(&who), ..start }),
+        what => what,
+    });
     if let Some(reason) = heard.as_ref().ok().and_then(|what| rule.refusal(&who, what)) {
         tracing::warn!("refused to {}: {}", caller::in_log(&caller::named(who)), reason.message);
         return tell(&stream, &Reply::refused(Exit::Refused, vec![reason])).await;

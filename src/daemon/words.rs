@@ -18,6 +18,45 @@ pub fn request_word(request: Request) -> &'static str {
     }
 }
 
+/// The command of `panelprep ctl` that asks for this.
+pub fn command(request: Request) -> &'static str {
+    match request {
+        Request::Unhold { dried: true } => "unhold --dried",
+        other => request_word(other),
+    }
+}
+
+/// A decision that does not say upon what it was taken.
+pub(super) fn no_step(request: Request) -> Reason {
+    let message = format!(
+        "{} needs the step that it was decided upon, and none is given; read the state, then request it with the step that it shows",
+        command(request)
+    );
+    Reason::new("bad_request", message)
+}
+
+/// Why a decision upon this step is not taken now. `was` is what that step showed, if it is known.
+pub(super) fn outdated(request: Request, (step, was): (u64, Option<&str>), now: &State) -> Reason {
+    let was = was.unwrap_or("a state that this service did not see");
+    let message = format!(
+        "{} was decided upon step {step}: {was}; the cell is at step {}: {}; read it and decide again",
+        command(request),
+        now.step,
+        shown(now)
+    );
+    Reason::new("outdated", message)
+}
+
+/// What a step shows: the state, its phase, and why the cell is in it.
+pub(super) fn shown(state: &State) -> String {
+    let phase = match state.at {
+        At::Held(hold) | At::Holding(hold) => format!(", {}", hold.resume.word()),
+        _ => String::new(),
+    };
+    let why = why(state).into_iter().next().map_or(String::new(), |reason| format!(" ({})", reason.code));
+    format!("{}{phase}{why}", place(state.at))
+}
+
 /// State and phase: `execute, refine`.
 pub(super) fn place(at: At) -> String {
     match at {
@@ -43,11 +82,7 @@ fn possible(state: &State) -> Vec<&'static str> {
         let (_, effects) = step(*state, Event::Asked(*request));
         !effects.iter().any(|effect| matches!(effect, crate::cycle::Effect::Refuse { .. }))
     };
-    let word = |request: Request| match request {
-        Request::Unhold { dried: true } => "unhold --dried",
-        other => request_word(other),
-    };
-    all.into_iter().filter(taken).map(word).collect()
+    all.into_iter().filter(taken).map(command).collect()
 }
 
 /// Why a request is refused in this state.

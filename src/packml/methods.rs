@@ -25,6 +25,19 @@ pub enum ArgumentKind {
     String,
     /// True or false.
     Boolean,
+    /// A whole number.
+    UInt32,
+}
+
+impl ArgumentKind {
+    /// The name of the data type in OPC UA.
+    pub fn name(self) -> &'static str {
+        match self {
+            ArgumentKind::String => "String",
+            ArgumentKind::Boolean => "Boolean",
+            ArgumentKind::UInt32 => "UInt32",
+        }
+    }
 }
 
 /// An argument.
@@ -70,6 +83,12 @@ const fn plain(name: &'static str, command: Command, needs: Option<Permission>, 
 
 use Permission::{Accept, Acknowledge, Operate};
 
+const STEP: Argument = Argument {
+    name: "Step",
+    kind: ArgumentKind::UInt32,
+    meaning: "Cycle/Step as it was when this was decided. A cell that has gone on since refuses it.",
+};
+
 /// Every method.
 pub const METHODS: &[Method] = &[
     plain(
@@ -83,6 +102,10 @@ pub const METHODS: &[Method] = &[
         command: Command::Start,
         arguments: &[
             text("Recipe", "The file name of a recipe in the folder of [page] recipes, such as panel.toml."),
+            text(
+                "RecipeHash",
+                "SHA-256 of the recipe that was decided upon, as Recipes/Hashes has it. A recipe that was changed since is refused.",
+            ),
             text("SerialNumber", "The part's serial number; empty where it has none."),
             text("WorkOrder", "The work order; empty where there is none."),
         ],
@@ -93,23 +116,33 @@ pub const METHODS: &[Method] = &[
     Method {
         name: "Unhold",
         command: Command::Unhold,
-        arguments: &[Argument {
-            name: "Dried",
-            kind: ArgumentKind::Boolean,
-            meaning: "True where a person has dried the panel: it is located again.",
-        }],
+        arguments: &[
+            Argument {
+                name: "Dried",
+                kind: ArgumentKind::Boolean,
+                meaning: "True where a person has dried the panel: it is located again.",
+            },
+            STEP,
+        ],
         needs: Some(Operate),
         meaning: "Held and on, after the panel's place was verified.",
     },
     plain("Stop", Command::Stop, None, "Ends the cycle; ends in Stopped. It is no emergency stop."),
     plain("Abort", Command::Abort, None, "Ends everything at once; ends in Aborted. It is no emergency stop."),
-    plain(
-        "Clear",
-        Command::Clear,
-        Some(Operate),
-        "Aborted to Stopped: a person at the cell says that the cause is gone and the pad is off the panel.",
-    ),
-    plain("Accept", Command::Accept, Some(Accept), "Held for review and on: the result is taken as good."),
+    Method {
+        name: "Clear",
+        command: Command::Clear,
+        arguments: &[STEP],
+        needs: Some(Operate),
+        meaning: "Aborted to Stopped: a person says that the cause is gone and the pad is off the panel.",
+    },
+    Method {
+        name: "Accept",
+        command: Command::Accept,
+        arguments: &[STEP],
+        needs: Some(Accept),
+        meaning: "Held for review and on: the result is taken as good.",
+    },
     plain("NewDisc", Command::NewDisc, Some(Operate), "Keeps that a new disc was mounted, where the cell rests."),
     Method {
         name: "AcknowledgeAlarm",

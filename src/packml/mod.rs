@@ -15,6 +15,6 @@ mod tests;
 
 pub use methods::{Argument, ArgumentKind, Command, METHODS, Method, method};
 pub use nodes::{NODES, Node};
-pub use snapshot::{CycleCounts, GridState, LastRefusal, Snapshot, Verified, alarm_id};
+pub use snapshot::{CycleCounts, GridState, LastRefusal, RecipeHash, Snapshot, Verified, alarm_id};
 pub use unit::{UnitMode, UnitState};
 pub use value::{Kind, Value};

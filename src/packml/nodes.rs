@@ -157,6 +157,13 @@ pub const NODES: &[Node] = &[
         "its phase: locate, refine, dry, wet, inspect, plan, verify, abrade, retract, assess or rinse; while held the one in which it goes on",
         |now| text(now.phase.as_ref()),
     ),
+    node(
+        "Cycle/Step",
+        Kind::UInt32,
+        "",
+        "number of the step that these values show; Unhold, Clear and Accept name it",
+        |now| some(now.state.and_then(|state| u32::try_from(state.step).ok()), Value::UInt32),
+    ),
     node("Cycle/Pass", Kind::UInt32, "", "its abrasions so far", |now| {
         some(now.pass, |pass| Value::UInt32(u32::from(pass)))
     }),
@@ -203,6 +210,12 @@ pub const NODES: &[Node] = &[
         "the requests that the cell would take now, by the words of `panelprep ctl`",
         |now| Value::Strings(now.possible.iter().map(|&word| word.to_owned()).collect()),
     ),
+    node("Recipes/Names", Kind::Strings, "", "file names of the recipes in the folder of [page] recipes", |now| {
+        Value::Strings(now.recipes.iter().map(|recipe| recipe.name.clone()).collect())
+    }),
+    node("Recipes/Hashes", Kind::Strings, "", "SHA-256 of each, in the same order; Start names it", |now| {
+        Value::Strings(now.recipes.iter().map(|recipe| recipe.sha256.clone()).collect())
+    }),
     node("Part/SerialNumber", Kind::String, "", "serial number of the part", |now| text(now.part.serial.as_ref())),
     node("Part/WorkOrder", Kind::String, "", "its work order", |now| text(now.part.order.as_ref())),
     node("Part/Operator", Kind::String, "", "who operates the cell, as the start named that person", |now| {

@@ -56,6 +56,8 @@ pub struct Snapshot {
     pub calibration_reasons: Vec<String>,
     /// Each calibration's file with its age, in words.
     pub calibrations: Vec<String>,
+    /// The recipes of the folder.
+    pub recipes: Vec<RecipeHash>,
     /// The alarms that last: the most urgent first.
     pub alarms: Vec<Alarm>,
     /// Cycles that ended.
@@ -64,6 +66,15 @@ pub struct Snapshot {
     pub refusal: Option<LastRefusal>,
     /// The time of all this, ms since 1970.
     pub now_unix_ms: i64,
+}
+
+/// A recipe by which a cycle can be started.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecipeHash {
+    /// Its file's name.
+    pub name: String,
+    /// SHA-256 of its text.
+    pub sha256: String,
 }
 
 /// A grid of the panel.

@@ -15,7 +15,7 @@ pub struct RequestRecord {
     pub who: Option<Who>,
     /// What came of it; `None` where that was not recorded: the program ended before, or it was an earlier one.
     pub answer: Option<Answer>,
-    /// Why it was not done.
+    /// Why it was not done; of what was done, what is to be said of it.
     pub reasons: Vec<Reason>,
     /// So many findings of the cycle were kept when it was asked: what it was decided upon. `None` where that was not recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -76,7 +76,7 @@ pub fn requests() -> Vec<Vec<u8>> {
         json!({"ask": "state"}),
         start,
         json!({"ask": "shoot", "shot": {"scan": {}}}),
-        json!({"ask": "unhold", "dried": true}),
+        json!({"ask": "unhold", "dried": true, "step": 17}),
         json!({"ask": "new_disc"}),
         json!({"ask": "abort"}),
     ];

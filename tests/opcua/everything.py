@@ -16,6 +16,11 @@ ROLES = ["viewer", "operator", "inspector", "engineer", "administrator"]
 LET_THROUGH = {"Good", "BadInvalidState", "BadDeviceFailure", "BadInvalidArgument"}
 
 
+def step(number):
+    """The step that a decision names."""
+    return ua.Variant(number, ua.VariantType.UInt32)
+
+
 async def offered(_):
     """Nothing but signed and encrypted connections are offered, and no session without an account."""
     endpoints = await Client(URL).connect_and_get_server_endpoints()
@@ -100,7 +105,7 @@ async def browsed(known):
 
 async def as_each_role(known):
     """Every method as every role: let through, or refused by the role."""
-    values = {"String": "", "Boolean": False}
+    values = {"String": "", "Boolean": False, "UInt32": step(10**6)}
     for role in ROLES:
         async with await known.client(URL, role) as client:
             for method in tables()["methods"]:
@@ -111,7 +116,7 @@ async def as_each_role(known):
                 is_allowed = role in method["roles"]
                 assert (found in LET_THROUGH) if is_allowed else found == "BadUserAccessDenied", (role, method, found)
             # Wrong arguments are told before the cell is asked.
-            assert await call(client, "Start", 1, 2, 3) != "Good"
+            assert await call(client, "Start", 1, 2, 3, 4) != "Good"
             assert await call(client, "Start", "one") != "Good"
             assert await call(client, "Hold", "too many") != "Good"
     tell("roles", len(ROLES))
@@ -144,22 +149,27 @@ async def a_part(known):
                 break
             await asyncio.sleep(0.5)
         await changes.come("Idle")
-        assert await call(client, "Start", "../cell.toml", "", "") == "BadInvalidArgument"
-        assert await call(client, "Start", "recipe.toml", "SN 7", "WO 12") == "Good"
+        known_as = dict(zip(await read(client, "Recipes/Names"), await read(client, "Recipes/Hashes")))["recipe.toml"]
+        assert await call(client, "Start", "../cell.toml", known_as, "", "") == "BadInvalidArgument"
+        assert await call(client, "Start", "recipe.toml", "0" * 64, "", "") == "BadInvalidArgument"
+        assert await call(client, "Start", "recipe.toml", known_as, "SN 7", "WO 12") == "Good"
         await changes.come("Execute")
         # In virtual time the cycle may be over sooner than a hold comes.
         held = await call(client, "Hold")
         assert held in LET_THROUGH, held
         if held == "Good":
             await changes.come("Held")
-            assert await call(inspector, "Unhold", False) == "BadUserAccessDenied"
+            now = await read(client, "Cycle/Step")
+            assert await call(inspector, "Unhold", False, step(now)) == "BadUserAccessDenied"
             assert "unhold" in await read(client, "Cycle/PossibleCommands")
-            assert await call(client, "Unhold", False) == "Good"
+            # What was decided upon an earlier step is refused.
+            assert await call(client, "Unhold", False, step(now - 1)) == "BadInvalidState"
+            assert await call(client, "Unhold", False, step(now)) == "Good"
         since = time.monotonic()
         while await read(client, "PackML/Status/StateCurrentName") != "Complete":
             assert time.monotonic() - since < 240, changes.seen
             if await read(client, "Cycle/WaitsForReview"):
-                tell("accept", await call(inspector, "Accept"))
+                tell("accept", await call(inspector, "Accept", step(await read(client, "Cycle/Step"))))
             await asyncio.sleep(0.2)
         await comes(client, "Cycle/Verdict", "pass")
         await comes(client, "Part/SerialNumber", "SN 7")
@@ -183,12 +193,14 @@ async def stopped_by_anybody(known):
         await subscription.subscribe_data_change(await at(operator, "PackML/Status/StateCurrentName"))
         assert await call(operator, "Reset") == "Good"
         await changes.come("Idle")
-        assert await call(operator, "Start", "recipe.toml", "", "") == "Good"
+        known_as = dict(zip(await read(operator, "Recipes/Names"), await read(operator, "Recipes/Hashes")))["recipe.toml"]
+        assert await call(operator, "Start", "recipe.toml", known_as, "", "") == "Good"
         assert await call(viewer, "Abort") == "Good"
         await changes.come("Aborted")
         await comes(viewer, "PackML/Admin/StopReasonCode", "asked")
-        assert await call(viewer, "Clear") == "BadUserAccessDenied"
-        assert await call(operator, "Clear") == "Good"
+        now = await read(operator, "Cycle/Step")
+        assert await call(viewer, "Clear", step(now)) == "BadUserAccessDenied"
+        assert await call(operator, "Clear", step(now)) == "Good"
         await changes.come("Stopped")
         assert await call(viewer, "Stop") in {"Good", "BadInvalidState"}
         await subscription.delete()

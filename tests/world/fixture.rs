@@ -121,7 +121,7 @@ impl Fixture {
             recording: None,
         };
         let request = cycle::Request::Start { max_passes: 2, max_moves: 3 };
-        PreparedCycle { request, setup: self.cycle.clone(), start, recording: None }
+        PreparedCycle { request, setup: self.cycle.clone(), start, recording: None, remarks: vec![] }
     }
 
     /// Puts a new store into this folder. The store's reserve has its length and no blocks: the disk of a world is never full by

@@ -76,13 +76,20 @@ pub enum CtlAsk {
         /// The panel is dry: locate it again.
         #[arg(long)]
         dried: bool,
+        /// Upon what this is decided.
+        #[command(flatten)]
+        decision: Decision,
     },
     /// End the cycle.
     Stop,
     /// End everything at once.
     Abort,
     /// After an abort: the cause is gone and the pad is off the panel.
-    Clear,
+    Clear {
+        /// Upon what this is decided.
+        #[command(flatten)]
+        decision: Decision,
+    },
     /// From stopped or complete to idle: everything off and tested, no motion.
     Reset {
         /// Wait until the cell is idle, and end with 3 where it does not get there.
@@ -90,13 +97,26 @@ pub enum CtlAsk {
         wait: bool,
     },
     /// Held for review: the result is good.
-    Accept,
+    Accept {
+        /// Upon what this is decided.
+        #[command(flatten)]
+        decision: Decision,
+    },
     /// A new disc is mounted: its wear is counted from zero. Where the cell rests.
     NewDisc,
     /// How the cell stands: state, panel, pass, phase, seconds of film, waypoint, the last page.
     State,
     /// Follow the cell until this command is interrupted: a line for each change, with --json one object a line.
     Watch,
+}
+
+/// Upon what a person decides.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct Decision {
+    /// The step that `panelprep ctl state` showed. Once the cell has gone on, it is refused with what changed. Without it the
+    /// state is shown at a terminal, and Enter confirms.
+    #[arg(long, value_name = "N")]
+    pub step: Option<u64>,
 }
 
 impl PartArguments {

@@ -11,6 +11,8 @@ fn never(bad: bool, what: &str) -> Result<(), String> {
 impl Cell {
     /// Performs the effects in order; each against what is true at that moment.
     pub fn check_effects(&mut self, before: State, event: Event, effects: &[Effect]) -> Result<(), String> {
+        let changed = u64::from(self.state.at != before.at);
+        never(self.state.step != before.step + changed, "a step that does not count the changes of the state")?;
         let mut last_id = before.last_id;
         let mut opened = None;
         for effect in effects {

@@ -23,7 +23,7 @@ fn canonical(mut state: State) -> State {
         _ => {}
     }
     state.last_id = Id(9);
-    (state.epoch, state.dropped) = (1, 0);
+    (state.epoch, state.dropped, state.step) = (1, 0, 0);
     if let Some(due) = state.due.as_mut() {
         due.id = Id(1);
         match &mut due.act {

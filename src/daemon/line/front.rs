@@ -8,7 +8,8 @@ use crate::daemon::gateway::Gateway;
 use crate::daemon::lending::LastState;
 use crate::daemon::people::People;
 use crate::daemon::reply::{Exit, Reply};
-use crate::daemon::request::{PartNames, StartRequest, What};
+use crate::daemon::request::{OwnText, PartNames, StartRequest, What};
+use crate::daemon::setup_source::RecipeText;
 use crate::devices::robot::LineOutputs;
 use crate::disk;
 use crate::line::{CellStands, Handshake, LineInputs, LineRequest, Look};
@@ -93,6 +94,8 @@ async fn follow(parts: LineParts) {
     let mut tick = interval(EVERY);
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut told = None;
+    // A signal cannot say which recipe it means: it is the one with which the service was started.
+    let recipe = parts.recipe().await;
     loop {
         tick.tick().await;
         let look = parts.look().await;
@@ -102,7 +105,7 @@ async fn follow(parts: LineParts) {
             parts.outputs.set(now.0);
         }
         if let Some(request) = request
-            && !parts.ask(request).await
+            && !parts.ask(request, &recipe).await
         {
             handshake.refused(request);
         }
@@ -125,9 +128,9 @@ impl LineParts {
     }
 
     /// Asks the cell, and keeps what came of it in the audit trail; whether it was taken.
-    async fn ask(&self, request: LineRequest) -> bool {
+    async fn ask(&self, request: LineRequest, recipe: &Result<RecipeText, String>) -> bool {
         let (word, asked) = match request {
-            LineRequest::Start => ("start", self.start().await),
+            LineRequest::Start => ("start", self.start(recipe).await),
             LineRequest::Reset => ("reset", Ok(What::Table(cycle::Request::Reset))),
         };
         let refused = match asked {
@@ -149,18 +152,31 @@ impl LineParts {
         is_taken
     }
 
-    /// A start by the recipe and part of the cell's file.
-    async fn start(&self) -> Result<What, String> {
-        let Line { recipe: file, serial, order, operator } = self.line.clone();
-        let recipe = file.display().to_string();
-        let name = recipe.clone();
+    /// A start by the recipe and part of the cell's file. A recipe that was changed since the service started is refused.
+    async fn start(&self, recipe: &Result<RecipeText, String>) -> Result<What, String> {
+        let Line { serial, order, operator, .. } = self.line.clone();
+        let wanted = recipe.as_ref().map_err(|problem| again(problem))?;
+        let now = self.recipe().await?;
+        let RecipeText { name, text } = now.decided_upon(&wanted.sha256()).map_err(|problem| again(&problem))?;
+        let part = Some(PartNames { serial, order, operator });
+        Ok(What::Start(StartRequest { recipe: name, text, record: None, part, own_text: OwnText::Allowed }))
+    }
+
+    /// The recipe that the cell's file names, as its file is now.
+    async fn recipe(&self) -> Result<RecipeText, String> {
+        let file = self.line.recipe.clone();
+        let name = file.display().to_string();
         let read =
             tokio::task::spawn_blocking(move || disk::read(&file)).await.map_err(|error| error.to_string())?;
         let bytes = read.map_err(|error| format!("{name}: {error}"))?;
         let text = String::from_utf8(bytes).map_err(|_| format!("{name}: it is no UTF-8 text"))?;
-        let part = Some(PartNames { serial, order, operator });
-        Ok(What::Start(StartRequest { recipe, text, record: None, part }))
+        Ok(RecipeText { name, text })
     }
+}
+
+/// The line runs by the recipe with which the service was started.
+fn again(problem: &str) -> String {
+    format!("{problem}; restart the service when the line is to run by the recipe as it is now")
 }
 
 fn refused(reply: &Reply) -> Option<String> {

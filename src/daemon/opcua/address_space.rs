@@ -107,6 +107,7 @@ fn method(space: &mut AddressSpace, namespace: u16, method: &Method) {
     let kind = |kind| match kind {
         ArgumentKind::String => DataTypeId::String,
         ArgumentKind::Boolean => DataTypeId::Boolean,
+        ArgumentKind::UInt32 => DataTypeId::UInt32,
     };
     let taken: Vec<Argument> =
         method.arguments.iter().map(|one| argument(one.name, kind(one.kind), one.meaning)).collect();

@@ -8,7 +8,7 @@ use crate::daemon::alarms::AlarmId;
 use crate::daemon::clock::now_unix_ms;
 use crate::daemon::front_parts::FrontParts;
 use crate::daemon::reply::{Exit, Reply};
-use crate::daemon::request::{PartNames, StartRequest, What};
+use crate::daemon::request::{OwnText, PartNames, StartRequest, What};
 use crate::packml::{Command, LastRefusal, Method};
 use crate::record::{CycleId, Front, Who};
 use crate::verdict::Reason;
@@ -133,20 +133,25 @@ impl Calls {
 
     async fn done(&self, method: &Method, arguments: &[Variant], caller: &Caller, from: &str) -> Outcome {
         let table = |request| What::Table(request);
+        let decided = |request, step: u32| What::Decided { request, step: u64::from(step) };
         let what = match (method.command, arguments) {
             (Command::Reset, []) => table(Request::Reset),
             (Command::Hold, []) => table(Request::Hold),
-            (Command::Clear, []) => table(Request::Clear),
-            (Command::Accept, []) => table(Request::Accept),
+            (Command::Clear, [Variant::UInt32(step)]) => decided(Request::Clear, *step),
+            (Command::Accept, [Variant::UInt32(step)]) => decided(Request::Accept, *step),
             (Command::NewDisc, []) => What::NewDisc,
             (Command::Stop, []) => return Outcome::of(self.urgent(0, Request::Stop, caller).await),
             (Command::Abort, []) => return Outcome::of(self.urgent(1, Request::Abort, caller).await),
-            (Command::Unhold, [Variant::Boolean(dried)]) => table(Request::Unhold { dried: *dried }),
-            (Command::Start, [recipe, serial, order]) => {
-                let [Some(recipe), Some(serial), Some(order)] = [recipe, serial, order].map(text) else {
+            (Command::Unhold, [Variant::Boolean(dried), Variant::UInt32(step)]) => {
+                decided(Request::Unhold { dried: *dried }, *step)
+            }
+            (Command::Start, [recipe, sha256, serial, order]) => {
+                let [Some(recipe), Some(sha256), Some(serial), Some(order)] =
+                    [recipe, sha256, serial, order].map(text)
+                else {
                     return wrong_arguments(method);
                 };
-                match self.start(recipe, serial, order, caller).await {
+                match self.start((recipe, sha256), serial, order, caller).await {
                     Ok(start) => What::Start(start),
                     Err(problem) => return refused("bad_input", StatusCode::BadInvalidArgument, problem),
                 }
@@ -174,7 +179,7 @@ impl Calls {
 
     async fn start(
         &self,
-        recipe: String,
+        (recipe, sha256): (String, String),
         serial: String,
         order: String,
         caller: &Caller,
@@ -182,13 +187,14 @@ impl Calls {
         let setup = self.front.setup.clone();
         let read = tokio::task::spawn_blocking(move || setup.recipe(&recipe));
         let recipe = read.await.map_err(|error| format!("the recipe could not be read: {error}"))??;
+        let recipe = recipe.decided_upon(&sha256)?;
         let some = |name: String| Some(name).filter(|name| !name.is_empty());
         let operator = match caller {
             Caller::Person { printed_name, .. } => Some(printed_name.clone()),
             Caller::Nobody => None,
         };
         let part = PartNames { serial: some(serial), order: some(order), operator };
-        Ok(StartRequest { recipe: recipe.name, text: recipe.text, record: None, part: Some(part) })
+        Ok(StartRequest { recipe: recipe.name, text: recipe.text, record: None, part: Some(part), own_text: OwnText::Refused })
     }
 
     /// Keeps that a person has seen an alarm of this name.

@@ -136,6 +136,7 @@ fn snapshot(was: Snapshot, reply: Reply, depth: Depth, since: &mut Since) -> Sna
         may_start,
         calibration_reasons,
         calibrations,
+        recipes,
     } = depth;
     let of_store = Snapshot {
         part,
@@ -147,6 +148,7 @@ fn snapshot(was: Snapshot, reply: Reply, depth: Depth, since: &mut Since) -> Sna
         may_start,
         calibration_reasons,
         calibrations,
+        recipes,
         now_unix_ms,
         ..was
     };

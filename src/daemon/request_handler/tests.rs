@@ -73,6 +73,47 @@ fn a_page_is_due_once_the_cell_rests() {
     assert_eq!(pages.try_iter().map(|ended| ended.id).collect::<Vec<_>>(), [CycleId(7)], "once");
 }
 
+/// Two screens show review 1. One person accepts, the cell goes on and is held with review 2; the other, on the stale screen, accepts:
+/// the table never hears it, and the refusal says what changed. A decision upon the step that is shown goes through.
+#[test]
+fn a_decision_is_good_for_the_step_that_was_shown() {
+    let (sender, mut handler) = handler();
+    let held = |resume, step| State { step, ..at(At::Held(Hold { why: Why::Review, resume })) };
+    let (first, second) = (held(Phase::Plan, 7), held(Phase::Assess { left: false }, 11));
+    let shown = |state: &State, handler: &mut RequestHandler| {
+        let mut answer = send(&sender, 8, What::State);
+        assert!(next(handler, state).is_none());
+        answer.try_recv().expect("answered").step.expect("shown")
+    };
+    let screens = [shown(&first, &mut handler), shown(&first, &mut handler)];
+    assert_eq!(screens, [7, 7]);
+
+    let accept = |step| What::Decided { request: cycle::Request::Accept, step };
+    let mut taken = send(&sender, 7, accept(screens[0]));
+    assert_eq!(asked(&mut handler, &first), Some(cycle::Request::Accept));
+    next(&mut handler, &State { step: 8, ..at(At::Unholding { resume: Phase::Plan, verify: false }) });
+    assert_eq!(taken.try_recv().expect("answered").answer, Exit::Done);
+
+    let mut stale = send(&sender, 8, accept(screens[1]));
+    let Some(What::Outdated { request, reasons }) = next(&mut handler, &second) else { panic!("it went through") };
+    let reply = stale.try_recv().expect("answered");
+    assert_eq!((request, &reply.reasons, reply.answer), (cycle::Request::Accept, &reasons, Exit::Refused));
+    assert_eq!((&*reasons[0].code, reply.step), ("outdated", Some(11)));
+    assert_eq!(
+        reasons[0].message,
+        "accept was decided upon step 7: held, plan (review); the cell is at step 11: held, assess (review); read it and decide again"
+    );
+    // The same for a step that this service never saw, before it was started.
+    for request in [cycle::Request::Clear, cycle::Request::Unhold { dried: true }] {
+        let mut stale = send(&sender, 8, What::Decided { request, step: 2 });
+        assert!(matches!(next(&mut handler, &second), Some(What::Outdated { .. })));
+        let reply = stale.try_recv().expect("answered");
+        assert!(reply.reasons[0].message.contains("did not see"), "{reply:?}");
+    }
+    let _waits = send(&sender, 8, accept(shown(&second, &mut handler)));
+    assert_eq!(asked(&mut handler, &second), Some(cycle::Request::Accept));
+}
+
 #[test]
 fn each_request_has_one_reply() {
     let (sender, mut handler) = handler();

@@ -5,7 +5,7 @@
 
 use crate::accounts::{Permission, Role};
 use crate::cycle::Request;
-use crate::daemon::request::What;
+use crate::daemon::request::{OwnText, What};
 use crate::record::Who;
 use crate::verdict::Reason;
 
@@ -19,9 +19,22 @@ pub(super) struct Rule {
 }
 
 impl Rule {
+    /// Whether this user's start may bring a recipe that is none of the folder: who may change the folder may do so.
+    pub fn own_text(self, who: &Who) -> OwnText {
+        match self.role_of(who) {
+            Some(role) if !role.may(Permission::Configure) => OwnText::Refused,
+            _ => OwnText::Allowed,
+        }
+    }
+
+    /// The role that limits this user; `None` for whom nothing is limited.
+    fn role_of(self, who: &Who) -> Option<Role> {
+        self.role.filter(|_| who.uid.is_none_or(|uid| uid != 0 && uid != self.service_uid))
+    }
+
     /// Why this user may not request it; `None` where it is allowed.
     pub fn refusal(self, who: &Who, what: &What) -> Option<Reason> {
-        let role = self.role.filter(|_| who.uid.is_none_or(|uid| uid != 0 && uid != self.service_uid))?;
+        let role = self.role_of(who)?;
         let needed = needed(what)?;
         if role.may(needed) {
             return None;
@@ -42,7 +55,10 @@ fn needed(what: &What) -> Option<Permission> {
     match what {
         What::Table(Request::Stop | Request::Abort) => None,
         What::State => Some(Permission::View),
-        What::Table(Request::Accept) => Some(Permission::Accept),
+        What::Table(Request::Accept)
+        | What::Decided { request: Request::Accept, .. }
+        | What::Outdated { request: Request::Accept, .. } => Some(Permission::Accept),
+        What::Decided { .. } | What::Outdated { .. } => Some(Permission::Operate),
         What::Start(_)
         | What::Begin(_)
         | What::Unprepared { .. }
@@ -80,7 +96,10 @@ mod tests {
     /// an engineer do everything.
     #[test]
     fn the_group_may_what_its_role_may() {
-        let table = |request| What::Table(request);
+        let table = |request: Request| match request.is_decision() {
+            true => What::Decided { request, step: 3 },
+            false => What::Table(request),
+        };
         let all = || {
             let unhold = Request::Unhold { dried: true };
             let rows = [
@@ -113,5 +132,17 @@ mod tests {
         let told = refusal(Some(Role::Viewer), &who(1_001), &What::Table(Request::Hold)).expect("refused");
         assert!(told.code == "not_permitted" && told.message.contains("allowed is operator, engineer"), "{told:?}");
         assert_eq!(Role::VARIANTS.len(), 5);
+    }
+
+    /// An operator, and whoever may do less, starts by recipes of the folder.
+    #[test]
+    fn a_text_of_ones_own_needs_who_may_change_the_folder() {
+        let own = |role, uid| Rule { role, service_uid: SERVICE }.own_text(&who(uid));
+        for role in Role::VARIANTS.iter().copied() {
+            let expected = if role == Role::Engineer { OwnText::Allowed } else { OwnText::Refused };
+            assert_eq!(own(Some(role), 1_001), expected, "{role:?}");
+            assert_eq!(own(Some(role), 0), OwnText::Allowed, "root can do it without the socket");
+        }
+        assert_eq!(own(None, 1_001), OwnText::Allowed, "the cell's file limits nobody");
     }
 }

@@ -14,6 +14,8 @@ pub(super) struct Live {
     pub answers: bool,
     pub state: Option<String>,
     pub phase: Option<String>,
+    /// The step of the cycle's table that is shown; a decision names it.
+    pub step: Option<u64>,
     pub panel: Option<String>,
     pub pass: Option<u8>,
     pub film_s: Option<f64>,
@@ -39,6 +41,7 @@ impl Live {
             answers: reply.state.is_some(),
             state: reply.state,
             phase: reply.phase,
+            step: reply.step,
             panel: reply.panel,
             pass: reply.pass,
             film_s: reply.film_s,

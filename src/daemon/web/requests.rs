@@ -7,7 +7,7 @@ use super::visitor::Visitor;
 use crate::accounts::AuditEntry;
 use crate::cycle;
 use crate::daemon::reply::{Exit, Reply};
-use crate::daemon::request::{PartNames, StartRequest, What};
+use crate::daemon::request::{OwnText, PartNames, StartRequest, What};
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
@@ -46,9 +46,32 @@ macro_rules! table_requests {
 table_requests! {
     stop => cycle::Request::Stop,
     abort => cycle::Request::Abort,
-    clear => cycle::Request::Clear,
     reset => cycle::Request::Reset,
-    accept => cycle::Request::Accept,
+}
+
+/// What a person decides upon the step that the page showed.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Decision {
+    step: u64,
+}
+
+/// After an abort: the cause is gone.
+pub(super) async fn clear(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Json(Decision { step }): Json<Decision>,
+) -> Response {
+    requested(&web, &visitor, What::Decided { request: cycle::Request::Clear, step }).await
+}
+
+/// Takes the result that waits for review as good.
+pub(super) async fn accept(
+    State(web): State<Arc<Web>>,
+    Extension(visitor): By,
+    Json(Decision { step }): Json<Decision>,
+) -> Response {
+    requested(&web, &visitor, What::Decided { request: cycle::Request::Accept, step }).await
 }
 
 /// The longest reason, in characters.
@@ -81,15 +104,16 @@ pub(super) async fn hold(
 #[serde(deny_unknown_fields)]
 pub(super) struct Unhold {
     dried: bool,
+    step: u64,
 }
 
 /// Goes on after a hold.
 pub(super) async fn unhold(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
-    Json(Unhold { dried }): Json<Unhold>,
+    Json(Unhold { dried, step }): Json<Unhold>,
 ) -> Response {
-    requested(&web, &visitor, What::Table(cycle::Request::Unhold { dried })).await
+    requested(&web, &visitor, What::Decided { request: cycle::Request::Unhold { dried }, step }).await
 }
 
 pub(super) async fn new_disc(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
@@ -101,6 +125,8 @@ pub(super) async fn new_disc(State(web): State<Arc<Web>>, Extension(visitor): By
 #[serde(deny_unknown_fields)]
 pub(super) struct Start {
     recipe: String,
+    /// SHA-256 of the recipe as the page offered it.
+    sha256: String,
     #[serde(default)]
     serial: String,
     #[serde(default)]
@@ -111,11 +137,11 @@ pub(super) struct Start {
 pub(super) async fn start(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
-    Json(Start { recipe, serial, order }): Json<Start>,
+    Json(Start { recipe, sha256, serial, order }): Json<Start>,
 ) -> Response {
     let source = web.front.setup.clone();
     let named = recipe.clone();
-    let text = blocking(move || source.recipe(&named)).await;
+    let text = blocking(move || source.recipe(&named)?.decided_upon(&sha256)).await;
     let text = match text {
         Some(Ok(text)) => text,
         Some(Err(problem)) => {
@@ -126,6 +152,6 @@ pub(super) async fn start(
     let some = |name: String| Some(name.trim().to_owned()).filter(|name| !name.is_empty());
     let operator = visitor.person.as_ref().map(|person| person.printed_name.clone());
     let part = PartNames { serial: some(serial), order: some(order), operator };
-    let start = StartRequest { recipe: text.name, text: text.text, record: None, part: Some(part) };
+    let start = StartRequest { recipe: text.name, text: text.text, record: None, part: Some(part), own_text: OwnText::Refused };
     requested(&web, &visitor, What::Start(start)).await
 }

@@ -8,7 +8,9 @@ use super::scene;
 use super::state::{Web, blocking};
 use super::visitor::Visitor;
 use crate::accounts::Permission;
+use crate::daemon::setup_source::SetupSource;
 use crate::history::grid_states;
+use crate::packml::RecipeHash;
 use crate::record::{CycleId, Finding};
 use crate::report::check_row;
 use crate::store::Store;
@@ -29,7 +31,7 @@ const PHASES: [&str; 11] =
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
     let source = web.front.setup.clone();
     let recipes = match visitor.may(Permission::Operate) {
-        true => blocking(move || source.recipes()).await.unwrap_or_else(|| Ok(vec![])),
+        true => blocking(move || offered(&*source)).await.unwrap_or_else(|| Ok(vec![])),
         false => Ok(vec![]),
     };
     let words = visitor.language();
@@ -95,6 +97,12 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
     .page(&body)
 }
 
+/// The recipes with their hashes, so that a start is by the recipe that the page offered.
+fn offered(source: &dyn SetupSource) -> Result<Vec<RecipeHash>, String> {
+    let names = source.recipes()?.into_iter();
+    names.map(|name| Ok(RecipeHash { sha256: source.recipe(&name)?.sha256(), name })).collect()
+}
+
 fn actions(visitor: &Visitor) -> Markup {
     let words = visitor.language();
     let word = |key| words.word(key);
@@ -117,7 +125,7 @@ fn actions(visitor: &Visitor) -> Markup {
     }
 }
 
-fn start(visitor: &Visitor, recipes: &Result<Vec<String>, String>) -> Markup {
+fn start(visitor: &Visitor, recipes: &Result<Vec<RecipeHash>, String>) -> Markup {
     let words = visitor.language();
     let word = |key| words.word(key);
     html! {
@@ -126,7 +134,7 @@ fn start(visitor: &Visitor, recipes: &Result<Vec<String>, String>) -> Markup {
             @match recipes {
                 Err(problem) => p.told.bad { (problem) },
                 Ok(recipes) => label { (word("run.recipe")) select name="recipe" required {
-                    @for recipe in recipes { option value=(recipe) { (recipe) } }
+                    @for recipe in recipes { option value=(recipe.name) data-sha256=(recipe.sha256) { (recipe.name) } }
                 } }
             }
             label { (word("run.serial")) input name="serial" maxlength="120" autocomplete="off"; }

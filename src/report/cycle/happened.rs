@@ -68,7 +68,7 @@ fn request(asked: &RequestRecord) -> Row {
     let because = if reasons.is_empty() { String::new() } else { format!(": {}", reasons.join("; ")) };
     let (what, meant) = wanted(&asked.wanted);
     let came = match asked.answer {
-        Some(Answer::Done) => format!("{what}: done{meant}"),
+        Some(Answer::Done) => format!("{what}: done{meant}{because}"),
         Some(Answer::Refused) => format!("REFUSED: {what}. Nothing of it was done{because}"),
         Some(Answer::Failed) => format!("NOT DONE: {what}. The cell could not{because}"),
         None => format!("{what}: what came of it was not recorded"),

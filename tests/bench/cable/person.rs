@@ -53,6 +53,7 @@ pub struct Person<'c> {
 pub struct Look {
     pub word: String,
     pub phase: String,
+    step: Option<u64>,
     text: String,
 }
 
@@ -82,7 +83,7 @@ impl<'c> Person<'c> {
                 cycle.verdict = Some(verdict.to_owned());
             }
         }
-        Ok(Look { word, phase, text: state["reasons"].to_string() })
+        Ok(Look { word, phase, step: state["step"].as_u64(), text: state["reasons"].to_string() })
     }
 
     fn order(&mut self, what: &Value) -> Result<bool, String> {
@@ -99,6 +100,12 @@ impl<'c> Person<'c> {
 
     pub fn say(&mut self, word: &str) -> Result<bool, String> {
         self.order(&json!({ "ask": word }))
+    }
+
+    /// A person sees the state and clears it.
+    fn clear(&mut self) -> Result<bool, String> {
+        let step = self.look()?.step;
+        self.order(&json!({ "ask": "clear", "step": step }))
     }
 
     pub fn start(&mut self, film: [&str; 2]) -> Result<bool, String> {
@@ -126,7 +133,7 @@ impl<'c> Person<'c> {
     /// What a person does in a state of rest, to get the next cycle started.
     pub fn go_on(&mut self, word: &str, film: [&str; 2]) -> Result<(), String> {
         match word {
-            "aborted" => self.say("clear").map(drop),
+            "aborted" => self.clear().map(drop),
             "stopped" | "complete" => self.say("reset").map(drop),
             "held" => self.say("stop").map(drop),
             "idle" => self.start(film).map(drop),

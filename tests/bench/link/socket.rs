@@ -18,6 +18,7 @@ use panelprep::store::{PersonSigns, Store};
 use panelprep::supervision::Supervisor;
 use panelprep::tape::Begin;
 use panelprep::verdict::Verdict;
+use serde_json::{Value, json};
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::os::unix::net::UnixStream;
@@ -37,11 +38,17 @@ const CELL: &str = "[poses]\npark = { a1_deg = 0, a2_deg = -90, a3_deg = 90, a4_
      [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\n";
 
 /// What a request is answered; empty where it was not.
+/// Sends a word to the socket and returns its answer; a clear is upon the step that is shown just before.
 fn ask(socket: &Path, word: &str) -> String {
+    let mut line = json!({ "ask": word });
+    if word == "clear" {
+        let state: Value = serde_json::from_str(&ask(socket, "state")).unwrap_or_default();
+        line["step"] = state["step"].clone();
+    }
     let mut answer = String::new();
     if let Ok(mut stream) = UnixStream::connect(socket) {
         stream.set_read_timeout(Some(PATIENCE)).expect("set");
-        let line = format!("{{\"ask\":\"{word}\"}}\n");
+        let line = format!("{line}\n");
         let _ = stream.write_all(line.as_bytes()).and_then(|()| stream.read_to_string(&mut answer));
     }
     answer

@@ -84,7 +84,7 @@ impl Operator<'_> {
                 self.say("reset");
             }
             "aborted" => {
-                self.say("clear");
+                self.order(&json!({ "ask": "clear", "step": state["step"] }));
             }
             "held" => self.answer(state),
             "execute" if cycle > self.disturbed => self.disturb(cycle, state),
@@ -120,9 +120,11 @@ impl Operator<'_> {
         if state["reasons"].to_string().contains("disc") {
             self.say("new-disc");
         }
-        if !self.say("accept") {
+        let step = &state["step"];
+        let accepted = self.order(&json!({ "ask": "accept", "step": step }));
+        if accepted.is_none_or(|answer| answer["answer"] != "done") {
             self.counts.rest(HOLDS);
-            self.order(&json!({ "ask": "unhold", "dried": true }));
+            self.order(&json!({ "ask": "unhold", "dried": true, "step": step }));
         }
     }
 

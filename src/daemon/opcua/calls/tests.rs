@@ -134,8 +134,13 @@ async fn each_method_reaches_the_loop_as_the_table_says() {
             let argument = |kind| match kind {
                 ArgumentKind::String => Variant::from("door.toml"),
                 ArgumentKind::Boolean => Variant::from(true),
+                ArgumentKind::UInt32 => Variant::from(7_u32),
             };
-            let arguments: Vec<Variant> = method.arguments.iter().map(|one| argument(one.kind)).collect();
+            let mut arguments: Vec<Variant> = method.arguments.iter().map(|one| argument(one.kind)).collect();
+            if method.command == Command::Start {
+                let door = Source.recipe("door.toml").expect("it is offered");
+                arguments[1] = Variant::from(door.sha256());
+            }
             let outcome = cell.call(method.name, &arguments, role).await;
             let who = role.map_or("somebody who was not logged in".to_owned(), |role| role.word().to_owned());
             let word = match method.command {
@@ -185,14 +190,23 @@ async fn wrong_arguments_ask_for_nothing() {
     let cell = Cell::new();
     let operator = Some(Role::Operator);
     let text = |text: &str| Variant::from(text);
+    let hash = Source.recipe("door.toml").expect("it is offered").sha256();
     for (name, arguments) in [
         ("Hold", vec![text("now")]),
         ("Unhold", vec![]),
-        ("Unhold", vec![text("true")]),
+        ("Unhold", vec![text("true"), Variant::from(7_u32)]),
+        // What a person decides names the step, as an unsigned number.
+        ("Unhold", vec![Variant::from(true)]),
+        ("Accept", vec![]),
+        ("Clear", vec![]),
+        ("Clear", vec![Variant::from(7_i32)]),
         ("Start", vec![text("door.toml")]),
-        ("Start", vec![text("door.toml"), Variant::from(7_i32), text("")]),
-        ("Start", vec![text("door.toml"), text("a\nb"), text("")]),
-        ("Start", vec![text("../cell.toml"), text(""), text("")]),
+        ("Start", vec![text("door.toml"), text(&hash), Variant::from(7_i32), text("")]),
+        ("Start", vec![text("door.toml"), text(&hash), text("a\nb"), text("")]),
+        ("Start", vec![text("../cell.toml"), text(&hash), text(""), text("")]),
+        // Another recipe than the one that was decided upon, and none.
+        ("Start", vec![text("door.toml"), text(&"0".repeat(64)), text(""), text("")]),
+        ("Start", vec![text("door.toml"), text(""), text(""), text("")]),
         ("AcknowledgeAlarm", vec![text("1/none/2")]),
         ("AcknowledgeAlarm", vec![text("nonsense")]),
     ] {

@@ -259,7 +259,7 @@ impl Cell {
         let request = cycle::Request::Start { max_passes: 2, max_moves: 3 };
         let recording =
             self.record.clone().map(|file| RecordingPlan { file: Some(file), files: vec![], calibrations });
-        PreparedCycle { request, setup: self.setup(), start, recording }
+        PreparedCycle { request, setup: self.setup(), start, recording, remarks: vec![] }
     }
 
     fn tried(self, mut asks: Asks) -> Result<Story, DaemonError> {

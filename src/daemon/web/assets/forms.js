@@ -10,6 +10,9 @@ for (const form of document.querySelectorAll("form[data-post]")) {
     for (const field of form.elements) {
       if (!field.name) continue;
       body[field.name] = field.type === "checkbox" ? field.checked : field.value === "true" && field.type === "hidden" ? true : field.value;
+      // A recipe is named with the hash of its text as the page offers it.
+      const sha256 = field.selectedOptions?.[0]?.dataset.sha256;
+      if (sha256) body.sha256 = sha256;
     }
     const result = await send(path, body);
     tell(form.querySelector(".told"), result);

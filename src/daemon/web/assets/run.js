@@ -12,6 +12,7 @@ let frame = 0;
 let record = { part: null, grids: {} };
 let recordOf = "";
 let reviewOf = "";
+let reviewStep = null;
 let path = null;
 
 /** How a state is shown: abnormal ones alone have a colour, and a sign beside it. */
@@ -24,6 +25,9 @@ function looks(now) {
 
 /** The commands that a message names, and the buttons that do the same. */
 const COMMANDS = [["unhold --dried", "unhold_dried"], ["unhold", "unhold"], ["accept", "accept"], ["clear", "clear"], ["reset", "reset"]];
+
+/** What a person decides upon what is shown; it names the step. */
+const DECISIONS = new Set(["unhold", "accept", "clear"]);
 
 /** A text of the program for this page: with buttons in place of commands, and without the marks around names. */
 const readable = (text) => COMMANDS.reduce((all, [command, name]) => all.replaceAll(`\`panelprep ctl ${command}\``, `“${action(name)}”`), text).replaceAll("`", "");
@@ -114,6 +118,9 @@ function showProgress() {
 function showButtons() {
   const possible = new Set(now.answers ? now.possible : []);
   for (const button of document.querySelectorAll("button[data-request]")) button.disabled = !possible.has(button.dataset.request);
+  // A result is accepted once it is shown.
+  const isShown = reviewStep !== null && reviewStep === now.step;
+  for (const button of document.querySelectorAll('button[data-request="accept"]')) button.disabled ||= !isShown;
   for (const button of document.querySelectorAll("button[data-needs]")) button.disabled = !possible.has(button.dataset.needs);
 }
 
@@ -171,14 +178,16 @@ async function readRecord() {
 
 async function readReview() {
   const place = id("review");
-  const of = now.is_review ? `${now.cycle} ${now.reasons.map((reason) => reason.code)}` : "";
+  const step = now.step;
+  const of = now.is_review ? `${now.cycle} ${step}` : "";
   if (of === reviewOf) return;
   reviewOf = of;
+  reviewStep = null;
   place.hidden = true;
   if (!of) { place.replaceChildren(); return; }
   try {
     const response = await fetch("/review", { cache: "no-store" });
-    if (!response.ok) return;
+    if (!response.ok) { reviewOf = ""; return; }
     const parsed = new DOMParser().parseFromString(await response.text(), "text/html");
     const accept = document.querySelector('button[data-request="accept"]');
     place.replaceChildren(...parsed.body.childNodes);
@@ -190,12 +199,16 @@ async function readReview() {
       place.append(beside);
     }
     place.hidden = false;
+    if (reviewOf === of) reviewStep = step;
+    showButtons();
   } catch { reviewOf = ""; }
 }
 
 async function ask(button) {
   button.disabled = true;
   const body = button.dataset.body ? JSON.parse(button.dataset.body) : {};
+  // Upon what the person decided: the state that is shown, or the review beside the button.
+  if (DECISIONS.has(button.dataset.request)) body.step = button.dataset.request === "accept" ? reviewStep : now?.step ?? null;
   if (button.dataset.request === "hold") body.why = id("why-held")?.value ?? "";
   tell(id("told"), await send(`/request/${button.dataset.request}`, body));
   if (now) showButtons();

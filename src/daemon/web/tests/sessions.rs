@@ -1,7 +1,8 @@
 //! Logging in, wrong passwords, sessions, and requests in a person's name.
 
-use super::{Browser, PASSWORD, PageFixture};
+use super::{Browser, PASSWORD, PageFixture, Source};
 use crate::accounts::{Account, AuditEntry, Role};
+use crate::daemon::setup_source::SetupSource;
 use crate::store::Store;
 use axum::http::StatusCode;
 use std::time::{Duration, Instant};
@@ -53,14 +54,23 @@ async fn requests_go_to_the_loop_in_the_persons_name_and_a_stop_needs_none() {
     let site = PageFixture::new();
     assert_eq!(site.post(&Browser::default(), "/request/stop", "{}").await.status, StatusCode::OK);
     let operator = site.log_in("operator", PASSWORD).await.expect("logged in");
-    assert_eq!(site.post(&operator, "/request/unhold", "{\"dried\":true}").await.status, StatusCode::OK);
+    assert_eq!(site.post(&operator, "/request/unhold", "{\"dried\":true,\"step\":3}").await.status, StatusCode::OK);
     let told = site.post(&operator, "/request/hold", "{\"why\":\"water\\nleaks\"}").await;
     assert_eq!(told.status, StatusCode::OK);
     // A page that is older than the session stops all the same.
     let stale = Browser { csrf: "old".to_owned(), ..operator.clone() };
     assert_eq!(site.post(&stale, "/request/abort", "{}").await.status, StatusCode::OK);
     assert_eq!(site.post(&stale, "/request/reset", "{}").await.status, StatusCode::FORBIDDEN);
-    let start = site.post(&operator, "/request/start", r#"{"recipe":"panel.toml","serial":"7"}"#).await;
+    for decision in ["accept", "unhold", "clear"] {
+        let told = site.post(&operator, &format!("/request/{decision}"), "{\"dried\":true}").await;
+        assert_eq!(told.status, StatusCode::UNPROCESSABLE_ENTITY, "{decision} without its step");
+    }
+    let sha256 = Source::default().recipe("panel.toml").expect("it is offered").sha256();
+    let start = |sha256: &str| format!(r#"{{"recipe":"panel.toml","sha256":"{sha256}","serial":"7"}}"#);
+    // The recipe was changed since the page was loaded: nothing goes to the loop.
+    let stale = site.post(&operator, "/request/start", &start(&"0".repeat(64))).await;
+    assert!(stale.status == StatusCode::CONFLICT && stale.body.contains(&sha256), "{}", stale.body);
+    let start = site.post(&operator, "/request/start", &start(&sha256)).await;
     assert_eq!(start.status, StatusCode::CONFLICT, "the loader of this test refuses");
     let by = "operator, on the operator's page";
     // A start that was refused goes to the loop for its record, and nobody waits for that.
