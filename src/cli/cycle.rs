@@ -4,6 +4,7 @@ use super::args::{Common, Cycle, Simulation};
 use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::fault::Fault;
 use super::health;
+use super::interrupts::Interrupts;
 use super::live::{FlangeLink, Live, Simulated};
 use super::load::CellFiles;
 use super::outcome::Outcome;
@@ -14,16 +15,16 @@ use super::work_done;
 use crate::cell::Cell;
 use crate::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot, State, Why};
 use crate::daemon::{
-    self, Calibrations, Computing, LiveView, LoopOutcome, LoopStart, News, Ports, Recorded, RecordedPort,
+    self, Calibrations, Computing, LiveView, LoopOutcome, LoopStart, News, Ports, RecordPort as _, Recorded, RecordedPort,
     RecordingSwitch, Request, Requester, StoreRecord, What, whoever_runs_this,
 };
 use crate::geometry::KukaPose;
-use crate::record::{Answer, RecordingFile, RequestRecord, Wanted};
+use crate::record::{Answer, Front, RecordingFile, RequestRecord, Wanted, Who};
 use crate::requirements::Purpose;
 use crate::store::CycleStart;
 use crate::supervision::{Supervisor, ThreadFault};
 use crate::tape::Begin;
-use crate::verdict::{Judgement, Verdict};
+use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 use std::path::Path;
 use std::sync::Arc;
@@ -57,6 +58,8 @@ pub struct Run<'r> {
     pub request: fn(&TaughtRecipe) -> cycle::Request,
     /// Where it is recorded.
     pub record: Option<&'r Path>,
+    /// The signals that stop and abort it.
+    pub interrupts: Interrupts,
 }
 
 /// Runs the cycle and tells how it ended.
@@ -110,7 +113,9 @@ fn once(
         Ok(page) => progress(&format!("page of cycle {cycle}, which had none: {}", page.display())),
         Err(fault) => progress(&format!("no page of cycle {cycle}: {fault}")),
     })?;
-    let how = Run { start: Live::start, simulation: args.simulation, request, record: args.record.as_deref() };
+    let interrupts = Interrupts::watch()?;
+    let record = args.record.as_deref();
+    let how = Run { start: Live::start, simulation: args.simulation, request, record, interrupts };
     let ran = one(&files, (&taught_recipe, &calibrated), how, progress)?;
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
     ran.kept.write(files.cell.keep(), &page, ran.recorded.as_ref())?;
@@ -145,7 +150,7 @@ pub fn unhealthy(health: &Judgement) -> Outcome {
 pub fn one(
     files: &CellFiles,
     (taught_recipe, calibrated): (&TaughtRecipe, &Calibrated),
-    Run { start, simulation, request, record }: Run<'_>,
+    Run { start, simulation, request, record, interrupts }: Run<'_>,
     progress: &dyn Fn(&str),
 ) -> Result<Ran, Fault> {
     let setup = Arc::new(taught_recipe.setup(files, calibrated)?);
@@ -161,7 +166,7 @@ pub fn one(
     }
     let named = record.map(|file| RecordingFile::Named(file.display().to_string()));
     let start = CycleStart { recording: named, ..taught_recipe.start(calibrated)? };
-    let mut once = Once { start: request(taught_recipe), asked: 0, refused: None, told: None, progress };
+    let mut once = Once::new(request(taught_recipe), interrupts.clone(), progress);
     let state = store.state().map_err(Fault::stage)?;
     let lock_step = live.robot.is_lock_step();
     let recording = RecordingSwitch::new(files.store_folder(), lock_step);
@@ -193,9 +198,13 @@ pub fn one(
     };
     let start = LoopStart { cell: setup.cell(), cycle: Some(setup), state, before: Begin::Boot };
     let ended = daemon::run(start, ports);
+    interrupts.are_over();
     // What a cycle came to before it failed is worth most.
     let recorded = recording.finish();
     let ended = ended.map_err(Fault::of_loop)?;
+    if let Some(why) = once.why_not_begun(&ended.state) {
+        record.conclude(Verdict::Aborted, vec![why]).map_err(Fault::stage)?;
+    }
     let refused = once.refused;
     drop(store);
     // Before it is read back, so that its page shows the signature.
@@ -258,15 +267,63 @@ impl Ran {
 struct Once<'a> {
     start: cycle::Request,
     asked: u8,
+    /// The table took the start: from then on it concludes the cycle.
+    is_begun: bool,
     refused: Option<(cycle::Request, Refusal)>,
     told: Option<At>,
+    interrupts: Interrupts,
+    /// For how many of the signals the table was asked.
+    obeyed: usize,
     progress: &'a dyn Fn(&str),
+}
+
+impl<'a> Once<'a> {
+    fn new(start: cycle::Request, interrupts: Interrupts, progress: &'a dyn Fn(&str)) -> Self {
+        Once { start, asked: 0, is_begun: false, refused: None, told: None, interrupts, obeyed: 0, progress }
+    }
+
+    /// What the signals so far ask for: the first one a stop, the second one an abort, and to leave where the cell rests.
+    fn interrupted(&mut self, at: At) -> Option<Option<What>> {
+        let wanted = self.interrupts.count().min(2);
+        if wanted == 0 {
+            return None;
+        }
+        if matches!(at, At::Stopped | At::Complete { .. } | At::Aborted { .. }) {
+            return Some(Some(What::Leave));
+        }
+        if self.obeyed >= wanted {
+            return Some(None);
+        }
+        self.obeyed = wanted;
+        let (words, request) = match wanted {
+            1 => ("stopping; a second signal aborts", cycle::Request::Stop),
+            _ => ("aborting", cycle::Request::Abort),
+        };
+        (self.progress)(words);
+        Some(Some(What::Table(request)))
+    }
+
+    /// Why the cycle never began, so that its record has an end; `None` once the table has concluded it.
+    fn why_not_begun(&self, state: &State) -> Option<Reason> {
+        if self.is_begun {
+            return None;
+        }
+        Some(match self.refused {
+            _ if self.interrupts.count() > 0 => Reason::new("stopped", "stopped by a signal before the cycle began"),
+            Some((request, refusal)) => daemon::refusal(request, refusal, state),
+            None => daemon::refusal(self.start, Refusal::Robot(state.facts.robot), state),
+        })
+    }
 }
 
 impl Requester for Once<'_> {
     fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         if self.told.replace(state.at) != Some(state.at) {
             (self.progress)(&words(state.at));
+        }
+        self.is_begun |= state.job.running;
+        if let Some(what) = self.interrupted(state.at) {
+            return Ok(what.map(|what| Request::new(what, Who::by(Front::Signal))));
         }
         let asked = self.asked;
         let mut ask = |request| {
@@ -318,5 +375,59 @@ fn words(at: At) -> String {
         At::Holding(hold) | At::Held(hold) => format!("{}: {}", at.word(), why(hold)),
         At::Completing { verdict } | At::Complete { verdict } => format!("{}: {}", at.word(), verdict.word()),
         at => at.word().to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cycle::{Event, Report, step};
+
+    fn next(once: &mut Once<'_>, state: &State) -> Option<What> {
+        once.next_request(state).expect("no thread").map(|request| request.what)
+    }
+
+    fn signal(interrupts: &Interrupts) {
+        interrupts.one_came();
+    }
+
+    /// Ctrl-C while it works stops, a second one aborts, a third asks nothing; the command leaves once the cell rests. Before the
+    /// cycle began nothing is begun any more.
+    #[test]
+    fn a_signal_stops_and_a_second_one_aborts() {
+        let interrupts = Interrupts::default();
+        let start = cycle::Request::AirRun { max_moves: 2 };
+        let mut once = Once::new(start, interrupts.clone(), &|_| {});
+        let ready = step(State::NEW, Event::Told(Report::Robot(Robot::Ready))).0;
+        let works = State { at: At::Execute(Phase::Abrade), ..ready };
+        assert!(next(&mut once, &works).is_none());
+        for wanted in [Some(cycle::Request::Stop), Some(cycle::Request::Abort), None] {
+            signal(&interrupts);
+            let asked = match next(&mut once, &works) {
+                Some(What::Table(request)) => Some(request),
+                None => None,
+                other => panic!("{other:?}"),
+            };
+            assert_eq!(asked, wanted);
+            assert!(next(&mut once, &works).is_none(), "each signal asks once");
+        }
+        assert!(matches!(next(&mut once, &State { at: At::Stopped, ..ready }), Some(What::Leave)));
+
+        let mut once = Once::new(start, interrupts, &|_| {});
+        assert!(matches!(next(&mut once, &ready), Some(What::Leave)), "no reset, no start");
+        let why = once.why_not_begun(&ready).expect("it has an end");
+        assert_eq!((&*why.code, once.asked), ("stopped", 0));
+    }
+
+    #[test]
+    fn a_cycle_that_never_began_says_why() {
+        let mut once = Once::new(cycle::Request::Start { max_passes: 1, max_moves: 1 }, Interrupts::default(), &|_| {});
+        let lost = step(State::NEW, Event::Told(Report::Robot(Robot::LinkLost))).0;
+        assert!(matches!(next(&mut once, &lost), Some(What::Leave)));
+        assert_eq!(once.why_not_begun(&lost).map(|why| why.code.to_string()).as_deref(), Some("link_lost"));
+        let mut runs = State { at: At::Starting, ..lost };
+        runs.job.running = true;
+        next(&mut once, &runs);
+        assert_eq!(once.why_not_begun(&lost), None, "the table concludes it");
     }
 }

@@ -91,6 +91,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     }
     let calibrated = Calibrated::read(&files, &common)?;
     let how = cycle::Run {
+        interrupts: Default::default(),
         start: Live::start_demo,
         simulation,
         request: TaughtRecipe::request,

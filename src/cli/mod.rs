@@ -28,6 +28,7 @@ mod health;
 mod history;
 mod inspect;
 mod inspected;
+mod interrupts;
 mod kept;
 mod label;
 mod labels;

@@ -35,7 +35,7 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     let _store = is_shared.then(|| files.settled_store()).transpose()?;
     let (mut robot, _simulated) = live::robot_alone(&files.cell)?;
     let mut single = match Single::connect(&mut robot, files.cell.arm()) {
-        Ok(single) => single,
+        Ok(single) => single.carrying(files.mounted_on_the_flange()?),
         Err(error) => return Ok(Outcome::of(&unanswered(judgement(error)?, &files))),
     };
     let done = action.perform(&mut single, &files.cell);
@@ -129,7 +129,9 @@ impl RobotAction {
 
     fn perform(&self, single: &mut Single<'_>, cell: &Cell) -> Result<(), SingleError> {
         match self {
-            RobotAction::State => Ok(()),
+            // Of an arm that moves, axes and tip need not be of one moment.
+            RobotAction::State if single.state().moving => Ok(()),
+            RobotAction::State => single.is_the_cells_arm(cell).map_err(not_this_arm),
             RobotAction::MoveJ(joints, percent) => single.move_joints(*joints, *percent, cell),
             RobotAction::MoveLin(line) => single.move_line(line, cell),
             RobotAction::Set(command) => single.set(*command),
@@ -137,6 +139,11 @@ impl RobotAction {
             RobotAction::SetOut { name, on, keep } => single.set_output(name, *on, cell, *keep),
         }
     }
+}
+
+/// The state is shown all the same, and no motion passes its gate.
+fn not_this_arm(reason: Reason) -> SingleError {
+    SingleError::Gate(Judgement::of(vec![reason], vec![]))
 }
 
 /// The least speed that a controller is asked for, mm/s.

@@ -132,7 +132,7 @@ pub use request_queue::{NotTaken, RequestQueue, RequestSender, request_queue};
 pub use run::{LoopOutcome, LoopStart, Ports, run};
 pub use setup::{Calibrations, CellSetup, CycleSetup};
 pub use setup_source::{Equipment, Examined, RecipeText, SetupSource};
-pub use single::{Line, Single, SingleError, speeds};
+pub use single::{Line, Mounted, Single, SingleError, speeds};
 pub use socket::{Socket, SocketError};
 pub use sparkplug::{SparkplugEdge, SparkplugParts};
 pub use web::{OperatorPage, PageError, PageParts};

@@ -14,7 +14,7 @@ use crate::cycle::{Act, Path};
 use crate::eki::{
     Command, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp, Signal, State, Time,
 };
-use crate::geometry::{Base, Joints, KukaPose, Rigid, Tool};
+use crate::geometry::{Base, Flange, Joints, KukaPose, Rigid, Tool};
 use crate::path::routes::{self, Standing};
 use crate::path::{Kinematics, judge_joints, reach};
 use crate::supervision::ThreadFault;
@@ -72,10 +72,20 @@ pub struct Line {
     pub speed_mm_s: f64,
 }
 
+/// Something that is mounted on the flange, as it was calibrated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mounted {
+    /// What it is, such as the sanding tool.
+    pub name: &'static str,
+    /// Where its end is.
+    pub flange_from_tip: Rigid<Flange, Tool>,
+}
+
 /// A robot that answers.
 pub struct Single<'r> {
     robot: Corrected<'r>,
     state: State,
+    mounted: Vec<Mounted>,
 }
 
 impl<'r> Single<'r> {
@@ -89,13 +99,29 @@ impl<'r> Single<'r> {
         while begun.elapsed() < CONNECT {
             match robot.next().map_err(broken)? {
                 Some(Report::Connected { state } | Report::State(state)) => {
-                    return Ok(Single { robot, state: *state });
+                    return Ok(Single { robot, state: *state, mounted: Vec::new() });
                 }
                 Some(Report::LinkLost { why: lost }) => why = Some(lost),
                 _ => {}
             }
         }
         Err(why.map_or(SingleError::Silent, SingleError::NoController))
+    }
+
+    /// With what is mounted on the flange: every motion keeps it clear of what stands in the cell, whatever tool the controller has.
+    #[must_use]
+    pub fn carrying(self, mounted: Vec<Mounted>) -> Self {
+        Single { mounted, ..self }
+    }
+
+    /// Whether the arm is the one of the cell's file: its tip stands where the axes put it.
+    ///
+    /// # Errors
+    /// How far apart the two are.
+    pub fn is_the_cells_arm(&self, cell: &Cell) -> Result<(), Reason> {
+        let state = &self.state;
+        let tip = state.active_base.to_rigid::<Base, Base>() * state.base_from_tcp.to_rigid::<Base, Tool>();
+        routes::is_the_arm(&Kinematics::new(cell.arm()), &state.joints, state.flange_from_tool.to_rigid(), tip)
     }
 
     /// What the controller said last; where the arm has a correction, with the tip where it truly is.
@@ -130,6 +156,7 @@ impl<'r> Single<'r> {
     /// As [`Single::set`], and where the gate refuses.
     pub fn call(&mut self, index: u16, cell: &Cell) -> Result<(), SingleError> {
         self.may_move()?;
+        self.is_the_cells_arm(cell).map_err(gate)?;
         self.open_epoch()?;
         self.held_to_interlocks("a subroutine", single_interlocks::motion(Path::Park), cell)?;
         let id = self.robot.send(Command::CallSubroutine { index })?;
@@ -143,9 +170,14 @@ impl<'r> Single<'r> {
     pub fn move_joints(&mut self, joints: Joints, axis_speed_percent: u8, cell: &Cell) -> Result<(), SingleError> {
         self.may_move()?;
         accepted(judge_joints(&joints))?;
+        self.is_the_cells_arm(cell).map_err(gate)?;
         let (arm, tool) = (Kinematics::new(cell.arm()), self.state.flange_from_tool.to_rigid());
         reach::joint_motion(&arm, tool, &self.state.joints, &joints)
             .map_err(|obstacle| gate(Reason::new("out_of_reach", obstacle.to_string())))?;
+        for Mounted { name, flange_from_tip } in &self.mounted {
+            reach::joint_motion(&arm, *flange_from_tip, &self.state.joints, &joints)
+                .map_err(|obstacle| gate(Reason::new("out_of_reach", format!("with {name}: {obstacle}"))))?;
+        }
         self.open_epoch()?;
         self.held_to_interlocks("a motion of the axes", single_interlocks::motion(Path::Park), cell)?;
         let id =
@@ -188,6 +220,10 @@ impl<'r> Single<'r> {
             line.speed_mm_s,
         );
         accepted(gated.judgement())?;
+        for Mounted { name, flange_from_tip } in &self.mounted {
+            routes::mounted_follows(&standing, line.base.to_rigid(), &gated.points, *flange_from_tip)
+                .map_err(|met| gate(Reason { message: format!("with {name}: {}", met.message), ..met }))?;
+        }
         // By their names the first corner's; what it needs is what every straight way through the air needs.
         self.held_to_interlocks("a straight motion", single_interlocks::motion(Path::Corner { view: 0 }), cell)?;
         self.robot.send(Command::SetAccSpeed(moves::speeds(gated.speed)))?;

@@ -3,8 +3,8 @@
 //! A single function knows less than a cycle: no drain time, no approach point, no localization. What is not known does not
 //! hold, so the tool's output is switched on by a cycle alone, and water only while the arm stands at the pose `park`.
 
-use super::wiring::{RINSE, reads};
-use crate::cell::{Cell, Feedback, InputsOutputs, Output};
+use super::wiring::{RINSE, Reading, Wiring};
+use crate::cell::{Cell, Feedback, Output};
 use crate::cycle::{
     Act, Epoch, Extraction, Facts, Frames, Id, Lens, Motion, Path, Switch, Tool, Water, open_interlocks,
 };
@@ -43,49 +43,34 @@ pub(super) fn judge(name: &str, act: Act, state: &State, cell: &Cell) -> Judgeme
 /// What a single function knows of the cell: its epoch is open, and base and tool were echoed in it.
 fn facts(state: &State, cell: &Cell) -> Facts {
     let io = cell.io();
+    let wiring = Wiring::as_far_as(io);
+    let reading = |switches, (feedback, on)| wiring.reading(switches, (io.feedback_bit(feedback), on), state);
     let parked = cell.park().is_some_and(|park| is_at(&state.joints, &park));
     Facts {
         standing: !state.moving,
         epoch: Epoch::Open,
         frames: Some(Frames::Camera),
         arm: parked.then_some(Path::Park),
-        tool: match told(io, (Output::Tool, Feedback::ToolRunning), state) {
-            Told::NotThere | Told::Is(false) => Tool::Off,
-            Told::Is(true) => Tool::Running,
-            Told::Nothing => Tool::Unknown,
+        tool: match reading((Switch::ToolOn, Switch::ToolOff), (Feedback::ToolRunning, true)) {
+            Reading::NotThere | Reading::Is(false) => Tool::Off,
+            Reading::Is(true) => Tool::Running,
+            Reading::Open => Tool::Unknown,
         },
-        water: match told(io, (Output::Spray, Feedback::WaterOff), state) {
-            Told::NotThere => Water::Drained,
+        water: match reading((Switch::Spray, Switch::WaterOff), (Feedback::WaterOff, false)) {
+            Reading::NotThere => Water::Drained,
             // Since when is not known.
-            Told::Is(true) => Water::Draining { until: Id(0) },
-            Told::Is(false) | Told::Nothing => Water::Unknown,
+            Reading::Is(false) => Water::Draining { until: Id(0) },
+            Reading::Is(true) | Reading::Open => Water::Unknown,
         },
-        lens: match told(io, (Output::LensShutter, Feedback::LensShut), state) {
-            Told::Is(true) => Lens::Guarded,
+        lens: match reading((Switch::LensGuard, Switch::LensClear), (Feedback::LensShut, true)) {
+            Reading::Is(true) => Lens::Guarded,
             _ => Lens::Unknown,
         },
-        extraction: match told(io, (Output::Extraction, Feedback::ExtractionFlow), state) {
-            Told::Is(true) => Extraction::Flowing,
+        extraction: match reading((Switch::ExtractionOn, Switch::ExtractionOff), (Feedback::ExtractionFlow, true)) {
+            Reading::Is(true) => Extraction::Flowing,
             _ => Extraction::Unknown,
         },
         ..Facts::UNKNOWN
-    }
-}
-
-/// What the controller says of an output.
-enum Told {
-    /// The cell has no such output.
-    NotThere,
-    /// It has one, and nothing that proves how it is.
-    Nothing,
-    Is(bool),
-}
-
-fn told(io: &InputsOutputs, (output, feedback): (Output, Feedback), state: &State) -> Told {
-    match (io.output(output), io.feedback_bit(feedback)) {
-        (_, Some(bit)) => Told::Is(reads(state, bit)),
-        (None, None) => Told::NotThere,
-        (Some(_), None) => Told::Nothing,
     }
 }
 
@@ -106,23 +91,28 @@ mod tests {
         Cell::check("cell.toml", CELL).expect("good")
     }
 
-    /// The bits of `In`, from the lowest: water_off, lens_shut, extraction_flow, tool_running.
-    fn may(act: Act, inputs: u32, a1_deg: f64) -> bool {
+    /// The bits of `In`, from the lowest: water_off, lens_shut, extraction_flow, tool_running; those of `Out`: light, spray,
+    /// lens_shutter, extraction, tool.
+    fn may(act: Act, (inputs, outputs): (u32, u32), a1_deg: f64) -> bool {
         let joints = Joints { a1_deg, ..cell().park().expect("given") };
-        let state = State { inputs, joints, ..standing_state() };
+        let state = State { inputs, outputs, joints, ..standing_state() };
         judge("it", act, &state, &cell()).reasons.is_empty()
     }
 
-    /// Every combination of feedbacks, parked and not: by hand, motion needs water off and tool off; water needs the arm
-    /// parked, the lens shut and the tool off; the tool's output is a cycle's alone; light, lens and extraction need nothing.
+    /// Every combination of feedbacks and outputs, parked and not: by hand, motion needs water off and tool off; water needs the arm
+    /// parked, the lens shut and the tool off; the tool's output is a cycle's alone; light, lens and extraction need nothing. Each is
+    /// proven by its output and its feedback: one that contradicts the other proves nothing.
     #[test]
     fn a_single_function_does_nothing_that_a_cycle_may_not() {
-        for inputs in 0..16 {
-            let bit = |at: u32| inputs >> at & 1 == 1;
-            let (water_off, lens_shut, tool_off) = (bit(0), bit(1), !bit(3));
+        for (inputs, outputs) in (0..16).flat_map(|inputs| (0..32).map(move |outputs| (inputs, outputs))) {
+            let [is_in, is_out] = [inputs, outputs].map(|bits: u32| move |at: u32| bits >> at & 1 == 1);
+            let water_off = is_in(0) && !is_out(1);
+            let lens_shut = is_in(1) && is_out(2);
+            let tool_off = !is_in(3) && !is_out(4);
+            let inputs = (inputs, outputs);
             for (a1_deg, parked) in [(10.0, true), (10.05, true), (10.2, false), (-120.0, false)] {
                 for path in [Path::Park, Path::Corner { view: 0 }] {
-                    assert_eq!(may(motion(path), inputs, a1_deg), water_off && tool_off, "{path:?} {inputs:04b}");
+                    assert_eq!(may(motion(path), inputs, a1_deg), water_off && tool_off, "{path:?} {inputs:?}");
                 }
                 for (name, expected) in [
                     ("spray", parked && lens_shut && tool_off),
@@ -133,7 +123,7 @@ mod tests {
                     ("extraction", true),
                 ] {
                     let act = Act::Switch(switched_on(name).expect("known"));
-                    assert_eq!(may(act, inputs, a1_deg), expected, "{name} {inputs:04b} {a1_deg}");
+                    assert_eq!(may(act, inputs, a1_deg), expected, "{name} {inputs:?} {a1_deg}");
                 }
             }
         }

@@ -19,15 +19,26 @@ struct Wire {
     feedback: Option<u32>,
 }
 
-/// The cell's outputs and feedbacks that the cycle needs.
+/// The cell's outputs and feedbacks that the process uses, as far as the cell has them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wiring {
-    light: Wire,
-    spray: Wire,
-    rinse: Wire,
-    shutter: Wire,
-    extraction: Wire,
-    tool: Wire,
+    light: Option<Wire>,
+    spray: Option<Wire>,
+    rinse: Option<Wire>,
+    shutter: Option<Wire>,
+    extraction: Option<Wire>,
+    tool: Option<Wire>,
+}
+
+/// How something that is switched on and off is, by its output and its feedback together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Reading {
+    /// The cell has no such output, and no feedback says that it is on.
+    NotThere,
+    /// Nothing proves it: there is no feedback, or output and feedback contradict each other.
+    Open,
+    /// Both say that it is on, or off.
+    Is(bool),
 }
 
 /// What a state message tells of a switch that was proven.
@@ -61,31 +72,58 @@ impl Wiring {
     /// # Errors
     /// Where the cell has no such name.
     pub fn of(io: &InputsOutputs) -> Result<Self, DaemonError> {
-        let numbered = |number: u16, feedback| {
-            let bit = io.output_bit(number)?;
-            Some(Wire { output: number, bit, feedback })
+        let wiring = Wiring::as_far_as(io);
+        let needed = [
+            (Output::Light, wiring.light, None),
+            (Output::Spray, wiring.spray, Some(Feedback::WaterOff)),
+            (Output::LensShutter, wiring.shutter, Some(Feedback::LensShut)),
+            (Output::Extraction, wiring.extraction, Some(Feedback::ExtractionFlow)),
+            (Output::Tool, wiring.tool, Some(Feedback::ToolRunning)),
+        ];
+        for (output, wire, feedback) in needed {
+            if let Some(name) = feedback.filter(|feedback| io.feedback_bit(*feedback).is_none()).map(Feedback::name) {
+                return Err(DaemonError::NotWired { table: "io.feedbacks", name });
+            }
+            if wire.is_none() {
+                return Err(DaemonError::NotWired { table: "io.outputs", name: output.name() });
+            }
+        }
+        Ok(wiring)
+    }
+
+    /// The same as far as the cell has these names.
+    pub(super) fn as_far_as(io: &InputsOutputs) -> Self {
+        let wire = |number: Option<u16>, output: Output| {
+            let number = number?;
+            Some(Wire { output: number, bit: io.output_bit(number)?, feedback: io.feedback_bit(output.feedback()) })
         };
-        let wire = |output: Output, feedback| {
-            let name = output.name();
-            let wire = io.output(output).and_then(|number| numbered(number, feedback));
-            wire.ok_or(DaemonError::NotWired { table: "io.outputs", name })
-        };
-        let proven = |output: Output| -> Result<Wire, DaemonError> {
-            let name = output.feedback().name();
-            let bit = io.feedback_bit(output.feedback());
-            let bit = bit.ok_or(DaemonError::NotWired { table: "io.feedbacks", name })?;
-            wire(output, Some(bit))
-        };
-        let spray = proven(Output::Spray)?;
-        let rinse = io.outputs().get(RINSE).and_then(|rinse| numbered(*rinse, spray.feedback));
-        Ok(Wiring {
-            light: wire(Output::Light, io.feedback_bit(Feedback::LightOn))?,
-            spray,
-            rinse: rinse.unwrap_or(spray),
-            shutter: proven(Output::LensShutter)?,
-            extraction: proven(Output::Extraction)?,
-            tool: proven(Output::Tool)?,
-        })
+        let own = |output: Output| wire(io.output(output), output);
+        let (spray, rinse) = (own(Output::Spray), wire(io.outputs().get(RINSE).copied(), Output::Spray));
+        Wiring {
+            light: own(Output::Light),
+            spray: spray.or(rinse),
+            rinse: rinse.or(spray),
+            shutter: own(Output::LensShutter),
+            extraction: own(Output::Extraction),
+            tool: own(Output::Tool),
+        }
+    }
+
+    /// How the thing is that these two switch on and off; `feedback_on` is what the cell's feedback reads where it is on.
+    pub(super) fn reading(
+        &self,
+        (on, off): (Switch, Switch),
+        (feedback, feedback_on): (Option<u32>, bool),
+        state: &State,
+    ) -> Reading {
+        let is_fed_back = feedback.map(|bit| reads(state, bit) == feedback_on);
+        match (self.wires(on)[1], is_fed_back) {
+            (None, None | Some(false)) => Reading::NotThere,
+            (None, Some(true)) | (Some(_), None) => Reading::Open,
+            (Some(_), Some(_)) if self.proof(on).is_told(state) => Reading::Is(true),
+            (Some(_), Some(_)) if self.proof(off).is_told(state) => Reading::Is(false),
+            (Some(_), Some(_)) => Reading::Open,
+        }
     }
 
     /// What a switch sets, in order.
@@ -102,7 +140,7 @@ impl Wiring {
             proof.outputs |= bit;
             proof.outputs_on |= if on { bit } else { 0 };
             // Water is fed back by what is off; the nozzle that is switched last is the one that matters.
-            let is_water = [self.spray.output, self.rinse.output].contains(&wire.output);
+            let is_water = [self.spray, self.rinse].into_iter().flatten().any(|water| water.output == wire.output);
             proof.feedback = wire.feedback.map(|bit| (bit, on != is_water));
         }
         proof
@@ -128,15 +166,19 @@ impl Wiring {
             Switch::Spray | Switch::WaterOff => Some(self.rinse),
             _ => None,
         };
-        [other.filter(|other| other.output != wire.output).map(|other| (other, false)), Some((wire, on))]
+        let number = wire.map(|wire| wire.output);
+        let other = other.flatten().filter(|other| Some(other.output) != number).map(|other| (other, false));
+        [other, wire.map(|wire| (wire, on))]
     }
 
+    /// Both nozzles' outputs and the feedback say that no water runs.
     pub(super) fn water_is_off(&self, state: &State) -> bool {
-        self.spray.feedback.is_none_or(|bit| reads(state, bit))
+        self.proof(Switch::WaterOff).is_told(state)
     }
 
+    /// The tool's output and its feedback say that it stands.
     pub(super) fn tool_is_off(&self, state: &State) -> bool {
-        self.tool.feedback.is_none_or(|bit| !reads(state, bit))
+        self.proof(Switch::ToolOff).is_told(state)
     }
 }
 
@@ -198,6 +240,25 @@ mod tests {
         assert_eq!(proof(Switch::Spray), both(spray, false));
         assert_eq!(proof(Switch::Rinse), both(rinse, false));
         assert_eq!(proof(Switch::WaterOff), both(0, true));
+    }
+
+    /// An output that is on is not off, whatever its feedback says, and the other way round.
+    #[test]
+    fn off_needs_the_output_and_the_feedback() {
+        let cell = Cell::check("cell.toml", IO).expect("good");
+        let wiring = Wiring::of(cell.io()).expect("complete");
+        // Of `Out` bit 4 is the tool and bit 1 the spray; of `In` bit 2 says that the tool runs and bit 0 that the water is off.
+        for (outputs, inputs, tool_off, water_off) in [
+            (0b0_0000, 0b0001, true, true),
+            (0b1_0000, 0b0001, false, true),
+            (0b0_0000, 0b0101, false, true),
+            (0b0_0010, 0b0001, true, false),
+            (0b0_0000, 0b0000, true, false),
+        ] {
+            let state = State { outputs, inputs, ..crate::daemon::tests::standing_state() };
+            let found = (wiring.tool_is_off(&state), wiring.water_is_off(&state));
+            assert_eq!(found, (tool_off, water_off), "Out {outputs:05b}, In {inputs:04b}");
+        }
     }
 
     #[test]

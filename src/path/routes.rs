@@ -268,25 +268,63 @@ impl Standing<'_> {
             Some(obstacles) => arm.beside(obstacles.clone()),
             None => arm,
         };
-        let by_model = arm.base_from_flange(&self.joints).map(|flange| flange * self.flange_from_tool);
-        let unknown =
-            || Reason::new("arm_model", "the axes told by the controller are no numbers; look at its messages");
-        let by_model = by_model.ok_or_else(unknown)?;
-        let (off_mm, off) = (by_model.origin().distance_mm(from.origin()), (by_model.inverse() * from).turn());
-        if !(off_mm <= MODEL_MM && off.0 <= MODEL.0) {
-            let [mm, allowed_mm] = apart(off_mm, MODEL_MM, 1);
-            let [deg, allowed_deg] = apart(off.0, MODEL.0, 3);
-            let message = format!(
-                "by its axes and [arm] the tip stands {mm} mm and {deg}° from where the controller says, allowed are \
-                 {allowed_mm} mm and {allowed_deg}°; is the arm in the cell's file this one?"
-            );
-            return Err(Reason::new("arm_model", message));
-        }
+        is_the_arm(&arm, &self.joints, self.flange_from_tool, from)?;
         match follow(&arm, self.flange_from_tool, Some(&self.joints), legs) {
             Ok(travel) => Ok(travel.joints),
             Err(fault) => Err(refused(&fault)),
         }
     }
+}
+
+/// Whether the tip stands by the axes and the cell's arm where the controller says that it stands. Another arm, axes in another unit
+/// or another root of the robot do not.
+///
+/// # Errors
+/// How far apart the two are.
+pub fn is_the_arm(
+    arm: &Kinematics,
+    joints: &Joints,
+    flange_from_tool: Rigid<Flange, Tool>,
+    reported: Rigid<Base, Tool>,
+) -> Result<(), Reason> {
+    let by_model = arm.base_from_flange(joints).map(|flange| flange * flange_from_tool);
+    let unknown = || Reason::new("arm_model", "the axes told by the controller are no numbers; look at its messages");
+    let by_model = by_model.ok_or_else(unknown)?;
+    let (off_mm, off) = (by_model.origin().distance_mm(reported.origin()), (by_model.inverse() * reported).turn());
+    if off_mm <= MODEL_MM && off.0 <= MODEL.0 {
+        return Ok(());
+    }
+    let [mm, allowed_mm] = apart(off_mm, MODEL_MM, 1);
+    let [deg, allowed_deg] = apart(off.0, MODEL.0, 3);
+    let message = format!(
+        "by its axes and [arm] the tip stands {mm} mm and {deg}° from where the controller says, allowed are \
+         {allowed_mm} mm and {allowed_deg}°; is the arm in the cell's file this one?"
+    );
+    Err(Reason::new("arm_model", message))
+}
+
+/// Whether something else that is mounted on the flange keeps clear on the same straight way.
+///
+/// # Errors
+/// Where it does not, with its waypoint.
+pub fn mounted_follows(
+    standing: &Standing<'_>,
+    base_from_active: Rigid<Base, Base>,
+    points: &[LinearMotion],
+    flange_from_mounted: Rigid<Flange, Tool>,
+) -> Result<(), Reason> {
+    let tool_from_mounted: Rigid<Tool, Tool> =
+        Rigid::claim(*(standing.flange_from_tool.inverse() * flange_from_mounted).isometry());
+    let legs: Vec<Leg> = points
+        .iter()
+        .map(|point| Leg {
+            base_from_tool: base_from_active * point.pose.to_rigid::<Base, Tool>() * tool_from_mounted,
+            feed_mm_s: AIR_MM_S.min(standing.limits.max_speed_mm_s()),
+            blend_mm: point.blend_mm,
+        })
+        .collect();
+    let arm = Kinematics::new(standing.arm);
+    follow(&arm, flange_from_mounted, Some(&standing.joints), &legs).map(drop).map_err(|fault| refused(&fault))
 }
 
 /// The path's first point is one that the arm is at: waypoints count from 1.

@@ -9,6 +9,7 @@ use crate::cli::args::Common;
 use crate::cli::disk;
 use crate::cli::fault::{CalibrationFault, Fault};
 use crate::cycle::{At, Cause};
+use crate::daemon::Mounted;
 use crate::files::{ReportedFlange, content_hash};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, PinholeCamera, Rigid, Tool};
 use crate::locate::ScanErrors;
@@ -275,6 +276,26 @@ impl CellFiles {
     /// As [`CellFiles::scanner`].
     pub fn tool_tip(&self) -> Result<Calibrated<Rigid<Flange, Tool>>, Fault> {
         self.mount::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())
+    }
+
+    /// What is calibrated of what is mounted on the flange. Before a calibration was made there is nothing to know of it; a file
+    /// that is there must be right.
+    ///
+    /// # Errors
+    /// As [`CellFiles::scanner`].
+    pub fn mounted_on_the_flange(&self) -> Result<Vec<Mounted>, Fault> {
+        let calibration = self.cell.calibration();
+        let is_made = |file: &Option<PathBuf>| file.as_ref().is_some_and(|file| file.exists());
+        let mut mounted = Vec::new();
+        if is_made(&calibration.flange_from_tool) {
+            let flange_from_tip = self.tool_tip()?.value;
+            mounted.push(Mounted { name: "the sanding tool", flange_from_tip });
+        }
+        if is_made(&calibration.flange_from_camera) {
+            let camera = Rigid::claim(*self.flange_from_camera()?.value.isometry());
+            mounted.push(Mounted { name: "the flange camera", flange_from_tip: camera });
+        }
+        Ok(mounted)
     }
 
     /// What the disc takes off, with the text of its file; none where the cell names none.

@@ -72,7 +72,8 @@ pub fn run(
         }
         _ => View::open(cell, (kind, board), (&args.live, Some(camera)), progress)?,
     };
-    let mut single = Single::connect(&mut robot, cell.cell.arm()).map_err(Fault::stage)?;
+    let single = Single::connect(&mut robot, cell.cell.arm()).map_err(Fault::stage)?;
+    let mut single = single.carrying(cell.mounted_on_the_flange()?);
     tell(&format!(
         "The arm will move by itself, at {AXIS_PERCENT} % of its axes' speed, to up to {} poses about where it stands. Look that \
          the way is free, and keep a hand on the enabling switch or the emergency stop.",
