@@ -73,6 +73,8 @@ impl Budget {
 
 /// Code of the reason by which a cycle ends that may not abrade again what broke: the part has its result.
 pub const PASSES_USED: &str = "passes_used";
+/// The name of the kept text by which a start said that another part than before lies in the fixture.
+pub const ANOTHER_PART: &str = "another_part";
 
 /// By which clock a cycle ran.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

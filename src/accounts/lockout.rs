@@ -1,23 +1,41 @@
 //! After some wrong passwords in a row an account pauses: trying on is of no use, and the person can come back.
 
 use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Wrong passwords in a row.
 pub const TRIES: u32 = 5;
 /// How long an account pauses after them, s; twice as long after each further row of them, up to an hour.
 pub const PAUSE_S: f64 = 60.0;
 const LONGEST_S: f64 = 3_600.0;
-/// So many names are remembered. The ones that were tried longest ago are forgotten first.
-const MOST_NAMES: usize = 1_000;
+/// Names without an account are not remembered: all of them share so many counts, by a hash of the name. So made-up names pause as
+/// accounts do, take no room, and end no account's pause.
+const BUCKETS: u64 = 256;
 
 /// Who tried wrong passwords lately. Times are seconds of any clock that does not jump.
 #[derive(Debug, Default)]
-pub struct Lockout(BTreeMap<String, Tried>);
+pub struct Lockout(BTreeMap<Who, Tried>);
+
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+enum Who {
+    Account(String),
+    Bucket(u64),
+}
+
+impl Who {
+    fn new(name: &str, is_account: bool) -> Self {
+        if is_account {
+            return Who::Account(name.to_owned());
+        }
+        let mut hasher = DefaultHasher::new();
+        name.hash(&mut hasher);
+        Who::Bucket(hasher.finish() % BUCKETS)
+    }
+}
 
 #[derive(Debug, Clone, Copy)]
 struct Tried {
     wrong: u32,
-    last_s: f64,
     /// The account pauses until then, where a row was full.
     until_s: Option<f64>,
 }
@@ -28,38 +46,36 @@ fn pause_s(rows: u32) -> f64 {
 }
 
 impl Lockout {
-    /// How long this account still pauses, s; `None` where its password may be tried.
-    pub fn pauses_s(&self, name: &str, now_s: f64) -> Option<f64> {
-        let left_s = self.0.get(name)?.until_s? - now_s;
+    /// How long this name still pauses, s; `None` where its password may be tried. `is_account` says whether there is such an account.
+    pub fn pauses_s(&self, (name, is_account): (&str, bool), now_s: f64) -> Option<f64> {
+        let left_s = self.0.get(&Who::new(name, is_account))?.until_s? - now_s;
         (left_s > 0.0).then_some(left_s)
     }
 
-    /// A wrong password; whether the account pauses from now on. While it pauses nothing is counted, and nothing ends the pause.
-    pub fn wrong(&mut self, name: &str, now_s: f64) -> bool {
-        if self.pauses_s(name, now_s).is_some() {
+    /// A wrong password; whether the name pauses from now on. While it pauses nothing is counted, and nothing ends the pause.
+    pub fn wrong(&mut self, (name, is_account): (&str, bool), now_s: f64) -> bool {
+        if self.pauses_s((name, is_account), now_s).is_some() {
             return true;
         }
-        if self.0.len() >= MOST_NAMES && !self.0.contains_key(name) {
-            let oldest =
-                self.0.iter().min_by(|a, b| a.1.last_s.total_cmp(&b.1.last_s)).map(|(name, _)| name.clone());
-            oldest.and_then(|name| self.0.remove(&name));
-        }
-        let former = self.0.get(name).map_or(0, |tried| tried.wrong);
+        let who = Who::new(name, is_account);
+        let former = self.0.get(&who).map_or(0, |tried| tried.wrong);
         let wrong = former.saturating_add(1);
         let until_s = wrong.is_multiple_of(TRIES).then(|| now_s + pause_s(wrong / TRIES));
-        self.0.insert(name.to_owned(), Tried { wrong, last_s: now_s, until_s });
+        self.0.insert(who, Tried { wrong, until_s });
         until_s.is_some()
     }
 
     /// The right password.
     pub fn right(&mut self, name: &str) {
-        self.0.remove(name);
+        self.0.remove(&Who::new(name, true));
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const ANNA: (&str, bool) = ("anna", true);
 
     #[test]
     fn five_wrong_passwords_pause_an_account_for_longer_each_time() {
@@ -68,15 +84,15 @@ mod tests {
         // By hand: 60 s, 120 s, 240 s, …, never more than an hour.
         for pause_s in [60.0, 120.0, 240.0, 480.0, 960.0, 1_920.0, 3_600.0, 3_600.0] {
             for n in 1..=5 {
-                assert_eq!(lockout.pauses_s("anna", now_s), None);
-                assert_eq!(lockout.wrong("anna", now_s), n == 5);
+                assert_eq!(lockout.pauses_s(ANNA, now_s), None);
+                assert_eq!(lockout.wrong(ANNA, now_s), n == 5);
             }
-            assert_eq!(lockout.pauses_s("anna", now_s + 1.0), Some(pause_s - 1.0));
-            assert_eq!(lockout.pauses_s("ben", now_s), None, "another account goes on");
+            assert_eq!(lockout.pauses_s(ANNA, now_s + 1.0), Some(pause_s - 1.0));
+            assert_eq!(lockout.pauses_s(("ben", true), now_s), None, "another account goes on");
             now_s += pause_s;
         }
         lockout.right("anna");
-        assert!(!lockout.wrong("anna", now_s), "counted from the beginning");
+        assert!(!lockout.wrong(ANNA, now_s), "counted from the beginning");
     }
 
     /// One more attempt that was under way when the row was full takes nothing from the pause, and adds nothing to it.
@@ -84,23 +100,35 @@ mod tests {
     fn a_wrong_password_during_the_pause_does_not_lift_it() {
         let mut lockout = Lockout::default();
         for _ in 0..5 {
-            lockout.wrong("anna", 0.0);
+            lockout.wrong(ANNA, 0.0);
         }
         for n in 1..200 {
-            assert!(lockout.wrong("anna", f64::from(n) / 10.0));
-            assert!(lockout.pauses_s("anna", f64::from(n) / 10.0).is_some());
+            assert!(lockout.wrong(ANNA, f64::from(n) / 10.0));
+            assert!(lockout.pauses_s(ANNA, f64::from(n) / 10.0).is_some());
         }
-        assert_eq!(lockout.pauses_s("anna", 59.0), Some(1.0));
-        assert_eq!(lockout.pauses_s("anna", 60.0), None);
-        assert!(!lockout.wrong("anna", 60.0), "the first of the next row");
+        assert_eq!(lockout.pauses_s(ANNA, 59.0), Some(1.0));
+        assert_eq!(lockout.pauses_s(ANNA, 60.0), None);
+        assert!(!lockout.wrong(ANNA, 60.0), "the first of the next row");
     }
 
+    /// An account's pause grows from row to row, however many made-up names are tried meanwhile, and these take no room.
     #[test]
-    fn only_so_many_names_are_remembered() {
+    fn made_up_names_end_no_pause_and_take_no_room() {
         let mut lockout = Lockout::default();
-        for n in 0..3_000 {
-            lockout.wrong(&format!("n{n}"), f64::from(n));
+        let engineer = ("engineer", true);
+        for _ in 0..5 {
+            lockout.wrong(engineer, 0.0);
         }
-        assert_eq!(lockout.0.len(), 1_000);
+        for n in 0..3_000 {
+            lockout.wrong((&format!("n{n}"), false), 1.0);
+        }
+        assert_eq!(lockout.pauses_s(engineer, 1.0), Some(59.0), "not evicted");
+        assert!(lockout.0.len() <= BUCKETS as usize + 1, "{}", lockout.0.len());
+        for _ in 0..5 {
+            lockout.wrong(engineer, 61.0);
+        }
+        assert_eq!(lockout.pauses_s(engineer, 61.0), Some(120.0), "the second row counts as one");
+        assert_eq!(lockout.pauses_s(("ben", true), 1.0), None, "an account pauses by its own passwords alone");
+        assert!(lockout.pauses_s(("n7", false), 1.0).is_some(), "a name without an account cannot be told from one");
     }
 }

@@ -38,11 +38,12 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
 
 fn what(ask: &CtlAsk, socket: &Path) -> Result<What, Fault> {
     Ok(match ask {
-        CtlAsk::Start { recipe, record, part, .. } => What::Start(StartRequest {
+        CtlAsk::Start { recipe, record, part, another_part, .. } => What::Start(StartRequest {
             recipe: recipe.display().to_string(),
             text: disk::read_text(recipe)?,
             record: record.as_ref().map(|file| record_in(file.as_deref())).transpose()?,
             part: part::checked(part.names())?,
+            another_part: *another_part,
             own_text: OwnText::default(),
         }),
         CtlAsk::Hold => What::Table(Request::Hold),

@@ -1,7 +1,7 @@
 //! The part that a cycle is about: checked as it is named, kept as a text with the cycle, shown first on its page.
 
 use super::fault::{Fault, RecordFault};
-use crate::record::{CycleRecord, PartNames};
+use crate::record::{ANOTHER_PART, CycleRecord, PartNames};
 use crate::report::page::{Row, Section};
 use crate::store::{PassesOfCycle, Store};
 use crate::words::{printable, utc_day};
@@ -31,6 +31,11 @@ pub fn checked(part: PartNames) -> Result<Option<PartNames>, Fault> {
 /// Where it cannot be written as TOML.
 pub fn text(part: &PartNames) -> Result<String, Fault> {
     toml::to_string(part).map_err(Fault::stage)
+}
+
+/// The text by which a start keeps that another part than before lies there.
+pub fn another() -> (String, String) {
+    (ANOTHER_PART.to_owned(), "who started this cycle says that another part than before lies in the fixture\n".to_owned())
 }
 
 /// That a part may be abraded once more after these cycles, where `most` passes are allowed.

@@ -9,6 +9,7 @@ use super::health;
 use super::live::Live;
 use super::load::{CellFiles, calibrated_serial};
 use super::outcome::Outcome;
+use super::part;
 use super::person::Person;
 use super::record;
 use super::recording;
@@ -257,7 +258,7 @@ fn loader(
     world: Option<SimulatedWorld>,
 ) -> Arc<Loader> {
     let one_at_a_time = Mutex::new(());
-    Arc::new(move |StartRequest { recipe: name, text, record, part, own_text }| {
+    Arc::new(move |StartRequest { recipe: name, text, record, part, another_part, own_text }| {
         // A file on a disk that hangs must not take the places of those who ask for a stop.
         let Ok(_turn) = one_at_a_time.try_lock() else {
             return Err(vec![Reason::new("busy", "another start is being read; ask again when it was answered")]);
@@ -298,6 +299,9 @@ fn loader(
             let mut prepared =
                 PreparedCycle { recording: record, ..taught_recipe.prepared(cell.clone(), &calibrated)? };
             prepared.start.recording = named;
+            if another_part {
+                prepared.start.file_texts.push(part::another());
+            }
             prepared.remarks.extend(foreign.clone());
             Ok(prepared)
         };

@@ -254,7 +254,7 @@ impl Abrasion {
             false => format!(
                 "{names} broke, and may not be abraded again: allowed are {most} abrasions, max_passes_per_grid, and \
                  those of earlier cycles of this panel count, also where it is not known how far they went: {}; take this \
-                 part out, the next cycle counts from zero",
+                 part out; a cycle of another part counts from zero if its serial number is named, or if its start says --another-part",
                 earlier.join("; ")
             ),
         };

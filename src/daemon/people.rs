@@ -5,12 +5,15 @@
 
 use super::hashing::Hashing;
 use super::store_access::StoreAccess;
-use crate::accounts::{self, Account, AuditEntry, Lockout};
+use crate::accounts::{self, Account, AuditEntry, LineLimit, Lockout, MostLines};
 use crate::files::content_hash;
 use crate::store::{Store, StoreError};
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
+
+/// Wrong log-ins that have a line of their own in the audit trail, a minute.
+const MOST_LINES: MostLines = MostLines { done: 0, refused: 20 };
 
 /// What came of a name and a password.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,6 +41,8 @@ pub struct People {
     store: StoreAccess,
     hashing: Hashing,
     lockout: Mutex<Lockout>,
+    /// Lines of the audit trail about wrong log-ins.
+    wrong_log_ins: Mutex<LineLimit>,
     begun: Instant,
 }
 
@@ -48,6 +53,7 @@ impl People {
             store: StoreAccess::new(folder),
             hashing: Hashing::default(),
             lockout: Mutex::default(),
+            wrong_log_ins: Mutex::new(LineLimit::new(MOST_LINES, 0)),
             begun: Instant::now(),
         }
     }
@@ -65,7 +71,7 @@ impl People {
 
     /// For how many seconds more this account's password may not be tried, after wrong ones.
     pub fn pauses_s(&self, name: &str) -> Option<f64> {
-        self.lockout().pauses_s(name, self.now_s())
+        self.lockout().pauses_s((name, true), self.now_s())
     }
 
     /// Reads the store, on the calling thread, which may wait for the disk.
@@ -92,31 +98,49 @@ impl People {
         }
     }
 
-    fn judged(&self, name: &str, password: &str) -> Option<Account> {
-        let account = match self.read(|store| store.accounts()) {
+    /// Keeps a line about a wrong log-in, or counts it where there are many: nobody fills the disk by trying. On the calling thread.
+    pub fn audit_wrong_log_in(&self, entry: &AuditEntry) {
+        let now_ms = (self.now_s() * 1_000.0) as u64;
+        let (left_out, is_kept) = {
+            let mut lines = self.wrong_log_ins.lock().unwrap_or_else(PoisonError::into_inner);
+            (lines.minute_over(now_ms), lines.allows(true))
+        };
+        if let Some(count) = left_out {
+            let words = format!("{count} more wrong log-ins within a minute have no line of their own");
+            let line = AuditEntry::done(None, None, entry.from.clone(), &entry.what);
+            self.audit(&AuditEntry { refused: Some(words), ..line });
+        }
+        if is_kept {
+            self.audit(entry);
+        }
+    }
+
+    fn account(&self, name: &str) -> Option<Account> {
+        match self.read(|store| store.accounts()) {
             Ok(mut accounts) => accounts.remove(name),
             Err(error) => {
                 tracing::warn!("nobody can log in: {error}");
                 None
             }
-        };
-        let hash = account.as_ref().map_or("", |account| &account.password_hash);
-        let is_right = accounts::is_right(password, hash);
-        account.filter(|account| is_right && account.is_enabled)
+        }
     }
 
     /// Judges a name and a password, and counts a wrong one. On the calling thread, which computes for a while and has the turn of
     /// [`People::hashing`]: only so does each attempt know what came of those before it.
     pub fn tried(&self, name: &str, password: &str) -> LogIn {
-        if let Some(left_s) = self.pauses_s(name) {
+        let account = self.account(name);
+        let who = (name, account.is_some());
+        if let Some(left_s) = self.lockout().pauses_s(who, self.now_s()) {
             return LogIn::Pauses(left_s);
         }
-        match self.judged(name, password) {
+        let hash = account.as_ref().map_or("", |account| &account.password_hash);
+        let is_right = accounts::is_right(password, hash);
+        match account.filter(|account| is_right && account.is_enabled) {
             Some(account) => {
                 self.lockout().right(name);
                 LogIn::Right(account)
             }
-            None if self.lockout().wrong(name, self.now_s()) => LogIn::Wrong("wrong password; the account pauses"),
+            None if self.lockout().wrong(who, self.now_s()) => LogIn::Wrong("wrong password; the account pauses"),
             None => LogIn::Wrong("wrong name or password"),
         }
     }
@@ -160,6 +184,20 @@ mod tests {
         }
         let paused = came.iter().filter(|came| matches!(came, LogIn::Pauses(_))).count();
         assert_eq!(paused, 1, "{came:?}");
-        assert!(people.pauses_s("anna").is_some_and(|left_s| left_s > 50.0), "it pauses on");
+        let again = people.log_in("anna", "wrong horse".to_owned()).await;
+        assert!(matches!(again, LogIn::Pauses(left_s) if left_s > 50.0), "it pauses on: {again:?}");
+    }
+
+    /// A thousand wrong log-ins within a minute are twenty lines; the rest is counted once the minute is over.
+    #[test]
+    fn a_flood_of_wrong_log_ins_is_a_few_lines() {
+        let folder = tempfile::tempdir().expect("a folder");
+        drop(Store::create(&folder.path().join("store")).expect("a store"));
+        let people = People::new(folder.path().join("store"));
+        let line = AuditEntry::done(Some("engineer".to_owned()), None, "10.0.0.1".to_owned(), "log in");
+        let line = AuditEntry { refused: Some("wrong name or password".to_owned()), ..line };
+        (0..1_000).for_each(|_| people.audit_wrong_log_in(&line));
+        let lines = people.read(|store| store.audit(None, 2_000)).expect("read").len();
+        assert_eq!(lines, 20);
     }
 }

@@ -124,6 +124,9 @@ pub struct StartRequest {
     /// The part in the cell, with its work order and operator.
     #[serde(default)]
     pub part: Option<PartNames>,
+    /// A person says that another part than in the cycles before lies in the fixture: abrasions count from zero.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub another_part: bool,
     /// Whether the text may be another than the recipes' folder has. The front decides it by the person's role; no line of a
     /// client can say so.
     #[serde(skip)]

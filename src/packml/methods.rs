@@ -108,6 +108,11 @@ pub const METHODS: &[Method] = &[
             ),
             text("SerialNumber", "The part's serial number; empty where it has none."),
             text("WorkOrder", "The work order; empty where there is none."),
+            Argument {
+                name: "AnotherPart",
+                kind: ArgumentKind::Boolean,
+                meaning: "True where another part than in the cycles before lies there: abrasions count from zero. It is kept with the cycle.",
+            },
         ],
         needs: Some(Operate),
         meaning: "Idle to a cycle on the panel that lies in the fixture. The operator in the record is the person who is logged in.",

@@ -3,14 +3,16 @@
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
+use super::passes::normalised_serial;
 use crate::cycle::{Event, Id, Motion, Report};
 use crate::record::{
-    Abraded, Clock, Contact, ContactPath, CycleId, EarlierPass, Finding, MotionRecord, PASSES_USED, RecordingFile,
-    abraded,
+    ANOTHER_PART, Abraded, Clock, Contact, ContactPath, CycleId, EarlierPass, Finding, Kind, MotionRecord,
+    RecordingFile, abraded,
 };
 use crate::verdict::Verdict;
 use rusqlite::{OptionalExtension, params};
 use serde::Serialize;
+use std::collections::BTreeSet;
 
 /// `cycle_facts` says of a cycle by a name what has no other place: its clock, the file that it is recorded in.
 pub(super) const TABLES: &str = "
@@ -34,6 +36,15 @@ pub(super) const TABLES: &str = "
     ) STRICT;
     CREATE INDEX cycle_facts_by_cycle ON cycle_facts (cycle_id);
 ";
+
+/// What of a cycle says that another part lies there afterwards, or lay there before.
+#[derive(Debug, Clone, Copy)]
+struct PartEnds {
+    /// It ended with pass or fail by a film, after which the part is taken out.
+    has_result: bool,
+    /// Its start said that another part than before lies there.
+    is_another: bool,
+}
 
 const CLOCK: &str = "clock";
 const RECORDING: &str = "recording";
@@ -118,27 +129,16 @@ impl Store {
         Ok(told)
     }
 
-    /// Where on the panel of this cycle the tool was in earlier cycles, or may have been, since one of this panel last
-    /// ended with pass or fail, or because nothing more was allowed: after these the part is taken out.
+    /// Where on the part of this cycle the tool was in earlier cycles, or may have been. Cycles with the same serial number count, and
+    /// those that named none. They count until a cycle of that part came to a result by a film, pass or fail, after which the part is
+    /// taken out, or until a start said that another part lies there. An air-run, an abort, a reject and a part with another serial
+    /// number end no count.
     ///
     /// # Errors
     /// Where it cannot be read.
     pub fn abraded_before(&self, id: CycleId) -> Result<Vec<EarlierPass>, StoreError> {
-        let read = || -> Result<Vec<i64>, rusqlite::Error> {
-            let ended = format!(
-                "(verdict IN ('{}', '{}') OR reasons LIKE '%\"code\":\"{PASSES_USED}\"%')",
-                Verdict::Pass.word(),
-                Verdict::Fail.word()
-            );
-            let same = "panel = (SELECT panel FROM cycles WHERE id = ?1) AND id < ?1";
-            let sql = format!(
-                "SELECT id FROM cycles WHERE {same}
-                 AND id > (SELECT coalesce(max(id), 0) FROM cycles WHERE {same} AND {ended}) ORDER BY id"
-            );
-            self.connection.prepare(&sql)?.query_map([id.0], |row| row.get(0))?.collect()
-        };
         let mut earlier: Vec<EarlierPass> = Vec::new();
-        for cycle in read().map_err(|error| self.failed("read the cycles of", &error))?.into_iter().map(CycleId) {
+        for cycle in self.same_part_before(id)? {
             let (findings, motions) = (self.findings_of(cycle)?, self.motions_of(cycle)?);
             for Abraded { grid, pass, how } in abraded(&findings, &motions) {
                 let is_known =
@@ -150,6 +150,54 @@ impl Store {
             }
         }
         Ok(earlier)
+    }
+
+    /// The earlier cycles whose part may be the one of this cycle, in order.
+    fn same_part_before(&self, id: CycleId) -> Result<Vec<CycleId>, StoreError> {
+        self.with_parts()?;
+        let failed = |error: rusqlite::Error| self.failed("read the cycles of", &error);
+        let read = || -> Result<Vec<(i64, String)>, rusqlite::Error> {
+            let sql = "SELECT cycles.id, coalesce(serial, '') FROM cycles LEFT JOIN cycle_parts ON cycle_id = cycles.id
+                 WHERE panel = (SELECT panel FROM cycles WHERE id = ?1) AND cycles.id <= ?1 ORDER BY cycles.id DESC";
+            let mut statement = self.connection.prepare_cached(sql)?;
+            statement.query_map([id.0], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
+        };
+        let mut cycles = read().map_err(failed)?.into_iter().map(|(id, serial)| (id, normalised_serial(&serial)));
+        let Some((own, serial)) = cycles.next() else { return Ok(Vec::new()) };
+        // Whose part cannot be this one from here on: by serial number; those without one have the empty text.
+        let (mut over, mut found) = (BTreeSet::new(), Vec::new());
+        if self.ends_of_a_part(own).map_err(failed)?.is_another {
+            return Ok(found);
+        }
+        for (cycle, of) in cycles {
+            let may_be_it = serial.is_empty() || of.is_empty() || of == serial;
+            if !may_be_it || over.contains(&of) {
+                continue;
+            }
+            let PartEnds { has_result, is_another } = self.ends_of_a_part(cycle).map_err(failed)?;
+            if !has_result {
+                found.push(CycleId(cycle));
+            }
+            if has_result || is_another {
+                over.insert(of);
+            }
+            if over.contains(&serial) && over.contains("") {
+                break;
+            }
+        }
+        found.reverse();
+        Ok(found)
+    }
+
+    fn ends_of_a_part(&self, cycle: i64) -> Result<PartEnds, rusqlite::Error> {
+        let sql = "SELECT coalesce(verdict IN (?2, ?3), 0)
+                 AND EXISTS (SELECT 1 FROM findings WHERE cycle_id = cycles.id AND kind = ?4),
+                 EXISTS (SELECT 1 FROM json_each(files) WHERE value ->> 'name' = ?5)
+             FROM cycles WHERE id = ?1";
+        let (pass, fail, film) = (Verdict::Pass.word(), Verdict::Fail.word(), Kind::Inspect.word());
+        let ends =
+            |row: &rusqlite::Row<'_>| Ok(PartEnds { has_result: row.get(0)?, is_another: row.get(1)? });
+        self.connection.prepare_cached(sql)?.query_row(params![cycle, pass, fail, film, ANOTHER_PART], ends)
     }
 
     /// Keeps what a cycle's clock says: where it begins and where it is concluded.

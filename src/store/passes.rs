@@ -18,6 +18,11 @@ pub struct PassesOfCycle {
     pub removed_um: Option<f64>,
 }
 
+/// A serial number without what makes no other part of it: blanks around it and the case of its letters.
+pub(super) fn normalised_serial(serial: &str) -> String {
+    serial.trim().to_uppercase()
+}
+
 impl Store {
     /// The part that a cycle was about, by the text that it keeps; `None` where none was named, or what was kept of it is
     /// missing or damaged.
@@ -39,9 +44,14 @@ impl Store {
         self.with_parts()?;
         let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
             let sql =
-                "SELECT cycle_id FROM cycle_parts WHERE serial = ?1 AND (?2 IS NULL OR cycle_id < ?2) ORDER BY 1";
+                "SELECT cycle_id, serial FROM cycle_parts WHERE serial NOTNULL AND (?1 IS NULL OR cycle_id < ?1) ORDER BY 1";
             let mut statement = self.connection.prepare(sql)?;
-            statement.query_map(params![serial, before.map(|id| id.0)], |row| row.get(0).map(CycleId))?.collect()
+            let all = statement.query_map(params![before.map(|id| id.0)], |row| Ok((row.get(0)?, row.get(1)?)))?;
+            // A blank, or another case, is no other part. SQL knows the case of ASCII letters alone.
+            let is_it = |row: &Result<(i64, String), _>| {
+                row.as_ref().map_or(true, |(_, found): &(i64, String)| normalised_serial(found) == normalised_serial(serial))
+            };
+            all.filter(is_it).map(|row| row.map(|(id, _)| CycleId(id))).collect()
         };
         let cycles = read().map_err(|error| self.failed("read the cycles of", &error))?;
         let mut all = Vec::new();

@@ -116,7 +116,7 @@ async def as_each_role(known):
                 is_allowed = role in method["roles"]
                 assert (found in LET_THROUGH) if is_allowed else found == "BadUserAccessDenied", (role, method, found)
             # Wrong arguments are told before the cell is asked.
-            assert await call(client, "Start", 1, 2, 3, 4) != "Good"
+            assert await call(client, "Start", 1, 2, 3, 4, 5) != "Good"
             assert await call(client, "Start", "one") != "Good"
             assert await call(client, "Hold", "too many") != "Good"
     tell("roles", len(ROLES))
@@ -150,9 +150,9 @@ async def a_part(known):
             await asyncio.sleep(0.5)
         await changes.come("Idle")
         known_as = dict(zip(await read(client, "Recipes/Names"), await read(client, "Recipes/Hashes")))["recipe.toml"]
-        assert await call(client, "Start", "../cell.toml", known_as, "", "") == "BadInvalidArgument"
-        assert await call(client, "Start", "recipe.toml", "0" * 64, "", "") == "BadInvalidArgument"
-        assert await call(client, "Start", "recipe.toml", known_as, "SN 7", "WO 12") == "Good"
+        assert await call(client, "Start", "../cell.toml", known_as, "", "", False) == "BadInvalidArgument"
+        assert await call(client, "Start", "recipe.toml", "0" * 64, "", "", False) == "BadInvalidArgument"
+        assert await call(client, "Start", "recipe.toml", known_as, "SN 7", "WO 12", False) == "Good"
         await changes.come("Execute")
         # In virtual time the cycle may be over sooner than a hold comes.
         held = await call(client, "Hold")
@@ -194,7 +194,7 @@ async def stopped_by_anybody(known):
         assert await call(operator, "Reset") == "Good"
         await changes.come("Idle")
         known_as = dict(zip(await read(operator, "Recipes/Names"), await read(operator, "Recipes/Hashes")))["recipe.toml"]
-        assert await call(operator, "Start", "recipe.toml", known_as, "", "") == "Good"
+        assert await call(operator, "Start", "recipe.toml", known_as, "", "", False) == "Good"
         assert await call(viewer, "Abort") == "Good"
         await changes.come("Aborted")
         await comes(viewer, "PackML/Admin/StopReasonCode", "asked")

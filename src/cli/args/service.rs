@@ -65,6 +65,9 @@ pub enum CtlAsk {
         /// The part that stands in the cell: kept with the cycle and shown on its page.
         #[command(flatten)]
         part: PartArguments,
+        /// Another part than in the cycles before lies in the fixture: abrasions count from zero. Kept with the cycle.
+        #[arg(long)]
+        another_part: bool,
         /// Wait for the cycle's end, tell each change, and end with the cycle's exit code. A cycle that is held waits on.
         #[arg(long)]
         wait: bool,

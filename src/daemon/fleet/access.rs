@@ -3,7 +3,9 @@
 use super::frame;
 use super::shared::{Shared, Tried, failed};
 use crate::accounts::{Role, checked_name};
+use crate::archive::reading::OfficeAccount;
 use crate::daemon::web::{Holder, cookie, cookie_name};
+use crate::files::content_hash;
 use crate::random;
 use axum::Form;
 use axum::body::Body;
@@ -26,11 +28,20 @@ pub(super) async fn pass(State(shared): State<Shared>, request: Request<Body>, n
     let path = request.uri().path();
     let is_open = OPEN.contains(&path);
     let is_action = !request.headers().contains_key(BY_ITSELF);
-    let is_known = token(request.headers(), &shared)
-        .is_some_and(|token| shared.sessions().find(token, shared.now_s(), is_action).is_some());
-    let mut response = match is_open || is_known {
-        true => next.run(request).await,
-        false => Redirect::to("/login").into_response(),
+    let session =
+        token(request.headers(), &shared).and_then(|token| shared.sessions().find(token, shared.now_s(), is_action));
+    let mut response = match (is_open, session) {
+        (true, _) => next.run(request).await,
+        (false, None) => Redirect::to("/login").into_response(),
+        // A session ends with its account, or with a new password of it.
+        (false, Some(session)) => match shared.reader().account(&session.name).await {
+            Ok(Some(account)) if stamp(&account) == session.stamp => next.run(request).await,
+            Ok(_) => {
+                shared.sessions().end_all_of(&session.name);
+                Redirect::to("/login").into_response()
+            }
+            Err(error) => failed(&error),
+        },
     };
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY));
@@ -38,6 +49,11 @@ pub(super) async fn pass(State(shared): State<Shared>, request: Request<Body>, n
     headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("same-origin"));
     headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     response
+}
+
+/// What an account is during a session of it: a new password makes it another.
+fn stamp(account: &OfficeAccount) -> String {
+    content_hash(account.password_hash.as_bytes()).chars().take(16).collect()
 }
 
 fn token<'h>(headers: &'h HeaderMap, shared: &Shared) -> Option<&'h str> {
@@ -88,7 +104,7 @@ pub(super) async fn log_in(
         Ok(account) => account,
         Err(error) => return failed(&error),
     };
-    let hash = account.as_ref().map_or(String::new(), |account| account.password_hash.clone());
+    let hash = account.as_ref().map(|account| account.password_hash.clone());
     let account = match (shared.tried(name.clone(), password, hash).await, account) {
         (Some(Tried::Right), Some(account)) => account,
         (Some(Tried::Pauses(left_s)), _) => {
@@ -103,8 +119,9 @@ pub(super) async fn log_in(
     let (Ok(token), Ok(csrf)) = (random::token(), random::token()) else {
         return form(StatusCode::SERVICE_UNAVAILABLE, Some("This computer has no random numbers yet. Try again."));
     };
+    let stamp = stamp(&account);
     let (name, printed_name) = (account.name, account.printed_name);
-    let who = Holder { name, printed_name, role: Role::Viewer, stamp: String::new() };
+    let who = Holder { name, printed_name, role: Role::Viewer, stamp };
     shared.sessions().begin((&token, csrf), who, shared.now_s());
     ([(header::SET_COOKIE, set_cookie(&shared, &token, ""))], Redirect::to("/")).into_response()
 }

@@ -62,16 +62,17 @@ impl Shared {
 
     /// Judges a password against an account's hash in its turn, and counts a wrong one; another account, or none, takes as long. `None`
     /// where the program is ending.
-    pub async fn tried(&self, name: String, password: String, hash: String) -> Option<Tried> {
+    pub async fn tried(&self, name: String, password: String, hash: Option<String>) -> Option<Tried> {
         let shared = self.clone();
         let judge = move || {
-            if let Some(left_s) = shared.lockout().pauses_s(&name, shared.now_s()) {
+            let who = (name.as_str(), hash.is_some());
+            if let Some(left_s) = shared.lockout().pauses_s(who, shared.now_s()) {
                 return Tried::Pauses(left_s);
             }
-            match accounts::is_right(&password, &hash) {
+            match accounts::is_right(&password, hash.as_deref().unwrap_or_default()) {
                 true => shared.lockout().right(&name),
                 false => {
-                    shared.lockout().wrong(&name, shared.now_s());
+                    shared.lockout().wrong(who, shared.now_s());
                     return Tried::Wrong;
                 }
             }

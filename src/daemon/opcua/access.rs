@@ -179,7 +179,11 @@ impl AuthManager for Access {
                 return Ok(UserToken(token(&account)));
             }
             LogIn::Wrong(why) => {
-                self.keep(AuditEntry { refused: Some(why.to_owned()), ..line(None) }).await;
+                let line = AuditEntry { refused: Some(why.to_owned()), ..line(None) };
+                let people = self.people.clone();
+                if tokio::task::spawn_blocking(move || people.audit_wrong_log_in(&line)).await.is_err() {
+                    tracing::warn!("a line of the audit trail is lost: its thread is gone");
+                }
                 (
                     StatusCode::BadUserAccessDenied,
                     "name or password is wrong, or the account is disabled".to_owned(),

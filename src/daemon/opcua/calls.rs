@@ -145,14 +145,14 @@ impl Calls {
             (Command::Unhold, [Variant::Boolean(dried), Variant::UInt32(step)]) => {
                 decided(Request::Unhold { dried: *dried }, *step)
             }
-            (Command::Start, [recipe, sha256, serial, order]) => {
+            (Command::Start, [recipe, sha256, serial, order, Variant::Boolean(another_part)]) => {
                 let [Some(recipe), Some(sha256), Some(serial), Some(order)] =
                     [recipe, sha256, serial, order].map(text)
                 else {
                     return wrong_arguments(method);
                 };
                 match self.start((recipe, sha256), serial, order, caller).await {
-                    Ok(start) => What::Start(start),
+                    Ok(start) => What::Start(StartRequest { another_part: *another_part, ..start }),
                     Err(problem) => return refused("bad_input", StatusCode::BadInvalidArgument, problem),
                 }
             }
@@ -194,7 +194,7 @@ impl Calls {
             Caller::Nobody => None,
         };
         let part = PartNames { serial: some(serial), order: some(order), operator };
-        Ok(StartRequest { recipe: recipe.name, text: recipe.text, record: None, part: Some(part), own_text: OwnText::Refused })
+        Ok(StartRequest { recipe: recipe.name, text: recipe.text, record: None, part: Some(part), another_part: false, own_text: OwnText::Refused })
     }
 
     /// Keeps that a person has seen an alarm of this name.

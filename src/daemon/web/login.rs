@@ -24,9 +24,10 @@ pub(super) struct Next {
     next: String,
 }
 
-/// A path of this page alone: nobody is sent elsewhere after logging in.
+/// A path of this page alone: nobody is sent elsewhere after logging in. A browser leaves out tabs and line feeds of an address before
+/// it reads it, so that `/<tab>/host` would be another host.
 fn own_path(next: &str) -> &str {
-    let is_own = next.starts_with('/') && !next.starts_with("//") && !next.contains(['\\', '\r', '\n']);
+    let is_own = next.starts_with('/') && !next.starts_with("//") && !next.contains('\\') && !next.contains(char::is_control);
     if is_own { next } else { "/" }
 }
 
@@ -68,7 +69,9 @@ pub(super) async fn log_in(
     let account = match web.front.people.log_in(&name, password).await {
         LogIn::Right(account) => account,
         LogIn::Wrong(why) => {
-            keep(&web, AuditEntry { refused: Some(why.to_owned()), ..line }).await;
+            let line = AuditEntry { refused: Some(why.to_owned()), ..line };
+            let people = web.front.people.clone();
+            blocking(move || people.audit_wrong_log_in(&line)).await;
             return wrong(words.word("login.wrong"));
         }
         LogIn::Pauses(left_s) => return wrong(&pauses(left_s, words)),
@@ -188,7 +191,7 @@ mod tests {
         for path in ["/", "/cycle/7", "/setup/recipe/panel.toml"] {
             assert_eq!(own_path(path), path);
         }
-        for path in ["", "//evil.example", "https://evil.example", "/\\evil.example", "/a\r\nSet-Cookie: x"] {
+        for path in ["", "//evil.example", "https://evil.example", "/\\evil.example", "/a\r\nSet-Cookie: x", "/\t/evil.example/x", "/\u{1}"] {
             assert_eq!(own_path(path), "/", "{path}");
         }
     }

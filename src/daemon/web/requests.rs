@@ -131,13 +131,16 @@ pub(super) struct Start {
     serial: String,
     #[serde(default)]
     order: String,
+    /// Another part than in the cycles before lies there.
+    #[serde(default)]
+    another_part: bool,
 }
 
 /// Begins a cycle by one of the offered recipes.
 pub(super) async fn start(
     State(web): State<Arc<Web>>,
     Extension(visitor): By,
-    Json(Start { recipe, sha256, serial, order }): Json<Start>,
+    Json(Start { recipe, sha256, serial, order, another_part }): Json<Start>,
 ) -> Response {
     let source = web.front.setup.clone();
     let named = recipe.clone();
@@ -152,6 +155,6 @@ pub(super) async fn start(
     let some = |name: String| Some(name.trim().to_owned()).filter(|name| !name.is_empty());
     let operator = visitor.person.as_ref().map(|person| person.printed_name.clone());
     let part = PartNames { serial: some(serial), order: some(order), operator };
-    let start = StartRequest { recipe: text.name, text: text.text, record: None, part: Some(part), own_text: OwnText::Refused };
+    let start = StartRequest { recipe: text.name, text: text.text, record: None, part: Some(part), another_part, own_text: OwnText::Refused };
     requested(&web, &visitor, What::Start(start)).await
 }

@@ -139,6 +139,7 @@ fn start(visitor: &Visitor, recipes: &Result<Vec<RecipeHash>, String>) -> Markup
             }
             label { (word("run.serial")) input name="serial" maxlength="120" autocomplete="off"; }
             label { (word("run.order")) input name="order" maxlength="120" autocomplete="off"; }
+            label.inline { input type="checkbox" name="another_part"; (word("run.another_part")) }
             p.told role="status" {}
             button.primary type="submit" data-needs="start" disabled { (word("action.start")) }
         }

@@ -35,7 +35,7 @@ pub struct Holder {
     pub printed_name: String,
     /// The role.
     pub role: Role,
-    /// What the account is now; empty where nobody asks for it again.
+    /// What the account is now.
     pub stamp: String,
 }
 

@@ -73,12 +73,76 @@ fn what_may_have_been_abraded_counts_until_the_part_has_a_result() {
     let used = Reason::new(crate::record::PASSES_USED, "r1c1 may not be abraded again");
     store.conclude(four, Verdict::Reject, &[used]).expect("concluded");
     let five = begin(&mut store);
-    assert_eq!(store.abraded_before(five).expect("read"), [], "nothing more was allowed of that part");
-    store.open_contact(&Motion { epoch: 8, ..MOTION }, Some(five), (&path(), 40)).expect("opened");
-    store.close_intent(&Motion { epoch: 8, ..MOTION }, Outcome::Done, 40).expect("closed");
-    store.conclude(five, Verdict::Pass, &[]).expect("concluded");
+    assert_eq!(store.abraded_before(five).expect("read"), counted, "the part that had all of its passes lies there still");
+    air_run(&mut store, five);
     let six = begin(&mut store);
-    assert_eq!(store.abraded_before(six).expect("read"), []);
+    assert_eq!(store.abraded_before(six).expect("read"), counted, "an air-run abrades nothing and ends no count");
+    film(&mut store, six, Verdict::Pass);
+    let seven = begin(&mut store);
+    assert_eq!(store.abraded_before(seven).expect("read"), [], "the part had a result, and is taken out");
+}
+
+/// A finished air-run: a pass without a film.
+fn air_run(store: &mut Store, id: CycleId) {
+    store.conclude(id, Verdict::Pass, &[]).expect("concluded");
+}
+
+/// A cycle that ends by its film.
+fn film(store: &mut Store, id: CycleId, verdict: Verdict) {
+    let found = Finding::new(Kind::Inspect, 0, Judgement { verdict, reasons: vec![] });
+    store.note(id, &found).expect("kept");
+    store.conclude(id, verdict, &[]).expect("concluded");
+}
+
+/// A cycle of this part that was cut short in contact.
+fn cut_short(store: &mut Store, (serial, epoch): (&str, u32), another: bool) -> CycleId {
+    let id = store.begin_cycle(&start_of(serial, another)).expect("begun");
+    let motion = Motion { epoch, ..MOTION };
+    store.open_contact(&motion, Some(id), (&path(), 16)).expect("opened");
+    store.close_intent(&motion, Outcome::Aborted, 16).expect("closed");
+    store.conclude(id, Verdict::Aborted, &[]).expect("concluded");
+    id
+}
+
+fn start_of(serial: &str, another: bool) -> CycleStart {
+    let mut start = super::cycles::start();
+    if !serial.is_empty() {
+        start.file_texts.push(("part".to_owned(), format!("serial = \"{serial}\"\n")));
+    }
+    if another {
+        start.file_texts.push((crate::record::ANOTHER_PART.to_owned(), "yes".to_owned()));
+    }
+    start
+}
+
+/// By serial number, without regard to blanks and case, and by what a person says. A result of one part ends no count of another.
+#[test]
+fn a_count_is_of_one_part_and_falls_by_nothing_else() {
+    let (_folder, mut store) = new_store();
+    let one = cut_short(&mut store, ("SN ü17", 3), false);
+    let nobody = cut_short(&mut store, ("", 4), false);
+    let mut counted = |serial: &str, another| {
+        let id = store.begin_cycle(&start_of(serial, another)).expect("begun");
+        let mut cycles: Vec<i64> = store.abraded_before(id).expect("read").iter().map(|pass| pass.cycle.0).collect();
+        cycles.dedup();
+        (id, cycles)
+    };
+    let both = vec![one.0, nobody.0];
+    for serial in ["SN ü17", "sn Ü17", " SN ü17 "] {
+        assert_eq!(counted(serial, false).1, both, "{serial}: the part without a number may be this one");
+    }
+    assert_eq!(counted("SN 18", false).1, [nobody.0], "another number");
+    assert_eq!(counted("", false).1, both, "it may be any of them");
+    assert_eq!(counted("SN 30", true).1, [0_i64; 0], "a person says so");
+    assert_eq!(counted("SN 30", false).1, [0_i64; 0], "and said so before");
+    let (other, _) = counted("SN 18", false);
+    film(&mut store, other, Verdict::Fail);
+    let mut after = |serial: &str| {
+        let id = store.begin_cycle(&start_of(serial, false)).expect("begun");
+        store.abraded_before(id).expect("read").iter().map(|pass| pass.cycle).collect::<std::collections::BTreeSet<_>>()
+    };
+    assert_eq!(after(""), [one, nobody].into(), "the result of SN 18 says nothing of them");
+    assert_eq!(after("SN 18"), [nobody].into());
 }
 
 /// The program ended between the event that began contact and the row of its motion: nothing was permitted.

@@ -190,6 +190,7 @@ async fn wrong_arguments_ask_for_nothing() {
     let cell = Cell::new();
     let operator = Some(Role::Operator);
     let text = |text: &str| Variant::from(text);
+    let no = || Variant::from(false);
     let hash = Source.recipe("door.toml").expect("it is offered").sha256();
     for (name, arguments) in [
         ("Hold", vec![text("now")]),
@@ -201,12 +202,12 @@ async fn wrong_arguments_ask_for_nothing() {
         ("Clear", vec![]),
         ("Clear", vec![Variant::from(7_i32)]),
         ("Start", vec![text("door.toml")]),
-        ("Start", vec![text("door.toml"), text(&hash), Variant::from(7_i32), text("")]),
-        ("Start", vec![text("door.toml"), text(&hash), text("a\nb"), text("")]),
-        ("Start", vec![text("../cell.toml"), text(&hash), text(""), text("")]),
+        ("Start", vec![text("door.toml"), text(&hash), Variant::from(7_i32), text(""), no()]),
+        ("Start", vec![text("door.toml"), text(&hash), text("a\nb"), text(""), no()]),
+        ("Start", vec![text("../cell.toml"), text(&hash), text(""), text(""), no()]),
         // Another recipe than the one that was decided upon, and none.
-        ("Start", vec![text("door.toml"), text(&"0".repeat(64)), text(""), text("")]),
-        ("Start", vec![text("door.toml"), text(""), text(""), text("")]),
+        ("Start", vec![text("door.toml"), text(&"0".repeat(64)), text(""), text(""), no()]),
+        ("Start", vec![text("door.toml"), text(""), text(""), text(""), no()]),
         ("AcknowledgeAlarm", vec![text("1/none/2")]),
         ("AcknowledgeAlarm", vec![text("nonsense")]),
     ] {

@@ -215,7 +215,7 @@ async function ask(button) {
 }
 
 // The next part is another one: nothing of the last start stays in the form.
-id("start")?.addEventListener("sent", () => { for (const field of id("start").querySelectorAll("input")) field.value = ""; });
+id("start")?.addEventListener("sent", () => { for (const field of id("start").querySelectorAll("input")) { field.value = ""; field.checked = false; } });
 
 for (const button of document.querySelectorAll("button[data-request]")) button.addEventListener("click", () => ask(button));
 
