@@ -73,6 +73,50 @@ fn each_function_goes_through_its_gate() {
     assert!(told["reasons"][0]["message"].as_str().is_some_and(|words| words.contains("six are needed")), "{told}");
 }
 
+/// The controller's own tool is nothing before an epoch sets one. What is calibrated on the flange counts all the same: a box about
+/// the place of its tip stops a motion of the axes, and a straight one with another tool.
+#[test]
+fn a_motion_keeps_clear_what_is_mounted_on_the_flange() {
+    use panelprep::geometry::{Base, Flange, KukaPose, Rigid, Tool};
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    cell(folder, "[robot]\nkind = \"mock\"\n");
+    let there = "move-j 20,-90,90,0,60,0";
+    let (exit, told, _) = robot(folder, there);
+    assert_eq!(exit, 0, "{told}");
+    let pose: KukaPose = serde_json::from_value(told["state"]["base_from_tcp"].clone()).expect("a pose");
+    let tool = KukaPose { z_mm: 120.0, ..KukaPose::default() };
+    let base_from_flange: Rigid<Base, Flange> = pose.to_rigid();
+    let tip = (base_from_flange * tool.to_rigid::<Flange, Tool>()).origin().mm;
+    let side = |mm: f64| format!("[{:.1}, {:.1}, {:.1}]", tip.x + mm, tip.y + mm, tip.z + mm);
+    let clamp = format!(
+        "[robot]\nkind = \"mock\"\n[[keep_out]]\nname = \"clamp\"\nmin_mm = {}\nmax_mm = {}\n",
+        side(-20.0),
+        side(20.0)
+    );
+    cell(folder, &clamp);
+    let (exit, told, _) = robot(folder, there);
+    assert_eq!(exit, 0, "nothing is calibrated yet: {told}");
+    let calibrated = format!("{clamp}[calibration]\nflange_from_tool = \"tool.toml\"\n");
+    cell(folder, &calibrated);
+    let (exit, told, _) = robot(folder, there);
+    assert_eq!(exit, 0, "the file is not made yet: {told}");
+    let mount = "[flange_from_tool]\nx_mm = 0.0\ny_mm = 0.0\nz_mm = 120.0\na_deg = 0.0\nb_deg = 0.0\nc_deg = 0.0\n";
+    std::fs::write(folder.join("tool.toml"), mount).expect("written");
+    let line = format!(
+        "move-lin --tool flange {},{},{},{},{},{}",
+        pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg
+    );
+    for motion in [there, &line] {
+        let (exit, told, _) = robot(folder, motion);
+        assert_eq!((exit, codes(&told)), (1, vec!["out_of_reach"]), "{motion}: {told}");
+        let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
+        assert!(message.contains("with the sanding tool") && message.contains("clamp"), "{message}");
+    }
+    std::fs::write(folder.join("tool.toml"), "nonsense").expect("written");
+    assert_eq!(robot(folder, there).0, 2, "a calibration that is there must be right");
+}
+
 /// Ended when the test ends.
 struct Running(Child);
 

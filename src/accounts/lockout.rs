@@ -129,6 +129,9 @@ mod tests {
         }
         assert_eq!(lockout.pauses_s(engineer, 61.0), Some(120.0), "the second row counts as one");
         assert_eq!(lockout.pauses_s(("ben", true), 1.0), None, "an account pauses by its own passwords alone");
-        assert!(lockout.pauses_s(("n7", false), 1.0).is_some(), "a name without an account cannot be told from one");
+        assert!(
+            lockout.pauses_s(("n7", false), 1.0).is_some(),
+            "a name without an account cannot be told from one"
+        );
     }
 }

@@ -6,6 +6,7 @@ use super::placing::Placing;
 use super::read::Archive;
 use super::write::{Poured, poured};
 use crate::cell::{Camera, Cell};
+use crate::record::CycleId;
 use crate::store::{BLOBS, Lease, Store, StoreError, free_mb};
 use std::collections::BTreeMap;
 use std::fs::{self, File, Metadata};
@@ -106,7 +107,8 @@ pub fn restore(plan: &Plan<'_>) -> Result<Restored, BackupError> {
         lease = Some(Lease::take(folder)?);
     }
     let mut placing = Placing::default();
-    let restored = placed(&archive, store.as_deref(), &files, &mut placing);
+    let replaced = store.as_deref().and_then(last_cycle);
+    let restored = placed(&archive, (store.as_deref(), replaced), &files, &mut placing);
     let restored = match restored {
         Ok(restored) if restored.found.is_empty() => restored,
         Ok(restored) => return undone(placing, restored),
@@ -130,7 +132,7 @@ fn undone(placing: Placing, restored: Restored) -> Result<Restored, BackupError>
 /// Unpacks, verifies and puts all in place.
 fn placed(
     archive: &Archive,
-    store: Option<&Path>,
+    (store, replaced): (Option<&Path>, Option<CycleId>),
     files: &BTreeMap<PathBuf, Vec<u8>>,
     placing: &mut Placing,
 ) -> Result<Restored, BackupError> {
@@ -143,7 +145,7 @@ fn placed(
             return Ok(Restored { found: verified.found, ..restored });
         }
         (restored.links, restored.files) = (verified.links, verified.files);
-        Store::mark_restored(&staged).map_err(BackupError::Store)?;
+        Store::mark_restored(&staged, replaced).map_err(BackupError::Store)?;
         like(&staged, folder.metadata().ok().as_ref()).map_err(BackupError::file("write", &staged))?;
         puts.push((staged, folder.to_owned()));
         restored.store = Some(folder.to_owned());
@@ -158,6 +160,11 @@ fn placed(
         placing.put(staged, at, at.symlink_metadata().is_ok())?;
     }
     Ok(restored)
+}
+
+/// The last cycle of the store that is replaced; none where it cannot be read.
+fn last_cycle(folder: &Path) -> Option<CycleId> {
+    Store::open(folder).ok()?.last_cycle().ok()?
 }
 
 /// A store of an earlier program is verified by that program alone.

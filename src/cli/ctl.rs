@@ -11,7 +11,6 @@ use super::output::tell_line;
 use super::part;
 use crate::cycle::Request;
 use crate::daemon::{self, Exit, OwnText, RecordIn, StartRequest, What};
-use std::io::IsTerminal;
 use std::path::Path;
 
 /// Asks, and tells what was answered.
@@ -58,22 +57,21 @@ fn what(ask: &CtlAsk, socket: &Path) -> Result<What, Fault> {
     })
 }
 
-/// A decision upon the step that the person names, or that is shown now at a terminal and confirmed.
+/// A decision upon the step that the person names, or upon the one that is shown now and whose number the person types.
 fn decided(socket: &Path, request: Request, decision: Decision) -> Result<What, Fault> {
     if let Some(step) = decision.step {
         return Ok(What::Decided { request, step });
     }
     let command = daemon::command(request);
+    let no_step = || Fault::NoStep { command };
     let now = ask(socket, &What::State)?;
-    let (Some(step), true) = (now.step, std::io::stdin().is_terminal()) else {
-        return Err(Fault::NoStep { command });
-    };
+    let step = now.step.ok_or_else(no_step)?;
     outcome(&now).words.iter().for_each(|line| tell_line(line));
-    tell_line(&format!("Enter: {command} of step {step}; Ctrl-C: leave it"));
+    tell_line(&format!("Type {step}, the step, to {command}; anything else leaves it:"));
     let mut answer = String::new();
     match std::io::stdin().read_line(&mut answer) {
-        Ok(read) if read > 0 && answer.trim().is_empty() => Ok(What::Decided { request, step }),
-        _ => Err(Fault::NoStep { command }),
+        Ok(_) if answer.trim() == step.to_string() => Ok(What::Decided { request, step }),
+        _ => Err(no_step()),
     }
 }
 

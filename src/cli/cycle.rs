@@ -15,8 +15,8 @@ use super::work_done;
 use crate::cell::Cell;
 use crate::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot, State, Why};
 use crate::daemon::{
-    self, Calibrations, Computing, LiveView, LoopOutcome, LoopStart, News, Ports, RecordPort as _, Recorded, RecordedPort,
-    RecordingSwitch, Request, Requester, StoreRecord, What, whoever_runs_this,
+    self, Calibrations, Computing, LiveView, LoopOutcome, LoopStart, News, Ports, RecordPort as _, Recorded,
+    RecordedPort, RecordingSwitch, Request, Requester, StoreRecord, What, whoever_runs_this,
 };
 use crate::geometry::KukaPose;
 use crate::record::{Answer, Front, RecordingFile, RequestRecord, Wanted, Who};
@@ -309,7 +309,9 @@ impl<'a> Once<'a> {
             return None;
         }
         Some(match self.refused {
-            _ if self.interrupts.count() > 0 => Reason::new("stopped", "stopped by a signal before the cycle began"),
+            _ if self.interrupts.count() > 0 => {
+                Reason::new("stopped", "stopped by a signal before the cycle began")
+            }
             Some((request, refusal)) => daemon::refusal(request, refusal, state),
             None => daemon::refusal(self.start, Refusal::Robot(state.facts.robot), state),
         })
@@ -421,7 +423,8 @@ mod tests {
 
     #[test]
     fn a_cycle_that_never_began_says_why() {
-        let mut once = Once::new(cycle::Request::Start { max_passes: 1, max_moves: 1 }, Interrupts::default(), &|_| {});
+        let mut once =
+            Once::new(cycle::Request::Start { max_passes: 1, max_moves: 1 }, Interrupts::default(), &|_| {});
         let lost = step(State::NEW, Event::Told(Report::Robot(Robot::LinkLost))).0;
         assert!(matches!(next(&mut once, &lost), Some(What::Leave)));
         assert_eq!(once.why_not_begun(&lost).map(|why| why.code.to_string()).as_deref(), Some("link_lost"));

@@ -35,7 +35,10 @@ pub fn text(part: &PartNames) -> Result<String, Fault> {
 
 /// The text by which a start keeps that another part than before lies there.
 pub fn another() -> (String, String) {
-    (ANOTHER_PART.to_owned(), "who started this cycle says that another part than before lies in the fixture\n".to_owned())
+    (
+        ANOTHER_PART.to_owned(),
+        "who started this cycle says that another part than before lies in the fixture\n".to_owned(),
+    )
 }
 
 /// That a part may be abraded once more after these cycles, where `most` passes are allowed.

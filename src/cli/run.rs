@@ -17,9 +17,10 @@ use super::report::{self, Kept};
 use super::zivid;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
-    self, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, OwnText, Ports, PreparedCycle,
-    RecordIn, Recorded, RecordedPort, Recording, RecordingSwitch, Request, RequestHandler, RequestQueue,
-    RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord, WrittenPage,
+    self, CellSetup, Computing, EndedCycle, Gateway, LiveView, Loader, LoopStart, News, OwnText, Ports,
+    PreparedCycle, RecordIn, Recorded, RecordedPort, Recording, RecordingSwitch, Request, RequestHandler,
+    RequestQueue, RequestSender, Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord,
+    WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::files::content_hash;

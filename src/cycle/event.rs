@@ -92,6 +92,8 @@ pub enum Report {
     Trouble(Trouble),
     /// The program starts on a store in which something is not what it wrote there.
     StoreChanged,
+    /// The program starts on a store that was restored from a backup.
+    StoreRestored,
     /// The link has ended the epoch by itself: a refusal, a wrong count, silence, a stop by the controller's program. The
     /// abort frame has been sent and is not yet answered.
     EpochOver {

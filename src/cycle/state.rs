@@ -222,6 +222,8 @@ pub enum Cause {
     Interrupted,
     /// Something in the store is not what the program wrote there.
     StoreChanged,
+    /// The store was restored from a backup: what the cell did since then is not in it.
+    StoreRestored,
     /// The program ended while tool or water was on.
     OutputsOn,
 }
@@ -232,7 +234,7 @@ impl Cause {
     pub(super) fn or(self, robot: Robot) -> Cause {
         let by_robot = Cause::Robot(robot);
         match (self, robot) {
-            (_, Robot::Ready | Robot::Unknown) | (Cause::StoreChanged, _) => self,
+            (_, Robot::Ready | Robot::Unknown) | (Cause::StoreChanged | Cause::StoreRestored, _) => self,
             (_, Robot::EmergencyStop) => by_robot,
             (Cause::Trouble(_) | Cause::StopTimedOut, _) => by_robot,
             _ => self,

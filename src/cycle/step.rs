@@ -87,7 +87,8 @@ impl Turn {
                 }
                 self.unasked(Trouble::Feedback);
             }
-            Report::StoreChanged => self.store_changed(),
+            Report::StoreChanged => self.store_is_another(Cause::StoreChanged),
+            Report::StoreRestored => self.store_is_another(Cause::StoreRestored),
             Report::EpochOver { trouble } => self.epoch_over(trouble),
             Report::OutputsOff => {
                 (self.state.facts.tool_may_run, self.state.facts.water_may_run) = (false, false);
@@ -256,8 +257,7 @@ impl Turn {
     }
 
     /// Told at a start, before anything moves: a person looks at it first. What the state says may not be so.
-    fn store_changed(&mut self) {
-        let cause = Cause::StoreChanged;
+    fn store_is_another(&mut self, cause: Cause) {
         match self.state.at {
             At::Stopped | At::Aborted { .. } => self.aborted(cause),
             _ => self.abort(cause),

@@ -5,10 +5,12 @@ use super::pending::{Pending, Waits};
 use super::ports::RobotPort;
 use super::running::Running;
 use super::sent::{End, Sent};
+use super::setup::CycleSetup;
 use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::{Command, CommandId, MoveJ, MoveLin, QueueError, SetAccSpeed, State};
-use crate::geometry::{Base, Joints, Panel, Rigid, Tool};
-use crate::path::reach::{self, Obstacles};
+use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
+use crate::panel::panel_from_base_at_teaching;
+use crate::path::reach::{self, Infeasibility, Obstacles};
 use crate::path::routes::{self, Gated, LinearMotion, PathSpeed, Standing};
 use crate::path::trace::Trace;
 use crate::path::{Kinematics, judge_joints, taught_axis};
@@ -43,7 +45,8 @@ impl Running<'_> {
         if let (Path::Corner { .. }, Some(ready), Some(tip)) = (motion.path, self.cell.ready, tip)
             && self.cell.limits.workspace().is_some_and(|workspace| !workspace.holds(tip.origin()))
         {
-            if !self.joints_are_good(&[ready], self.perception.obstacles().cloned())? {
+            let tool = self.robot_state.map(|state| state.flange_from_tool.to_rigid());
+            if !self.joints_are_good(&[ready], (tool, self.perception.obstacles().cloned()))? {
                 self.answer(id, Answer::Failed(Trouble::Gate));
                 return Ok(());
             }
@@ -57,18 +60,16 @@ impl Running<'_> {
     fn joints_are_good(
         &mut self,
         poses: &[Joints],
-        obstacles: Option<Arc<Obstacles>>,
+        (tool, obstacles): (Option<Rigid<Flange, Tool>>, Option<Arc<Obstacles>>),
     ) -> Result<bool, DaemonError> {
         let mut reasons: Vec<Reason> = poses.iter().flat_map(|pose| judge_joints(pose).reasons).collect();
-        if let (Some(state), true) = (self.robot_state, reasons.is_empty()) {
-            let (arm, tool) = (Kinematics::new(&self.cell.arm), state.flange_from_tool.to_rigid());
-            let arm = match obstacles {
-                Some(obstacles) => arm.beside(obstacles),
-                None => arm,
-            };
-            let ways = std::iter::once(&state.joints).chain(poses).zip(poses);
-            let met = ways.filter_map(|(from, to)| reach::joint_motion(&arm, tool, from, to).err());
-            reasons.extend(met.map(|obstacle| Reason::new("out_of_reach", format!("on the way there {obstacle}"))));
+        match (self.robot_state, tool) {
+            (Some(state), Some(tool)) if reasons.is_empty() => {
+                let met = self.met_on_the_way(&state.joints, poses, (tool, obstacles));
+                reasons.extend(met.map(|met| Reason::new("out_of_reach", format!("on the way there {met}"))));
+            }
+            (Some(_), Some(_)) => {}
+            _ => reasons.push(Reason::new("no_route", "it is not known how the arm stands")),
         }
         let good = reasons.is_empty();
         if !good {
@@ -77,9 +78,26 @@ impl Running<'_> {
         Ok(good)
     }
 
+    /// What stands in the way of the axes from there to these poses, one after the other, first.
+    fn met_on_the_way(
+        &self,
+        from: &Joints,
+        poses: &[Joints],
+        (tool, obstacles): (Rigid<Flange, Tool>, Option<Arc<Obstacles>>),
+    ) -> Option<Infeasibility> {
+        let arm = Kinematics::new(&self.cell.arm);
+        let arm = match obstacles {
+            Some(obstacles) => arm.beside(obstacles),
+            None => arm,
+        };
+        let mut ways = std::iter::once(from).chain(poses).zip(poses);
+        ways.find_map(|(from, to)| reach::joint_motion(&arm, tool, from, to).err())
+    }
+
     fn by_axes(&mut self, id: Id, motion: Motion, poses: &[Joints]) -> Result<(), DaemonError> {
-        // The way home may begin nearer to obstacles than they may be come to.
-        if !self.joints_are_good(poses, None)? {
+        let tool = self.robot_state.map(|state| state.flange_from_tool.to_rigid());
+        // From the end of a path the way home may begin nearer to obstacles than they may be come to.
+        if !self.leaves_an_unknown_place(poses)? || !self.joints_are_good(poses, (tool, None))? {
             self.answer(id, Answer::Failed(Trouble::Gate));
             return Ok(());
         }
@@ -89,6 +107,32 @@ impl Running<'_> {
         }
         let end = poses.last().copied().map(End::Joints);
         self.under_way(id, motion, sent, (1, end))
+    }
+
+    /// After a stop, an abort or a start of the program the arm stands anywhere, and the tool may be at the panel. The axes move from
+    /// there only if the whole way keeps clear of the panel with the cell's own tool; else a person brings the arm away.
+    fn leaves_an_unknown_place(&mut self, poses: &[Joints]) -> Result<bool, DaemonError> {
+        let (Some(state), Some(cycle)) = (self.robot_state, self.cycle.clone()) else { return Ok(true) };
+        let at_a_pose = poses.iter().any(|pose| state.joints.farthest_deg(pose) <= AXIS_DEVIATION_DEG);
+        if self.stood.is_some() || at_a_pose {
+            return Ok(true);
+        }
+        let obstacles = self.perception.obstacles().cloned().unwrap_or_else(|| self.last_known_panel(&cycle));
+        let tool = cycle.calibrations.flange_from_tool;
+        let Some(met) = self.met_on_the_way(&state.joints, poses, (tool, Some(obstacles))) else { return Ok(true) };
+        let message = format!(
+            "the arm does not stand where a path of this program left it, and on its way to the park pose {met}; jog the tool off the \
+             panel in T1, or bring the arm there by `panelprep robot move-j park` while the way is watched"
+        );
+        self.note(Kind::Gate, vec![Reason::new("unknown_place", message)])?;
+        Ok(false)
+    }
+
+    /// The panel where the cycles before found it last; where none did, where it was taught.
+    fn last_known_panel(&self, cycle: &CycleSetup) -> Arc<Obstacles> {
+        let base_from_panel: Rigid<Base, Panel> =
+            self.last_place.map_or_else(|| panel_from_base_at_teaching().inverse(), |place| place.to_rigid());
+        Arc::new(Obstacles::default().with("panel", cycle.panel.points().map(|(_, point)| base_from_panel * point)))
     }
 
     /// The route of a motion. To the first look at a corner it is that of the first taught one whose way passes the gate,

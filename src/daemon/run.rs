@@ -15,7 +15,7 @@ use super::running::{Outside, Running};
 use super::setup::{CellSetup, CycleSetup};
 use super::words;
 use crate::cycle::{self, Act, At, Deadline, Effect, Event, Refusal, Report, State, Trouble, step};
-use crate::geometry::{Base, Panel, Rigid};
+use crate::geometry::{Base, KukaPose, Panel, Rigid};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
 use crate::path::trace::Trace;
@@ -134,6 +134,7 @@ impl Running<'_> {
             self.deadlines.disarm(id);
         }
         let (before, (state, effects)) = (self.state, step(self.state, event));
+        self.stood = before.facts.arm;
         if state.at != before.at {
             tracing::info!("{}", words::place(state.at));
         }
@@ -298,7 +299,9 @@ impl Running<'_> {
         match self.ports.record.begin(prepared.start) {
             Ok(cycle) => {
                 let (robot, armed) = (self.robot_state.map(Box::new), self.deadlines.told());
-                self.ports.requests.tell(News::Begun(cycle, Begin::Cycle { robot, armed }));
+                let place = self.perception.place().map(|place| KukaPose::from_rigid(&place)).or(self.last_place);
+                self.last_place = place;
+                self.ports.requests.tell(News::Begun(cycle, Begin::Cycle { robot, armed, place }));
             }
             Err(error) => {
                 self.ports.requests.tell(News::Unable(vec![reason("store", &error)]));

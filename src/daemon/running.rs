@@ -12,8 +12,9 @@ use super::pressing::Pressing;
 use super::sent::Sent;
 use super::setup::{CellSetup, CycleSetup};
 use super::underway::Underway;
-use crate::cycle::{self, Event, Report, State};
+use crate::cycle::{self, Event, Path, Report, State};
 use crate::eki::{self, Time};
+use crate::geometry::KukaPose;
 use crate::path::trace::Trace;
 use crate::record::{Front, Who};
 use crate::tape::Begin;
@@ -56,6 +57,11 @@ pub(super) struct Running<'p> {
     pub pressing: Pressing,
     pub pending: Option<Pending>,
     pub sent: Option<Sent>,
+    /// Where the panel of the cycles before stood last, as far as it is known.
+    pub last_place: Option<KukaPose>,
+    /// The path at whose end the arm stood before the event that is taken now. After a stop, an abort, a lost robot and a start of the
+    /// program there is none.
+    pub stood: Option<Path>,
     /// What the record says of the start that was taken up last.
     pub remarks: Vec<Reason>,
     /// Waypoints of the path whose epoch was ended last, until the next motion: an answer that tells them may be given up for something else.
@@ -100,6 +106,8 @@ impl<'p> Running<'p> {
             pending: None,
             sent: None,
             remarks: Vec::new(),
+            last_place: None,
+            stood: None,
             left_at: 0,
             robot_state: None,
             condition: cycle::Robot::Unknown,
@@ -114,7 +122,8 @@ impl<'p> Running<'p> {
 
     /// Goes on where another loop began a cycle.
     pub(super) fn remember(&mut self, before: Begin) {
-        if let Begin::Cycle { robot, armed } = before {
+        if let Begin::Cycle { robot, armed, place } = before {
+            self.last_place = place;
             self.events.clear();
             (self.robot_state, self.condition) = (robot.map(|robot| *robot), self.state.facts.robot);
             self.deadlines = Deadlines::of(&armed);

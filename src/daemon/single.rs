@@ -373,3 +373,52 @@ pub fn speeds(speed_mm_s: f64, acceleration_m_s2: f64, axis_percent: u8) -> Comm
         axis_acceleration_percent: axis_percent,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::daemon::ports::{Port, RobotAnswer, RobotCommand};
+    use crate::daemon::tests::standing_state;
+
+    const AT: Joints = Joints { a1_deg: 20.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
+
+    /// A controller that says this of itself, and is never sent anything.
+    struct Says(State);
+
+    impl Port<RobotCommand> for Says {
+        fn perform(&mut self, command: RobotCommand) -> RobotAnswer {
+            match command {
+                RobotCommand::Next => RobotAnswer::Report(Ok(Some(Report::State(Box::new(self.0))))),
+                RobotCommand::Now => RobotAnswer::Time(Time::at_ms(0)),
+                other => panic!("{other:?} is sent"),
+            }
+        }
+    }
+
+    /// A tip that is 205 mm farther out, another root of the robot, and axes in radians: none of them is the cell's arm, and neither a
+    /// motion of the axes nor a subroutine begins.
+    #[test]
+    fn another_arm_than_the_cells_does_not_move() {
+        let cell = Cell::check("cell.toml", "").expect("good");
+        let tip = KukaPose::from_rigid(&Kinematics::new(cell.arm()).base_from_flange(&AT).expect("finite"));
+        let state = State { joints: AT, base_from_tcp: tip, ..standing_state() };
+        let single = |state: State| Says(state);
+        let mut right = single(state);
+        assert_eq!(Single::connect(&mut right, cell.arm()).expect("it answers").is_the_cells_arm(&cell), Ok(()));
+        let farther = KukaPose { x_mm: tip.x_mm + 205.0, ..tip };
+        let radians = Joints::from(AT.degrees().map(f64::to_radians));
+        let root = KukaPose { z_mm: 300.0, ..KukaPose::default() };
+        for state in [
+            State { base_from_tcp: farther, ..state },
+            State { joints: radians, ..state },
+            State { active_base: root, ..state },
+        ] {
+            let mut robot = single(state);
+            let mut single = Single::connect(&mut robot, cell.arm()).expect("it answers");
+            for refused in [single.move_joints(AT, 10, &cell), single.call(1, &cell)] {
+                let Err(SingleError::Gate(judgement)) = refused else { panic!("{refused:?}") };
+                assert_eq!(judgement.reasons[0].code, "arm_model");
+            }
+        }
+    }
+}

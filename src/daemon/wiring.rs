@@ -81,7 +81,8 @@ impl Wiring {
             (Output::Tool, wiring.tool, Some(Feedback::ToolRunning)),
         ];
         for (output, wire, feedback) in needed {
-            if let Some(name) = feedback.filter(|feedback| io.feedback_bit(*feedback).is_none()).map(Feedback::name) {
+            if let Some(name) = feedback.filter(|feedback| io.feedback_bit(*feedback).is_none()).map(Feedback::name)
+            {
                 return Err(DaemonError::NotWired { table: "io.feedbacks", name });
             }
             if wire.is_none() {

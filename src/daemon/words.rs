@@ -227,6 +227,11 @@ fn cause_reason(cause: Cause) -> Reason {
                            what the cell did last may not be known";
             Reason::new("store_changed", message)
         }
+        Cause::StoreRestored => {
+            let message = "the store was restored from a backup: what the cell did since then is not in it, and a part that lay there may have \
+                           been abraded more often than it says; take such parts out, or have an inspector decide";
+            Reason::new("store_restored", message)
+        }
         Cause::OutputsOn => Reason::new("outputs_on", "the program ended while the tool or the water was on"),
     }
 }

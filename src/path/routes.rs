@@ -288,7 +288,8 @@ pub fn is_the_arm(
     reported: Rigid<Base, Tool>,
 ) -> Result<(), Reason> {
     let by_model = arm.base_from_flange(joints).map(|flange| flange * flange_from_tool);
-    let unknown = || Reason::new("arm_model", "the axes told by the controller are no numbers; look at its messages");
+    let unknown =
+        || Reason::new("arm_model", "the axes told by the controller are no numbers; look at its messages");
     let by_model = by_model.ok_or_else(unknown)?;
     let (off_mm, off) = (by_model.origin().distance_mm(reported.origin()), (by_model.inverse() * reported).turn());
     if off_mm <= MODEL_MM && off.0 <= MODEL.0 {

@@ -195,8 +195,7 @@ impl Store {
                  EXISTS (SELECT 1 FROM json_each(files) WHERE value ->> 'name' = ?5)
              FROM cycles WHERE id = ?1";
         let (pass, fail, film) = (Verdict::Pass.word(), Verdict::Fail.word(), Kind::Inspect.word());
-        let ends =
-            |row: &rusqlite::Row<'_>| Ok(PartEnds { has_result: row.get(0)?, is_another: row.get(1)? });
+        let ends = |row: &rusqlite::Row<'_>| Ok(PartEnds { has_result: row.get(0)?, is_another: row.get(1)? });
         self.connection.prepare_cached(sql)?.query_row(params![cycle, pass, fail, film, ANOTHER_PART], ends)
     }
 

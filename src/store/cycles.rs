@@ -63,12 +63,13 @@ impl Store {
         let recipe_hash = self.put_blob(start.recipe_text.as_bytes())?;
         let (started_unix_s, files) = (self.unix_s(), self.text(&files)?);
         let part = parts::named(&start.file_texts);
+        let above = self.numbered_above()?;
         let id = self.commit("write a cycle to", |writing| {
             let (panel, version, program) = (&start.panel, &start.taught_version, env!("CARGO_PKG_VERSION"));
             writing.execute(
-                "INSERT INTO cycles (started_unix_s, panel, taught_version, recipe_hash, files, program_version)
-                 VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
-                params![started_unix_s, panel, version, recipe_hash, files, program],
+                "INSERT INTO cycles (id, started_unix_s, panel, taught_version, recipe_hash, files, program_version)
+                 VALUES (1 + max(?7, (SELECT coalesce(max(id), 0) FROM cycles)), ?1, ?2, ?3, ?4, ?5, ?6)",
+                params![started_unix_s, panel, version, recipe_hash, files, program, above],
             )?;
             let id = writing.last_insert_rowid();
             writing.chain("cycles", id)?;

@@ -43,13 +43,14 @@ impl Store {
     ) -> Result<Vec<PassesOfCycle>, StoreError> {
         self.with_parts()?;
         let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
-            let sql =
-                "SELECT cycle_id, serial FROM cycle_parts WHERE serial NOTNULL AND (?1 IS NULL OR cycle_id < ?1) ORDER BY 1";
+            let sql = "SELECT cycle_id, serial FROM cycle_parts WHERE serial NOTNULL AND (?1 IS NULL OR cycle_id < ?1) ORDER BY 1";
             let mut statement = self.connection.prepare(sql)?;
             let all = statement.query_map(params![before.map(|id| id.0)], |row| Ok((row.get(0)?, row.get(1)?)))?;
             // A blank, or another case, is no other part. SQL knows the case of ASCII letters alone.
             let is_it = |row: &Result<(i64, String), _>| {
-                row.as_ref().map_or(true, |(_, found): &(i64, String)| normalised_serial(found) == normalised_serial(serial))
+                row.as_ref().map_or(true, |(_, found): &(i64, String)| {
+                    normalised_serial(found) == normalised_serial(serial)
+                })
             };
             all.filter(is_it).map(|row| row.map(|(id, _)| CycleId(id))).collect()
         };

@@ -3,7 +3,7 @@
 use super::Topic;
 use crate::cycle::{Deadline, Id, State};
 use crate::eki;
-use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
+use crate::geometry::{Camera, ColorPicture, KukaPose, OrganizedCloud};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::sync::Arc;
@@ -92,6 +92,9 @@ pub enum Begin {
         robot: Option<Box<eki::State>>,
         /// The deadlines that were armed.
         armed: Vec<Armed>,
+        /// Where the panel of the cycles before stood last, in the base.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        place: Option<KukaPose>,
     },
 }
 

@@ -35,6 +35,8 @@ pub fn answer(cell: &Cell, store: &Path, line: &str, asked: &mut usize) -> Optio
     } else if let Some(url) = line.split_whitespace().find(|word| word.starts_with("http://")) {
         draw(cell, url);
         return None;
+    } else if let Some((step, _)) = line.strip_prefix("Type ").and_then(|rest| rest.split_once(", the step, to ")) {
+        words(step)
     } else if line.contains("axis angles where the arm is clear") {
         words(PARK_DEG)
     } else if line.contains("least corner of the box that the tool's tip") {

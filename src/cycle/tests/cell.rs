@@ -151,7 +151,8 @@ impl Cell {
             }
             Report::Deadline { id, which } => self.elapsed(id, which),
             Report::Contrary(switch) => self.is_contrary(switch),
-            Report::Progress { .. } | Report::Trouble(_) | Report::OutputsOff | Report::StoreChanged => {}
+            Report::Progress { .. } | Report::Trouble(_) | Report::OutputsOff => {}
+            Report::StoreChanged | Report::StoreRestored => {}
             // The link has sent the abort frame; the controller obeys by itself.
             Report::EpochOver { trouble } => {
                 self.condition_due |= trouble.is_none();

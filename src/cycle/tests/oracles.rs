@@ -261,7 +261,9 @@ impl Cell {
             Report::Answered { id, answer: Answer::Epoch(epoch) } if is_due(id) => {
                 never(epoch <= before.epoch && self.state.facts.epoch == Epoch::Open, "an old epoch is taken")
             }
-            Report::StoreChanged => never(!aborts, "work goes on by a store that was changed"),
+            Report::StoreChanged | Report::StoreRestored => {
+                never(!aborts, "work goes on by a store that was changed")
+            }
             Report::Contrary(_) if from.rests() => never(at != from, "a contrary output at rest changes the state"),
             Report::Contrary(_) if matches!(from, At::Execute(_)) => {
                 never(matches!(at, At::Execute(_)), "work goes on by what is not so any more")

@@ -70,6 +70,7 @@ fn events(state: &State) -> Vec<Event> {
     let mut told = vec![
         Report::Boot,
         Report::StoreChanged,
+        Report::StoreRestored,
         Report::Trouble(Trouble::Store),
         Report::Trouble(Trouble::Starved),
     ];

@@ -28,8 +28,8 @@ pub(super) async fn pass(State(shared): State<Shared>, request: Request<Body>, n
     let path = request.uri().path();
     let is_open = OPEN.contains(&path);
     let is_action = !request.headers().contains_key(BY_ITSELF);
-    let session =
-        token(request.headers(), &shared).and_then(|token| shared.sessions().find(token, shared.now_s(), is_action));
+    let session = token(request.headers(), &shared)
+        .and_then(|token| shared.sessions().find(token, shared.now_s(), is_action));
     let mut response = match (is_open, session) {
         (true, _) => next.run(request).await,
         (false, None) => Redirect::to("/login").into_response(),

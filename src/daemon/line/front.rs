@@ -159,7 +159,14 @@ impl LineParts {
         let now = self.recipe().await?;
         let RecipeText { name, text } = now.decided_upon(&wanted.sha256()).map_err(|problem| again(&problem))?;
         let part = Some(PartNames { serial, order, operator });
-        Ok(What::Start(StartRequest { recipe: name, text, record: None, part, another_part: false, own_text: OwnText::Allowed }))
+        Ok(What::Start(StartRequest {
+            recipe: name,
+            text,
+            record: None,
+            part,
+            another_part: false,
+            own_text: OwnText::Allowed,
+        }))
     }
 
     /// The recipe that the cell's file names, as its file is now.

@@ -194,7 +194,14 @@ impl Calls {
             Caller::Nobody => None,
         };
         let part = PartNames { serial: some(serial), order: some(order), operator };
-        Ok(StartRequest { recipe: recipe.name, text: recipe.text, record: None, part: Some(part), another_part: false, own_text: OwnText::Refused })
+        Ok(StartRequest {
+            recipe: recipe.name,
+            text: recipe.text,
+            record: None,
+            part: Some(part),
+            another_part: false,
+            own_text: OwnText::Refused,
+        })
     }
 
     /// Keeps that a person has seen an alarm of this name.

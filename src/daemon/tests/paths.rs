@@ -3,6 +3,7 @@
 
 use super::*;
 use crate::cell::CorrectionNumbers;
+use crate::geometry::{Base, Flange, Joints, Rigid};
 use crate::path::approach::Approach;
 use crate::path::reach::Obstacles;
 use crate::path::routes::{self, Standing};
@@ -113,6 +114,39 @@ fn no_plan_is_sent_that_its_gate_rejects() {
         assert!(!refused.is_good() && refused.joints.is_none(), "{code}");
         assert_eq!(refused.judgement().reasons[0].code, code);
     }
+}
+
+/// Where the flange is at a waypoint of contact, with the tool lifted off by so much along its axis, and about how the axes stand there.
+fn standing_over_the_panel(fake: &Fake, lifted_mm: f64) -> (Rigid<Base, Flange>, Joints) {
+    let (cell, recipe, (panel, _), calibrations) = fake.files();
+    let (arm, place) = (Kinematics::new(cell.arm()), crate::panel::panel_from_base_at_teaching().inverse());
+    let fit = crate::surface::fit(&panel, recipe.surface()).expect("a surface");
+    let grids = ["r2c3".parse().expect("a grid")];
+    let plan = path::plan(&fit.surface, &panel.region, &grids, &panel.outline, recipe.path()).expect("a plan");
+    let flange_from_tool = calibrations.flange_from_tool;
+    let stand = panel_reach::Stand { arm: &arm, flange_from_tool, base_from_panel: place, from: None };
+    let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).expect("in reach");
+    let plan = panel_reach::turned(&plan, reached.spin);
+    let lifted = routes::lifted(&plan, lifted_mm);
+    let at = routes::waypoints(&plan).iter().position(|waypoint| waypoint.contact).expect("contact") + 3;
+    let base_from_flange = place * routes::waypoints(&lifted)[at].as_sent() * flange_from_tool.inverse();
+    (base_from_flange, reached.travel.joints[at])
+}
+
+/// After a stop in contact the tool touches: the axes do not move from there. Jogged 300 mm off, the arm goes on by itself.
+#[test]
+fn an_arm_left_at_the_panel_does_not_move_by_its_axes() {
+    let fake = Fake::new(Scene::Clean);
+    let stands = standing_over_the_panel(&fake, 0.0);
+    let story = fake.whose_flange_stands_at(stands).run(Asks::one_cycle());
+    assert!(matches!(story.outcome.state.at, At::Aborted { .. }), "{story}");
+    assert_eq!(codes(&story, Kind::Gate), ["unknown_place"], "{story}");
+    assert!(story.intents.iter().all(|(_, end)| end.is_none_or(|(_, done)| done == 0)), "{story}");
+
+    let fake = Fake::new(Scene::Clean);
+    let stands = standing_over_the_panel(&fake, 300.0);
+    let story = fake.whose_flange_stands_at(stands).run(Asks::one_cycle());
+    assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
 }
 
 /// The robot reports its poses: every failed grid was under the disc, and what the disc swept is kept.

@@ -27,7 +27,10 @@ pub(super) struct Next {
 /// A path of this page alone: nobody is sent elsewhere after logging in. A browser leaves out tabs and line feeds of an address before
 /// it reads it, so that `/<tab>/host` would be another host.
 fn own_path(next: &str) -> &str {
-    let is_own = next.starts_with('/') && !next.starts_with("//") && !next.contains('\\') && !next.contains(char::is_control);
+    let is_own = next.starts_with('/')
+        && !next.starts_with("//")
+        && !next.contains('\\')
+        && !next.contains(char::is_control);
     if is_own { next } else { "/" }
 }
 
@@ -191,7 +194,15 @@ mod tests {
         for path in ["/", "/cycle/7", "/setup/recipe/panel.toml"] {
             assert_eq!(own_path(path), path);
         }
-        for path in ["", "//evil.example", "https://evil.example", "/\\evil.example", "/a\r\nSet-Cookie: x", "/\t/evil.example/x", "/\u{1}"] {
+        for path in [
+            "",
+            "//evil.example",
+            "https://evil.example",
+            "/\\evil.example",
+            "/a\r\nSet-Cookie: x",
+            "/\t/evil.example/x",
+            "/\u{1}",
+        ] {
             assert_eq!(own_path(path), "/", "{path}");
         }
     }

@@ -155,6 +155,13 @@ pub(super) async fn start(
     let some = |name: String| Some(name.trim().to_owned()).filter(|name| !name.is_empty());
     let operator = visitor.person.as_ref().map(|person| person.printed_name.clone());
     let part = PartNames { serial: some(serial), order: some(order), operator };
-    let start = StartRequest { recipe: text.name, text: text.text, record: None, part: Some(part), another_part, own_text: OwnText::Refused };
+    let start = StartRequest {
+        recipe: text.name,
+        text: text.text,
+        record: None,
+        part: Some(part),
+        another_part,
+        own_text: OwnText::Refused,
+    };
     requested(&web, &visitor, What::Start(start)).await
 }

@@ -73,7 +73,11 @@ fn what_may_have_been_abraded_counts_until_the_part_has_a_result() {
     let used = Reason::new(crate::record::PASSES_USED, "r1c1 may not be abraded again");
     store.conclude(four, Verdict::Reject, &[used]).expect("concluded");
     let five = begin(&mut store);
-    assert_eq!(store.abraded_before(five).expect("read"), counted, "the part that had all of its passes lies there still");
+    assert_eq!(
+        store.abraded_before(five).expect("read"),
+        counted,
+        "the part that had all of its passes lies there still"
+    );
     air_run(&mut store, five);
     let six = begin(&mut store);
     assert_eq!(store.abraded_before(six).expect("read"), counted, "an air-run abrades nothing and ends no count");
@@ -123,7 +127,8 @@ fn a_count_is_of_one_part_and_falls_by_nothing_else() {
     let nobody = cut_short(&mut store, ("", 4), false);
     let mut counted = |serial: &str, another| {
         let id = store.begin_cycle(&start_of(serial, another)).expect("begun");
-        let mut cycles: Vec<i64> = store.abraded_before(id).expect("read").iter().map(|pass| pass.cycle.0).collect();
+        let mut cycles: Vec<i64> =
+            store.abraded_before(id).expect("read").iter().map(|pass| pass.cycle.0).collect();
         cycles.dedup();
         (id, cycles)
     };
@@ -139,7 +144,12 @@ fn a_count_is_of_one_part_and_falls_by_nothing_else() {
     film(&mut store, other, Verdict::Fail);
     let mut after = |serial: &str| {
         let id = store.begin_cycle(&start_of(serial, false)).expect("begun");
-        store.abraded_before(id).expect("read").iter().map(|pass| pass.cycle).collect::<std::collections::BTreeSet<_>>()
+        store
+            .abraded_before(id)
+            .expect("read")
+            .iter()
+            .map(|pass| pass.cycle)
+            .collect::<std::collections::BTreeSet<_>>()
     };
     assert_eq!(after(""), [one, nobody].into(), "the result of SN 18 says nothing of them");
     assert_eq!(after("SN 18"), [nobody].into());

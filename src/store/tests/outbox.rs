@@ -92,10 +92,37 @@ fn a_restored_store_begins_a_new_epoch_once() {
     let path = folder.path().join("store");
     concluded(&mut store);
     drop(store);
-    Store::mark_restored(&path).expect("marked");
+    Store::mark_restored(&path, None).expect("marked");
     drop(Store::create(&path).expect("opened"));
     let store = Store::create(&path).expect("opened again");
     assert_eq!(store.outbox_epochs().expect("epochs").iter().map(|last| last.number).collect::<Vec<_>>(), [1, 0]);
+}
+
+/// Of cycle 1 there is a backup; the store that it replaces had come to cycle 12. The cell rests in Aborted until a person has
+/// looked, at every start, and no number is used twice, by this restore nor by one more.
+#[test]
+fn a_restored_store_asks_a_person_and_goes_on_above_the_last_number() {
+    use crate::cycle::{At, Cause};
+    use crate::record::CycleId;
+    let (folder, mut store) = new_store();
+    let path = folder.path().join("store");
+    concluded(&mut store);
+    drop(store);
+    Store::mark_restored(&path, Some(CycleId(12))).expect("marked");
+    for _ in 0..2 {
+        let mut store = Store::create(&path).expect("opened");
+        assert_eq!(store.recover().expect("recovers").at, At::Aborted { cause: Cause::StoreRestored });
+        assert_eq!(store.changed(), Vec::<String>::new());
+    }
+    let mut store = Store::create(&path).expect("opened");
+    for wanted in [13, 14] {
+        assert_eq!(store.begin_cycle(&super::cycles::start()).expect("begun"), CycleId(wanted));
+        store.conclude(CycleId(wanted), Verdict::Aborted, &[]).expect("concluded");
+    }
+    drop(store);
+    Store::mark_restored(&path, Some(CycleId(3))).expect("marked again");
+    let mut store = Store::create(&path).expect("opened");
+    assert_eq!(store.begin_cycle(&super::cycles::start()).expect("begun"), CycleId(15));
 }
 
 /// A store of the program before, with its chain.

@@ -32,7 +32,12 @@ impl Recordable for RequestCommand {
                 What::Begin(prepared) => json!({ "for": prepared.request }),
                 What::NewDisc => json!("new_disc"),
                 What::Leave => json!("leave"),
-                What::Unprepared { .. } | What::Outdated { .. } | What::Decided { .. } | What::State | What::Start(_) | What::Shoot(_) => return None,
+                What::Unprepared { .. }
+                | What::Outdated { .. }
+                | What::Decided { .. }
+                | What::State
+                | What::Start(_)
+                | What::Shoot(_) => return None,
             }),
             RequestAnswer::Next(_) | RequestAnswer::LetsIn(None) => None,
             RequestAnswer::LetsIn(Some(result)) => value(json!(result)),

@@ -101,6 +101,19 @@ impl Cell {
         self
     }
 
+    /// The flange stands there before the cycle, the axes as near to these as that allows.
+    pub fn whose_flange_stands_at(
+        self,
+        (base_from_flange, near): (Rigid<crate::geometry::Base, crate::geometry::Flange>, crate::geometry::Joints),
+    ) -> Self {
+        {
+            let mut world = self.world.borrow_mut();
+            world.joints = world.arm.nearest(&base_from_flange, &near).expect("within reach");
+            world.base_from_flange = base_from_flange;
+        }
+        self
+    }
+
     /// The arm takes so long to stand after an abort, ms.
     pub fn that_brakes_for(self, ms: u64) -> Self {
         self.world.borrow_mut().brakes_ms = ms;

@@ -145,7 +145,7 @@ impl AtContact {
         let cycle = (self.setup.cell(), Some(self.setup.clone()));
         let mut running = Running::new(cycle, computing, ports, (self.state, true));
         let robot = self.robot_state.map(Box::new);
-        running.remember(crate::tape::Begin::Cycle { robot, armed: self.armed.clone() });
+        running.remember(crate::tape::Begin::Cycle { robot, armed: self.armed.clone(), place: None });
         (running.perception, running.abrasion) = (self.perception.clone(), self.abrasion.clone());
         running.pending = Some(self.pending);
         let goes_on = |state: &State| {

@@ -108,7 +108,15 @@ async fn bodies_have_an_end_and_a_form() {
     let engineer = site.log_in("engineer", PASSWORD).await.expect("logged in");
     let long = format!("{{\"text\":\"{}\"}}", "x".repeat(MOST_BODY_BYTES));
     assert_eq!(site.post(&engineer, "/setup/check", &long).await.status, StatusCode::PAYLOAD_TOO_LARGE);
-    for body in ["", "{", "[]", r#"{"dried":"yes"}"#, r#"{"dried":true,"step":3,"force":true}"#, r#"{"dried":true}"#, r#"{"dried":true,"step":3}{}"#] {
+    for body in [
+        "",
+        "{",
+        "[]",
+        r#"{"dried":"yes"}"#,
+        r#"{"dried":true,"step":3,"force":true}"#,
+        r#"{"dried":true}"#,
+        r#"{"dried":true,"step":3}{}"#,
+    ] {
         let status = site.post(&engineer, "/request/unhold", body).await.status;
         assert!([400, 422].contains(&status.as_u16()), "{body}: {status}");
     }
