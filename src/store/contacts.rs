@@ -178,6 +178,10 @@ impl Store {
             if !has_result {
                 found.push(CycleId(cycle));
             }
+            // Said of this part, it is another one than all before.
+            if is_another && of == serial {
+                break;
+            }
             if has_result || is_another {
                 over.insert(of);
             }

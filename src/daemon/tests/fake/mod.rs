@@ -104,7 +104,10 @@ impl Cell {
     /// The flange stands there before the cycle, the axes as near to these as that allows.
     pub fn whose_flange_stands_at(
         self,
-        (base_from_flange, near): (Rigid<crate::geometry::Base, crate::geometry::Flange>, crate::geometry::Joints),
+        (base_from_flange, near): (
+            crate::geometry::Rigid<crate::geometry::Base, crate::geometry::Flange>,
+            crate::geometry::Joints,
+        ),
     ) -> Self {
         {
             let mut world = self.world.borrow_mut();
