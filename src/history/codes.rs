@@ -48,9 +48,10 @@ pub struct Code {
 }
 
 /// Codes of a cell that was aborted, or whose state is not known.
-const HIGH: [&str; 29] = [
+const HIGH: [&str; 31] = [
     "link_lost",
     "no_route",
+    "unknown_place",
     "not_sent",
     "robot_restarted",
     "emergency_stop",
@@ -75,6 +76,7 @@ const HIGH: [&str; 29] = [
     "tool_may_run",
     "store",
     "store_changed",
+    "store_restored",
     "disk_full",
     "silent",
     "ended",
