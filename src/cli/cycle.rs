@@ -358,6 +358,7 @@ fn words(at: At) -> String {
         Why::Review => "a result waits for a person",
         Why::NotVerified => "the panel is not where it was",
         Why::TokenOver => "the localization is too old",
+        Why::Drying => "the panel must be dried for a new dry picture",
         Why::Trouble(_) => "trouble",
     };
     match at {
@@ -423,8 +424,11 @@ mod tests {
 
     #[test]
     fn a_cycle_that_never_began_says_why() {
-        let mut once =
-            Once::new(cycle::Request::Start { max_passes: 1, max_moves: 1 }, Interrupts::default(), &|_| {});
+        let mut once = Once::new(
+            cycle::Request::Start { max_passes: 1, max_moves: 1, dries: false },
+            Interrupts::default(),
+            &|_| {},
+        );
         let lost = step(State::NEW, Event::Told(Report::Robot(Robot::LinkLost))).0;
         assert!(matches!(next(&mut once, &lost), Some(What::Leave)));
         assert_eq!(once.why_not_begun(&lost).map(|why| why.code.to_string()).as_deref(), Some("link_lost"));

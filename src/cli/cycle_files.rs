@@ -12,7 +12,7 @@ use crate::cell::LensExtent;
 use crate::config::Problems;
 use crate::cycle::Request;
 use crate::daemon::{Calibrations, CellSetup, CycleSetup, PreparedCycle};
-use crate::recipe::Recipe;
+use crate::recipe::{Recipe, SandedReference};
 use crate::record::PartNames;
 use crate::requirements::problems_of;
 use crate::requirements::recipe_fits::{plausible, unfit};
@@ -176,7 +176,11 @@ impl TaughtRecipe {
     pub fn request(&self) -> Request {
         let process = self.recipe.process();
         let left = process.passes_of_a_part().saturating_sub(self.passes_before());
-        Request::Start { max_passes: count(process.max_passes_per_grid().min(left)), max_moves: self.moves() }
+        Request::Start {
+            max_passes: count(process.max_passes_per_grid().min(left)),
+            max_moves: self.moves(),
+            dries: self.recipe.inspect().reference() == SandedReference::Dry,
+        }
     }
 
     /// What earlier cycles removed of the part: the last of them tells what all together come to.

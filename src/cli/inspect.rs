@@ -3,7 +3,7 @@
 use super::args::{Common, Inspect};
 use super::disk;
 use super::fault::{ClipFault, Fault};
-use super::inspected::{Placed, inspect};
+use super::inspected::{Placed, abraded, inspect};
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;
 use super::pictures;
@@ -13,6 +13,7 @@ use crate::inspect::Demands;
 use crate::labels::{LABELS, MASK};
 use crate::report::inspection_page;
 use crate::report::page::Figure;
+use crate::stages::film::Setup;
 
 /// Inspects a clip and tells.
 ///
@@ -34,7 +35,8 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
         }
         (None, None) => return Err(Fault::stage(files::ClipError::Empty)),
     };
-    let setup = placed.setup(&taught, &recipe, demands);
+    let sanded = abraded(&args.abraded, &taught, &recipe)?;
+    let setup = Setup { sanded: sanded.as_ref(), ..placed.setup(&taught, &recipe, demands) };
     let inspected = inspect(&setup, clip, placed.is_assumed, args.truth.as_deref())?;
     let mut mask = None;
     if let Some(folder) = &args.pictures {

@@ -6,9 +6,11 @@ use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::output;
 use crate::files::ClipEntry;
-use crate::geometry::{Base, Camera, ColorPicture, Panel, PinholeCamera, Rigid, median};
+use crate::geometry::{Base, Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid, median};
 use crate::inspect::{Confusion, Demands, Inspection, Score, score};
 use crate::labels::MASK;
+use crate::panel::GridId;
+use crate::path::touching;
 use crate::phase::Phase;
 use crate::recipe::Recipe;
 use crate::stages::film::{Filmed, Filming, Setup};
@@ -63,6 +65,37 @@ impl Placed {
         let camera_from_panel: Rigid<Camera, Panel> = self.base_from_camera.inverse() * self.base_from_panel;
         Setup { panel: &taught.panel, camera: &self.camera, camera_from_panel, sanded: None, demands, recipe }
     }
+}
+
+/// What the disc may have touched, by the grids that a person names; `None` if none is named.
+///
+/// # Errors
+/// If a word is no grid of the panel.
+pub fn abraded(words: &[String], taught: &Taught, recipe: &Recipe) -> Result<Option<Mask>, Fault> {
+    let region = &taught.panel.region;
+    let grids = match words {
+        [] => return Ok(None),
+        [all] if all == "all" => region.ids().collect(),
+        words => {
+            let grids = words.iter().map(|word| word.parse::<GridId>().map_err(Fault::stage));
+            let grids = grids.collect::<Result<Vec<_>, _>>()?;
+            if let Some(grid) = grids.iter().find(|grid| !region.ids().any(|id| id == **grid)) {
+                let (rows, columns) = (region.rows, region.columns);
+                return Err(Fault::stage(UnknownGrid { grid: *grid, rows, columns }));
+            }
+            grids
+        }
+    };
+    Ok(Some(touching::pixels_of_abraded(&grids, &taught.panel, recipe.path())))
+}
+
+/// A grid that the panel does not have.
+#[derive(Debug, thiserror::Error)]
+#[error("the region has no grid {grid}; it has {rows} rows and {columns} columns: r1c1 to r{rows}c{columns}")]
+struct UnknownGrid {
+    grid: GridId,
+    rows: usize,
+    columns: usize,
 }
 
 /// Runs the test on the pictures of a clip folder.

@@ -183,6 +183,8 @@ pub enum Refusal {
     Robot(Robot),
     /// Held for review: accept it, or confirm that the panel is dry and locate again.
     Review,
+    /// Held until the panel is dried: confirm that it is.
+    Undried,
     /// A reset came to this.
     Failed(Trouble),
 }

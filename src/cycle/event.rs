@@ -29,6 +29,9 @@ pub enum Request {
         max_passes: u8,
         /// Moves of the corner loop, at most.
         max_moves: u8,
+        /// After an abrasion the panel is dried, and a new dry picture is the reference of the next film.
+        #[serde(default)]
+        dries: bool,
     },
     /// Idle → the planned path over all grids in the air: no water, no tool, no contact.
     AirRun {

@@ -249,6 +249,15 @@ impl Turn {
         }
     }
 
+    /// The dust is washed off: the film follows, or the drying for its new dry picture.
+    pub fn rinsed(&mut self) {
+        if self.state.job.dries && self.rules.keep(Rule::DryAfterAbrasion) {
+            self.hold(Why::Drying, Phase::Wet);
+        } else {
+            self.state.at = At::Execute(Phase::Wet);
+        }
+    }
+
     fn filmed(&mut self, film: Film) {
         let passes_left = self.state.job.pass < self.state.job.max_passes || !self.rules.keep(Rule::PassLimit);
         self.state.at = match film {
@@ -307,6 +316,8 @@ impl Turn {
             self.state.at = At::Unholding { resume: Phase::Locate, verify: false };
         } else if hold.why == Why::Review {
             self.refuse(Request::Unhold { dried }, Refusal::Review);
+        } else if hold.why == Why::Drying && self.rules.keep(Rule::DryAfterAbrasion) {
+            self.refuse(Request::Unhold { dried }, Refusal::Undried);
         } else {
             let verify = !matches!(hold.resume, Phase::Locate | Phase::Refine { .. });
             self.state.at = At::Unholding { resume: hold.resume, verify };

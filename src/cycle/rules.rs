@@ -85,6 +85,8 @@ pub(super) enum Rule {
     AirRun,
     /// A dry picture before the first water.
     DryPicture,
+    /// Where the recipe's reference is a dry picture, a new one of the dried panel after each abrasion.
+    DryAfterAbrasion,
     /// Verify just before each contact.
     VerifyFirst,
     /// Nothing follows a contact path before what it did is graded.

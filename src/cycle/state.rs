@@ -35,6 +35,7 @@ impl State {
         job: Job {
             running: false,
             air: false,
+            dries: false,
             max_passes: 0,
             max_moves: 0,
             pass: 0,
@@ -202,6 +203,8 @@ pub enum Why {
     NotVerified,
     /// The localization became too old in contact.
     TokenOver,
+    /// The dust is washed off: dry the panel and confirm it, so that a new dry picture is taken.
+    Drying,
     /// Something went wrong that a person can mend.
     Trouble(Trouble),
 }
@@ -250,6 +253,9 @@ pub struct Job {
     /// An air-run: it touches nothing.
     #[serde(default)]
     pub air: bool,
+    /// After an abrasion a person dries the panel, and a new dry picture is the reference of the next film.
+    #[serde(default)]
+    pub dries: bool,
     /// Abrasions, at most.
     pub max_passes: u8,
     /// Moves of the corner loop, at most.

@@ -37,8 +37,8 @@ impl Turn {
                 (self.state.facts.standing, self.state.facts.tested) = (false, false);
                 self.state.at = At::Resetting;
             }
-            (At::Idle, Q::Start { max_passes, max_moves }) if ready => {
-                self.state.job = Job { running: true, max_passes, max_moves, ..State::NEW.job };
+            (At::Idle, Q::Start { max_passes, max_moves, dries }) if ready => {
+                self.state.job = Job { running: true, max_passes, max_moves, dries, ..State::NEW.job };
                 self.state.at = At::Starting;
             }
             (At::Idle, Q::AirRun { max_moves }) if ready => {
@@ -118,7 +118,7 @@ impl Turn {
             (Deadline::Settle, _) if facts.light == (Light::Settling { until: id }) => facts.light = Light::Settled,
             (Deadline::Drain, _) if facts.water == (Water::Draining { until: id }) => facts.water = Water::Drained,
             (Deadline::Rinse, At::Execute(Phase::Rinse)) if facts.water == (Water::Rinsing { until: id }) => {
-                self.state.at = At::Execute(Phase::Wet);
+                self.rinsed();
             }
             (Deadline::Spray, At::Execute(Phase::Wet)) if facts.water == (Water::Spraying { until: id }) => {
                 self.state.at = At::Execute(Phase::Inspect);

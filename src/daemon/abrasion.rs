@@ -110,6 +110,11 @@ impl Abrasion {
         self.sanded = Some(Arc::new(Mask { inside, ..touched }));
     }
 
+    /// A new dry picture shows all that was sanded so far as it is now.
+    pub fn is_shown_dry(&mut self) {
+        self.sanded = None;
+    }
+
     /// The taught pixels that no dry picture of this cycle shows as they are now.
     pub fn sanded(&self) -> Option<Arc<Mask>> {
         self.sanded.clone()

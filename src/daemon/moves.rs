@@ -121,7 +121,7 @@ impl Running<'_> {
         let tool = cycle.calibrations.flange_from_tool;
         let Some(met) = self.met_on_the_way(&state.joints, poses, (tool, Some(obstacles))) else { return Ok(true) };
         let message = format!(
-            "the arm does not stand where a path of this program left it, and on its way to the park pose {met}; jog the tool off the \
+            "the arm is not where a path of this program left it, and on its way to the park pose {met}; jog the tool off the \
              panel in T1, or bring the arm there by `panelprep robot move-j park` while the way is watched"
         );
         self.note(Kind::Gate, vec![Reason::new("unknown_place", message)])?;

@@ -178,7 +178,7 @@ impl RequestHandler {
     /// What only the operator's page and the plant show.
     fn extras(&self, state: &State) -> Extras {
         use cycle::Request::{Abort, Accept, AirRun, Clear, Hold, Reset, Start, Stop, Unhold};
-        let start = Start { max_passes: 1, max_moves: 0 };
+        let start = Start { max_passes: 1, max_moves: 0, dries: false };
         let air_run = AirRun { max_moves: 0 };
         let asked = [Hold, Unhold { dried: false }, Accept, Stop, Abort, Clear, Reset, start, air_run];
         let is_taken = |request: &cycle::Request| {
@@ -407,7 +407,7 @@ impl RequestHandler {
         let reason = words::refusal(request, refusal, &state);
         tracing::warn!("refused: {}", reason.message);
         let exit = match refusal {
-            Refusal::NotNow | Refusal::Review => Exit::Refused,
+            Refusal::NotNow | Refusal::Review | Refusal::Undried => Exit::Refused,
             Refusal::Robot(_) | Refusal::Failed(_) => Exit::Fault,
         };
         if matches!(refusal, Refusal::Failed(_)) {

@@ -16,7 +16,7 @@ impl Running<'_> {
         refused: Option<(Request, Refusal)>,
     ) -> Result<(), DaemonError> {
         let answer = |refusal: Refusal| match refusal {
-            Refusal::NotNow | Refusal::Review => Answer::Refused,
+            Refusal::NotNow | Refusal::Review | Refusal::Undried => Answer::Refused,
             Refusal::Robot(_) | Refusal::Failed(_) => Answer::Failed,
         };
         let why = |request, refusal| (answer(refusal), vec![words::refusal(request, refusal, &self.state)]);

@@ -140,6 +140,30 @@ fn a_hold_in_contact_is_left_through_verify_and_a_new_plan() {
     assert_eq!(contact[1].1, Outcome::Done);
 }
 
+/// With the recipe's reference `wet` the second film holds what was sanded against its wet look alone; with `dry` a person dries the panel
+/// after the rinse, and all of it has a dry look of its own again.
+#[test]
+fn a_new_dry_picture_is_the_reference_of_what_was_sanded() {
+    let wet = Fake::new(Scene::Good).run(Asks::one_cycle());
+    let alone = |story: &fake::Story| -> Vec<bool> {
+        let films = story.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
+        films.map(|film| film.details.keys().any(|key| key.contains("wet look alone"))).collect()
+    };
+    assert_eq!((wet.outcome.verdict, alone(&wet)), (Some(Verdict::Pass), vec![false, true]), "{wet}");
+
+    let mut fake = Fake::new(Scene::Good);
+    fake.more_recipe = "reference = \"dry\"\n";
+    let dries = fake.dries();
+    let is_held =
+        move |state: &cycle::State| matches!(state.at, At::Held(hold) if hold.why == Why::Drying) && dries();
+    let start = cycle::Request::Start { max_passes: 2, max_moves: 3, dries: true };
+    let asks = Asks::one_cycle_by(start).with(is_held, cycle::Request::Unhold { dried: true });
+    let dry = fake.run(asks);
+    assert_eq!((dry.outcome.verdict, alone(&dry)), (Some(Verdict::Pass), vec![false, false]), "{dry}");
+    let located = dry.findings.iter().filter(|finding| finding.kind == Kind::Locate);
+    assert_eq!(located.count(), 2, "{dry}");
+}
+
 #[test]
 fn a_journal_that_cannot_be_written_stops_the_robot() {
     let error = Fake::new(Scene::Clean).with_record_that_fails_at(30).fails(Asks::one_cycle());

@@ -69,7 +69,7 @@ pub(super) fn place(at: At) -> String {
 fn possible(state: &State) -> Vec<&'static str> {
     let all = [
         Request::Reset,
-        Request::Start { max_passes: 1, max_moves: 1 },
+        Request::Start { max_passes: 1, max_moves: 1, dries: false },
         Request::Hold,
         Request::Unhold { dried: false },
         Request::Unhold { dried: true },
@@ -110,6 +110,10 @@ pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
             let message = "held for review: look at the result, then accept it; or dry the panel and `unhold --dried`, \
                            which locates it again";
             Reason::new("review", message)
+        }
+        Refusal::Undried => {
+            let message = "held until the panel is dried: dry it, then `unhold --dried` locates it and takes the new dry picture";
+            Reason::new("drying", message)
         }
         Refusal::Failed(what) => {
             let failed = trouble(what);
@@ -261,6 +265,10 @@ fn held(hold: Hold) -> Reason {
         Why::NotVerified => Reason::new(
             "not_verified",
             "held: the panel is not where it was located; dry it, then `panelprep ctl unhold --dried` locates it again",
+        ),
+        Why::Drying => Reason::new(
+            "drying",
+            "held: the recipe judges sanded places by a new dry picture; dry the panel, then `panelprep ctl unhold --dried` takes it",
         ),
         Why::TokenOver => {
             Reason::new("token_over", format!("held: the localization grew too old in contact; {next}"))

@@ -2,7 +2,7 @@
 //! which taught pixels it may touch at all.
 
 use super::planned::Plan;
-use crate::geometry::{Mask, Panel, Point, Vector};
+use crate::geometry::{Mask, Panel, Pixel, Point, Vector};
 use crate::panel::{GridId, Region, TaughtPanel};
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter, Patch};
@@ -33,23 +33,41 @@ pub fn taught_pixels(plan: &Plan, panel: &TaughtPanel, settings: &recipe::Path) 
         let points = (0..=steps as usize).map(|step| from + Vector::new((to - from).mm * (step as f64 / steps)));
         way.extend(points.map(|point| <[f64; 3]>::from(point.mm)));
     }
-    let mut touched = Mask { inside: vec![false; panel.mask.inside.len()], ..panel.mask };
-    if way.is_empty() {
-        return touched;
+    near(&way, settings.disc_diameter_mm() / 2.0 + BEYOND_MM + STEP_MM / 2.0, panel)
+}
+
+/// The taught pixels that a disc may have touched that abraded these grids: its centre stays on the grid or beside it, so that its
+/// edge leaves the grid by its diameter at most.
+pub fn pixels_of_abraded(grids: &[GridId], panel: &TaughtPanel, settings: &recipe::Path) -> Mask {
+    let Mask { width, height, .. } = panel.mask;
+    let pixels = (0..height).flat_map(|row| (0..width).map(move |column| (column, row)));
+    let of_grids = pixels.filter(|&(column, row)| {
+        let grid = panel.region.grid_at(Pixel::at(column as f64, row as f64));
+        grid.is_some_and(|grid| grids.contains(&grid))
+    });
+    let points = of_grids.filter_map(|(column, row)| panel.scan.point(column, row));
+    let points: Vec<[f64; 3]> = points.map(|point| point.mm.into()).collect();
+    near(&points, settings.disc_diameter_mm() + BEYOND_MM, panel)
+}
+
+/// The taught pixels that lie within this distance of any of these points.
+fn near(points: &[[f64; 3]], reach_mm: f64, panel: &TaughtPanel) -> Mask {
+    let mut near = Mask { inside: vec![false; panel.mask.inside.len()], ..panel.mask };
+    if points.is_empty() {
+        return near;
     }
-    // A way that cannot be searched may touch all of the panel.
-    let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(&way) else { return panel.mask.clone() };
-    let reach_mm = settings.disc_diameter_mm() / 2.0 + BEYOND_MM + STEP_MM / 2.0;
-    touched.inside.par_iter_mut().enumerate().filter(|(index, _)| panel.mask.inside[*index]).for_each(
-        |(index, touched)| {
+    // Points that cannot be searched may be near all of the panel.
+    let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(points) else { return panel.mask.clone() };
+    near.inside.par_iter_mut().enumerate().filter(|(index, _)| panel.mask.inside[*index]).for_each(
+        |(index, near)| {
             let point = panel.scan.point(index % panel.mask.width, index / panel.mask.width);
-            *touched = point.is_none_or(|point| {
+            *near = point.is_none_or(|point| {
                 let found = tree.query(&point.mm.into()).nearest_one::<SquaredEuclidean<f64>>().execute();
                 found.distance <= reach_mm * reach_mm
             });
         },
     );
-    touched
+    near
 }
 
 /// Each planned grid with the first waypoint on whose way the disc reaches it, counted from the plan's first, which is

@@ -82,6 +82,14 @@ fn a_break_that_may_be_missed_and_a_panel_elsewhere_are_no_test() {
     let (_, told) = json(folder, &format!("{inspect} --located located.json"));
     assert_ne!(told["verdict"].as_str(), Some("invalid"), "{told}");
     assert!(told["outline_off_px"].as_f64().is_some_and(|off_px| off_px < 0.7), "{told}");
+    // What a person says was abraded since the dry picture is held against its wet look alone.
+    let (exit, told) = json(folder, &format!("{inspect} --located located.json --abraded r2c3"));
+    let references: Vec<&str> =
+        told["grids"].as_array().expect("grids").iter().filter_map(|grid| grid["reference"].as_str()).collect();
+    let of = |start: &str| references.iter().filter(|reference| reference.starts_with(start)).count();
+    assert_eq!((of("wet look alone, sanded"), of("dry and wet")), (1, 24 - 9), "{exit} {told}");
+    let (exit, told) = json(folder, &format!("{inspect} --located located.json --abraded r2c3,r9c1"));
+    assert!(exit == 2 && told.to_string().contains("no grid r9c1; it has 4 rows and 6 columns"), "{told}");
     let (exit, told) = json(folder, &plain(&format!("{inspect} --located located.json")));
     assert_eq!((exit, told["verdict"].as_str()), (1, Some("invalid")), "{told}");
     reason(&told, "detection_limit");

@@ -120,7 +120,7 @@ impl Fixture {
             file_texts: Vec::new(),
             recording: None,
         };
-        let request = cycle::Request::Start { max_passes: 2, max_moves: 3 };
+        let request = cycle::Request::Start { max_passes: 2, max_moves: 3, dries: false };
         PreparedCycle { request, setup: self.cycle.clone(), start, recording: None, remarks: vec![] }
     }
 

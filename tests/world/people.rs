@@ -216,7 +216,7 @@ impl People {
                 }
                 table(match hold.why {
                     Why::Review => cycle::Request::Accept,
-                    Why::NotVerified => cycle::Request::Unhold { dried: true },
+                    Why::NotVerified | Why::Drying => cycle::Request::Unhold { dried: true },
                     _ => cycle::Request::Unhold { dried: self.dries || self.held > 1 },
                 })
             }

@@ -464,7 +464,7 @@ pub fn requests(press: Press) -> Vec<cycle::Request> {
             Q::Unhold { dried: false },
             Q::Clear,
             Q::Reset,
-            Q::Start { max_passes: 255, max_moves: 255 },
+            Q::Start { max_passes: 255, max_moves: 255, dries: false },
             Q::AirRun { max_moves: 0 },
             Q::Hold,
             Q::Unhold { dried: true },

@@ -142,6 +142,10 @@ pub struct Inspect {
     /// picture shows it elsewhere the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
+    /// Grids that were abraded since the dry picture, such as `r2c5,r2c6`, or `all`: what the disc may have touched is held against its wet
+    /// look alone. A grid that is not named is taken as untouched.
+    #[arg(long, value_name = "GRIDS", value_delimiter = ',')]
+    pub abraded: Vec<String>,
     /// Folder with the true mask, to score against; it changes no result. A clip that was labelled is its own truth. Without `--clip`
     /// a labelled set: a folder of clips, each with its own `truth` or labelled itself, is scored as a whole.
     #[arg(long, value_name = "DIR")]

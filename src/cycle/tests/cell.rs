@@ -44,6 +44,8 @@ pub struct Cell {
     pub tested: bool,
     pub wet: bool,
     pub dry_picture: bool,
+    /// The panel was touched since its dry picture was taken.
+    pub sanded: bool,
     /// Verified since the last plan, film or hold.
     pub verified: bool,
     /// A person may have touched the panel since it was last measured.
@@ -101,6 +103,7 @@ impl Cell {
             tested: false,
             wet: true,
             dry_picture: false,
+            sanded: false,
             verified: false,
             disturbed: true,
             located: false,
@@ -219,14 +222,14 @@ impl Cell {
     fn answered(&mut self, act: Act, answer: Answer) {
         match (act, answer) {
             (Act::Move(motion), Answer::Stands { done }) => {
-                self.ungraded |= motion.path == Path::Contact;
+                self.touches(motion);
                 self.moving = None;
                 self.arm = (done == motion.waypoints).then_some(motion.path);
                 self.flown |= self.arm == Some(Path::Air);
             }
             (Act::EndEpoch { .. }, Answer::Stands { .. }) => {
                 if let Some(moving) = self.moving.take() {
-                    self.ungraded |= moving.motion.path == Path::Contact;
+                    self.touches(moving.motion);
                     self.arm = None;
                 }
                 self.ending = false;
@@ -243,7 +246,7 @@ impl Cell {
             (Act::Switch(Switch::ToolOn), Answer::Done) => self.tool_proven = true,
             (Act::Switch(Switch::WaterOff), Answer::Done) => self.water_on = false,
             (Act::Switch(Switch::ExtractionOn), Answer::Done) => self.extraction_proven = true,
-            (Act::DryPicture, Answer::Done) => self.dry_picture = true,
+            (Act::DryPicture, Answer::Done) => (self.dry_picture, self.sanded) = (true, false),
             (Act::Locate | Act::Refine { .. }, Answer::Graded(Grade::Review)) => self.reviewed = true,
             (Act::Locate | Act::Refine { .. } | Act::Plan { .. }, Answer::Graded(Grade::Reject)) => {
                 self.doomed = true
@@ -270,6 +273,12 @@ impl Cell {
         }
     }
 
+    fn touches(&mut self, motion: Motion) {
+        let is_contact = motion.path == Path::Contact;
+        self.ungraded |= is_contact;
+        self.sanded |= is_contact;
+    }
+
     /// What the end of an epoch does to the outputs; of those that go off after a time nobody knows when.
     fn switched_off(&mut self) {
         (self.tool_on, self.tool_proven, self.extraction_proven, self.light_settled) = (false, false, false, false);
@@ -287,7 +296,7 @@ impl Cell {
                 (self.air, self.flown) = (matches!(request, Request::AirRun { .. }), false);
                 // A new dry panel, somewhere.
                 (self.wet, self.dry_picture, self.verified, self.disturbed) = (false, false, false, true);
-                (self.doomed, self.reviewed, self.film, self.passes) = (false, false, None, 0);
+                (self.doomed, self.reviewed, self.film, self.passes, self.sanded) = (false, false, None, 0, false);
                 (self.ungraded, self.contact_reviewed) = (false, false);
                 (self.token, self.located, self.concluded) = (false, false, false);
             }

@@ -38,7 +38,7 @@ impl Cell {
         }
         Some(match self.state.at {
             at if !at.rests() || self.condition_due => return self.healthy(random),
-            At::Idle => Event::Asked(Request::Start { max_passes: 1, max_moves: 1 }),
+            At::Idle => Event::Asked(Request::Start { max_passes: 1, max_moves: 1, dries: false }),
             At::Aborted { .. } => Event::Asked(Request::Clear),
             At::Held(_) => Event::Asked(Request::Stop),
             _ => Event::Asked(Request::Reset),
@@ -48,9 +48,11 @@ impl Cell {
     fn request(&self, random: &mut Pcg64) -> Request {
         match self.state.at {
             At::Idle if random.random_bool(0.15) => Request::AirRun { max_moves: random.random_range(0..5) },
-            At::Idle => {
-                Request::Start { max_passes: random.random_range(0..4), max_moves: random.random_range(0..5) }
-            }
+            At::Idle => Request::Start {
+                max_passes: random.random_range(0..4),
+                max_moves: random.random_range(0..5),
+                dries: random.random(),
+            },
             At::Held(Hold { why: Why::Review, .. }) if random.random_bool(0.8) => Request::Accept,
             At::Held(Hold { why: Why::NotVerified, .. }) => Request::Unhold { dried: random.random_bool(0.7) },
             At::Held(_) => Request::Unhold { dried: random.random_bool(0.2) },
@@ -145,8 +147,8 @@ impl Cell {
 
 pub const REQUESTS: [Request; 11] = [
     Request::Reset,
-    Request::Start { max_passes: 1, max_moves: 1 },
-    Request::Start { max_passes: 2, max_moves: 2 },
+    Request::Start { max_passes: 1, max_moves: 1, dries: false },
+    Request::Start { max_passes: 2, max_moves: 2, dries: false },
     Request::AirRun { max_moves: 2 },
     Request::Hold,
     Request::Unhold { dried: false },

@@ -88,6 +88,8 @@ impl Cell {
                 never(!dark && !self.light_settled, "a picture without steady light")?;
                 never(act != Act::Film && self.wet, "a dry shot of a wet panel")?;
                 never(act == Act::Film && !(self.wet && self.dry_picture), "a film without water or dry picture")?;
+                let is_old = self.state.job.dries && self.sanded;
+                never(act == Act::Film && is_old, "a film held against a dry picture from before the abrasion")?;
                 never(act != Act::Locate && self.disturbed, "a picture of a panel whose place is not known")?;
             }
             Act::Refine { view } | Act::Verify { view } => self.check_corner(view)?,

@@ -161,6 +161,27 @@ fn a_contact_that_is_rejected_ends_the_cycle() {
     assert_eq!(story.films, [Film::Whole], "no film after it");
 }
 
+/// Where the recipe asks for a new dry picture, a person dries the panel after the rinse: it is located, its dry picture is taken, and
+/// the film follows. Nothing goes on before that is confirmed.
+#[test]
+fn a_new_dry_picture_waits_for_a_dried_panel() {
+    let start = Request::Start { max_passes: 2, max_moves: 3, dries: true };
+    let mut story = Story::started_by(start, &[Film::Broken, Film::Whole]);
+    story.until("rinse");
+    story.rests();
+    let held = At::Held(Hold { why: Why::Drying, resume: Phase::Wet });
+    assert_eq!(story.at(), held);
+    story.asked(Request::Unhold { dried: false });
+    let refusal = Effect::Refuse { request: Request::Unhold { dried: false }, refusal: Refusal::Undried };
+    assert_eq!((story.at(), &story.cell.effects[..]), (held, &[refusal][..]));
+    story.asked(Request::Unhold { dried: true });
+    let acts = story.until("film");
+    let order = ["locate", "corner-0", "dry", "spray", "film"].map(|act| acts.find(act));
+    assert!(order.iter().all(Option::is_some) && order.is_sorted(), "{acts}");
+    story.rests();
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+}
+
 /// The person alone decides: drying the panel measures nothing that the tool did.
 #[test]
 fn a_doubtful_contact_waits_for_a_person() {

@@ -137,7 +137,7 @@ fn every_state_comes_to_rest_and_every_rest_to_a_cycle() {
         for _ in 0..60 {
             let request = match now.at {
                 At::Execute(_) => break,
-                At::Idle => Request::Start { max_passes: 1, max_moves: 1 },
+                At::Idle => Request::Start { max_passes: 1, max_moves: 1, dries: false },
                 At::Aborted { .. } => Request::Clear,
                 At::Held(_) => Request::Stop,
                 _ => Request::Reset,

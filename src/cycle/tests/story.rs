@@ -44,8 +44,12 @@ impl Story {
     }
 
     pub fn started(films: &[Film]) -> Self {
+        Story::started_by(Request::Start { max_passes: 2, max_moves: 3, dries: false }, films)
+    }
+
+    pub fn started_by(start: Request, films: &[Film]) -> Self {
         let mut story = Story::idle(films);
-        story.asked(Request::Start { max_passes: 2, max_moves: 3 });
+        story.asked(start);
         story
     }
 

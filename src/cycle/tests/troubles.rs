@@ -30,7 +30,7 @@ fn clear_and_reset_succeed_after_a_fault_within_them() {
             assert_eq!(story.at(), At::Stopped, "{trouble:?}");
             story.asked(Request::Reset);
             story.rests();
-            story.asked(Request::Start { max_passes: 1, max_moves: 1 });
+            story.asked(Request::Start { max_passes: 1, max_moves: 1, dries: false });
             story.until("locate");
         }
     }
@@ -42,7 +42,7 @@ fn an_epoch_that_the_link_ended_at_rest_is_not_used() {
     let mut story = Story::idle(&[]);
     story.told(Report::EpochOver { trouble: Some(Trouble::Starved) });
     assert_eq!(story.at(), At::Idle);
-    story.asked(Request::Start { max_passes: 1, max_moves: 1 });
+    story.asked(Request::Start { max_passes: 1, max_moves: 1, dries: false });
     assert_eq!(story.until("locate"), "end-epoch epoch to-park lensclear locate");
 }
 

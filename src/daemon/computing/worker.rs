@@ -11,6 +11,7 @@ use crate::daemon::ports::{CameraPort, Keeper, Kept, Note, Record, RecordError};
 use crate::daemon::setup::CycleSetup;
 use crate::files::ClipEntry;
 use crate::geometry::{Camera, Frame, OrganizedCloud, Panel, Rigid};
+use crate::recipe::SandedReference;
 use crate::record::{KeptFile, Picture};
 use crate::verdict::Reason;
 use std::sync::Arc;
@@ -125,7 +126,13 @@ impl<'p> Worker<'p> {
         let answer = match work.act {
             Act::Film => return self.film(work, cycle, notes),
             Act::Locate => work.perception.locate(cycle, cameras, notes)?,
-            Act::DryPicture => work.perception.dry_picture(cameras, notes)?,
+            Act::DryPicture => {
+                let answer = work.perception.dry_picture(cameras, notes)?;
+                if answer == Answer::Done && cycle.recipe.inspect().reference() == SandedReference::Dry {
+                    work.abrasion.is_shown_dry();
+                }
+                answer
+            }
             Act::Plan { pass } => work.abrasion.make(cycle, (pass, &work.perception), notes)?,
             Act::Refine { view } => match work.tip() {
                 Some(tip) => {

@@ -149,7 +149,7 @@ fn each_request_is_kept_with_its_answer() {
         .map(|RequestRecord { wanted, answer, reasons, .. }| (wanted.clone(), *answer, reasons.len()))
         .collect();
     let wanted = |request, answer, reasons| (Wanted::For(request), Some(answer), reasons);
-    let start = cycle::Request::Start { max_passes: 2, max_moves: 3 };
+    let start = cycle::Request::Start { max_passes: 2, max_moves: 3, dries: false };
     assert_eq!(
         kept,
         [

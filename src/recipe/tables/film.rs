@@ -94,11 +94,27 @@ impl Choice for Method {
     const WORDS: &'static [(&'static str, Self)] = &[("film", Method::Film), ("thesis", Method::Thesis)];
 }
 
+/// What a film on sanded places is held against.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SandedReference {
+    /// The place's own wet look.
+    Wet,
+    /// A new dry picture, taken when a person has dried the panel and confirmed it.
+    Dry,
+}
+
+impl Choice for SandedReference {
+    const WORDS: &'static [(&'static str, Self)] = &[("wet", SandedReference::Wet), ("dry", SandedReference::Dry)];
+}
+
 settings! {
     /// `[inspect]`: how a broken film is seen (thesis 4.3, Fig. 4.9).
     pub struct Inspect {
         /// The method.
         method: Method, (), default Method::Film;
+        /// What a place is held against that was sanded since the dry picture: its own wet look, or a new dry picture for which a person
+        /// dries the panel after each abrasion.
+        reference: SandedReference, (), default SandedReference::Wet;
         /// What red, green and blue count: both methods weigh the channels by it. A channel in which the film changes
         /// the panel little adds noise alone (thesis 4.2).
         channel_weights: [f64; 3], 0.0..=1.0, default [1.0, 1.0, 1.0];

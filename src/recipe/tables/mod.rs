@@ -6,7 +6,7 @@ mod path;
 mod place;
 mod removal;
 
-pub use film::{Inspect, Method, Process, Region};
+pub use film::{Inspect, Method, Process, Region, SandedReference};
 pub use panel::Panel;
 pub use path::{FitMethod, Path, Pattern, Surface};
 pub use place::{Corner, CornerName, CornerNames, Locate};

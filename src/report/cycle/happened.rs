@@ -85,10 +85,11 @@ fn wanted(wanted: &Wanted) -> (String, String) {
         Wanted::Start { recipe } => (format!("start by {recipe}"), String::new()),
         Wanted::For(request) => match request {
             Request::Reset => plain("reset", ""),
-            Request::Start { max_passes, max_moves } => (
-                "start".to_owned(),
-                format!(", with at most {max_passes} abrasions and {max_moves} moves of the corner loop"),
-            ),
+            Request::Start { max_passes, max_moves, dries } => {
+                let reference = if *dries { ", and a new dry picture after each abrasion" } else { "" };
+                let limits = format!("at most {max_passes} abrasions and {max_moves} moves of the corner loop");
+                ("start".to_owned(), format!(", with {limits}{reference}"))
+            }
             Request::AirRun { max_moves } => {
                 ("air-run".to_owned(), format!(", with at most {max_moves} moves of the corner loop"))
             }

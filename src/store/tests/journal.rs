@@ -44,7 +44,7 @@ impl Walk {
                 Event::Told(Report::Answered { id: due.id, answer: answer(due.act, self.films) })
             }
             (None, At::Stopped | At::Complete { .. }) => Event::Asked(Request::Reset),
-            (None, At::Idle) => Event::Asked(Request::Start { max_passes: 2, max_moves: 3 }),
+            (None, At::Idle) => Event::Asked(Request::Start { max_passes: 2, max_moves: 3, dries: false }),
             (None, At::Held(_)) => Event::Asked(Request::Unhold { dried: true }),
             (None, At::Aborted { .. }) => Event::Asked(Request::Clear),
             _ => self.armed.pop().unwrap_or(Event::Told(Report::Boot)),

@@ -29,12 +29,12 @@ fn words(asked: &[RequestRecord]) -> Vec<(Wanted, Option<Answer>)> {
 fn requests_stand_where_they_were_asked_with_their_answers() {
     let (folder, mut store) = new_store();
     let one = store.begin_cycle(&super::cycles::start()).expect("begun");
-    ask(&mut store, Request::Start { max_passes: 2, max_moves: 3 }, Some(one), Answer::Done);
+    ask(&mut store, Request::Start { max_passes: 2, max_moves: 3, dries: false }, Some(one), Answer::Done);
     store.conclude(one, Verdict::Pass, &[]).expect("concluded");
     ask(&mut store, Request::Clear, None, Answer::Refused);
     store.keep_request(&asked(Wanted::NewDisc, Answer::Done), None, None).expect("kept");
     let two = store.begin_cycle(&super::cycles::start()).expect("begun");
-    ask(&mut store, Request::Start { max_passes: 2, max_moves: 3 }, Some(two), Answer::Done);
+    ask(&mut store, Request::Start { max_passes: 2, max_moves: 3, dries: false }, Some(two), Answer::Done);
     ask(&mut store, Request::Accept, Some(two), Answer::Refused);
     store.append(&Event::Asked(Request::Hold), Some(two)).expect("written");
     store.keep_request(&asked(Wanted::NewDisc, Answer::Refused), Some(two), None).expect("kept");
@@ -42,7 +42,7 @@ fn requests_stand_where_they_were_asked_with_their_answers() {
 
     let store = Store::open(&folder.path().join("store")).expect("for reading");
     let (first, second) = (store.cycle(one).expect("there"), store.cycle(two).expect("there"));
-    let start = Wanted::For(Request::Start { max_passes: 2, max_moves: 3 });
+    let start = Wanted::For(Request::Start { max_passes: 2, max_moves: 3, dries: false });
     assert_eq!(words(&first.asked), [(start.clone(), Some(Answer::Done))]);
     assert_eq!(words(&first.asked_before), []);
     let between = [(Wanted::For(Request::Clear), Some(Answer::Refused)), (Wanted::NewDisc, Some(Answer::Done))];

@@ -30,10 +30,13 @@ impl Asks {
     }
 
     pub fn one_cycle() -> Self {
+        Asks::one_cycle_by(cycle::Request::Start { max_passes: 2, max_moves: 3, dries: false })
+    }
+
+    pub fn one_cycle_by(start: cycle::Request) -> Self {
         let asks = Asks::nothing();
         let ready = |state: &State| state.facts.robot == crate::cycle::Robot::Ready;
-        asks.with(ready, cycle::Request::Reset)
-            .with(|state| state.at == At::Idle, cycle::Request::Start { max_passes: 2, max_moves: 3 })
+        asks.with(ready, cycle::Request::Reset).with(|state| state.at == At::Idle, start)
     }
 
     pub fn one_air_run() -> Self {

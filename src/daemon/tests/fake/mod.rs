@@ -272,7 +272,7 @@ impl Cell {
             file_texts: Vec::new(),
             recording: None,
         };
-        let request = cycle::Request::Start { max_passes: 2, max_moves: 3 };
+        let request = cycle::Request::Start { max_passes: 2, max_moves: 3, dries: false };
         let recording =
             self.record.clone().map(|file| RecordingPlan { file: Some(file), files: vec![], calibrations });
         PreparedCycle { request, setup: self.setup(), start, recording, remarks: vec![] }
