@@ -60,6 +60,9 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     );
     let taken_by = cameras_by(&files)?;
     let mut live = Live::start(&files.cell, &calibrated.values, args.simulation)?;
+    if let Some(line) = live.robot.stop_line() {
+        sender.stops_by(line);
+    }
     let world = live.world.clone();
     let lock_step = live.robot.is_lock_step();
     let recording = RecordingSwitch::new(files.store_folder(), lock_step);

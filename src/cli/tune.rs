@@ -7,7 +7,7 @@ use super::labels::{Labels, read_clip};
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;
 use crate::files::ClipEntry;
-use crate::geometry::ColorPicture;
+use crate::geometry::{ColorPicture, Mask};
 use crate::inspect::{
     Advice, Demands, GridContrast, MIN_CONTRAST_TO_NOISE, Sampler, Tuning, View, Watch, best_threshold,
     thesis_checks,
@@ -65,14 +65,24 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     let truth = labels.map(|labels| labels.mask);
     if settings.method() == Method::Film {
         let mut flashes = sampler.flashes(settings, truth.as_ref());
-        for shot in of(Phase::Wet) {
-            flashes.push(&picture(shot)?, shot.time_s);
+        let all = Mask { inside: vec![true; taught.panel.mask.inside.len()], ..taught.panel.mask };
+        let sanded = View { sanded: Some(&all), ..view };
+        let mut if_sanded = Watch::new(&sanded, settings, demands).map_err(Fault::stage)?;
+        for shot in of(Phase::Dry).take(1).chain(of(Phase::Wet)) {
+            let picture = picture(shot)?;
+            if_sanded.push(&picture, shot.time_s, shot.phase).map_err(Fault::stage)?;
+            if shot.phase == Phase::Wet {
+                flashes.push(&picture, shot.time_s);
+            }
         }
+        let if_sanded = if_sanded.finish().map_err(Fault::stage)?;
+        let unseen = if_sanded.grids.iter().filter(|grid| !grid.seen && !grid.failed);
         let found = Tuning {
             advice,
             grids: sampler.contrasts(settings, &watch.grid_pixels()),
             flash_s: flashes.longest_s(),
             detection_limit_mm2: watch.detection_limit_mm2(),
+            unseen_if_sanded: unseen.map(|grid| grid.id).collect(),
             elsewhere: watch.stands_elsewhere(),
         };
         return Ok(film_told(&found, &demands, &recipe));
@@ -131,11 +141,22 @@ fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
         "places that look dry and then wet again: for up to {:.1} s; a break must be seen for {persist_s} s",
         found.flash_s
     ));
+    let unseen: Vec<String> = found.unseen_if_sanded.iter().map(ToString::to_string).collect();
+    let reference = if unseen.is_empty() { "wet" } else { "dry" };
+    outcome.say(if unseen.is_empty() {
+        "once sanded, every grid would be seen by the water that moves on it".to_owned()
+    } else {
+        format!(
+            "once sanded, too little water moves on these grids to see them by their wet look: {}",
+            unseen.join(", ")
+        )
+    });
     let weights = advice.channels.map(|channel| channel.weight);
     let min_break_mm2 = demands.min_break_mm2.max(found.detection_limit_mm2.ceil());
     let persist_s = persist_s.max(longer_s);
     outcome.say("for the recipe:");
     outcome.say("  [inspect]");
+    outcome.say(format!("  reference = {reference:?}"));
     outcome.say(format!("  channel_weights = {weights:?}"));
     outcome.say(format!("  persist_s = {persist_s:?}"));
     outcome.say(format!("  min_break_mm2 = {min_break_mm2:?}"));
@@ -152,6 +173,8 @@ fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
                "channel_to_noise": grid.channel_to_noise, "faint_percent": grid.faint_percent})
     };
     outcome.put("grids", json!(found.grids.iter().map(grid).collect::<Vec<_>>()));
+    outcome.put("reference", json!(reference));
+    outcome.put("unseen_if_sanded", json!(unseen));
     outcome.put("detection_limit_mm2", json!(found.detection_limit_mm2));
     outcome.put("min_break_mm2", json!(min_break_mm2));
     outcome.put("flash_s", json!(found.flash_s));

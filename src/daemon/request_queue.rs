@@ -2,11 +2,15 @@
 //!
 //! A stop, an abort and a signal go before everything else and always find a place. Of other requests only a few of each
 //! user wait at one time, so that nobody who sends requests without end can take the loop's turns from the others.
+//!
+//! What is urgent goes to the wire as it is put in: the abort frame waits neither for the loop nor for a disk on which the loop waits.
+//! The loop then finds the request, writes it to the journal and does whatever else a stop is.
 
 use super::reply::Reply;
 use super::request::{Request, What};
+use crate::devices::robot::StopLine;
 use std::collections::VecDeque;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 
@@ -26,6 +30,7 @@ pub struct RequestQueue(Arc<Shared>);
 struct Shared {
     inside: Mutex<Inside>,
     came: Condvar,
+    stop_line: OnceLock<StopLine>,
 }
 
 #[derive(Debug, Default)]
@@ -117,7 +122,8 @@ impl RequestSender {
         if inside.is_closed {
             return Err(NotTaken::Ended);
         }
-        if request.what.is_urgent() {
+        let is_urgent = request.what.is_urgent();
+        if is_urgent {
             inside.put_urgent(request);
         } else {
             let of_user = inside.others.iter().filter(|other| other.who == request.who).count();
@@ -128,8 +134,18 @@ impl RequestSender {
             inside.others.push_back(request);
         }
         drop(inside);
+        // The request waits already when the robot's answer to the frame comes, so that the loop knows what stopped it.
+        if let Some(line) = self.0.stop_line.get().filter(|_| is_urgent) {
+            line.stop();
+        }
         self.0.came.notify_one();
         Ok(())
+    }
+
+    /// From now on what is urgent goes to the robot by this line first. The first line counts.
+    pub fn stops_by(&self, line: StopLine) {
+        #[expect(clippy::let_underscore_must_use, reason = "a program has one robot")]
+        let _ = self.0.stop_line.set(line);
     }
 }
 
@@ -173,7 +189,49 @@ mod tests {
         self,
         Request::{Abort, Hold, Stop},
     };
+    use crate::devices::mock::{ChannelFile, Clock, Controller, MockServer, Ports, Setup, Unwired};
+    use crate::devices::robot::{Address, BlockingLink};
+    use crate::eki::{CELLCMD, CELLSTAT, Epoch, LinkLimits, Pace, Report};
     use crate::record::{Front, Who};
+
+    /// A controller that runs by the wall clock, and the link to it.
+    fn linked() -> (MockServer, BlockingLink) {
+        let [commands, states] = [CELLCMD, CELLSTAT].map(|text| ChannelFile::parse(text).expect("a shipped file"));
+        let setup = Setup { clock: Clock::Free, ..Setup::new(commands, states) };
+        let server = MockServer::start(Controller::new(setup, Box::new(Unwired)).expect("fits"), Ports::free());
+        let server = server.expect("starts");
+        let (command_port, state_port) = (server.command_address().port(), server.state_address().port());
+        let address = Address { host: "127.0.0.1".to_owned(), command_port, state_port };
+        (server, BlockingLink::start(address, LinkLimits::default(), Pace::Wall).expect("starts"))
+    }
+
+    fn heard(link: &mut BlockingLink, is_it: impl Fn(&Report) -> bool) -> bool {
+        (0..100).any(|_| link.next(Duration::from_secs(5)).is_some_and(|report| is_it(&report)))
+    }
+
+    /// Nobody takes the request, as if the loop waited for its disk: the robot is stopped all the same. A hold waits for the loop.
+    #[test]
+    fn a_stop_goes_to_the_robot_before_the_loop_sees_it() {
+        let (_server, mut link) = linked();
+        let (sender, queue) = request_queue();
+        sender.stops_by(link.stop_line());
+        assert!(heard(&mut link, |report| matches!(report, Report::Connected { .. })));
+        for (request, stops) in [(Hold, false), (Stop, true), (Abort, true)] {
+            let epoch = link.open_epoch_above(Epoch(0)).expect("it rests");
+            assert!(heard(&mut link, |report| *report == Report::EpochOpened { epoch }));
+            sender.send(Request::new(What::Table(request), Who::by(Front::Socket))).expect("a place");
+            let stands = |report: &Report| matches!(report, Report::Standstill { .. });
+            assert_eq!(
+                (0..5).any(|_| link.next(Duration::from_secs(1)).is_some_and(|report| stands(&report))),
+                stops
+            );
+            if !stops {
+                link.abort().expect("connected");
+                assert!(heard(&mut link, stands));
+            }
+        }
+        assert!(queue.next(Duration::ZERO).is_some(), "the loop finds them later");
+    }
 
     #[test]
     fn the_same_stop_of_the_same_person_is_one_request_with_many_replies() {

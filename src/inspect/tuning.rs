@@ -6,6 +6,7 @@ use super::film_advice::GridContrast;
 use super::gate::{MIN_CHANGE_TO_NOISE, name};
 use super::observed::Demands;
 use super::place::too_coarse;
+use crate::panel::GridId;
 use crate::verdict::{Check, Reason, SetBy, Severity};
 use crate::words::{apart, fixed};
 
@@ -31,6 +32,8 @@ pub struct Tuning {
     pub flash_s: f64,
     /// The smallest break that is surely found, mm².
     pub detection_limit_mm2: f64,
+    /// The grids that would not be seen if all were sanded since the dry picture, by the water that moves on this film.
+    pub unseen_if_sanded: Vec<GridId>,
     /// Why the panel is not where the grids are looked for.
     pub elsewhere: Option<Reason>,
 }

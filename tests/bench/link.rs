@@ -47,6 +47,8 @@ const BUSY: Duration = Duration::from_millis(50);
 /// From the service's socket to the wire.
 const SOCKET: Duration = Duration::from_millis(100);
 const SOCKET_TRIALS: usize = 500;
+/// Each takes longer than the disk hangs.
+const HANGING_TRIALS: usize = 20;
 /// People who look on at the page.
 const VIEWERS: usize = 20;
 /// Links that are tried at the same time; each has its own thread.
@@ -63,6 +65,9 @@ fn main() -> ExitCode {
     if arguments.iter().any(|argument| argument == "socket") {
         return if abort_by_socket() { ExitCode::SUCCESS } else { ExitCode::FAILURE };
     }
+    if arguments.iter().any(|argument| argument == "disk") {
+        return if abort_on_a_hanging_disk() { ExitCode::SUCCESS } else { ExitCode::FAILURE };
+    }
     if arguments.iter().any(|argument| argument == "page") {
         return if abort_on_the_page() { ExitCode::SUCCESS } else { ExitCode::FAILURE };
     }
@@ -73,6 +78,7 @@ fn main() -> ExitCode {
     let reached = [
         abort_by_socket(),
         abort_on_the_page(),
+        abort_on_a_hanging_disk(),
         virtual_rate(),
         loopback_rate(),
         stop_latency("idle", trials, 0, IDLE),
@@ -122,6 +128,13 @@ fn abort_by_socket() -> bool {
     let (found, done) = link::socket::aborts(SOCKET_TRIALS);
     let among = format!("{} hostile clients ({done} requests of theirs)", link::socket::CLIENTS);
     told("abort by the service's socket to the frame", &among, found)
+}
+
+/// From the service's socket to the wire, though the disk hangs on which the loop writes its journal.
+fn abort_on_a_hanging_disk() -> bool {
+    let found = link::socket::aborts_on_a_hanging_disk(HANGING_TRIALS);
+    let disk = format!("a disk that hangs for {} s", link::socket::HANGS.as_secs());
+    told("abort by the service's socket to the frame", &disk, found)
 }
 
 /// From the operator's page to the wire, while others look on and one reads nothing.

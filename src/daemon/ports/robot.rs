@@ -2,7 +2,7 @@
 
 use super::port::{Command as PortCommand, Port};
 use crate::daemon::lending::LastState;
-use crate::devices::robot::{BlockingLink, LineOutputs};
+use crate::devices::robot::{BlockingLink, LineOutputs, StopLine};
 use crate::devices::world::Follower;
 use crate::eki::{Channel, Command, CommandId, Epoch, LinkLoss, MoveLin, Pace, QueueError, Report, Time};
 use crate::supervision::{ThreadFault, Watched};
@@ -142,6 +142,11 @@ impl LinkedRobot {
     /// The outputs by which the controller tells a line.
     pub fn line(&self) -> LineOutputs {
         self.link.line()
+    }
+
+    /// The shortest way to a stop. `None` in lock step, in which all happens in one order.
+    pub fn stop_line(&self) -> Option<StopLine> {
+        (self.pace == Pace::Wall).then(|| self.link.stop_line())
     }
 
     /// The link's thread, for its supervisor.

@@ -1,7 +1,7 @@
 //! The link for callers without a runtime, such as a command that does one thing.
 
 use super::address::Address;
-use super::link::{LineOutputs, RobotLink, StartError};
+use super::link::{LineOutputs, RobotLink, StartError, StopLine};
 use crate::eki::{Command, CommandId, Epoch, LinkLimits, MoveLin, Pace, QueueError, Report};
 use crate::supervision::Watched;
 use std::time::Duration;
@@ -85,6 +85,11 @@ impl BlockingLink {
     /// As [`RobotLink::line`].
     pub fn line(&self) -> LineOutputs {
         self.link.line()
+    }
+
+    /// As [`RobotLink::stop_line`].
+    pub fn stop_line(&self) -> StopLine {
+        self.link.stop_line()
     }
 
     /// As [`RobotLink::watched`].

@@ -69,6 +69,23 @@ impl LineOutputs {
     }
 }
 
+/// The shortest way to a stop: the abort frame goes out at once, whatever the rest of the program waits for. Clones are the same one.
+#[derive(Debug, Clone)]
+pub struct StopLine(mpsc::WeakUnboundedSender<LinkRequest>);
+
+impl StopLine {
+    /// Ends the epoch, as [`RobotLink::abort`] does, and waits for nothing.
+    pub fn stop(&self) {
+        // It keeps no link alive.
+        let Some(orders) = self.0.upgrade() else { return };
+        #[expect(
+            clippy::let_underscore_must_use,
+            reason = "a link that has ended has hung up, which stops the controller"
+        )]
+        let _ = orders.send(LinkRequest::Stop);
+    }
+}
+
 /// The link to one controller.
 #[derive(Debug)]
 pub struct RobotLink {
@@ -113,6 +130,11 @@ impl RobotLink {
     /// The outputs by which the controller tells a line.
     pub fn line(&self) -> LineOutputs {
         LineOutputs(self.orders.downgrade())
+    }
+
+    /// The shortest way to a stop.
+    pub fn stop_line(&self) -> StopLine {
+        StopLine(self.orders.downgrade())
     }
 
     /// Queues one command; its id comes back, 0 for `get_current_state`.

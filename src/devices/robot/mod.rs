@@ -24,4 +24,4 @@ mod tests;
 
 pub use address::Address;
 pub use blocking::BlockingLink;
-pub use link::{LineOutputs, RobotLink, StartError, link_limits};
+pub use link::{LineOutputs, RobotLink, StartError, StopLine, link_limits};

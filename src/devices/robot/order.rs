@@ -14,6 +14,8 @@ pub(super) enum LinkRequest {
     Permit(Option<CommandId>, Reply<()>),
     OpenEpoch(Epoch, Reply<Epoch>),
     Abort(Reply<()>),
+    /// The same, for which nobody waits.
+    Stop,
     /// What a line is told; nobody waits for it.
     Line(u32),
     /// Let virtual time pass, where nothing was reported since this count of reports.

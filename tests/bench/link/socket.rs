@@ -6,9 +6,9 @@ use crate::clients::harass;
 use panelprep::cell::{self, Cell};
 use panelprep::daemon::{
     self, Alarms, CellSetup, Computing, DaemonError, Equipment, Examined, FrontParts, Gateway, LinkedRobot,
-    LiveView, LoopStart, NoCameras, OperatorPage, PageParts, People, Ports, RecipeText, RecordPdf, RecordSource,
-    RecordingSwitch, Request, RequestHandler, RequestSender, ServiceParts, SetupSource, Socket, StoreRecord,
-    WrittenPage,
+    LiveView, LoopStart, NoCameras, OperatorPage, PageParts, People, Port, Ports, RecipeText, RecordAnswer,
+    RecordCommand, RecordPdf, RecordSource, RecordingSwitch, Request, RequestHandler, RequestSender, ServiceParts,
+    SetupSource, Socket, StoreRecord, WrittenPage,
 };
 use panelprep::devices::robot::{Address, BlockingLink, link_limits};
 use panelprep::eki::Pace;
@@ -62,9 +62,28 @@ fn until(what: &str, mut done: impl FnMut() -> bool) {
     }
 }
 
+/// A record on a disk that hangs once each time that it is asked to.
+struct Hanging<'s> {
+    record: StoreRecord<'s>,
+    hangs: Arc<AtomicBool>,
+}
+
+/// How long it hangs.
+pub const HANGS: Duration = Duration::from_secs(5);
+
+impl Port<RecordCommand> for Hanging<'_> {
+    fn perform(&mut self, command: RecordCommand) -> RecordAnswer {
+        if matches!(command, RecordCommand::Event(_)) && self.hangs.swap(false, Ordering::Relaxed) {
+            std::thread::sleep(HANGS);
+        }
+        self.record.perform(command)
+    }
+}
+
 /// A service on a controller that is a peer of this program.
 struct Served {
     peer: Peer,
+    hangs: Arc<AtomicBool>,
     sender: RequestSender,
     gateway: Gateway,
     folder: TempDir,
@@ -82,6 +101,9 @@ impl Served {
         let address = Address { host: "127.0.0.1".to_owned(), command_port, state_port };
         let link = BlockingLink::start(address, link_limits(&cell), Pace::Wall).expect("a link");
         let (sender, queue) = daemon::request_queue();
+        sender.stops_by(link.stop_line());
+        let hangs = Arc::new(AtomicBool::new(false));
+        let hung = hangs.clone();
         let loader: Arc<daemon::Loader> = Arc::new(|_| Err(vec![]));
         let gateway = Gateway::new(sender.clone(), loader, None);
         // Whoever serves a page reads the store, which is there before the service runs.
@@ -91,7 +113,7 @@ impl Served {
             let mut robot = LinkedRobot::new(link, Pace::Wall);
             let mut store = Store::create(&store_folder).expect("a store");
             let keep = daemon::keeper(&store).expect("writable");
-            let mut record = StoreRecord::new(&mut store, None);
+            let mut record = Hanging { record: StoreRecord::new(&mut store, None), hangs: hung };
             let (pages, _) = mpsc::channel();
             let parts = ServiceParts {
                 recording: RecordingSwitch::new(&store_folder, false),
@@ -115,7 +137,7 @@ impl Served {
             let state = panelprep::cycle::State::NEW;
             daemon::run(LoopStart { cell, cycle: None, state, before: Begin::Boot }, ports).map(drop)
         });
-        Served { peer, sender, gateway, folder, supervisor, service }
+        Served { peer, hangs, sender, gateway, folder, supervisor, service }
     }
 
     /// How long each abort took to the frame; `ask` sends a word to a front and returns its answer.
@@ -157,6 +179,21 @@ pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
     drop(socket);
     served.end();
     (found, done.load(Ordering::Relaxed))
+}
+
+/// How long each abort at the socket took while the disk hangs under its line in the journal.
+pub fn aborts_on_a_hanging_disk(trials: usize) -> Vec<Duration> {
+    let served = Served::start();
+    let path = served.folder.path().join("socket");
+    let socket = Socket::listen(&path, None, served.gateway.clone(), &served.supervisor).expect("a socket");
+    let ask = |word: &str| {
+        served.hangs.store(word == "abort", Ordering::Relaxed);
+        ask(&path, word)
+    };
+    let found = served.timed(trials, ask, |answer| answer.contains("\"done\""));
+    drop(socket);
+    served.end();
+    found
 }
 
 /// What a page without recipes and records is made of.
