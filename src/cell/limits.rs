@@ -21,6 +21,8 @@ settings! {
         token_s: f64, 10.0..=600.0, default 600.0;
         /// How long a stop may take before it is a fault, s.
         stop_deadline_s: f64, 0.5..=10.0, default 10.0;
+        /// How long the output `warning` of `[io.outputs]` is on before the first motion after a rest, s.
+        warning_s: f64, 0.5..=30.0, default 3.0;
         /// How long a film is watched after it is fully wet, s (ASTM F22: up to a minute); a recipe may override it.
         observation_s: f64, 5.0..=600.0, default 60.0;
         /// Broken film from which a grid fails, mm²; a recipe may override it.

@@ -50,7 +50,7 @@ pub use lens_extent::{LensExtent, Supported};
 pub use limits::{Limits, Workspace};
 pub use line::{LINE_INPUTS, Line};
 pub use line_signal::LineSignal;
-pub use names::{Feedback, InputsOutputs, Output};
+pub use names::{Feedback, InputsOutputs, LOCAL_CONTROL, Output, WARNING};
 pub use office::{CellName, Office};
 pub use opcua::{Anonymous, OpcUa};
 pub use page::Page;

@@ -92,6 +92,11 @@ impl Feedback {
     }
 }
 
+/// The input of the selector switch at the cell, by its name in `[io.feedbacks]`: on while it is at local.
+pub const LOCAL_CONTROL: &str = "local_control";
+/// The output of the horn or lamp that warns before the first motion, by its name in `[io.outputs]`.
+pub const WARNING: &str = "warning";
+
 /// `[io.outputs]`, `[io.off_after_s]`, `[io.feedbacks]`, `[io.mapped_inputs]` and `[io.line_outputs]`: names for the controller's digital
 /// outputs and inputs, and which outputs its program switches off when an epoch ends.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -261,7 +266,9 @@ fn take_off_after(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) ->
         right = false;
     }
     let at_once = OFF_AT_ONCE.map(|name| (name, 0));
-    let usual = at_once.into_iter().chain([(Output::Extraction.name(), 30), (Output::Light.name(), 60)]);
+    // A stop while it warns must not leave it on.
+    let later = [(Output::Extraction.name(), 30), (Output::Light.name(), 60), (WARNING, 1)];
+    let usual = at_once.into_iter().chain(later);
     let mut all: BTreeMap<String, u16> =
         usual.filter(|(name, _)| outputs.contains_key(*name)).map(|(name, s)| (name.to_owned(), s)).collect();
     all.extend(stated);

@@ -156,7 +156,7 @@ fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
     let persist_s = persist_s.max(longer_s);
     outcome.say("for the recipe:");
     outcome.say("  [inspect]");
-    outcome.say(format!("  reference = {reference:?}"));
+    outcome.say(format!("  reference = \"{reference}\""));
     outcome.say(format!("  channel_weights = {weights:?}"));
     outcome.say(format!("  persist_s = {persist_s:?}"));
     outcome.say(format!("  min_break_mm2 = {min_break_mm2:?}"));

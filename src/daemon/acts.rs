@@ -223,6 +223,11 @@ impl Running<'_> {
             Waits::Feedback { last, proof } if state.done >= last && proof.is_told(state) => {
                 self.answer(id, Answer::Done);
             }
+            Waits::Warned { until } if self.ports.robot.now() >= until => {
+                if let Act::Move(motion) = act {
+                    self.warned(id, motion)?;
+                }
+            }
             Waits::Ready(last) if state.done >= last && stands => {
                 if let Act::Move(motion) = act {
                     self.by_lines(id, motion)?;

@@ -36,6 +36,7 @@ mod cameras;
 mod clock;
 mod computing;
 mod contacts;
+mod control;
 mod corner_views;
 mod corners;
 mod corrected;

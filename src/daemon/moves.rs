@@ -1,5 +1,6 @@
 //! Motions: each path through the gate whole, then sent, then heard of until the robot stands at its end.
 
+use super::deadlines::seconds;
 use super::error::DaemonError;
 use super::pending::{Pending, Waits};
 use super::ports::RobotPort;
@@ -7,7 +8,7 @@ use super::running::Running;
 use super::sent::{End, Sent};
 use super::setup::CycleSetup;
 use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
-use crate::eki::{Command, CommandId, MoveJ, MoveLin, QueueError, SetAccSpeed, State};
+use crate::eki::{Command, CommandId, MoveJ, MoveLin, QueueError, SetAccSpeed, Signal, State};
 use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use crate::panel::panel_from_base_at_teaching;
 use crate::path::reach::{self, Infeasibility, Obstacles};
@@ -33,7 +34,7 @@ impl Running<'_> {
     pub(super) fn begin_move(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
         // What is refused on its way was not executed, whatever the path before it was.
         (self.sent, self.left_at) = (None, 0);
-        if !self.tool_lets_go(id, motion.path)? {
+        if !self.tool_lets_go(id, motion.path)? || self.warns(id, motion)? {
             return Ok(());
         }
         if motion.path == Path::Park {
@@ -54,6 +55,25 @@ impl Running<'_> {
             return self.waits_or_fails(id, Act::Move(motion), sent.map(Waits::Ready));
         }
         self.by_lines(id, motion)
+    }
+
+    /// Whether the cell first warns of this motion: horn or lamp are on for a time before the first motion after a rest.
+    fn warns(&mut self, id: Id, motion: Motion) -> Result<bool, DaemonError> {
+        let Some(number) = self.cell.warning_output.filter(|_| !self.has_warned) else { return Ok(false) };
+        let sent = self.ports.robot.send(Command::SetDigout(Signal { number, on: true }));
+        let until = self.ports.robot.now() + seconds(self.cell.limits.warning_s());
+        self.waits_or_fails(id, Act::Move(motion), sent.map(|_| Waits::Warned { until }))?;
+        Ok(true)
+    }
+
+    /// The cell has warned: the motion begins.
+    pub(super) fn warned(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
+        self.has_warned = true;
+        let Some(number) = self.cell.warning_output else { return self.begin_move(id, motion) };
+        match self.ports.robot.send(Command::SetDigout(Signal { number, on: false })) {
+            Ok(_) => self.begin_move(id, motion),
+            failed => self.waits_or_fails(id, Act::Move(motion), failed.map(Waits::Ready)),
+        }
     }
 
     /// Whether the axes may go to these poses, one after the other, from where they stand, and keep off obstacles on their way.

@@ -2,7 +2,7 @@
 
 use super::wiring::Proof;
 use crate::cycle::{Act, Id};
-use crate::eki::CommandId;
+use crate::eki::{CommandId, Time};
 
 /// An act whose answer is still to come.
 #[derive(Debug, Clone, Copy)]
@@ -25,6 +25,11 @@ pub(super) enum Waits {
     Frames(CommandId),
     /// Outputs that are set, and the feedback.
     Feedback { last: CommandId, proof: Proof },
+    /// That the cell has warned of the motion for long enough.
+    Warned {
+        /// Until then.
+        until: Time,
+    },
     /// The pose from which a line may begin.
     Ready(CommandId),
     /// The end of a path.

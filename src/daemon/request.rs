@@ -104,6 +104,15 @@ impl What {
         }
     }
 
+    /// What it asks of the table, if it asks anything of it.
+    pub(super) fn of_table(&self) -> Option<cycle::Request> {
+        match self {
+            What::Table(request) => Some(*request),
+            What::Begin(prepared) => Some(prepared.request),
+            _ => None,
+        }
+    }
+
     /// Whether it must reach the loop before everything else, however much waits.
     pub(super) fn is_urgent(&self) -> bool {
         matches!(self, What::Leave | What::Table(cycle::Request::Stop | cycle::Request::Abort))

@@ -380,6 +380,11 @@ impl Requester for RequestHandler {
                 let state = self.state;
                 self.answer(Exit::Fault, reasons, &state);
             }
+            News::NotPermitted(reasons) => {
+                let state = self.state;
+                self.noted = std::mem::take(&mut self.set_aside);
+                self.answer(Exit::Refused, reasons, &state);
+            }
             News::Begun(cycle, _) => {
                 self.noted.clear();
                 (self.cycle, self.verdict) = (Some(cycle), None);

@@ -134,6 +134,7 @@ impl Running<'_> {
             self.deadlines.disarm(id);
         }
         let (before, (state, effects)) = (self.state, step(self.state, event));
+        self.has_warned &= !before.at.rests();
         self.stood = before.facts.arm;
         if state.at != before.at {
             tracing::info!("{}", words::place(state.at));
@@ -143,6 +144,9 @@ impl Running<'_> {
             Effect::Refuse { request, refusal } => Some((*request, *refusal)),
             _ => None,
         });
+        if let (Event::Asked(request), None) = (event, refused) {
+            self.control.has_taken(request);
+        }
         if state.job.running && !before.job.running {
             self.keep_clock()?;
         }
@@ -239,6 +243,13 @@ impl Running<'_> {
     /// A request: what happens by it, or what is done with it here.
     fn take_up(&mut self, Request { what, who, .. }: Request) -> Result<TakenUp, DaemonError> {
         self.requester = who;
+        if let Some(request) = what.of_table() {
+            if let Some(why) = self.control.refusal(request, self.requester.front, self.robot_state.as_ref()) {
+                self.ports.requests.tell(News::NotPermitted(vec![why.clone()]));
+                self.keep_asked(Wanted::For(request), self.requester.clone(), (Answer::Refused, vec![why]))?;
+                return Ok(TakenUp::Done);
+            }
+        }
         match what {
             What::Leave => return Ok(TakenUp::Leave),
             What::Table(request @ (cycle::Request::Unhold { .. } | cycle::Request::Accept))

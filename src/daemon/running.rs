@@ -2,6 +2,7 @@
 
 use super::abrasion::Abrasion;
 use super::computing::Computing;
+use super::control::Control;
 use super::corrected::Corrected;
 use super::deadlines::Deadlines;
 use super::feedbacks::Contrary;
@@ -73,6 +74,10 @@ pub(super) struct Running<'p> {
     pub verdict: Option<Verdict>,
     /// Who made the request that was taken up last.
     pub requester: Who,
+    /// Which side may command the cell.
+    pub control: Control,
+    /// The cell has warned of motion since it last rested.
+    pub has_warned: bool,
     /// The disk was found full, and not yet otherwise.
     pub is_disk_full: bool,
     /// A request was taken up, and the robot has not had its turn since.
@@ -89,6 +94,8 @@ impl<'p> Running<'p> {
         (state, lock_step): (State, bool),
     ) -> Self {
         Running {
+            control: Control::new(cell.control_bit),
+            has_warned: false,
             cell,
             is_single: cycle.is_some(),
             cycle,

@@ -3,7 +3,7 @@
 use super::error::DaemonError;
 use super::wiring::Wiring;
 use crate::calib::health;
-use crate::cell::{Arm, Cell, CompliantTool, LensExtent, Limits};
+use crate::cell::{Arm, Cell, CompliantTool, LOCAL_CONTROL, LensExtent, Limits, WARNING};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};
 use crate::inspect::Demands;
 use crate::locate::{LocateError, ScanErrors, TaughtModel};
@@ -47,6 +47,10 @@ pub struct CellSetup {
     pub arm: Arm,
     /// Outputs and feedbacks.
     pub wiring: Wiring,
+    /// The bit of the state message's `In` that is the selector switch, on at local.
+    pub control_bit: Option<u32>,
+    /// The output that warns before the first motion.
+    pub warning_output: Option<u16>,
     /// The compliant tool, where the sanding tool is one.
     pub tool: Option<CompliantTool>,
     /// Where the arm parks.
@@ -66,6 +70,8 @@ impl CellSetup {
             limits: cell.limits().clone(),
             arm: cell.arm().clone(),
             wiring: Wiring::of(cell.io())?,
+            control_bit: cell.io().input_bit(LOCAL_CONTROL),
+            warning_output: cell.io().outputs().get(WARNING).copied(),
             tool: cell.tool().compliant().cloned(),
             park: cell.park().ok_or(DaemonError::NotStated { key: "poses.park" })?,
             ready: cell.pose("ready"),

@@ -114,6 +114,11 @@ impl Oracles {
         self.begins_anew = true;
     }
 
+    /// A person has brought the arm here.
+    pub fn jogged(&mut self, joints: Joints) {
+        self.joints = Some(joints);
+    }
+
     /// The last command of an epoch that was sent.
     pub fn last_sent(&self, epoch: Epoch) -> u32 {
         self.sent.get(&epoch.0).copied().unwrap_or(0)

@@ -152,6 +152,14 @@ pub fn session(sabotage: Option<Sabotage>) -> Session {
 }
 
 impl Inside {
+    /// A person brings the arm to its park pose by hand, if it is at rest.
+    pub fn jogs_to_park(&mut self) {
+        if self.cell.controller.jog(super::fixture::Fixture::get().setup.park) {
+            self.oracles.jogged(self.cell.controller.joints());
+            self.counts.jogs += 1;
+        }
+    }
+
     fn new(
         stands: Stands,
         (delay_ms, programs): ((u64, u64), Option<Programs>),

@@ -9,7 +9,7 @@ use super::in_time::InTime;
 use super::inside::{Inside, Shared};
 use super::judges;
 use super::script::{self, Press};
-use panelprep::cycle::{self, At, Id, Robot, State, Why};
+use panelprep::cycle::{self, At, Cause, Id, Robot, State, Trouble, Why};
 use panelprep::daemon::{News, Port, Request, RequestAnswer, RequestCommand, What};
 use panelprep::record::CycleId;
 use panelprep::supervision::{Failure, ThreadFault};
@@ -207,7 +207,13 @@ impl People {
             }
             (_, At::Stopped | At::Complete { .. }) if is_ready => table(cycle::Request::Reset),
             (_, At::Idle) if is_ready => Some(begin()),
-            (_, At::Aborted { .. }) if is_ready => table(cycle::Request::Clear),
+            (_, At::Aborted { cause }) if is_ready => {
+                // The arm is left somewhere near the panel: the message says to jog it away.
+                if cause == Cause::Trouble(Trouble::Gate) {
+                    self.world.lock().jogs_to_park();
+                }
+                table(cycle::Request::Clear)
+            }
             (_, At::Held(hold)) if is_ready => {
                 self.held += 1;
                 if self.held > TRIES {

@@ -26,6 +26,8 @@ pub enum News {
     Refused(cycle::Request, Refusal),
     /// What was requested cannot be begun.
     Unable(Vec<Reason>),
+    /// What was requested is not done: another side commands the cell.
+    NotPermitted(Vec<Reason>),
     /// A cycle began; with what the loop remembers from before it.
     Begun(CycleId, Begin),
     /// The cycle has its verdict.

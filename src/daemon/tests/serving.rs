@@ -26,6 +26,7 @@ pub struct Script {
     cycles: Vec<CycleId>,
     noted: Vec<Reason>,
     unable: Vec<String>,
+    not_permitted: Vec<String>,
 }
 
 impl Script {
@@ -61,6 +62,9 @@ impl Requester for Script {
         match news {
             News::Refused(request, refusal) => self.refusals.push((request, refusal)),
             News::Unable(reasons) => self.unable.extend(reasons.iter().map(|reason| reason.code.to_string())),
+            News::NotPermitted(reasons) => {
+                self.not_permitted.extend(reasons.iter().map(|reason| reason.code.to_string()));
+            }
             News::Begun(cycle, _) => self.cycles.push(cycle),
             News::Concluded(verdict) => self.verdicts.push(verdict),
             News::Noted(reasons) => self.noted.extend(reasons),
@@ -100,6 +104,38 @@ fn a_new_disc_goes_on_after_a_review() {
     assert_eq!(script.verdicts, [Verdict::Pass]);
     assert_eq!(script.unable, ["not_now"], "not while the cell works");
     assert!((1_000.0..900_000.0).contains(&record.worn_mm2), "{}", record.worn_mm2);
+}
+
+/// Once for each way out of rest, for as long as the cell says, and off again before the arm moves.
+#[test]
+fn the_cell_warns_before_it_moves() {
+    let mut cell = Fake::new(Scene::Clean);
+    (cell.more_io, cell.more_cell) = (["warning = 6\n", ""], "warning_s = 2.5\n");
+    let story = cell.run(super::fake::Asks::one_cycle());
+    assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
+    let (set, moved_ms) = story.warning_ms;
+    let [(on_ms, true), (off_ms, false)] = set[..] else { panic!("{set:?}") };
+    assert!(off_ms - on_ms >= 2_500 && moved_ms.is_some_and(|moved_ms| moved_ms >= off_ms), "{set:?} {moved_ms:?}");
+    let silent = Fake::new(Scene::Clean).run(super::fake::Asks::one_cycle());
+    assert_eq!(silent.warning_ms.0, [], "a cell without the output");
+}
+
+/// The first start needs the switch at local; it is turned, and the same start is taken.
+#[test]
+fn a_start_is_taken_from_the_selected_side() {
+    let mut cell = Fake::new(Scene::Clean);
+    cell.more_io = ["", "local_control = 6\n"];
+    let (remote, local) = (cell.turns_to_local(false), cell.turns_to_local(true));
+    let idle = |state: &State| state.at == At::Idle;
+    let mut script = Script::default()
+        .reset()
+        .when(move |state| idle(state) && remote(), What::NewDisc)
+        .start(&cell)
+        .when(move |state| idle(state) && local(), What::NewDisc)
+        .start(&cell)
+        .leave_when(complete);
+    cell.serve(|cameras| cameras, vec![], &mut script);
+    assert_eq!((script.not_permitted, script.verdicts), (vec!["local_control".to_owned()], vec![Verdict::Pass]));
 }
 
 /// The same cycle, computed here and aside: the same events, in the same order.

@@ -32,6 +32,8 @@ pub struct Counts {
     pub imagined_cuts: u64,
     /// Kills of the process.
     pub kills: u64,
+    /// How often a person jogged the arm away from a place that was not known.
+    pub jogs: u64,
     /// Virtual time, ms.
     pub time_ms: u64,
 }
@@ -43,6 +45,7 @@ impl Counts {
         other.judged.iter().for_each(|(key, count)| *self.judged.entry(key).or_default() += count);
         other.places.iter().for_each(|(key, count)| *self.places.entry(key).or_default() += count);
         other.verdicts.iter().for_each(|(key, count)| *self.verdicts.entry(key).or_default() += count);
+        self.jogs += other.jogs;
         self.cycles += other.cycles;
         self.lives += other.lives;
         self.cuts += other.cuts;

@@ -20,6 +20,9 @@ impl Recordable for RequestCommand {
                 (Topic::Request, json!({ "refused": [request, refusal] }))
             }
             RequestCommand::Tell(News::Unable(reasons)) => (Topic::Request, json!({ "unable": reasons })),
+            RequestCommand::Tell(News::NotPermitted(reasons)) => {
+                (Topic::Request, json!({ "not_permitted": reasons }))
+            }
             RequestCommand::Tell(_) => return None,
         })
     }

@@ -48,6 +48,8 @@ pub struct Cell {
     pub fills_at: Option<usize>,
     /// Tables at the end of the recipe.
     pub more_recipe: &'static str,
+    /// Names at the end of the cell's outputs and of its feedbacks.
+    pub more_io: [&'static str; 2],
     /// Tables at the end of the cell's file.
     pub more_cell: &'static str,
     /// What the disc has worn before, mm².
@@ -72,6 +74,7 @@ impl Cell {
             is_full: false,
             fills_at: None,
             more_recipe: "",
+            more_io: ["", ""],
             more_cell: "",
             worn_mm2: 0.0,
             removal: None,
@@ -172,8 +175,10 @@ impl Cell {
     /// The cell's file, recipe, what was taught, and the calibrations.
     pub fn files(&self) -> (cell::Cell, Recipe, TaughtHere, Calibrations) {
         let (taught, recipe) = taught(&self.world.borrow().sim, self.more_recipe);
+        let [outputs, feedbacks] = self.more_io;
+        let io = CELL.replace("[io.feedbacks]", &format!("{outputs}[io.feedbacks]"));
         let text = format!(
-            "{CELL}[limits]\nbox_min_mm = [100, -450, 50]\nbox_max_mm = [{}, 450, 900]\nmax_tilt_deg = 60\n{}",
+            "{io}{feedbacks}[limits]\nbox_min_mm = [100, -450, 50]\nbox_max_mm = [{}, 450, 900]\nmax_tilt_deg = 60\n{}",
             self.box_to_mm, self.more_cell
         );
         let cell = cell::Cell::check("cell.toml", &text).unwrap_or_else(|e| panic!("{e}"));
@@ -232,6 +237,15 @@ impl Cell {
     /// What computes for this cell by the wall clock.
     pub fn computing(&self) -> Computing<'static> {
         computing(Box::new(FakeCameras::new(self.world.clone())), vec![], false)
+    }
+
+    /// Turns the selector switch.
+    pub fn turns_to_local(&self, is_local: bool) -> impl Fn() -> bool + use<> {
+        let world = self.world.clone();
+        move || {
+            world.borrow_mut().is_local = is_local;
+            true
+        }
     }
 
     pub fn light(&self, on: bool) {
@@ -318,6 +332,7 @@ impl Cell {
             asked: record.asked,
             clocks: record.clocks,
             moved_without_intent: world.moved_without_intent,
+            warning_ms: (world.warning_ms.clone(), world.first_move_ms),
         })
     }
 }

@@ -20,6 +20,9 @@ impl World {
     fn execute(&mut self, command: Command) {
         let moves = matches!(command, Command::MoveJ(_) | Command::MoveLin(_));
         self.moved_without_intent += usize::from(moves && self.intent.is_none());
+        if moves {
+            self.first_move_ms.get_or_insert(self.time_ms);
+        }
         match command {
             Command::SetBase(base) => self.base = Some(base),
             Command::SetTcp(tool) => self.tool = Some(tool),
@@ -29,6 +32,9 @@ impl World {
                     self.healed = self.rubbed > 0;
                 }
                 self.outputs.insert(signal.number, signal.on);
+                if signal.number == 6 {
+                    self.warning_ms.push((self.time_ms, signal.on));
+                }
             }
             Command::MoveJ(target) => {
                 self.joints = target.joints;
@@ -73,7 +79,12 @@ impl World {
             moving: !self.queue.is_empty() || self.time_ms < self.brakes_until_ms,
             base_set: self.base.is_some(),
             tool_set: self.tool.is_some(),
-            inputs: ((1 - is_on(2)) | is_on(3) << 1 | is_on(4) << 2 | is_on(5) << 3 | is_on(1) << 4)
+            inputs: ((1 - is_on(2))
+                | is_on(3) << 1
+                | is_on(4) << 2
+                | is_on(5) << 3
+                | is_on(1) << 4
+                | u32::from(self.is_local) << 5)
                 & !self.dead_feedbacks(),
             outputs: (1..=5).fold(0, |bits, output| bits | is_on(output) << (output - 1)),
             done: CommandId(self.done),

@@ -34,6 +34,8 @@ pub struct Story {
     pub asked: Vec<RequestRecord>,
     pub clocks: Vec<Clock>,
     pub moved_without_intent: usize,
+    /// When output 6 was set and to what, ms, and when the arm first moved.
+    pub warning_ms: (Vec<(u64, bool)>, Option<u64>),
 }
 
 impl Story {

@@ -71,6 +71,11 @@ pub(super) struct World {
     pub(super) blends_mm: Vec<f64>,
     pub(super) intent: Option<Motion>,
     pub(super) moved_without_intent: usize,
+    /// When output 6 was set and to what, ms, and when the arm first moved.
+    pub(super) warning_ms: Vec<(u64, bool)>,
+    pub(super) first_move_ms: Option<u64>,
+    /// Input 6, the selector switch.
+    pub(super) is_local: bool,
     pub(super) films_began_s: Vec<f64>,
 }
 
@@ -118,6 +123,9 @@ impl World {
             blends_mm: Vec::new(),
             intent: None,
             moved_without_intent: 0,
+            warning_ms: Vec::new(),
+            first_move_ms: None,
+            is_local: true,
             films_began_s: Vec::new(),
         }
     }

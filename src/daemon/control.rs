@@ -1,0 +1,133 @@
+//! A single point of control: which side may command the cell, by a selector switch at the cell (ISO 10218-2).
+//!
+//! The input `local_control` of `[io.feedbacks]` is on while the switch is at local. Stop, Abort and Hold are taken from every side. Clear,
+//! Unhold, Accept and the first Start after a start of the program or a Clear need a person at the cell: they are taken at local, from the
+//! page, the socket or a command. What else begins something is taken from the selected side alone. A cell without that input has no
+//! selection, and every front commands as its accounts permit.
+
+use super::wiring::reads;
+use crate::cycle::Request;
+use crate::eki::State;
+use crate::record::Front;
+use crate::verdict::Reason;
+
+/// The selector switch, and what it must permit first.
+#[derive(Debug, Default)]
+pub(super) struct Control {
+    /// The bit of the state message's `In`.
+    bit: Option<u32>,
+    /// A person at the cell has started a cycle since the program started and since the last Clear.
+    is_started: bool,
+}
+
+impl Control {
+    /// The switch at this bit of the state message's `In`, if the cell has one.
+    pub fn new(bit: Option<u32>) -> Self {
+        Control { bit, is_started: false }
+    }
+
+    /// Why a request is not taken from this front.
+    pub fn refusal(&self, request: Request, front: Front, state: Option<&State>) -> Option<Reason> {
+        let bit = self.bit?;
+        if matches!(request, Request::Stop | Request::Abort | Request::Hold) {
+            return None;
+        }
+        let Some(state) = state else {
+            let message = "the selector switch cannot be read without the controller: nothing but stop, abort and hold is taken";
+            return Some(Reason::new("control_unknown", message));
+        };
+        let (is_local, is_at_cell) = (reads(state, bit), is_at_cell(front));
+        let starts = matches!(request, Request::Start { .. } | Request::AirRun { .. });
+        let needs_person = request.is_decision() || (starts && !self.is_started);
+        let (selected, other) = if is_local { ("local", "remote") } else { ("remote", "local") };
+        if needs_person && !(is_local && is_at_cell) {
+            let message = format!(
+                "it is taken from a person at the cell only, and the selector switch is at {selected}: set it to local, look at the cell, \
+                 then ask on the page or with `panelprep ctl`"
+            );
+            return Some(Reason::new("local_control", message));
+        }
+        (is_local != is_at_cell).then(|| {
+            let message =
+                format!("the selector switch is at {selected}, and the request came from the {other} side");
+            Reason::new("not_selected", message)
+        })
+    }
+
+    /// Remembers what was taken: a first start, or a clear after which the next start is the first one again.
+    pub fn has_taken(&mut self, request: Request) {
+        match request {
+            Request::Start { .. } | Request::AirRun { .. } => self.is_started = true,
+            Request::Clear => self.is_started = false,
+            _ => {}
+        }
+    }
+}
+
+/// Whether a request by this way comes from a person at the cell, as far as the program can know: who uses the page or the socket from
+/// elsewhere meets the switch that a person at the cell has set.
+fn is_at_cell(front: Front) -> bool {
+    match front {
+        Front::Socket | Front::Page | Front::Command | Front::Signal | Front::Program => true,
+        Front::OpcUa | Front::Sparkplug | Front::Line => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    const START: Request = Request::Start { max_passes: 1, max_moves: 1, dries: false };
+
+    fn refused(control: &Control, request: Request, front: Front, is_local: bool) -> Option<String> {
+        let state = State { inputs: u32::from(is_local), ..crate::daemon::tests::standing_state() };
+        control.refusal(request, front, Some(&state)).map(|reason| reason.code.to_string())
+    }
+
+    #[test]
+    fn decisions_and_the_first_start_need_a_person_at_the_cell() {
+        let mut control = Control::new(Some(0));
+        for request in [Request::Clear, Request::Unhold { dried: false }, Request::Accept, START] {
+            for (front, is_local, is_taken) in [
+                (Front::Page, true, true),
+                (Front::Page, false, false),
+                (Front::OpcUa, true, false),
+                (Front::OpcUa, false, false),
+            ] {
+                let code = refused(&control, request, front, is_local);
+                assert_eq!(
+                    code.as_deref(),
+                    (!is_taken).then_some("local_control"),
+                    "{request:?} {front:?} {is_local}"
+                );
+            }
+        }
+        control.has_taken(START);
+        // After the first one the selected side starts, and no other.
+        assert_eq!(refused(&control, START, Front::Line, false), None);
+        assert_eq!(refused(&control, START, Front::Line, true).as_deref(), Some("not_selected"));
+        assert_eq!(refused(&control, START, Front::Page, false).as_deref(), Some("not_selected"));
+        control.has_taken(Request::Clear);
+        assert_eq!(refused(&control, START, Front::Line, false).as_deref(), Some("local_control"));
+    }
+
+    #[test]
+    fn what_stops_is_taken_from_every_side() {
+        let control = Control::new(Some(0));
+        for request in [Request::Stop, Request::Abort, Request::Hold] {
+            for front in [Front::Socket, Front::OpcUa, Front::Line] {
+                assert_eq!(
+                    refused(&control, request, front, true).or(refused(&control, request, front, false)),
+                    None
+                );
+                assert_eq!(control.refusal(request, front, None), None);
+            }
+        }
+        let unknown = control.refusal(START, Front::Page, None).expect("the controller is not there");
+        assert_eq!(unknown.code, "control_unknown");
+        assert_eq!(
+            refused(&Control::default(), Request::Clear, Front::OpcUa, false),
+            None,
+            "a cell without a switch"
+        );
+    }
+}
