@@ -30,7 +30,7 @@ pub enum Request {
         /// Moves of the corner loop, at most.
         max_moves: u8,
         /// After an abrasion the panel is dried, and a new dry picture is the reference of the next film.
-        #[serde(default)]
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         dries: bool,
     },
     /// Idle → the planned path over all grids in the air: no water, no tool, no contact.

@@ -22,7 +22,7 @@ use crate::stages::plan::{self, Planned, Reach};
 use crate::stages::rejected_by;
 use crate::stages::removal::Abrasive;
 use crate::stages::survey::{self, ToolState};
-use crate::surface::{self, Fit};
+use crate::surface::{self, Fit, TodaysPoint};
 use crate::verdict::{Check, Limit, Reason, SetBy, Severity};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -31,6 +31,8 @@ use std::sync::Arc;
 #[derive(Debug, Default, Clone)]
 pub(super) struct Abrasion {
     /// The taught region's surface, once it is known.
+    taught: Option<Arc<Fit>>,
+    /// The same as today's scan shows it, on which paths are planned.
     fit: Option<Arc<Fit>>,
     plan: Option<(u64, Plan)>,
     /// In how many passes a grid was touched, and the last of them.
@@ -67,7 +69,8 @@ impl Abrasion {
 
     /// The same on the surface that another one knows.
     pub(super) fn on_surface_of(self, other: Abrasion) -> Self {
-        Abrasion { fit: self.fit.or(other.fit), ..self }
+        // What was done before in the same way was done on the surface of the same scan.
+        Abrasion { taught: self.taught.or(other.taught), fit: other.fit.or(self.fit), ..self }
     }
 
     /// The plan with this number.
@@ -126,19 +129,26 @@ impl Abrasion {
         &mut self,
         cycle: &CycleSetup,
         (pass, found, panel): (u8, Grade, &Approach<'_>),
+        points: &[TodaysPoint],
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        let fit = match self.fitted(cycle, record)? {
-            Ok(fit) => fit,
+        let taught = match self.as_taught(cycle, record)? {
+            Ok(taught) => taught,
             Err(check) => {
                 record.finding(&rejected_by(Kind::Reach, pass, *check))?;
                 return Ok(Answer::Graded(Grade::Reject));
             }
         };
+        record.figure(&figure_alone(survey::drawn_surface(&taught.map)))?;
+        let today = survey::today((&cycle.panel, &taught), points, cycle.recipe.surface());
+        if let Some(drawing) = today.drawing {
+            record.figure(&figure_alone(drawing))?;
+        }
+        let fit = self.fit.insert(Arc::new(today.fit)).clone();
         let kinematics = Kinematics::new(&cycle.cell.arm);
         let stand = cycle.tour().stand(&kinematics, panel);
         let surveyed = survey::survey((&cycle.panel, &fit), stand, &cycle.recipe, self.tool(cycle));
-        record.figure(&figure_alone(survey::drawn_surface(&fit.map)))?;
+        let surveyed = surveyed.with_today(today.checks);
         let found_reach = surveyed.finding(pass, &fit.deviation, (&cycle.panel, &cycle.recipe));
         let own = grade(&found_reach.judgement);
         record.finding(&found_reach)?;
@@ -147,17 +157,29 @@ impl Abrasion {
         Ok(Answer::Graded(both))
     }
 
-    /// The surface; a refusal leaves its picture.
+    /// Today's surface, or before the panel was surveyed the taught one.
     fn fitted(
         &mut self,
         cycle: &CycleSetup,
         record: &mut dyn Record,
     ) -> Result<Result<Arc<Fit>, Box<Check>>, DaemonError> {
-        if let Some(fit) = &self.fit {
-            return Ok(Ok(fit.clone()));
+        match &self.fit {
+            Some(fit) => Ok(Ok(fit.clone())),
+            None => self.as_taught(cycle, record),
+        }
+    }
+
+    /// The taught surface; a refusal leaves its picture.
+    fn as_taught(
+        &mut self,
+        cycle: &CycleSetup,
+        record: &mut dyn Record,
+    ) -> Result<Result<Arc<Fit>, Box<Check>>, DaemonError> {
+        if let Some(taught) = &self.taught {
+            return Ok(Ok(taught.clone()));
         }
         match surface::examine(&cycle.panel, cycle.recipe.surface()) {
-            Ok(fit) => Ok(Ok(self.fit.insert(Arc::new(fit)).clone())),
+            Ok(taught) => Ok(Ok(self.taught.insert(Arc::new(taught)).clone())),
             Err(refusal) => {
                 if let Some(map) = &refusal.map {
                     record.figure(&figure_alone(survey::drawn_surface(map)))?;

@@ -15,6 +15,7 @@ use crate::path::reach::Obstacles;
 use crate::phase::Phase;
 use crate::record::{Budget, Kind};
 use crate::stages::{self, Drawing, film};
+use crate::surface::{self, TodaysPoint};
 use crate::{locate, report};
 use std::sync::Arc;
 use std::time::Instant;
@@ -32,6 +33,8 @@ pub(super) struct Perception {
     pub corners: Corners,
     /// The panel where it was found and what else the scan showed, for the arm to keep off.
     obstacles: Option<Arc<Obstacles>>,
+    /// The points of the panel's region in that scan.
+    todays_points: Arc<Vec<TodaysPoint>>,
     dry: Option<(Arc<ColorPicture>, f64)>,
     /// The films of this cycle, in order.
     pub inspections: Vec<Arc<Inspection>>,
@@ -88,6 +91,11 @@ impl Perception {
         self.obstacles.as_ref()
     }
 
+    /// The points of its region in the scan in which it was located.
+    pub fn todays_points(&self) -> &Arc<Vec<TodaysPoint>> {
+        &self.todays_points
+    }
+
     /// What of the panel's place a later phase's result depends on, as text. Obstacles follow from the scan by which the panel
     /// was located.
     pub(super) fn place_inputs(&self) -> String {
@@ -126,7 +134,7 @@ impl Perception {
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
         (self.located, self.located_mm, self.place, self.obstacles) = (None, None, None, None);
-        (self.dry, self.corners) = (None, Corners::default());
+        (self.dry, self.corners, self.todays_points) = (None, Corners::default(), Arc::default());
         let errors = &cycle.calibrations.scan_errors;
         // The taught panel is prepared while the camera takes its scan.
         let scan = std::thread::scope(|threads| {
@@ -167,6 +175,8 @@ impl Perception {
             ..Budget::default()
         })?;
         if let Some(place) = place {
+            let panel_from_camera = place.inverse() * base_from_camera;
+            self.todays_points = Arc::new(surface::todays_points(&cycle.panel, &scan, &panel_from_camera));
             record.scanned(&scan, &(place.inverse() * base_from_camera));
         }
         (self.located, self.place, self.located_mm, self.obstacles) = (place, place, located_mm, obstacles);

@@ -47,6 +47,8 @@ impl Kind {
 
 /// Names of numbers that are read again by their name.
 pub mod name {
+    /// How far today's panel lies from the taught one at most.
+    pub const DEVIATION: &str = "deviation from the taught panel, largest";
     /// How long a film was watched, s.
     pub const WATCHED: &str = "watched";
     /// The water, as the recipe states it.

@@ -39,5 +39,5 @@ pub use overlay::View;
 pub use reasons::{ReasonPicture, reason_pictures};
 pub use removed::removal_map;
 pub use scan_view::{missing_share, region_in_scan, scan_picture};
-pub use surface_map::surface_map;
+pub use surface_map::{surface_map, today_map};
 pub use trend_chart::{ChartWords, trend_chart};

@@ -1,4 +1,4 @@
-//! How a fitted surface lies in the scan, as a map that an engineer can read.
+//! How a fitted surface lies in the scan, and how today's surface lies beside the taught one, as maps that an engineer can read.
 //!
 //! Each pixel shows the mean deviation of the points around it, so that the scan's white noise, which says nothing about
 //! the surface, does not hide what is wrong with the shape. Points that are missing or were left out are shown as they
@@ -19,11 +19,32 @@ const LEFT_OUT: Ink = Ink::YELLOW;
 const IN_FRONT: Ink = Ink::VERMILLION;
 const BEHIND: Ink = Ink::DEEP_BLUE;
 
-/// The map with its legend and scale.
+/// The map of a fit with its legend and scale.
 ///
 /// # Errors
 /// Where OpenCV refuses to draw.
 pub fn surface_map(map: &DeviationMap) -> Result<ColorPicture, ImagingError> {
+    let side_mm = (2 * MEAN_RADIUS_PX + 1) as f64 * map.mm_per_px();
+    let front = format!("scan {FULL_MM} mm or more in front of the surface, mean over {side_mm:.1} mm");
+    let behind = format!("scan {FULL_MM} mm or more behind it");
+    drawn(map, FULL_MM, [&front, "scan on the surface", &behind, "point left out of the fit", "no point"])
+}
+
+/// The map of today's surface beside the taught one; at this deviation it has full colour, mm.
+///
+/// # Errors
+/// Where OpenCV refuses to draw.
+pub fn today_map(map: &DeviationMap, full_mm: f64) -> Result<ColorPicture, ImagingError> {
+    let front = format!("panel {full_mm} mm or more in front of the taught one");
+    let behind = format!("panel {full_mm} mm or more behind it");
+    drawn(map, full_mm, [&front, "as taught", &behind, "left out", "not seen by the scan"])
+}
+
+fn drawn(
+    map: &DeviationMap,
+    full_mm: f64,
+    [front, level, behind, left_out, missing]: [&str; 5],
+) -> Result<ColorPicture, ImagingError> {
     let (width, pixels) = (map.width(), map.pixels());
     let means = means_mm(width, pixels);
     let mut picture = ColorPicture::filled(width, pixels.len() / width.max(1), OUTSIDE.0);
@@ -32,22 +53,14 @@ pub fn surface_map(map: &DeviationMap) -> Result<ColorPicture, ImagingError> {
             MapPixel::Outside => OUTSIDE,
             MapPixel::Missing => MISSING,
             MapPixel::Rejected { .. } => LEFT_OUT,
-            MapPixel::Fits { .. } => shade(mean_mm / FULL_MM),
+            MapPixel::Fits { .. } => shade(mean_mm / full_mm),
         }
         .0;
     }
     let mut canvas = Canvas::on(&picture)?;
     canvas.scale_bar_within(1.0 / map.mm_per_px())?;
-    let side_mm = (2 * MEAN_RADIUS_PX + 1) as f64 * map.mm_per_px();
-    let front = format!("scan {FULL_MM} mm or more in front of the surface, mean over {side_mm:.1} mm");
-    let behind = format!("scan {FULL_MM} mm or more behind it");
-    let legend = [
-        (IN_FRONT, front.as_str()),
-        (Ink::WHITE, "scan on the surface"),
-        (BEHIND, &behind),
-        (LEFT_OUT, "point left out of the fit"),
-        (MISSING, "no point"),
-    ];
+    let legend =
+        [(IN_FRONT, front), (Ink::WHITE, level), (BEHIND, behind), (LEFT_OUT, left_out), (MISSING, missing)];
     canvas.with_legend(&legend)?.finish()
 }
 

@@ -124,6 +124,11 @@ impl Cell {
         Cell { film: spec, ..self }
     }
 
+    /// The same cell, whose panel bows by this much today, mm: its middle lies in front of where it was taught.
+    pub fn bowed(self, bow_mm: f64) -> Self {
+        Cell { present: self.present.map(|panel| panel.bowed(bow_mm)), ..self }
+    }
+
     /// The same panel at another place; 0 is where [`Cell::new`] puts it.
     pub fn placed(self, place: u32) -> Self {
         Cell { base_from_panel: scene::displaced(self.seed, place), ..self }

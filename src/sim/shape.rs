@@ -14,6 +14,9 @@ use rand_pcg::Pcg64;
 /// The panel's centre, in the panel's frame: where it stands before the robot when that frame is the base.
 pub(super) const CENTRE_MM: [f64; 3] = [560.0, 0.0, 360.0];
 
+/// From the middle of the taught panel to its ends along s, mm, about.
+const HALF_LENGTH_MM: f64 = 165.0;
+
 /// Radius of the outline's corners, mm.
 pub(super) const ROUNDING_MM: f64 = 6.0;
 
@@ -103,6 +106,13 @@ impl Shape {
         };
         let corners = [(-166.0, -110.0), (168.0, -116.0), (164.0, 62.0), (122.0, 116.0), (-154.0, 112.0)];
         Shape::new(relief, &corners, &mut random)
+    }
+
+    /// The same panel bent: its middle lies this far in front of its ends along s, mm.
+    pub fn bowed(self, bow_mm: f64) -> Self {
+        let bend_ss = self.relief.bend_ss - 2.0 * bow_mm / HALF_LENGTH_MM.powi(2);
+        let relief = Relief { bend_ss, lift_mm: self.relief.lift_mm + bow_mm, ..self.relief };
+        Shape { relief, ..self }
     }
 
     /// Another panel: other outline, other curvatures.

@@ -6,12 +6,14 @@ use crate::panel::{GridId, TaughtPanel};
 use crate::path::check_pad;
 use crate::path::disc::DiscUse;
 use crate::path::panel_reach::{self, GridReach, Stand};
+use crate::recipe::FitMethod;
 use crate::recipe::{self, Recipe};
 use crate::record::{Check, Finding, Kind, name};
 use crate::removal::model::Model;
-use crate::report::surface_map;
-use crate::surface::{Deviation, DeviationMap, Fit};
-use crate::verdict::{Judgement, Reason, SetBy};
+use crate::report::{surface_map, today_map};
+use crate::surface::{self, Deviation, DeviationMap, Fit, Todays, TodaysPoint};
+use crate::verdict::{Judgement, Reason, SetBy, Severity};
+use crate::words::apart;
 
 /// What is said of the tool beside the path: the error at its tip, and what the disc in use has swept so far.
 #[derive(Debug, Clone, Copy)]
@@ -50,6 +52,8 @@ pub struct Surveyed {
     broken: Vec<Check>,
     /// What the tool must be fit for.
     of_tool: Vec<Check>,
+    /// How the surface differs from the taught one.
+    of_today: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
 }
@@ -66,6 +70,7 @@ pub fn survey(
         grids: vec![],
         broken: vec![],
         of_tool: vec![],
+        of_today: vec![],
         judgement: Judgement::of(vec![reason], vec![]),
     };
     let stand = match stand {
@@ -81,7 +86,7 @@ pub fn survey(
             let of_tool: Vec<Check> = of_tool.collect();
             let broken = panel_reach::broken_by_grids(&grids);
             let judgement = Judgement::of_checks(broken.iter().chain(&of_tool));
-            Surveyed { grids, broken, of_tool, judgement }
+            Surveyed { grids, broken, of_tool, of_today: vec![], judgement }
         }
         Err(error) => rejected(super::reason("no_path", &error)),
     }
@@ -94,12 +99,86 @@ fn disc(grids: &[GridReach], settings: &recipe::Path, tool: ToolState) -> Check 
     DiscUse { swept_mm2: largest_mm2, worn_after_mm2, life_mm2 }.check(name::WORN_BY_A_GRID, "one grid")
 }
 
+/// The surface of the panel as it lies there today, and what is said of it.
+#[derive(Debug)]
+pub struct Today {
+    /// The surface on which paths are planned.
+    pub fit: Fit,
+    /// How far it lies from the taught one, and how well it is known.
+    pub checks: Vec<Check>,
+    /// How far it lies from the taught one, pixel by pixel.
+    pub drawing: Option<Drawing>,
+}
+
+/// Corrects the taught surface by the scan in which the panel was located. The thesis's surface is taken as it was taught.
+pub fn today((panel, taught): (&TaughtPanel, &Fit), points: &[TodaysPoint], limits: &recipe::Surface) -> Today {
+    if limits.method() == FitMethod::Thesis {
+        return Today { fit: taught.clone(), checks: vec![], drawing: None };
+    }
+    match surface::todays(&taught.surface, panel, &taught.map, points) {
+        Ok(todays) => {
+            let checks = deviations(&todays, limits).into();
+            let picture = today_map(&todays.map, limits.max_deviation_mm());
+            let caption = "How far the panel lies today in front of the taught one, or behind it";
+            let drawing = Some(Drawing::new("deviation", caption, picture));
+            Today { fit: Fit { surface: todays.surface, ..taught.clone() }, checks, drawing }
+        }
+        Err(error) => {
+            let unknown = Check::new(name::DEVIATION, "mm", None);
+            let unknown = unknown.broken(true, Severity::Review, "no_surface_today", || error.to_string());
+            Today { fit: taught.clone(), checks: vec![unknown], drawing: None }
+        }
+    }
+}
+
+/// How today's surface differs from the taught one, with its limits.
+fn deviations(todays: &Todays, limits: &recipe::Surface) -> [Check; 3] {
+    let (deviation_mm, limit_mm) = (todays.largest_mm, limits.max_deviation_mm());
+    let (rms_mm, limit_rms_mm) = (todays.rms_mm, limits.max_rms_mm());
+    let (percent, limit_percent) = (todays.missing_percent, limits.max_missing_percent());
+    [
+        Check::new(name::DEVIATION, "mm", deviation_mm)
+            .at_most(limit_mm, SetBy::recipe("surface.max_deviation_mm"))
+            .reviews("deviates", || {
+                let [mm, limit_mm] = apart(deviation_mm, limit_mm, 2);
+                format!(
+                    "the panel lies up to {mm} mm from the taught one, the limit is {limit_mm} mm: look at the map of its deviation;                      is it this panel, and is it clamped as it was taught?"
+                )
+            }),
+        Check::new("residual of today's surface, rms", "mm", rms_mm)
+            .at_most(limit_rms_mm, SetBy::recipe("surface.max_rms_mm"))
+            .reviews("rough_today", || {
+                let [mm, limit_mm] = apart(rms_mm, limit_rms_mm, 3);
+                format!(
+                    "the scan's points lie {mm} mm (rms) from today's surface, the limit is {limit_mm} mm: it bends within less than \
+                     70 mm, or the scan is poor; look at the panel, then scan again"
+                )
+            }),
+        Check::new("region that today's scan does not show", "%", percent)
+            .at_most(limit_percent, SetBy::recipe("surface.max_missing_percent"))
+            .reviews("hidden_today", || {
+                let [percent, limit_percent] = apart(percent, limit_percent, 1);
+                format!(
+                    "the scan does not show {percent} % of the region, the limit is {limit_percent} %: there the taught surface is used; \
+                     remove what hides it, then locate again"
+                )
+            }),
+    ]
+}
+
 /// How the surface lies in the taught scan, pixel by pixel.
 pub fn drawn_surface(map: &DeviationMap) -> Drawing {
     Drawing::new("surface", "The region's scan beside the fitted surface", surface_map(map))
 }
 
 impl Surveyed {
+    /// The same on a surface that differs so from the taught one.
+    pub fn with_today(mut self, checks: Vec<Check>) -> Self {
+        self.judgement = self.judgement.and(Judgement::of_checks(&checks));
+        self.of_today = checks;
+        self
+    }
+
     /// The result for the record.
     pub fn finding(&self, pass: u8, deviation: &Deviation, (panel, recipe): (&TaughtPanel, &Recipe)) -> Finding {
         let reached = self.grids.iter().filter_map(|grid| grid.outcome.as_ref().ok());
@@ -113,6 +192,7 @@ impl Surveyed {
                     .at_least(all, SetBy::Program),
                 Check::new("room beyond the arm's margins, at least", "°", least_deg),
             ]);
+        let finding = finding.with(self.of_today.iter().cloned());
         let finding = finding.with(self.broken.iter().chain(&self.of_tool).cloned());
         if missed.is_empty() { finding } else { finding.detail("out_of_reach", names(&missed)) }
     }

@@ -26,9 +26,9 @@ use nalgebra::{Point2, Vector3};
 use rayon::prelude::*;
 
 /// Tukey's constant: 95 % as efficient as plain least squares on normal noise.
-const TUKEY: f64 = 4.685;
+pub(super) const TUKEY: f64 = 4.685;
 /// Median of |x| to σ of normal noise.
-const SIGMA_OF_MEDIAN: f64 = 1.4826;
+pub(super) const SIGMA_OF_MEDIAN: f64 = 1.4826;
 /// No 3D camera is more exact than this, mm: keeps σ from zero on data without noise.
 const MIN_SCALE_MM: f64 = 0.001;
 /// Weighted fits at most; two are the rule.
@@ -293,7 +293,7 @@ fn scale_mm(residuals: &[Vec<f64>]) -> f64 {
     (SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)).max(MIN_SCALE_MM)
 }
 
-fn tukey(deviation_in_sigma: f64) -> f64 {
+pub(super) fn tukey(deviation_in_sigma: f64) -> f64 {
     let inner = 1.0 - (deviation_in_sigma / TUKEY).powi(2);
     if inner > 0.0 { inner * inner } else { 0.0 }
 }

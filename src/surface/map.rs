@@ -74,6 +74,15 @@ impl DeviationMap {
         &self.pixels
     }
 
+    /// The same pixels of the region with what this says of each.
+    pub(super) fn filled(&self, says: impl Fn(Pixel) -> MapPixel) -> Self {
+        let one = |(index, pixel): (usize, &MapPixel)| match pixel {
+            MapPixel::Outside => MapPixel::Outside,
+            _ => says(self.window.pixel(index)),
+        };
+        DeviationMap { pixels: self.pixels.iter().enumerate().map(one).collect(), ..self.clone() }
+    }
+
     /// Size of a pixel on the panel, mm, in the middle of the region.
     pub fn mm_per_px(&self) -> f64 {
         self.mm_per_px

@@ -2,7 +2,7 @@
 //!
 //! The thesis uses raw scan points as control points; such a surface contains the camera's noise and does not pass through
 //! the scan. Here the control points minimise the surface's deviation from the scan, and the deviation is stated. The
-//! thesis's method can be chosen for comparison. `dwell` computes from executed or planned poses how long the disc was on each
+//! thesis's method can be chosen for comparison. `today` corrects it by the scan in which the panel was located. `dwell` computes from executed or planned poses how long the disc was on each
 //! place of the surface. This room does not know how paths are planned.
 
 mod banded;
@@ -25,6 +25,7 @@ mod spread;
 #[cfg(test)]
 mod tests;
 mod thesis;
+mod today;
 
 pub use basis::{Basis, KnotError, KnotVector, Local, MAX_DEGREE, SpanFunctions};
 pub use bspline::{BSplineSurface, SurfaceError};
@@ -37,3 +38,4 @@ pub use net::Net;
 pub(crate) use net::sides_mm;
 pub use patch::Patch;
 pub use spread::{ByArea, Spread};
+pub use today::{TodayError, Todays, TodaysPoint, todays, todays_points};

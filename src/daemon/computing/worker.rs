@@ -203,7 +203,7 @@ impl Work {
     ) -> Result<Answer, DaemonError> {
         match (answer, self.perception.approach()) {
             (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(panel)) => {
-                self.abrasion.survey(cycle, (self.pass, grade, &panel), notes)
+                self.abrasion.survey(cycle, (self.pass, grade, &panel), self.perception.todays_points(), notes)
             }
             (answer, _) => Ok(answer),
         }

@@ -29,6 +29,8 @@ settings! {
         max_missing_percent: f64, 0.0..=50.0, default 10.0;
         /// Side of the largest square without a point, mm.
         max_hole_mm: f64, 1.0..=200.0, default 12.0;
+        /// How far today's panel may lie from the taught one, mm; beyond it a person decides.
+        max_deviation_mm: f64, 0.05..=20.0, default 2.0;
     }
 }
 

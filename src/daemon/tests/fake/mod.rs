@@ -99,6 +99,15 @@ impl Cell {
         self
     }
 
+    /// Today its middle lies this far in front of where it was taught.
+    pub fn whose_panel_bows(self, bow_mm: f64) -> Self {
+        {
+            let mut world = self.world.borrow_mut();
+            world.sim = world.sim.clone().bowed(bow_mm);
+        }
+        self
+    }
+
     pub fn whose_link_is_lost_in_contact(self) -> Self {
         self.world.borrow_mut().loses_link = true;
         self
@@ -332,6 +341,7 @@ impl Cell {
             asked: record.asked,
             clocks: record.clocks,
             moved_without_intent: world.moved_without_intent,
+            contact_off_mm: world.contact_off_mm.clone(),
             warning_ms: (world.warning_ms.clone(), world.first_move_ms),
         })
     }

@@ -52,6 +52,11 @@ impl World {
                 }
                 self.feeds_m_s.extend(speed_m_s);
                 self.blends_mm.extend(speed_m_s.map(|_| blend_mm));
+                if contact {
+                    let truth = self.sim.truth();
+                    let tip = base_from_tool.origin();
+                    self.contact_off_mm.push(truth.distance_mm(truth.base_from_panel.inverse() * tip));
+                }
                 self.rubs = contact;
                 if self.outputs.get(&5) == Some(&true) {
                     self.waypoints += 1;

@@ -34,6 +34,8 @@ pub struct Story {
     pub asked: Vec<RequestRecord>,
     pub clocks: Vec<Clock>,
     pub moved_without_intent: usize,
+    /// How far each point of contact lies in front of the true panel, mm.
+    pub contact_off_mm: Vec<f64>,
     /// When output 6 was set and to what, ms, and when the arm first moved.
     pub warning_ms: (Vec<(u64, bool)>, Option<u64>),
 }

@@ -74,6 +74,8 @@ pub(super) struct World {
     /// When output 6 was set and to what, ms, and when the arm first moved.
     pub(super) warning_ms: Vec<(u64, bool)>,
     pub(super) first_move_ms: Option<u64>,
+    /// How far each point of contact lies in front of the true panel, mm.
+    pub(super) contact_off_mm: Vec<f64>,
     /// Input 6, the selector switch.
     pub(super) is_local: bool,
     pub(super) films_began_s: Vec<f64>,
@@ -125,6 +127,7 @@ impl World {
             moved_without_intent: 0,
             warning_ms: Vec::new(),
             first_move_ms: None,
+            contact_off_mm: Vec::new(),
             is_local: true,
             films_began_s: Vec::new(),
         }

@@ -1,0 +1,356 @@
+//! Today's surface: the taught surface with a smooth correction by the scan in which the panel was located.
+//!
+//! A point of that scan, moved into the panel's frame by the place that was found, is seen by the taught camera in a pixel, which is its
+//! parameter (u, v); r = N(u, v) · (P − S(u, v)) is how far today's panel lies in front of the taught one there. The correction
+//! c(u, v) is a bicubic spline with spans of 70 mm at most that minimises
+//!     Σ_q w_q (c(u_q, v_q) − r_q)² + n̄ (λ Σ |Δ²c|² + μ Σ c²),                                              (1)
+//! n̄ being the mean number of points to a coefficient and Δ² second differences of the coefficients along u and along v: where points
+//! are missing the correction goes on smoothly and fades to 0. Points have Tukey's weights (see `fit`), so that a clamp or a flying point
+//! has no say. Each control point of the surface is moved along the normal at its Greville abscissa, until the surface there is moved by c.
+
+use super::basis::{DEGREE, KnotVector};
+use super::bspline::{BSplineSurface, SurfaceError};
+use super::derivatives::Parameter;
+use super::fit::{SIGMA_OF_MEDIAN, tukey};
+use super::map::{DeviationMap, MapPixel};
+use crate::geometry::{Camera, OrganizedCloud, Panel, Rigid, Vector, median};
+use crate::panel::TaughtPanel;
+use nalgebra::{DMatrix, DVector, Point2};
+use rayon::prelude::*;
+
+/// A span of the correction, mm, at most: longer than a weave, a seam or the camera's noise, shorter than how a panel bends.
+const SPAN_MM: f64 = 70.0;
+/// λ and μ of (1). Between points that are there they bend and shrink the correction by less than a hundredth.
+const SMOOTH: f64 = 1e-3;
+const FADE: f64 = 1e-4;
+/// Points that are used, about: they determine a hundred coefficients to a hundredth of the noise of one point.
+const MOST_POINTS: usize = 20_000;
+/// A point farther from the taught surface is not the panel's, mm.
+const FARTHEST_MM: f64 = 20.0;
+/// σ is no smaller, mm: a scan without noise.
+const MIN_SCALE_MM: f64 = 0.01;
+/// Fits with Tukey's weights; the first one has none.
+const ROUNDS: usize = 4;
+/// Cells along each side of the region in which a point must be seen.
+const CELLS: usize = 32;
+/// Steps by which control points are moved until the surface is.
+const STEPS: usize = 6;
+
+/// A point of today's scan beside the taught surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TodaysPoint {
+    /// Where the taught camera sees it, in the region's unit square.
+    at: Parameter,
+    /// The point, mm.
+    point: Vector<Panel>,
+}
+
+/// Today's surface with the evidence for it.
+#[derive(Debug, Clone)]
+pub struct Todays {
+    /// The surface; the region is its unit square.
+    pub surface: BSplineSurface,
+    /// How far it lies from the taught surface at most, mm.
+    pub largest_mm: f64,
+    /// Root mean square of the points from it, mm.
+    pub rms_mm: f64,
+    /// Of the region's cells those in which no point was seen, percent.
+    pub missing_percent: f64,
+    /// How far it lies in front of the taught surface, pixel by pixel; missing where no point was seen.
+    pub map: DeviationMap,
+}
+
+/// Why a scan gives no surface of today.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum TodayError {
+    /// No point of it lies near the taught region.
+    #[error("the scan in which the panel was located has no point of its region; scan again")]
+    NoPoints,
+    /// The equations have no solution.
+    #[error("the scan in which the panel was located does not determine the region's surface; scan again")]
+    Undetermined,
+    /// The corrected net is no surface.
+    #[error("the surface corrected by today's scan is none: {0}")]
+    Surface(#[from] SurfaceError),
+}
+
+/// The points of a scan that lie in the region, as many as are needed; `panel_from_camera` is where the panel was found in it.
+pub fn todays_points(
+    panel: &TaughtPanel,
+    scan: &OrganizedCloud<Camera>,
+    panel_from_camera: &Rigid<Panel, Camera>,
+) -> Vec<TodaysPoint> {
+    let taught_from_camera = panel.panel_from_camera.inverse() * *panel_from_camera;
+    let seen = |index: usize| {
+        let point = scan.point(index % scan.width(), index / scan.width())?;
+        let unit = panel.region.unit(panel.camera.project(taught_from_camera * point)?);
+        let is_inside = (0.0..=1.0).contains(&unit.x) && (0.0..=1.0).contains(&unit.y);
+        let point = Vector::new((*panel_from_camera * point).mm.coords);
+        is_inside.then_some(TodaysPoint { at: Parameter { u: unit.x, v: unit.y }, point })
+    };
+    // The region takes a sixteenth of the picture or more.
+    let every = ((scan.width() * scan.height()) as f64 / (16 * MOST_POINTS) as f64).sqrt().ceil().max(1.0) as usize;
+    let rows: Vec<usize> = (0..scan.height()).step_by(every).collect();
+    let of_row = |row: usize| (0..scan.width()).step_by(every).map(move |column| row * scan.width() + column);
+    let all: Vec<TodaysPoint> = rows.into_par_iter().flat_map_iter(|row| of_row(row).filter_map(&seen)).collect();
+    let step = all.len().div_ceil(MOST_POINTS).max(1);
+    all.into_iter().step_by(step).collect()
+}
+
+/// Corrects the taught surface by the points of today's scan.
+///
+/// # Errors
+/// If no point lies near the taught surface, or the points determine none.
+pub fn todays(
+    taught: &BSplineSurface,
+    panel: &TaughtPanel,
+    map: &DeviationMap,
+    points: &[TodaysPoint],
+) -> Result<Todays, TodayError> {
+    let in_front = |point: &TodaysPoint| {
+        let there = taught.tangents(point.at);
+        let mm = taught.normal_of(&there)?.mm.dot(&(point.point.mm - there.point.mm.coords));
+        (mm.abs() <= FARTHEST_MM).then_some((point.at, mm))
+    };
+    let seen: Vec<(Parameter, f64)> = points.iter().filter_map(in_front).collect();
+    if seen.is_empty() {
+        return Err(TodayError::NoPoints);
+    }
+    let (correction, weights) = Correction::robust(lengths_mm(taught), &seen)?;
+    let surface = correction.applied(taught, panel)?;
+    let left = seen.iter().zip(&weights).filter(|(_, weight)| **weight > 0.0);
+    let squares: Vec<f64> = left.map(|((at, mm), _)| (mm - correction.at(*at)).powi(2)).collect();
+    let mut is_seen = vec![false; CELLS * CELLS];
+    for ((at, _), _) in seen.iter().zip(&weights).filter(|(_, weight)| **weight > 0.0) {
+        is_seen[cell(*at)] = true;
+    }
+    let missing = is_seen.iter().filter(|is_seen| !**is_seen).count();
+    let map = map.filled(|pixel| {
+        let unit: Point2<f64> = panel.region.unit(pixel);
+        let at = Parameter { u: unit.x.clamp(0.0, 1.0), v: unit.y.clamp(0.0, 1.0) };
+        if is_seen[cell(at)] { MapPixel::Fits { mm: correction.at(at) as f32 } } else { MapPixel::Missing }
+    });
+    let corner = |index: usize| (index as f64 + 0.5) / CELLS as f64;
+    let middles = (0..CELLS * CELLS).map(|n| Parameter { u: corner(n % CELLS), v: corner(n / CELLS) });
+    Ok(Todays {
+        surface,
+        largest_mm: middles.map(|at| correction.at(at).abs()).fold(0.0, f64::max),
+        rms_mm: (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt(),
+        missing_percent: 100.0 * missing as f64 / is_seen.len() as f64,
+        map,
+    })
+}
+
+fn cell(at: Parameter) -> usize {
+    let along = |share: f64| ((share * CELLS as f64) as usize).min(CELLS - 1);
+    along(at.v) * CELLS + along(at.u)
+}
+
+/// How long the surface is along u and along v through its middle, mm.
+fn lengths_mm(surface: &BSplineSurface) -> [f64; 2] {
+    let length = |at: &dyn Fn(f64) -> Parameter| -> f64 {
+        let points: Vec<_> = (0..=CELLS).map(|n| surface.point(at(n as f64 / CELLS as f64))).collect();
+        points.windows(2).map(|pair| pair[0].distance_mm(pair[1])).sum()
+    };
+    [length(&|u| Parameter { u, v: 0.5 }), length(&|v| Parameter { u: 0.5, v })]
+}
+
+/// c(u, v): a spline with one coefficient, mm, for each pair of functions, v running fastest.
+#[derive(Debug, Clone)]
+struct Correction {
+    knots: [KnotVector; 2],
+    mm: DVector<f64>,
+}
+
+impl Correction {
+    /// The correction by these deviations, and the weight of each.
+    fn robust(lengths_mm: [f64; 2], seen: &[(Parameter, f64)]) -> Result<(Self, Vec<f64>), TodayError> {
+        let knots = |length_mm: f64| {
+            let spans = (length_mm / SPAN_MM).ceil().max(1.0) as usize;
+            KnotVector::uniform(DEGREE, spans, 0.0..=1.0).map_err(|_| TodayError::Undetermined)
+        };
+        let knots = [knots(lengths_mm[0])?, knots(lengths_mm[1])?];
+        let mut weights = vec![1.0; seen.len()];
+        let mut correction = Correction::fitted(&knots, seen, &weights)?;
+        for _ in 0..ROUNDS {
+            let off_mm: Vec<f64> = seen.iter().map(|(at, mm)| mm - correction.at(*at)).collect();
+            let mut sizes: Vec<f64> = off_mm.iter().map(|mm| mm.abs()).collect();
+            let scale_mm = (SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)).max(MIN_SCALE_MM);
+            weights = off_mm.iter().map(|mm| tukey(mm / scale_mm)).collect();
+            correction = Correction::fitted(&knots, seen, &weights)?;
+        }
+        Ok((correction, weights))
+    }
+
+    /// Minimises (1) for these weights.
+    fn fitted(knots: &[KnotVector; 2], seen: &[(Parameter, f64)], weights: &[f64]) -> Result<Self, TodayError> {
+        let [rows, columns] = [knots[0].controls(), knots[1].controls()];
+        let count = rows * columns;
+        let (mut normal, mut right) = (DMatrix::<f64>::zeros(count, count), DVector::<f64>::zeros(count));
+        for ((at, mm), weight) in seen.iter().zip(weights).filter(|(_, weight)| **weight > 0.0) {
+            let functions = functions(knots, columns, *at);
+            for (i, value) in functions {
+                right[i] += weight * value * mm;
+                // Cholesky's decomposition reads the lower half alone.
+                for (j, other) in functions.iter().filter(|(j, _)| *j <= i) {
+                    normal[(i, *j)] += weight * value * other;
+                }
+            }
+        }
+        let mean = weights.iter().sum::<f64>() / count as f64;
+        for index in 0..count {
+            normal[(index, index)] += mean * FADE;
+        }
+        for (index, step) in second_differences(rows, columns) {
+            let difference = [(index, 1.0), (index + step, -2.0), (index + 2 * step, 1.0)];
+            for (i, value) in difference {
+                for (j, other) in difference {
+                    normal[(i, j)] += mean * SMOOTH * value * other;
+                }
+            }
+        }
+        let solved = normal.cholesky().ok_or(TodayError::Undetermined)?;
+        Ok(Correction { knots: knots.clone(), mm: solved.solve(&right) })
+    }
+
+    /// c there, mm.
+    fn at(&self, at: Parameter) -> f64 {
+        functions(&self.knots, self.knots[1].controls(), at)
+            .iter()
+            .map(|(index, value)| self.mm[*index] * value)
+            .sum()
+    }
+
+    /// The surface moved by c along its normals. A place with no normal, or beyond the region, moves as the border does.
+    fn applied(&self, taught: &BSplineSurface, panel: &TaughtPanel) -> Result<BSplineSurface, SurfaceError> {
+        let (along_u, along_v) = (taught.knots_u().greville(), taught.knots_v().greville());
+        let inside = |share: f64| share.clamp(0.0, 1.0);
+        let places: Vec<Parameter> =
+            along_u.iter().flat_map(|u| along_v.iter().map(|v| Parameter { u: *u, v: *v })).collect();
+        let wanted: Vec<f64> =
+            places.iter().map(|at| self.at(Parameter { u: inside(at.u), v: inside(at.v) })).collect();
+        let normals: Vec<_> =
+            places.iter().map(|at| taught.normal(*at).map_or_else(Default::default, |n| n.mm)).collect();
+        let knots = || [taught.knots_u().clone(), taught.knots_v().clone()];
+        let viewer = panel.panel_from_camera.origin();
+        let mut surface = taught.clone();
+        for _ in 0..STEPS {
+            let moved = places.iter().zip(&wanted).zip(&normals).zip(surface.controls());
+            let controls = moved.map(|(((at, wanted), normal), control)| {
+                let is = normal.dot(&(surface.point(*at) - taught.point(*at)).mm);
+                *control + Vector::new(*normal * (wanted - is))
+            });
+            surface = BSplineSurface::new(knots(), controls.collect(), viewer)?;
+        }
+        Ok(surface)
+    }
+}
+
+/// The functions that are not 0 there: the index of each, and its value.
+fn functions(
+    knots: &[KnotVector; 2],
+    columns: usize,
+    at: Parameter,
+) -> [(usize, f64); (DEGREE + 1) * (DEGREE + 1)] {
+    let [u, v] = [(&knots[0], at.u), (&knots[1], at.v)].map(|(knots, at)| (knots.span(at), knots.values(at)));
+    std::array::from_fn(|n| {
+        let (i, j) = (n / (DEGREE + 1), n % (DEGREE + 1));
+        ((u.0 + i) * columns + v.0 + j, u.1[i] * v.1[j])
+    })
+}
+
+/// Where second differences of the coefficients begin, and the step from one coefficient to the next.
+fn second_differences(rows: usize, columns: usize) -> impl Iterator<Item = (usize, usize)> {
+    let along_u = (0..rows.saturating_sub(2) * columns).map(move |index| (index, columns));
+    let along_v =
+        (0..rows).flat_map(move |row| (0..columns.saturating_sub(2)).map(move |j| (row * columns + j, 1)));
+    along_u.chain(along_v)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surface::scene::{Shape, Spoil, recipe, taught};
+    use crate::surface::{Fit, fit};
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64Mcg;
+
+    /// A taught panel of 280 × 168 mm with its surface.
+    fn learnt() -> (TaughtPanel, Fit) {
+        let recipe = recipe(Shape::Cylinder, "");
+        let panel = taught(Shape::Cylinder, Spoil::default(), &recipe);
+        let fit = fit(&panel, recipe.surface()).expect("a surface");
+        (panel, fit)
+    }
+
+    /// Points of a panel that lies this far in front of the taught one, with white noise of 0.06 mm.
+    fn points(fit: &Fit, in_front_mm: impl Fn(Parameter) -> f64) -> Vec<TodaysPoint> {
+        let mut random = Pcg64Mcg::seed_from_u64(5);
+        let side = 140;
+        let mut point = |n: usize| {
+            let at =
+                Parameter { u: (n % side) as f64 / (side - 1) as f64, v: (n / side) as f64 / (side - 1) as f64 };
+            let noise_mm = 0.06 * 1.732 * random.random_range(-1.0..1.0);
+            let normal = fit.surface.normal(at).expect("a normal").mm;
+            let point = fit.surface.point(at).mm.coords + normal * (in_front_mm(at) + noise_mm);
+            TodaysPoint { at, point: Vector::new(point) }
+        };
+        (0..side * side).map(&mut point).collect()
+    }
+
+    /// How far the surface lies at most from the one that is this far in front of the taught one, mm.
+    fn error_mm(fit: &Fit, todays: &Todays, in_front_mm: impl Fn(Parameter) -> f64) -> f64 {
+        let error = |n: usize| {
+            let at = Parameter { u: (n % 41) as f64 / 40.0, v: (n / 41) as f64 / 40.0 };
+            let normal = fit.surface.normal(at).expect("a normal").mm;
+            let moved = normal.dot(&(todays.surface.point(at) - fit.surface.point(at)).mm);
+            (moved - in_front_mm(at)).abs()
+        };
+        (0..41 * 41).map(error).fold(0.0, f64::max)
+    }
+
+    /// A bow of 1.5 mm and a wave of 200 mm.
+    fn bent(at: Parameter) -> f64 {
+        1.5 * (1.0 - (2.0 * at.u - 1.0).powi(2)) + 0.3 * (280.0 / 200.0 * std::f64::consts::TAU * at.u).sin()
+    }
+
+    #[test]
+    fn a_panel_that_bows_is_found_as_it_is() {
+        let (panel, fit) = learnt();
+        let todays = todays(&fit.surface, &panel, &fit.map, &points(&fit, bent)).expect("a surface");
+        let error_mm = error_mm(&fit, &todays, bent);
+        assert!(error_mm < 0.04, "{error_mm}");
+        // By hand: at u = 0.5 the bow is 1.5 mm, and the wave is 0.3 · sin(0.7 · 2π) = −0.285 mm; the most is 1.62 mm, at u = 0.25.
+        assert!((todays.largest_mm - 1.62).abs() < 0.05, "{}", todays.largest_mm);
+        assert!((todays.rms_mm / 0.06 - 1.0).abs() < 0.1 && todays.missing_percent == 0.0, "{todays:?}");
+    }
+
+    /// The taught surface itself stays within the noise.
+    #[test]
+    fn a_panel_as_it_was_taught_stays() {
+        let (panel, fit) = learnt();
+        let todays = todays(&fit.surface, &panel, &fit.map, &points(&fit, |_| 0.0)).expect("a surface");
+        assert!(error_mm(&fit, &todays, |_| 0.0) < 0.02 && todays.largest_mm < 0.02, "{}", todays.largest_mm);
+    }
+
+    /// A clamp 8 mm above a corner is not the panel, and what it hides is not seen; beside it the surface is right.
+    #[test]
+    fn a_clamp_has_no_say() {
+        let (panel, fit) = learnt();
+        let is_clamped = |at: Parameter| at.u < 0.15 && at.v < 0.2;
+        let todays_points = points(&fit, |at| if is_clamped(at) { 8.0 } else { bent(at) });
+        let todays = todays(&fit.surface, &panel, &fit.map, &todays_points).expect("a surface");
+        let beside = |at: Parameter| if is_clamped(at) { f64::NAN } else { bent(at) };
+        let error_mm = error_mm(&fit, &todays, beside);
+        assert!(error_mm < 0.05, "{error_mm}");
+        // By hand: 5 of 32 by 7 of 32 cells.
+        assert!((todays.missing_percent - 100.0 * 35.0 / 1_024.0).abs() < 1.5, "{}", todays.missing_percent);
+    }
+
+    #[test]
+    fn a_scan_without_the_region_is_refused() {
+        let (panel, fit) = learnt();
+        let far = points(&fit, |_| 60.0);
+        assert_eq!(todays(&fit.surface, &panel, &fit.map, &far).expect_err("none"), TodayError::NoPoints);
+    }
+}
