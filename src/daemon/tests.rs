@@ -82,8 +82,9 @@ fn limits_are_told(story: &fake::Story) {
     assert_eq!(last(Kind::Verify).number(name::CORNERS), Some(2.0), "{story}");
 }
 
-const LATER: [&str; 13] = [
+const LATER: [&str; 14] = [
     "surface",
+    "deviation",
     "film",
     "inspected",
     "break_times",

@@ -10,7 +10,8 @@ use crate::record::Check;
 use crate::stages::corners::Taught;
 use crate::stages::removal::RemovedBefore;
 use crate::stages::survey::ToolState;
-use crate::stages::{film, locate, plan};
+use crate::stages::{film, locate, plan, survey};
+use crate::surface::{self, TodaysPoint};
 
 #[test]
 fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
@@ -34,9 +35,22 @@ fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
     assert_eq!(by_loop.details["base_from_panel"], serde_json::json!(pose));
 }
 
+/// The region's points in the scan of this cell, where a command locates the panel in it.
+fn todays_points(fake: &Fake) -> Vec<TodaysPoint> {
+    let (_, recipe, (panel, _), calibrations) = fake.files();
+    let scan = fake.scan();
+    let (camera, base_from_camera) = (&calibrations.scanner, calibrations.base_from_camera);
+    let view =
+        crate::locate::View { scan: &scan, camera, base_from_camera, range: crate::locate::RangeErrors::default() };
+    let model = crate::locate::TaughtModel::of(&panel, view.range);
+    let located = locate::locate((&panel, &model), view, recipe.locate()).fit.expect("found");
+    surface::todays_points(&panel, &scan, &(located.base_from_panel.inverse() * base_from_camera))
+}
+
 #[test]
 fn grids_give_the_loop_and_a_command_the_same_plan() {
     let fake = Fake::new(Scene::Good);
+    let fake_again = Fake::new(Scene::Good);
     let setup = fake.setup();
     let story = fake.run(Asks::one_cycle());
     let by_loop = story.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned");
@@ -48,7 +62,8 @@ fn grids_give_the_loop_and_a_command_the_same_plan() {
         (Kinematics::new(&job.cell.arm), story.outcome.base_from_panel.expect("found"));
     let panel_stands = Approach { base_from_panel, corners: &[0, 1], obstacles: None };
     let stand = job.tour().stand(&kinematics, &panel_stands).expect("in reach");
-    let fit = crate::surface::fit(panel, recipe.surface()).expect("a surface");
+    let taught = crate::surface::fit(panel, recipe.surface()).expect("a surface");
+    let fit = survey::today((panel, &taught), &todays_points(&fake_again), recipe.surface()).fit;
     let tool = ToolState {
         error_mm: job.cell.limits.tool_error_mm(),
         worn_mm2: 0.0,
