@@ -231,7 +231,7 @@ fn an_abort_to_a_peer_that_does_not_read_ends_the_link() {
             };
             let text = format!(
                 "<St T=\"{sequence}\" Seq=\"{sequence}\" Re=\"1\" Ep=\"6\" Boot=\"1\" Sum=\"5\" Mode=\"4\" Flags=\"23\" In=\"0\" \
-                 Out=\"0\" Done=\"0\" Under=\"0\"><J A1=\"0.0\" A2=\"-90.0\" A3=\"90.0\" A4=\"0.0\" A5=\"0.0\" A6=\"0.0\"></J>{}{}{}</St>",
+                 Out=\"0\" Done=\"0\" Under=\"0\" Ov=\"100\"><J A1=\"0.0\" A2=\"-90.0\" A3=\"90.0\" A4=\"0.0\" A5=\"0.0\" A6=\"0.0\"></J>{}{}{}</St>",
                 pose("Tcp"),
                 pose("Base"),
                 pose("Tool")

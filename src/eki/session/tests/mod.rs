@@ -189,7 +189,7 @@ impl Controller {
         let answered = self.answered + self.answers_ahead;
         format!(
             "<St T=\"{now_ms}\" Seq=\"{sequence}\" Re=\"{answered}\" Ep=\"{epoch}\" Boot=\"{boot}\" Sum=\"5\" Mode=\"4\" \
-                 Flags=\"{flags}\" In=\"0\" Out=\"0\" Done=\"{done}\" Under=\"0\"><J A1=\"0.0\" A2=\"-90.0\" A3=\"90.0\" \
+                 Flags=\"{flags}\" In=\"0\" Out=\"0\" Done=\"{done}\" Under=\"0\" Ov=\"100\"><J A1=\"0.0\" A2=\"-90.0\" A3=\"90.0\" \
                  A4=\"0.0\" A5=\"0.0\" A6=\"0.0\"></J>{}{}{}</St>",
             pose("Tcp", &zero),
             pose("Base", &base),
