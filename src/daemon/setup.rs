@@ -49,6 +49,8 @@ pub struct CellSetup {
     pub wiring: Wiring,
     /// The compliant tool, where the sanding tool is one.
     pub tool: Option<CompliantTool>,
+    /// The sum of the controller's programs with which the cell was accepted, where one was kept.
+    pub programs_sum: Option<i32>,
     /// Where the arm parks.
     pub park: Joints,
     /// `[poses.ready]`: on the way to and from the park pose, where the cell names one.
@@ -66,6 +68,7 @@ impl CellSetup {
             limits: cell.limits().clone(),
             arm: cell.arm().clone(),
             wiring: Wiring::of(cell.io())?,
+            programs_sum: cell.robot().programs_sum(),
             tool: cell.tool().compliant().cloned(),
             park: cell.park().ok_or(DaemonError::NotStated { key: "poses.park" })?,
             ready: cell.pose("ready"),
