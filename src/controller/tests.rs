@@ -137,7 +137,7 @@ const MISTAKES: [(&str, &str, &str, &str); 74] = [
     ),
     (CONFIG, "CELL_F_STOP=852", "CELL_F_STOP=862", "INTERRUPT DECL 21: watches $FLAG[852]"),
     (CONFIG, "CELL_F_HALT=855", "CELL_F_HALT=865", "INTERRUPT DECL 20: watches $FLAG[855]"),
-    (CONFIG, "CELL_F_HALT=855", "CELL_F_HALT=852", "CELL_F_HALT: is 852, which CELL_F_STOP is already"),
+    (CONFIG, "CELL_F_HALT=855", "CELL_F_HALT=852", "CELL_F_HALT: is 852, which is CELL_F_STOP already"),
     (CONFIG, "CELL_F_HALT=855", "CELL_F_HALT=1025", "CELL_F_HALT: is 1025, allowed is"),
     (CONFIG, "CELL_T_SUBMIT=21", "CELL_T_SUBMIT=31", "CELL_T_SUBMIT: is 31, and CELL_T_HEARD before it is 20"),
     (CONFIG, "CELL_T_STILL=26", "CELL_T_STILL=65", "CELL_T_STILL: is 65, allowed is"),

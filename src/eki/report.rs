@@ -329,8 +329,8 @@ pub enum LinkLoss {
     },
     /// Closed before a word: the channel has another client.
     #[error(
-        "the controller closed the {channel} before it said anything: another client has it (another PC, or a program that hangs), and a \
-         second one is refused; end it, then try again"
+        "the controller closed the {channel} before it said anything: another client has it (another PC, or a program that hangs) and a \
+         second one is refused, or the one before is not yet let go"
     )]
     Occupied {
         /// Which connection.

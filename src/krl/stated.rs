@@ -57,7 +57,8 @@ impl File {
 fn number(value: &Expression) -> Option<f64> {
     match value {
         Expression::Int(value) => Some(f64::from(*value)),
-        Expression::Real(value) => Some(f64::from(*value)),
+        // As it is written, not as 32 bits hold it.
+        Expression::Real(value) => value.to_string().parse().ok(),
         Expression::Unary(Unary::Minus, value) => number(value).map(|value| -value),
         _ => None,
     }

@@ -44,7 +44,7 @@ fn a_controller_that_says_nothing_is_told_as_silent() {
 }
 
 #[test]
-fn a_controller_that_hangs_up_is_told_as_closed() {
+fn a_controller_that_hangs_up_before_a_word_has_another_client() {
     let (command, state) = (listener(), listener());
     let address = address(&command, &state);
     let server = std::thread::spawn(move || {
@@ -54,8 +54,7 @@ fn a_controller_that_hangs_up_is_told_as_closed() {
     });
     let why = first_loss_of_any(address);
     server.join().expect("ends");
-    let channel = LinkLoss::Closed { channel: Channel::State };
-    assert!(why == channel || matches!(why, LinkLoss::System { .. }), "{why}");
+    assert!(matches!(why, LinkLoss::Occupied { .. }) && why.to_string().contains("another client"), "{why}");
 }
 
 fn first_loss_of_any(address: Address) -> LinkLoss {
