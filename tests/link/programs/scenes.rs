@@ -186,7 +186,9 @@ const SCENES: [(&str, Scene); 22] = [
 
 /// With the limits of `cell_config.dat` as it ships, in place of those of any cell.
 fn as_configured(programs: &Programs) -> Programs {
-    Programs { keeps_config: true, ..programs.clone() }
+    let mut programs = programs.clone();
+    programs.keeps_config = true;
+    programs
 }
 
 /// An abort shortly before or behind the landing, so many ticks later: the tool is off the panel in the end.
