@@ -21,9 +21,9 @@ const SHORT_OF_PLAN: f64 = 0.01;
 
 /// A grid may be under the disc for this many times as long as planned before a person must look: bends and short lines are
 /// driven more slowly than their feed.
-const LONGER_REVIEW: f64 = 1.25;
+const LONGER_REVIEW: f64 = 1.35;
 /// From this many times on what the path took off is not what was planned.
-const LONGER_REJECT: f64 = 1.5;
+const LONGER_REJECT: f64 = 1.6;
 
 /// How far a path was executed: waypoints are counted from the second one on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -187,12 +187,14 @@ impl Abraded {
 
     /// The result for the record; at most so many passes are allowed.
     pub fn finding(&self, pass: u8, most_passes: usize) -> Finding {
-        let (walked, dwell, checks) = (&self.walked, &self.dwell, self.checks());
+        let (walked, dwell) = (&self.walked, &self.dwell);
+        let [executed, begun, off_path, longer] = self.checks();
         let spread = dwell.spread();
         let of_removal =
             self.removed.as_ref().map_or_else(Vec::new, |removed| removed.told_after(self.progress.is_whole()));
-        let judgement = Judgement::of_checks(checks.iter().chain(&of_removal));
-        let [executed, begun, off_path, longer] = checks;
+        // What it took off goes before how long it took.
+        let judgement =
+            Judgement::of_checks([&executed, &begun, &off_path].into_iter().chain(&of_removal).chain([&longer]));
         let finding = Finding::new(Kind::Abrade, pass, judgement).detail("grids", names(&self.whole)).with([
             executed,
             begun,
