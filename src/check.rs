@@ -5,6 +5,7 @@
 //! `.sub` or `.dat` is KRL; such files are checked as one program. What is called `.yml` or `.yaml` is a Zivid's settings.
 //! Recipes that are checked together with one cell are held against it.
 
+mod controller;
 mod eki;
 mod krl;
 mod report;
@@ -128,6 +129,7 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
         reports[place] = report;
     }
     hold_recipes_against_the_cell(files, checked_for.read, &mut reports);
+    controller::hold_against_the_cell(files, &mut reports);
     for report in &mut reports {
         report.problems.sort_by_key(|problem| problem.line);
         report.warnings.sort_by_key(|warning| warning.line);
@@ -135,13 +137,20 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
     reports
 }
 
+/// The places of the files of this kind.
+fn of_kind(kind: &'static str, reports: &[FileReport]) -> Vec<usize> {
+    (0..reports.len()).filter(|place| reports[*place].kind == Some(kind)).collect()
+}
+
+/// The one cell among the files, with its place, if there is one and it is right by itself.
+fn the_cell(files: &[(&str, &str)], reports: &[FileReport]) -> Option<(usize, Cell)> {
+    let [place] = of_kind(CELL, reports)[..] else { return None };
+    Some((place, Cell::check(files[place].0, files[place].1).ok()?))
+}
+
 /// What recipes ask for and the cell cannot do, where one cell is among the files.
 fn hold_recipes_against_the_cell(files: &[(&str, &str)], read: ReadNamed<'_>, reports: &mut [FileReport]) {
-    let of_kind = |kind: &'static str, reports: &[FileReport]| -> Vec<usize> {
-        (0..files.len()).filter(|place| reports[*place].kind == Some(kind)).collect()
-    };
-    let [cell] = of_kind(CELL, reports)[..] else { return };
-    let Ok(cell) = Cell::check(files[cell].0, files[cell].1) else { return };
+    let Some((_, cell)) = the_cell(files, reports) else { return };
     for place in of_kind(RECIPE, reports) {
         let (name, text) = files[place];
         let Ok(recipe) = plausible(name, text) else { continue };
@@ -364,6 +373,8 @@ mod tests {
                 "calibration files named: none",
                 "limits: the tool stays in [0, 0, 0] … [1, 2, 3] mm",
                 "store in c/store",
+                "not compared with cell_config.dat, CELLCMD.xml, CELLSTAT.xml: whether a stop switches tool and water off, and whether signals and \
+                 ports are the same on both sides, is not known; name the controller's files beside this one",
             ]
         );
         let lens =

@@ -32,6 +32,7 @@ pub mod recipe;
 pub mod record;
 pub mod sim;
 
+pub mod controller;
 pub mod force;
 pub mod history;
 pub mod line;

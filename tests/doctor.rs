@@ -128,9 +128,9 @@ fn what_answers_in_place_of_a_controller_is_told_apart() {
     assert_eq!(json(folder, TEACH).0, 0);
     VERIFY.iter().for_each(|command| assert_eq!(json(folder, command).0, 0));
     over_sockets(folder, PORTS);
+    controller_files(folder);
     let with_files = format!("{DOCTOR} --kuka .");
-    let sum = "DECL GLOBAL CONST INT CELL_PROGRAM_SUM=870297\n";
-    one_wrong(folder, &with_files, ["robot", "refuses", "cell_submit"]);
+    one_wrong(folder, &with_files, ["robot", "refuses", "submit interpreter"]);
     let robot = |words: &str| {
         let found = wrong(folder, &with_files);
         assert!(found.len() == 1 && found[0][0] == "robot" && found[0][1].contains(words), "{words}: {found:?}");
@@ -162,34 +162,92 @@ fn what_answers_in_place_of_a_controller_is_told_apart() {
             );
         });
     }
+    // A mock controller is named as one: what it says proves nothing of the real one.
     let _mock = Mock::start(folder, PORTS);
-    assert_eq!(wrong(folder, &with_files), Vec::<[String; 3]>::new());
-    one_wrong(folder, DOCTOR, ["EthernetKRL files", "not looked at", "--kuka"]);
-    let (_, told) = json(folder, &with_files);
-    let robot =
-        told["checks"].as_array().expect("checks").iter().find(|check| check["name"] == "robot").expect("one");
-    let runs = robot["found"].as_str().and_then(|found| found.rsplit(' ').next()).expect("its programs").to_owned();
-    fs::write(folder.join("cell_data.dat"), sum.replace("870297", &runs)).expect("written");
-    assert_eq!(wrong(folder, &with_files), Vec::<[String; 3]>::new());
-    // In encodings of pendants: Windows-1252, and GBK, by whose table the comment is the word for commands.
+    one_wrong(folder, &with_files, ["robot", "MOCK", "rehearsal"]);
+    let names: Vec<String> = wrong(folder, DOCTOR).into_iter().map(|[name, ..]| name).collect();
+    assert_eq!(names, ["controller files", "robot"]);
+    // In encodings of pendants: GBK, by whose table the comment is the word for commands.
     let channel = fs::read(folder.join("CELLCMD.xml")).expect("there");
     let comment = b"<!-- \xC3\xFC\xC1\xEE -->";
     fs::write(folder.join("CELLCMD.xml"), [&channel[..], comment].concat()).expect("written");
-    assert_eq!(wrong(folder, &with_files), Vec::<[String; 3]>::new());
-    let data = [&b"; f\xFCr\n"[..], sum.replace("870297", "12").as_bytes()].concat();
-    fs::write(folder.join("cell_data.dat"), data).expect("written");
-    one_wrong(folder, &with_files, ["robot", "other programs", "select the program anew"]);
-    fs::remove_file(folder.join("cell_data.dat")).expect("removed");
-    for (from, to, words) in [
-        ("<PORT>54613<", "<PORT>54610<", ["CELLSTAT.xml", "port 54610", "same"]),
-        ("Tag=\"St/@Done\"", "Tag=\"St/@Made\"", ["CELLSTAT.xml", "sends", "copy CELLSTAT.xml"]),
-        ("<PORT>", "<PORT>x", ["CELLSTAT.xml", "line", "copy CELLSTAT.xml"]),
+    robot("MOCK");
+    for (file, from, to, words) in [
+        ("CELLSTAT.xml", "<PORT>54613<", "<PORT>54610<", ["CELLSTAT.xml", "is 54610", "both say the same"]),
+        ("CELLSTAT.xml", "Tag=\"St/@Done\"", "Tag=\"St/@Made\"", ["CELLSTAT.xml", "St/@Made", "both say the same"]),
+        ("CELLSTAT.xml", "<PORT>", "<PORT>x", ["CELLSTAT.xml", "line", "both say the same"]),
+        (
+            "cell_config.dat",
+            "CELL_OFF[4]=5",
+            "CELL_OFF[4]=6",
+            ["cell_config.dat", "NO STOP SWITCHES TOOL OFF", "both"],
+        ),
+        (
+            "cell_judge.src",
+            "IF CMD.ID<>CELL_RX+1 THEN",
+            "IF FALSE THEN",
+            ["programs", "CELL_PROGRAM_SUM", "one release"],
+        ),
+        (
+            "cell_config.dat",
+            "CELL_USER_REVISION=1",
+            "CELL_USER_REVISION=2",
+            ["programs", "accepted with", "programs_sum"],
+        ),
     ] {
-        let file = folder.join("CELLSTAT.xml");
+        let file = folder.join(file);
         let text = fs::read_to_string(&file).expect("there");
-        assert!(text.contains(from));
+        assert!(text.contains(from), "{from}");
         fs::write(&file, text.replacen(from, to, 1)).expect("written");
-        one_wrong(folder, &with_files, words);
+        let found = wrong(folder, &with_files);
+        let is_named = |found: &[String; 3]| found.iter().zip(words).all(|(text, word)| text.contains(word));
+        assert!(found.iter().any(is_named), "{words:?}: {found:?}");
         fs::write(&file, text).expect("written");
     }
+}
+
+/// The controller's files as a person would set them for this cell, beside the cell's folder, and their sum in the cell's file.
+fn controller_files(folder: &Path) {
+    let config = include_str!("../config/kuka/cell_config.dat");
+    let numbers = (1..=5).flat_map(|place| {
+        ["CELL_OUT", "CELL_IN"]
+            .map(|list| (format!("{list}[{place}]={}", 16 + place), format!("{list}[{place}]={place}")))
+    });
+    let off = [
+        ("CELL_OFF[1]=17", "CELL_OFF[1]=1"),
+        ("CELL_OFF[2]=18", "CELL_OFF[2]=2"),
+        ("CELL_OFF[3]=20", "CELL_OFF[3]=4"),
+    ];
+    let others = [
+        ("CELL_OFF[4]=21", "CELL_OFF[4]=5"),
+        ("CELL_BOX_MIN[1]=240.0", "CELL_BOX_MIN[1]=90.0"),
+        ("CELL_BOX_MAX[1]=760.0", "CELL_BOX_MAX[1]=710.0"),
+    ];
+    let words = off.into_iter().chain(others).map(|(from, to)| (from.to_owned(), to.to_owned()));
+    let config = numbers.chain(words).fold(config.to_owned(), |text, (from, to)| {
+        assert!(text.contains(&from), "{from}");
+        text.replace(&from, &to)
+    });
+    let files = [
+        ("cell_config.dat", config.as_str()),
+        ("cell_data.dat", include_str!("../config/kuka/cell_data.dat")),
+        ("cell_judge.src", include_str!("../config/kuka/cell_judge.src")),
+        ("cell_link.src", include_str!("../config/kuka/cell_link.src")),
+        ("cell_motion.src", include_str!("../config/kuka/cell_motion.src")),
+        ("cell_submit.src", include_str!("../config/kuka/cell_submit.src")),
+        ("cell_tell.src", include_str!("../config/kuka/cell_tell.src")),
+    ];
+    for (name, text) in files {
+        fs::write(folder.join(name), text).expect("written");
+    }
+    for name in ["CELLCMD.xml", "CELLSTAT.xml"] {
+        let text = fs::read_to_string(folder.join(name)).expect("there");
+        fs::write(folder.join(name), text.replace("<IP>172.31.1.147</IP>", "<IP>127.0.0.1</IP>")).expect("written");
+    }
+    let sum = panelprep::controller::program_sum(&files).expect("the shipped programs");
+    let cell = folder.join("cell/cell.toml");
+    let text = fs::read_to_string(&cell).expect("there");
+    assert!(text.contains("kind = \"eki\""));
+    let kept = format!("kind = \"eki\"\nprograms_sum = {sum}");
+    fs::write(&cell, text.replacen("kind = \"eki\"", &kept, 1)).expect("written");
 }

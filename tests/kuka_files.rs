@@ -81,7 +81,7 @@ const EKI: [&str; 11] = [
     "EKI_CLOSE",
 ];
 /// Every system variable that the programs touch; the installation page asks to prove those that matter.
-const SYSTEM: [&str; 34] = [
+const SYSTEM: [&str; 36] = [
     "$ACC",
     "$ACC_AXIS",
     "$ADVANCE",
@@ -100,7 +100,9 @@ const SYSTEM: [&str; 34] = [
     "$ORI_TYPE",
     "$OUT",
     "$PERI_RDY",
+    "$OV_PRO",
     "$POS_ACT",
+    "$POS_ACT_MES",
     "$PRO_ACT",
     "$PRO_MOVE",
     "$PRO_STATE1",

@@ -103,6 +103,7 @@ pub struct Robot {
     host: String,
     command_port: u16,
     state_port: u16,
+    programs_sum: Option<i32>,
 }
 
 impl Robot {
@@ -129,6 +130,11 @@ impl Robot {
     /// Port of the state channel.
     pub fn state_port(&self) -> u16 {
         self.state_port
+    }
+
+    /// The sum of the controller's programs and of `cell_config.dat` with which the cell was accepted; `None` where none was kept.
+    pub fn programs_sum(&self) -> Option<i32> {
+        self.programs_sum
     }
 
     /// Whether its address can only be this machine's own.
@@ -161,6 +167,9 @@ pub(super) fn is_host(host: &str) -> bool {
 /// The ports that the controller's firewall opens (`eki.md` 1.3).
 const PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
 
+/// Sums of programs are below 1000003.
+const LARGEST_SUM: usize = 1_000_002;
+
 const THIS_MACHINE: &str = "127.0.0.1";
 
 pub(super) fn take_robot(section: &Section<'_, '_>) -> Option<Robot> {
@@ -169,9 +178,10 @@ pub(super) fn take_robot(section: &Section<'_, '_>) -> Option<Robot> {
     let host = section.take::<Option<String>>("host", (), Some(None));
     let command_port = section.take("command_port", PORTS, Some(54_600));
     let state_port = section.take("state_port", PORTS, Some(54_601));
+    let programs_sum = section.take::<Option<usize>>("programs_sum", 0..=LARGEST_SUM, Some(None));
     section.done();
     let (kind, controller, host) = (kind?, controller?, host?);
-    let (command_port, state_port) = (command_port?, state_port?);
+    let (command_port, state_port, programs_sum) = (command_port?, state_port?, programs_sum?);
     if command_port == state_port {
         section.problem("state_port", format!("found {state_port}, allowed is any port but command_port's"));
         return None;
@@ -186,6 +196,12 @@ pub(super) fn take_robot(section: &Section<'_, '_>) -> Option<Robot> {
                 .problem("host", format!("found \"{host}\"; kind = \"mock\" runs on this machine, {THIS_MACHINE}"));
             return None;
         }
+        (_, Some(host))
+            if host.parse::<IpAddr>().is_ok_and(|address| address.is_unspecified() || address.is_multicast()) =>
+        {
+            section.problem("host", format!("found \"{host}\", which is the address of no single machine"));
+            return None;
+        }
         (_, Some(host)) if !is_host(&host) => {
             let message = format!(
                 "found \"{host}\", allowed is an address such as 172.31.1.147, or a host's name of letters, digits, - and \
@@ -196,5 +212,12 @@ pub(super) fn take_robot(section: &Section<'_, '_>) -> Option<Robot> {
         }
         (_, host) => host.unwrap_or(THIS_MACHINE.to_owned()),
     };
-    Some(Robot { kind, controller, host, command_port, state_port })
+    Some(Robot {
+        kind,
+        controller,
+        host,
+        command_port,
+        state_port,
+        programs_sum: programs_sum.and_then(|sum| i32::try_from(sum).ok()),
+    })
 }

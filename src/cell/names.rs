@@ -83,6 +83,9 @@ pub enum Feedback {
     ExtractionFlow,
     /// `tool_running`: the sander turns.
     ToolRunning,
+    /// `tool_stands`: the sander stands. Beside `tool_running` it makes a pair of which always one is on: then off is proven by a signal
+    /// that is there, and a broken wire is noticed.
+    ToolStands,
 }
 
 impl Feedback {
@@ -164,6 +167,11 @@ impl InputsOutputs {
     /// Which bit of the state message's `Out` the output of this number is.
     pub fn output_bit(&self, number: u16) -> Option<u32> {
         bit(&self.outputs, number)
+    }
+
+    /// Whether "tool off" is proven by a signal that is there; without it a broken wire reads like a tool that stands.
+    pub fn proves_tool_off(&self) -> bool {
+        [Feedback::ToolRunning, Feedback::ToolStands].iter().all(|feedback| self.feedback(*feedback).is_some())
     }
 
     /// Which bit of the state message's `In` a feedback is.

@@ -1,8 +1,8 @@
 //! What the program understood of a file, in words.
 
 use crate::cell::{
-    Camera, Cell, Gige, Intrinsics, Mount, MountedPose, RemovalCalibration, RobotCorrection, RobotKind, Tool,
-    ZividCamera,
+    Camera, Cell, Gige, Intrinsics, Mount, MountedPose, Output, RemovalCalibration, RobotCorrection, RobotKind,
+    Tool, ZividCamera,
 };
 use crate::geometry::{Degrees, Frame, Vector, polygon};
 use crate::office::ArchiveSettings;
@@ -95,11 +95,25 @@ pub(super) fn say_cell(cell: &Cell) -> Vec<String> {
         format!("poses: {}", named(cell.poses().keys().map(String::as_str).collect())),
         format!("outputs: {}", named(cell.io().outputs().keys().map(String::as_str).collect())),
         format!("off after the end of an epoch: {}", say_off(cell.io().off_after_s())),
-        format!("feedbacks: {}", named(cell.io().feedbacks().keys().map(String::as_str).collect())),
+        format!(
+            "feedbacks: {}{}",
+            named(cell.io().feedbacks().keys().map(String::as_str).collect()),
+            say_tool_off(cell)
+        ),
         format!("calibration files named: {}", named(calibrations)),
         format!("limits: {box_of_waypoints}"),
         format!("store in {}", cell.store().display()),
     ]
+}
+
+/// What the cell cannot prove of its tool.
+fn say_tool_off(cell: &Cell) -> &'static str {
+    let has_tool = cell.io().output(Output::Tool).is_some();
+    if has_tool && !cell.io().proves_tool_off() {
+        "; tool off is NOT PROVEN: a broken wire of tool_running reads like a tool that stands; wire a standstill signal as tool_stands"
+    } else {
+        ""
+    }
 }
 
 pub(super) fn say_recipe(recipe: &Recipe) -> Vec<String> {

@@ -22,7 +22,7 @@ use std::io::BufRead;
 /// The installation page, whose table of assumptions is gone through.
 const INSTALLATION: &str = include_str!("../../config/kuka/README.md");
 /// Rows that need the tool in contact, or a panel: nothing for this command.
-const IN_CONTACT: [u32; 4] = [20, 21, 22, 40];
+const IN_CONTACT: [u32; 5] = [20, 21, 22, 40, 51];
 
 /// Goes through the table and writes the page.
 ///
@@ -37,9 +37,15 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     let _store = files.settled_store()?;
     let (robot, _) = live::robot_alone(&files.cell)?;
     drop(robot);
-    let page = |proofs: &[Proof]| page::of(proofs, &args.by, files.cell.robot());
+    let is_mock = tries::is_mock(&files.cell)?;
+    let page = |proofs: &[Proof]| page::of(proofs, &args.by, (files.cell.robot(), is_mock));
     // Before the first question: answers that took a day at the controller are not asked for where they cannot be kept.
     super::disk::write_new(&args.out, page(&[]))?;
+    if is_mock {
+        tell(
+            "a MOCK controller answers: this is a rehearsal, proves nothing of a real one and gives no page to sign",
+        );
+    }
     let mut answers = std::io::stdin().lock().lines().map_while(Result::ok);
     let mut proofs = Vec::new();
     for assumption in assumptions(INSTALLATION) {
@@ -55,7 +61,7 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
         proofs.push(proof);
         super::disk::write(&args.out, page(&proofs))?;
     }
-    let mut outcome = Outcome::of(&judgement(&proofs));
+    let mut outcome = Outcome::of(&judgement(&proofs, is_mock));
     let rows: Vec<_> = proofs
         .iter()
         .map(|proof| {
@@ -66,8 +72,13 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
         })
         .collect();
     outcome.put("proofs", json!(rows));
+    outcome.put("mock", json!(is_mock));
     outcome.put("page", json!(args.out.display().to_string()));
-    outcome.say(format!("page: {}; print it, sign it, and keep it with the cell's file", args.out.display()));
+    outcome.say(if is_mock {
+        format!("page: {}; of a rehearsal on a mock controller, nothing to sign", args.out.display())
+    } else {
+        format!("page: {}; print it, sign it, and keep it with the cell's file", args.out.display())
+    });
     Ok(outcome)
 }
 
@@ -99,20 +110,18 @@ fn answer(line: &str) -> (Finding, String) {
     }
 }
 
-fn judgement(proofs: &[Proof]) -> Judgement {
-    let reasons: Vec<Reason> = proofs
-        .iter()
-        .filter(|proof| proof.finding != Finding::Proven)
-        .map(|proof| {
-            let number = proof.assumption.number;
-            let message = format!("assumption {number} is {}: {}", proof.finding.word(), proof.evidence);
-            Reason::new(
-                if proof.finding == Finding::Wrong { "assumption_wrong" } else { "assumption_open" },
-                message,
-            )
-        })
-        .collect();
-    let is_wrong = proofs.iter().any(|proof| proof.finding == Finding::Wrong);
+fn judgement(proofs: &[Proof], is_mock: bool) -> Judgement {
+    let of_mock = is_mock.then(|| {
+        let message = "a mock controller answers: what was tried on it proves nothing of a real one";
+        Reason::new("mock_controller", message)
+    });
+    let of_proofs = proofs.iter().filter(|proof| proof.finding != Finding::Proven).map(|proof| {
+        let number = proof.assumption.number;
+        let message = format!("assumption {number} is {}: {}", proof.finding.word(), proof.evidence);
+        Reason::new(if proof.finding == Finding::Wrong { "assumption_wrong" } else { "assumption_open" }, message)
+    });
+    let reasons: Vec<Reason> = of_mock.into_iter().chain(of_proofs).collect();
+    let is_wrong = is_mock || proofs.iter().any(|proof| proof.finding == Finding::Wrong);
     let verdict = match (is_wrong, reasons.is_empty()) {
         (true, _) => Verdict::Reject,
         (false, false) => Verdict::Review,

@@ -229,7 +229,7 @@ fn json_of(state: &State, io: &InputsOutputs) -> Value {
         named.into_iter().map(|(name, on)| (name.to_owned(), json!(on))).collect()
     };
     json!({
-        "mode": state.mode.name(), "drives_on": state.drives_on, "emergency_stop": state.emergency_stop,
+        "mode": state.mode.name(), "override_percent": state.override_percent, "drives_on": state.drives_on, "emergency_stop": state.emergency_stop,
         "guard_closed": state.guard_closed, "moving": state.moving, "motion_possible": state.motion_possible,
         "epoch": state.epoch.0, "stopped": state.stopped, "boot": state.boot,
         "programs_checksum": state.programs_checksum, "time_ms": state.time_ms, "underruns": state.underruns,
@@ -251,8 +251,9 @@ fn words(state: &State, io: &InputsOutputs) -> Vec<String> {
     let [a1, a2, a3, a4, a5, a6] = [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg].map(|angle| fixed(angle, 3));
     vec![
         format!(
-            "mode {}, drives on: {}, emergency stop: {}, guard closed: {}, motion possible: {}, moves: {}",
+            "mode {}, override {} %, drives on: {}, emergency stop: {}, guard closed: {}, motion possible: {}, moves: {}",
             state.mode.name(),
+            state.override_percent,
             yes(state.drives_on),
             yes(state.emergency_stop),
             yes(state.guard_closed),

@@ -91,6 +91,8 @@ pub enum Report {
     },
     /// The robot's condition changed.
     Robot(Robot),
+    /// Whether the controller's override is the one that contact is planned for; said at each change, and anew after a lost link.
+    FullOverride(bool),
     /// Something went wrong that no act asked for.
     Trouble(Trouble),
     /// The program starts on a store in which something is not what it wrote there.
@@ -213,6 +215,8 @@ pub enum Robot {
     DrivesOff,
     /// T1 or T2.
     NotAutomatic,
+    /// Its programs are others than those with which the cell was accepted.
+    OtherPrograms,
 }
 
 impl Robot {
@@ -250,6 +254,8 @@ pub enum Trouble {
     Sequence,
     /// What came is not the protocol (R7–R11).
     Protocol,
+    /// The override is not the one that contact is planned for.
+    Override,
     /// The arm is not where it was sent (R18).
     Deviation,
     /// The store does not write (S1, S2).
@@ -265,7 +271,7 @@ pub enum Trouble {
 impl Trouble {
     /// Whether the work may go on once a person has looked; what it is not for ends in Aborted.
     pub fn holds(self) -> bool {
-        use Trouble::{Camera, Computing, DiskFull, Feedback, Force, Picture, Slow, Starved};
-        matches!(self, Camera | Picture | Computing | DiskFull | Feedback | Force | Starved | Slow)
+        use Trouble::{Camera, Computing, DiskFull, Feedback, Force, Override, Picture, Slow, Starved};
+        matches!(self, Camera | Picture | Computing | DiskFull | Feedback | Force | Override | Starved | Slow)
     }
 }

@@ -139,7 +139,7 @@ impl Turn {
         view >= self.state.job.max_moves && self.rules.keep(Rule::MoveLimit)
     }
 
-    fn is_air(&self) -> bool {
+    pub fn is_air(&self) -> bool {
         self.state.job.air && self.rules.keep(Rule::AirRun)
     }
 

@@ -11,6 +11,9 @@ use serde::{Deserialize, Serialize};
 pub struct Facts {
     /// The robot's condition.
     pub robot: Robot,
+    /// The controller's override is the one that contact is planned for.
+    #[serde(default)]
+    pub full_override: bool,
     /// The robot said that it stands, since the last Reset or Clear.
     pub standing: bool,
     /// The self-test passed, since the last Reset.
@@ -113,6 +116,7 @@ impl Facts {
     /// What a program knows when it starts.
     pub const UNKNOWN: Facts = Facts {
         robot: Robot::Unknown,
+        full_override: false,
         standing: false,
         tested: false,
         epoch: Epoch::Closed,
@@ -224,6 +228,7 @@ impl Facts {
     pub(super) fn forget(&mut self) {
         let lost = matches!(self.robot, Robot::Unknown | Robot::LinkLost | Robot::Restarted);
         let epoch = if lost { Epoch::Closed } else { self.epoch };
-        *self = Facts { robot: self.robot, epoch, ..self.lasting() };
+        let full_override = self.full_override && !lost;
+        *self = Facts { robot: self.robot, full_override, epoch, ..self.lasting() };
     }
 }

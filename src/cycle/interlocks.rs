@@ -23,6 +23,7 @@ pub(super) enum Need {
     ExtractionOff,
     ExtractionFlowing,
     Token,
+    FullOverride,
 }
 
 /// A need and the rule that makes it one.
@@ -41,6 +42,7 @@ pub(super) fn needs(act: Act) -> Vec<Row> {
     let at_approach = (R::StartsInAir, N::At(Path::Approach));
     let corner = |view| (R::AtView, N::At(Path::Corner { view }));
     let (epoch, token) = ((R::Epoch, N::Epoch), (R::Token, N::Token));
+    let full_override = (R::FullOverride, N::FullOverride);
     match act {
         Act::Stand
         | Act::SelfTest
@@ -55,7 +57,7 @@ pub(super) fn needs(act: Act) -> Vec<Row> {
         Act::Switch(Switch::Rinse | Switch::Spray) => {
             vec![epoch, (R::ParkedForWater, N::At(Path::Park)), tool_off, (R::LensGuarded, N::LensGuarded)]
         }
-        Act::Switch(Switch::ToolOn) => vec![epoch, drained, extraction, at_approach],
+        Act::Switch(Switch::ToolOn) => vec![full_override, epoch, drained, extraction, at_approach],
         Act::Switch(_) | Act::SetFrames(_) => vec![epoch],
         Act::Move(Motion { path, .. }) => match path {
             Path::Park => vec![epoch, dry_air, tool_off],
@@ -63,7 +65,7 @@ pub(super) fn needs(act: Act) -> Vec<Row> {
             Path::Approach => vec![epoch, drained, tool_off, token, pad],
             Path::Contact => {
                 let running = (R::ToolRunning, N::ToolRunning);
-                vec![epoch, drained, extraction, token, at_approach, pad, running]
+                vec![full_override, epoch, drained, extraction, token, at_approach, pad, running]
             }
             Path::Air => vec![epoch, dry_air, tool_off, token, at_approach, pad],
             Path::Retract => vec![epoch, dry_air, tool_off, pad],
@@ -133,7 +135,9 @@ impl Need {
             Need::At(Path::Park) => "the arm at the pose park",
             Need::At(Path::Approach) => "the arm at the approach point of a path, which only a cycle reaches",
             Need::At(_) => "the arm at the end of that path",
-            Need::ToolOff => "the tool off, proven by the feedback tool_running",
+            Need::ToolOff => {
+                "the tool off, by its output and by the feedback tool_running (and tool_stands, where the cell has it)"
+            }
             Need::ToolRunning => "the tool on, proven by the feedback tool_running",
             Need::WaterOff => "the water off, proven by the feedback water_off",
             Need::Drained => "the water off for the drain time, which only a cycle measures",
@@ -144,6 +148,7 @@ impl Need {
             Need::ExtractionOff => "the extraction off",
             Need::ExtractionFlowing => "the extraction on, proven by the feedback extraction_flow",
             Need::Token => "a live localization",
+            Need::FullOverride => "the controller's override at 100 %",
         }
     }
 
@@ -167,10 +172,11 @@ impl Need {
             Need::ExtractionOff => facts.extraction == Extraction::Off,
             Need::ExtractionFlowing => facts.extraction == Extraction::Flowing,
             Need::Token => facts.token.is_some(),
+            Need::FullOverride => facts.full_override,
         }
     }
 
-    /// The act that brings it about; `None` where only time does.
+    /// The act that brings it about; `None` where only time does, or a person.
     pub fn brought_by(self, state: &State) -> Option<Act> {
         Some(match self {
             Need::Standing => Act::Stand,
@@ -193,6 +199,8 @@ impl Need {
             Need::ExtractionOff => Act::Switch(Switch::ExtractionOff),
             Need::ExtractionFlowing => Act::Switch(Switch::ExtractionOn),
             Need::Token => Act::Verify { view: state.job.verified },
+            // A person at the pendant; `Turn::proceed` holds the cycle until then.
+            Need::FullOverride => return None,
         })
     }
 }

@@ -31,6 +31,8 @@ pub(super) enum Rule {
     StartsInAir,
     /// No contact before the tool is proven running.
     ToolRunning,
+    /// No tool and no contact at another override than contact is planned for.
+    FullOverride,
     /// No approach and no contact without a live localization.
     Token,
     /// No straight motion before base and tool were echoed in this epoch.

@@ -80,6 +80,12 @@ impl Turn {
         match report {
             Report::Boot => self.boot(),
             Report::Robot(robot) => self.condition(robot),
+            Report::FullOverride(is_full) => {
+                self.state.facts.full_override = is_full;
+                if self.lacks_override() {
+                    self.trouble(Trouble::Override);
+                }
+            }
             Report::Trouble(trouble) => self.unasked(trouble),
             Report::Contrary(switch) => {
                 if self.rules.keep(Rule::ContraryDoubts) {

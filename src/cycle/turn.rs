@@ -2,7 +2,7 @@
 
 use super::interlocks::{Row, needs};
 use super::rules::{Rule, Rules};
-use super::{Act, At, Deadline, Due, Effect, Facts, Id, Intent, Outcome, Refusal, Request, State};
+use super::{Act, At, Deadline, Due, Effect, Facts, Id, Intent, Outcome, Phase, Refusal, Request, State, Trouble};
 use crate::verdict::Verdict;
 
 /// What a state is about.
@@ -64,6 +64,9 @@ impl Turn {
     /// Does what is next, unless something is under way.
     pub fn proceed(&mut self) {
         while self.state.due.is_none() {
+            if self.lacks_override() {
+                self.trouble(Trouble::Override);
+            }
             match self.aim() {
                 Aim::Rest => return,
                 Aim::Do(act) => return self.perform_first(act),
@@ -75,6 +78,13 @@ impl Turn {
                 },
             }
         }
+    }
+
+    /// The cycle is about to touch the panel, or does, at another override than contact is planned for. Neither time nor an act
+    /// mends that: a person does.
+    pub fn lacks_override(&self) -> bool {
+        let touches = self.state.at == At::Execute(Phase::Abrade) && !self.is_air();
+        touches && !self.state.facts.full_override && self.rules.keep(Rule::FullOverride)
     }
 
     /// Performs the first act that this one still needs, or itself. Only time is missing: nothing yet.

@@ -6,8 +6,8 @@
 //! proven again before it is needed. A shorter time is left to sensors: a flow switch flutters, and a sander slows down as it touches.
 //! What is being switched is watched by its own act.
 
-use super::wiring::Wiring;
-use crate::cell::Output;
+use super::wiring::{Told, Wiring};
+use crate::cell::{Feedback, Output};
 use crate::cycle::{Facts, Switch};
 use crate::eki::State;
 use crate::verdict::Reason;
@@ -56,11 +56,14 @@ fn told(on: bool) -> &'static str {
 /// What the state tells of a switch's output and feedback.
 fn tells(switch: Switch, wiring: &Wiring, state: &State) -> String {
     let (_, output) = words(switch);
-    let (is_output, feedback) = wiring.proof(switch).told_by(state);
-    let told_as_set = if is_output { "told" } else { "not told" };
+    let Told { outputs, feedback, opposite } = wiring.proof(switch).told_by(state);
+    let told_as_set = if outputs { "told" } else { "not told" };
     let output_words = format!("the output {} is {told_as_set} as it was set", output.name());
     let name = output.feedback().name();
-    feedback.map_or(output_words.clone(), |on| format!("{output_words}; the feedback {name} reads {}", told(on)))
+    let feedbacks = [(name, feedback), (Feedback::ToolStands.name(), opposite)];
+    let words =
+        feedbacks.into_iter().filter_map(|(name, on)| Some(format!("; the feedback {name} reads {}", told(on?))));
+    std::iter::once(output_words).chain(words).collect()
 }
 
 /// What was proven, and where to look now that it is not so any more.

@@ -132,7 +132,7 @@ impl Pressing {
             let words = "nothing was heard of the compliant tool yet; is it on, and its cable in? `panelprep doctor` looks at it";
             return Some(Reason::new("tool_link", words));
         };
-        let longest = Duration::from_millis(u64::from(tool.reply_ms + tool.period_ms)) + SLACK;
+        let longest = Duration::from_millis(u64::from(tool.reply_ms) + u64::from(tool.period_ms)) + SLACK;
         let age = now.since(at);
         let words = || {
             format!(

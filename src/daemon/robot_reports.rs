@@ -6,11 +6,19 @@ use super::feedbacks::{Contrary, contrary_reason, unproven_reason};
 use super::pending::{Pending, Waits};
 use super::ports::News;
 use super::running::Running;
+use super::sent::Sent;
 use crate::cycle::{self, Act, Answer, At, Deadline, Event, Id, Path, Report, Trouble};
-use crate::eki::{self, Mode, StopCause};
-use crate::path::trace::PoseReport;
+use crate::eki::{self, CONTACT_OVERRIDE_PERCENT, Mode, Refusal, StopCause};
+use crate::geometry::{Panel, Rigid, Tool};
+use crate::path::routes::waypoints;
+use crate::path::trace::{PoseReport, off_path_mm};
 use crate::record::Kind;
+use crate::stages::abrade::off_limit_mm;
 use crate::verdict::Reason;
+use crate::words::apart;
+
+/// So many times the distance for which a person must look ends a path in contact at once.
+const FAR_OFF_LIMITS: f64 = 4.0;
 
 impl Running<'_> {
     /// Turns a report into events of the table and into the answer of the pending act.
@@ -19,11 +27,12 @@ impl Running<'_> {
         match report {
             R::Connected { state } | R::State(state) => self.hear_state(&state)?,
             R::Rebooted { state } => {
+                self.full_override = None;
                 self.becomes(cycle::Robot::Restarted);
                 self.hear_state(&state)?;
             }
             R::LinkLost { why } => {
-                self.robot_state = None;
+                (self.robot_state, self.full_override) = (None, None);
                 self.becomes(cycle::Robot::LinkLost);
                 self.note(Kind::Robot, vec![reason("link_lost", &why)])?;
             }
@@ -39,11 +48,15 @@ impl Running<'_> {
             R::Standstill { done } => self.stood_still(done),
             R::Refused { refusal, id } => {
                 let words = Reason::new("refused", format!("the controller refused command {id}: {refusal}"));
-                self.epoch_over(Trouble::Refused, words)?;
+                let trouble = if refusal == Refusal::Override { Trouble::Override } else { Trouble::Refused };
+                self.epoch_over(trouble, words)?;
             }
             R::EchoMismatch(mismatch) => self.epoch_over(Trouble::Protocol, reason("echo", &*mismatch))?,
             R::Interrupted { cause: cause @ (StopCause::ByProgram | StopCause::Unattended) } => {
                 self.epoch_over(Trouble::Starved, reason("interrupted", &cause))?;
+            }
+            R::Interrupted { cause: cause @ StopCause::Override } => {
+                self.epoch_over(Trouble::Override, reason("interrupted", &cause))?;
             }
             // Why comes as a condition.
             R::Interrupted { .. } => self.events.push_back(Event::Told(Report::EpochOver { trouble: None })),
@@ -72,8 +85,12 @@ impl Running<'_> {
 
     fn hear_state(&mut self, state: &eki::State) -> Result<(), DaemonError> {
         self.robot_state = Some(*state);
-        self.follow(state);
-        self.becomes(condition(state));
+        self.follow(state)?;
+        self.becomes(condition(state, self.cell.programs_sum));
+        let is_full = state.override_percent == CONTACT_OVERRIDE_PERCENT;
+        if self.full_override.replace(is_full) != Some(is_full) {
+            self.events.push_back(Event::Told(Report::FullOverride(is_full)));
+        }
         self.watch_outputs(state)?;
         let facts = &self.state.facts;
         // While the cell works the acts themselves prove it.
@@ -132,30 +149,46 @@ impl Running<'_> {
         Ok(())
     }
 
-    /// Keeps where the tool is on a contact path.
-    fn follow(&mut self, state: &eki::State) {
+    /// Keeps where the tool is on a contact path, as it is measured, and leaves the path where that is far from the plan.
+    fn follow(&mut self, state: &eki::State) -> Result<(), DaemonError> {
         let contact = |pending: &Pending| match (pending.act, &pending.waits) {
             (Act::Move(motion), Waits::PathEnd) => motion.path == Path::Contact,
             _ => false,
         };
-        if self.pending.as_ref().is_some_and(contact)
-            && let Some(sent) = self.sent
-        {
-            self.trace.push(PoseReport {
-                time_ms: state.time_ms,
-                tip: state.base_from_tcp,
-                done: sent.waypoints(state.done),
-                force_n: None,
-            });
-        }
+        let Some(sent) = self.sent.filter(|_| self.pending.as_ref().is_some_and(contact)) else { return Ok(()) };
+        let done = sent.waypoints(state.done);
+        self.trace.push(PoseReport { time_ms: state.time_ms, tip: state.base_from_tcp, done, force_n: None });
+        let Some((off_mm, allowed_mm)) = self.far_off_path(sent, done, state) else { return Ok(()) };
+        let [off, allowed] = apart(off_mm, allowed_mm, 2);
+        let message = format!(
+            "in contact the tip was measured {off} mm off the planned path, allowed are {allowed} mm: an axis slips, or something pushes \
+             the arm; the path is left"
+        );
+        self.note(Kind::Robot, vec![Reason::new("deviation", message)])?;
+        self.events.push_back(Event::Told(Report::Trouble(Trouble::Deviation)));
+        Ok(())
+    }
+
+    /// How far the tip is measured off the planned path, and how far it may be, mm, where it is farther: a little more is left to the
+    /// grade of the whole path.
+    fn far_off_path(&self, sent: Sent, done: u32, state: &eki::State) -> Option<(f64, f64)> {
+        let cycle = self.setup()?;
+        let allowed_mm = FAR_OFF_LIMITS * off_limit_mm(cycle.recipe.path());
+        let tip: Rigid<Panel, Tool> = state.base_from_tcp.to_rigid();
+        let off_mm = self
+            .abrasion
+            .plan(sent.motion.plan)
+            .map_or(f64::INFINITY, |plan| off_path_mm(&waypoints(plan), done, tip.origin()));
+        (!(off_mm <= allowed_mm)).then_some((off_mm, allowed_mm))
     }
 }
 
-fn condition(state: &eki::State) -> cycle::Robot {
+fn condition(state: &eki::State, programs_sum: Option<i32>) -> cycle::Robot {
     use cycle::Robot;
     match state {
         _ if state.emergency_stop => Robot::EmergencyStop,
         _ if !state.guard_closed => Robot::GuardOpen,
+        _ if programs_sum.is_some_and(|accepted| accepted != state.programs_checksum) => Robot::OtherPrograms,
         _ if matches!(state.mode, Mode::T1 | Mode::T2) => Robot::NotAutomatic,
         _ if !(state.drives_on && state.motion_possible) => Robot::DrivesOff,
         _ => Robot::Ready,

@@ -69,6 +69,8 @@ pub(super) struct Running<'p> {
     pub left_at: u32,
     pub robot_state: Option<eki::State>,
     pub condition: cycle::Robot,
+    /// What the table was told of the override; `None` before it was.
+    pub full_override: Option<bool>,
     /// What a state told otherwise than it was proven.
     pub contrary: Contrary,
     pub verdict: Option<Verdict>,
@@ -118,6 +120,7 @@ impl<'p> Running<'p> {
             left_at: 0,
             robot_state: None,
             condition: cycle::Robot::Unknown,
+            full_override: None,
             contrary: Contrary::default(),
             verdict: None,
             requester: Who::by(Front::Program),
@@ -133,6 +136,7 @@ impl<'p> Running<'p> {
             self.last_place = place;
             self.events.clear();
             (self.robot_state, self.condition) = (robot.map(|robot| *robot), self.state.facts.robot);
+            self.full_override = self.robot_state.map(|_| self.state.facts.full_override);
             self.deadlines = Deadlines::of(&armed);
         }
     }

@@ -53,6 +53,8 @@ pub struct CellSetup {
     pub warning_output: Option<u16>,
     /// The compliant tool, where the sanding tool is one.
     pub tool: Option<CompliantTool>,
+    /// The sum of the controller's programs with which the cell was accepted, where one was kept.
+    pub programs_sum: Option<i32>,
     /// Where the arm parks.
     pub park: Joints,
     /// `[poses.ready]`: on the way to and from the park pose, where the cell names one.
@@ -72,6 +74,7 @@ impl CellSetup {
             wiring: Wiring::of(cell.io())?,
             control_bit: cell.io().input_bit(LOCAL_CONTROL),
             warning_output: cell.io().outputs().get(WARNING).copied(),
+            programs_sum: cell.robot().programs_sum(),
             tool: cell.tool().compliant().cloned(),
             park: cell.park().ok_or(DaemonError::NotStated { key: "poses.park" })?,
             ready: cell.pose("ready"),

@@ -26,6 +26,10 @@ const CONNECT: Duration = Duration::from_secs(4);
 /// How long a switch, a frame or a subroutine may take, and a way through air, by the robot's clock.
 const SHORT: Duration = Duration::from_secs(30);
 const LONG: Duration = Duration::from_secs(300);
+/// How long the next state may take, by the robot's clock.
+const HEARD: Duration = Duration::from_secs(1);
+/// Reports that may wait before the one that says why the link was lost.
+const MOST_REPORTS: usize = 32;
 /// How long the arm may take to stand before a function, by the robot's clock.
 const REST: Duration = Duration::from_secs(5);
 
@@ -146,7 +150,7 @@ impl<'r> Single<'r> {
             }
             _ => self.open_epoch()?,
         }
-        let id = self.robot.send(command)?;
+        let id = self.send(command)?;
         self.executed(id, SHORT)
     }
 
@@ -159,7 +163,7 @@ impl<'r> Single<'r> {
         self.is_the_cells_arm(cell).map_err(gate)?;
         self.open_epoch()?;
         self.held_to_interlocks("a subroutine", single_interlocks::motion(Path::Park), cell)?;
-        let id = self.robot.send(Command::CallSubroutine { index })?;
+        let id = self.send(Command::CallSubroutine { index })?;
         self.executed(id, LONG)
     }
 
@@ -180,8 +184,7 @@ impl<'r> Single<'r> {
         }
         self.open_epoch()?;
         self.held_to_interlocks("a motion of the axes", single_interlocks::motion(Path::Park), cell)?;
-        let id =
-            self.robot.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(axis_speed_percent) }))?;
+        let id = self.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(axis_speed_percent) }))?;
         self.executed(id, LONG)
     }
 
@@ -200,8 +203,8 @@ impl<'r> Single<'r> {
             return Err(gate(Reason::new("speed", message)));
         }
         self.open_epoch()?;
-        self.robot.send(Command::SetBase(line.base))?;
-        let id = self.robot.send(Command::SetTcp(line.tool))?;
+        self.send(Command::SetBase(line.base))?;
+        let id = self.send(Command::SetTcp(line.tool))?;
         self.executed(id, SHORT)?;
         // From where the controller, with these frames, says that the tip stands.
         let from: Rigid<Base, Tool> = self.state.base_from_tcp.to_rigid();
@@ -226,8 +229,9 @@ impl<'r> Single<'r> {
         }
         // By their names the first corner's; what it needs is what every straight way through the air needs.
         self.held_to_interlocks("a straight motion", single_interlocks::motion(Path::Corner { view: 0 }), cell)?;
-        self.robot.send(Command::SetAccSpeed(moves::speeds(gated.speed)))?;
-        let id = self.robot.send_path(move_lin(&gated.points), None)?;
+        self.send(Command::SetAccSpeed(moves::speeds(gated.speed)))?;
+        let sent = self.robot.send_path(move_lin(&gated.points), None);
+        let id = sent.map_err(|error| self.not_sent(error))?;
         self.executed(id, LONG)
     }
 
@@ -241,7 +245,7 @@ impl<'r> Single<'r> {
         if let Some(switch) = single_interlocks::switched_on(name).filter(|_| on) {
             self.held_to_interlocks(name, Act::Switch(switch), cell)?;
         }
-        let id = self.robot.send(Command::SetDigout(Signal { number, on }))?;
+        let id = self.send(Command::SetDigout(Signal { number, on }))?;
         self.executed(id, SHORT)?;
         let until = self.robot.now() + keep;
         while self.robot.now() < until {
@@ -286,7 +290,7 @@ impl<'r> Single<'r> {
         while self.state.moving && self.robot.now() < rests_until {
             self.hear()?;
         }
-        let asked = self.robot.open_epoch(Epoch(0))?;
+        let asked = self.robot.open_epoch(Epoch(0)).map_err(|error| self.not_sent(error))?;
         let until = self.robot.now() + SHORT;
         while self.state.epoch != asked {
             if let Some(Report::EpochNotOpened { asked, found }) = self.hear()? {
@@ -302,19 +306,47 @@ impl<'r> Single<'r> {
         let until = self.robot.now() + allowed;
         while self.state.done < id || self.state.moving {
             match self.hear()? {
-                Some(Report::Refused { refusal, .. }) => return Err(SingleError::Robot(refusal.to_string())),
-                Some(Report::EchoMismatch(mismatch)) => return Err(SingleError::Robot(mismatch.to_string())),
-                Some(Report::Interrupted { cause }) => return Err(SingleError::Robot(cause.to_string())),
-                Some(Report::SequenceError(error)) => return Err(SingleError::Robot(error.to_string())),
+                Some(Report::Refused { refusal, .. }) => return Err(self.stopped(refusal.to_string())),
+                Some(Report::EchoMismatch(mismatch)) => return Err(self.stopped(mismatch.to_string())),
+                Some(Report::Interrupted { cause }) => return Err(self.stopped(cause.to_string())),
+                Some(Report::SequenceError(error)) => return Err(self.stopped(error.to_string())),
                 Some(Report::WatchdogExpired { channel, silence }) => {
                     let words = format!("the {channel} was silent for {} ms", silence.as_millis());
-                    return Err(SingleError::Robot(words));
+                    return Err(self.stopped(words));
                 }
                 _ => {}
             }
             self.in_time(until, allowed)?;
         }
         Ok(())
+    }
+
+    fn send(&mut self, command: Command) -> Result<CommandId, SingleError> {
+        let sent = self.robot.send(command);
+        sent.map_err(|error| self.not_sent(error))
+    }
+
+    /// Why nothing was sent: where there is no link any more, what ended it.
+    fn not_sent(&mut self, error: QueueError) -> SingleError {
+        if error == QueueError::NotConnected {
+            for _ in 0..MOST_REPORTS {
+                if let Err(lost @ SingleError::LinkLost(_)) = self.hear() {
+                    return lost;
+                }
+            }
+        }
+        SingleError::Queue(error)
+    }
+
+    /// The robot did not do it for this reason; what it says of itself after that is heard first, so that it is what is shown.
+    fn stopped(&mut self, why: String) -> SingleError {
+        let (before, until) = (self.state.sequence, self.robot.now() + HEARD);
+        while self.state.sequence == before && self.robot.now() < until {
+            if self.hear().is_err() {
+                break;
+            }
+        }
+        SingleError::Robot(why)
     }
 
     fn hear(&mut self) -> Result<Option<Report>, SingleError> {

@@ -140,7 +140,9 @@ mod tests {
         };
         assert_eq!(
             refused(&without("tool_running = 4\n")),
-            ["a motion needs the tool off, proven by the feedback tool_running"]
+            [
+                "a motion needs the tool off, by its output and by the feedback tool_running (and tool_stands, where the cell has it)"
+            ]
         );
         let neither = CELL.replace("tool_running = 4\n", "").replace("tool = 5\n", "");
         assert_eq!(refused(&Cell::check("cell.toml", &neither).expect("good")), [""; 0]);

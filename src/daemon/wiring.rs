@@ -11,12 +11,14 @@ use crate::eki::{Signal, State};
 /// The output that washes off the dust, where there is one of its own.
 pub(super) const RINSE: &str = "rinse";
 
-/// An output with its bit of the state message's `Out`, and the bit of the feedback that proves it.
+/// An output with its bit of the state message's `Out`, the bit of the feedback that proves it, and of the one that always reads the
+/// opposite, where there is one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Wire {
     output: u16,
     bit: u32,
     feedback: Option<u32>,
+    opposite: Option<u32>,
 }
 
 /// The cell's outputs and feedbacks that the process uses, as far as the cell has them.
@@ -48,19 +50,36 @@ pub(super) struct Proof {
     outputs: u32,
     outputs_on: u32,
     feedback: Option<(u32, bool)>,
+    opposite: Option<(u32, bool)>,
+}
+
+/// What a state tells of a switch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Told {
+    /// The outputs are as they were set.
+    pub outputs: bool,
+    /// What the feedback reads, where there is one.
+    pub feedback: Option<bool>,
+    /// What the feedback of the opposite reads, where there is one.
+    pub opposite: Option<bool>,
 }
 
 impl Proof {
-    /// Whether the state tells the outputs so, and the feedback as it reads in it.
-    pub(super) fn told_by(&self, state: &State) -> (bool, Option<bool>) {
-        let is_output = state.outputs & self.outputs == self.outputs_on;
-        (is_output, self.feedback.map(|(bit, _)| reads(state, bit)))
+    /// Whether the state tells the outputs so, and the feedbacks as they read in it.
+    pub(super) fn told_by(&self, state: &State) -> Told {
+        let read = |feedback: Option<(u32, bool)>| feedback.map(|(bit, _)| reads(state, bit));
+        Told {
+            outputs: state.outputs & self.outputs == self.outputs_on,
+            feedback: read(self.feedback),
+            opposite: read(self.opposite),
+        }
     }
 
     /// Whether this state tells it.
     pub(super) fn is_told(&self, state: &State) -> bool {
-        let (is_output, feedback) = self.told_by(state);
-        is_output && feedback == self.feedback.map(|(_, on)| on)
+        let expected = |feedback: Option<(u32, bool)>| feedback.map(|(_, on)| on);
+        let told = self.told_by(state);
+        told.outputs && told.feedback == expected(self.feedback) && told.opposite == expected(self.opposite)
     }
 }
 
@@ -96,7 +115,10 @@ impl Wiring {
     pub(super) fn as_far_as(io: &InputsOutputs) -> Self {
         let wire = |number: Option<u16>, output: Output| {
             let number = number?;
-            Some(Wire { output: number, bit: io.output_bit(number)?, feedback: io.feedback_bit(output.feedback()) })
+            let (bit, feedback) = (io.output_bit(number)?, io.feedback_bit(output.feedback()));
+            let stands = || io.feedback_bit(Feedback::ToolStands);
+            let opposite = (output == Output::Tool).then(stands).flatten();
+            Some(Wire { output: number, bit, feedback, opposite })
         };
         let own = |output: Output| wire(io.output(output), output);
         let (spray, rinse) = (own(Output::Spray), wire(io.outputs().get(RINSE).copied(), Output::Spray));
@@ -135,7 +157,7 @@ impl Wiring {
 
     /// What a state message tells once a switch is proven.
     pub(super) fn proof(&self, switch: Switch) -> Proof {
-        let mut proof = Proof { outputs: 0, outputs_on: 0, feedback: None };
+        let mut proof = Proof { outputs: 0, outputs_on: 0, feedback: None, opposite: None };
         for (wire, on) in self.wires(switch).into_iter().flatten() {
             let bit = 1u32.checked_shl(wire.bit).unwrap_or(0);
             proof.outputs |= bit;
@@ -143,6 +165,7 @@ impl Wiring {
             // Water is fed back by what is off; the nozzle that is switched last is the one that matters.
             let is_water = [self.spray, self.rinse].into_iter().flatten().any(|water| water.output == wire.output);
             proof.feedback = wire.feedback.map(|bit| (bit, on != is_water));
+            proof.opposite = wire.opposite.map(|bit| (bit, !on));
         }
         proof
     }
@@ -202,7 +225,12 @@ mod tests {
         let wiring = Wiring::of(cell.io()).expect("complete");
         let set = |wiring: &Wiring, switch| (wiring.signals(switch), wiring.proof(switch));
         let setting = |number: u16, on, feedback| {
-            let proof = Proof { outputs: 1 << (number - 1), outputs_on: u32::from(on) << (number - 1), feedback };
+            let proof = Proof {
+                outputs: 1 << (number - 1),
+                outputs_on: u32::from(on) << (number - 1),
+                feedback,
+                opposite: None,
+            };
             (vec![Signal { number, on }], proof)
         };
         assert_eq!(set(&wiring, Switch::ToolOn), setting(5, true, Some((2, true))), "17, 18, 20, 25");
@@ -237,7 +265,12 @@ mod tests {
         assert_eq!(signals(Switch::WaterOff).collect::<Vec<_>>(), [(6, false), (2, false)]);
         let proof = |switch| wiring.proof(switch);
         let (spray, rinse) = (0b0_0010, 0b10_0000);
-        let both = |outputs_on, is_off| Proof { outputs: spray | rinse, outputs_on, feedback: Some((0, is_off)) };
+        let both = |outputs_on, is_off| Proof {
+            outputs: spray | rinse,
+            outputs_on,
+            feedback: Some((0, is_off)),
+            opposite: None,
+        };
         assert_eq!(proof(Switch::Spray), both(spray, false));
         assert_eq!(proof(Switch::Rinse), both(rinse, false));
         assert_eq!(proof(Switch::WaterOff), both(0, true));
@@ -260,6 +293,28 @@ mod tests {
             let found = (wiring.tool_is_off(&state), wiring.water_is_off(&state));
             assert_eq!(found, (tool_off, water_off), "Out {outputs:05b}, In {inputs:04b}");
         }
+    }
+
+    /// A broken wire of `tool_running` reads like a tool that stands. With `tool_stands` beside it off is a signal that is there.
+    #[test]
+    fn the_absence_of_a_signal_proves_no_tool_off() {
+        let wiring = |io: &str| Wiring::of(Cell::check("cell.toml", io).expect("good").io()).expect("complete");
+        let (one, both) = (wiring(IO), wiring(&format!("{IO}tool_stands = 30\n")));
+        // 17, 18, 20, 25, 30: bit 2 tool_running, bit 4 tool_stands.
+        for (inputs, by_one, by_both) in
+            [(0b0_0000, true, false), (0b1_0000, true, true), (0b1_0100, false, false), (0b0_0100, false, false)]
+        {
+            let state = State { inputs, ..crate::daemon::tests::standing_state() };
+            assert_eq!((one.tool_is_off(&state), both.tool_is_off(&state)), (by_one, by_both), "{inputs:05b}");
+        }
+        let runs = |inputs| {
+            both.proof(Switch::ToolOn).is_told(&State {
+                inputs,
+                outputs: 0b1_0000,
+                ..crate::daemon::tests::standing_state()
+            })
+        };
+        assert_eq!([runs(0b0_0100), runs(0b1_0100)], [true, false]);
     }
 
     #[test]

@@ -137,6 +137,11 @@ pub(super) fn robot(robot: Robot) -> Reason {
         Robot::GuardOpen => ("guard_open", "the guard is open"),
         Robot::DrivesOff => ("drives_off", "its drives are off, or it cannot move"),
         Robot::NotAutomatic => ("not_automatic", "it is in T1 or T2; switch it to automatic"),
+        Robot::OtherPrograms => (
+            "other_programs",
+            "its programs or its cell_config.dat are others than those with which the cell was accepted: their checksum is not \
+             programs_sum of [robot]; `panelprep doctor --kuka` compares the files",
+        ),
     };
     Reason::new(code, message)
 }
@@ -155,6 +160,9 @@ pub(super) fn trouble(trouble: Trouble) -> Reason {
              doctor` looks at it",
         ),
         Trouble::Starved => ("starved", "the robot ran out of waypoints"),
+        Trouble::Override => {
+            ("override", "contact needs an override of 100 %, and the controller's is another one or was changed")
+        }
         Trouble::Slow => ("slow", "the robot is far behind its plan"),
         Trouble::Gate => ("gate", "a path did not pass the gate, and none of it was sent"),
         Trouble::Refused => ("refused", "the robot refused a command, or none could be sent"),

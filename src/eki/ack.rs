@@ -54,6 +54,12 @@ pub enum Refusal {
     /// `Err` 10.
     #[error("the controller has stopped this epoch")]
     Stopped,
+    /// `Err` 11.
+    #[error("contact needs an override of 100 %, and it is another one or was changed")]
+    Override,
+    /// `Err` 12.
+    #[error("the line ends outside of the controller's own box, or is longer in contact than its step")]
+    OutsideBox,
 }
 
 impl Refusal {
@@ -64,7 +70,7 @@ pub(super) const ACK: [Field; 6] = [
     int("Ack/@Rx", 0, i32::MAX),
     int("Ack/@Done", 0, i32::MAX),
     int("Ack/@Free", 0, i32::MAX),
-    int("Ack/@Err", 0, 10),
+    int("Ack/@Err", 0, 12),
     int("Ack/@ErrId", 0, i32::MAX),
     int("Ack/@Ep", 0, i32::MAX),
 ];

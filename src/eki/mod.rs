@@ -39,7 +39,7 @@ pub use ids::{CommandId, EPOCH_STEP, Epoch};
 pub use report::{Channel, EchoMismatch, LinkLoss, Report, SequenceError, StopCause};
 pub use schema::SchemaError;
 pub use session::{LinkLimits, Pace, QueueError, Session};
-pub use state::{Mode, State};
+pub use state::{CONTACT_OVERRIDE_PERCENT, Mode, State};
 pub use time::Time;
 pub use wire::Wire;
 

@@ -126,6 +126,18 @@ pub enum StopCause {
     /// The drives are off.
     #[error("the drives are off")]
     DrivesOff,
+    /// Another override than contact is planned for, while the tool touches the panel or is about to.
+    #[error("the override is not 100 % while the tool is in contact")]
+    Override,
+    /// The mode switch was turned.
+    #[error("the mode switch was turned to T1 or T2")]
+    ModeTurned,
+    /// The epoch was stopped and no robot program could move.
+    #[error(
+        "no robot program runs: select cell_motion and start it; in T1 its Start key was released, or a message waits to be \
+         acknowledged"
+    )]
+    NoProgram,
     /// The controller's program has stopped the epoch.
     #[error("the controller's program has stopped by itself")]
     ByProgram,
@@ -314,6 +326,21 @@ pub enum LinkLoss {
     RequestsExhausted {
         /// The last one.
         most: u32,
+    },
+    /// Closed before a word: the channel has another client.
+    #[error(
+        "the controller closed the {channel} before it said anything: another client has it (another PC, or a program that hangs) and a \
+         second one is refused, or the one before is not yet let go"
+    )]
+    Occupied {
+        /// Which connection.
+        channel: Channel,
+    },
+    /// Each port leads to the other channel.
+    #[error("the {channel} carries the messages of the other one: command_port and state_port are exchanged")]
+    PortsExchanged {
+        /// Which connection.
+        channel: Channel,
     },
     /// Closed by the controller.
     #[error("the controller closed the {channel}")]

@@ -29,6 +29,9 @@ impl Mode {
     }
 }
 
+/// The override, %, for which contact is planned: at another one the disc stays longer at each place.
+pub const CONTACT_OVERRIDE_PERCENT: u8 = 100;
+
 /// The controller's state at one moment.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct State {
@@ -70,9 +73,11 @@ pub struct State {
     pub done: CommandId,
     /// How often a path ran dry before its end.
     pub underruns: u32,
-    /// Where the axes stand.
+    /// The program override, `$OV_PRO`: the share of each commanded speed at which the arm moves, %.
+    pub override_percent: u8,
+    /// Where the axes are, measured.
     pub joints: Joints,
-    /// The tool's tip in the active base.
+    /// The tool's tip in the active base, measured.
     pub base_from_tcp: KukaPose,
     /// The active base, in the robot's own.
     pub active_base: KukaPose,
@@ -80,9 +85,9 @@ pub struct State {
     pub flange_from_tool: KukaPose,
 }
 
-const WHOLE: usize = 12;
+const WHOLE: usize = 13;
 
-pub(super) const STATE: [Field; 36] = [
+pub(super) const STATE: [Field; 37] = [
     int("St/@T", 0, i32::MAX),
     int("St/@Seq", 0, i32::MAX),
     int("St/@Re", 0, i32::MAX),
@@ -95,6 +100,7 @@ pub(super) const STATE: [Field; 36] = [
     int("St/@Out", 0, i32::MAX),
     int("St/@Done", 0, i32::MAX),
     int("St/@Under", 0, i32::MAX),
+    int("St/@Ov", 0, 100),
     real("St/J/@A1", LARGEST_DEG),
     real("St/J/@A2", LARGEST_DEG),
     real("St/J/@A3", LARGEST_DEG),
@@ -121,12 +127,34 @@ pub(super) const STATE: [Field; 36] = [
     real("St/Tool/@C", LARGEST_DEG),
 ];
 
+/// Boot ids of a mock controller. Programs make a boot id of the controller's date, in seconds; these would be of a day 0 in a month 0,
+/// which no controller's clock shows.
+const BOOTS_OF_MOCKS: std::ops::Range<i32> = 0..86_400;
+
 impl State {
+    /// Whether a mock controller says this: what is seen on it proves nothing of a real one.
+    pub fn is_of_mock(&self) -> bool {
+        BOOTS_OF_MOCKS.contains(&self.boot)
+    }
+
     /// From the values of [`STATE`], which are in range and whole where they must be.
     pub(super) fn from_values(values: &[f64]) -> Option<Self> {
         let (whole, poses) = values.split_at_checked(WHOLE)?;
-        let [time, sequence, answered, epoch, boot, sum, mode, flags, inputs, outputs, done, underruns] =
-            *<&[f64; WHOLE]>::try_from(whole).ok()?;
+        let [
+            time,
+            sequence,
+            answered,
+            epoch,
+            boot,
+            sum,
+            mode,
+            flags,
+            inputs,
+            outputs,
+            done,
+            underruns,
+            override_percent,
+        ] = *<&[f64; WHOLE]>::try_from(whole).ok()?;
         let [joints, tcp, base, tool] = poses.as_chunks::<6>().0 else { return None };
         let flag = |bit: u32| (flags as u32) >> bit & 1 == 1;
         let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] = *joints;
@@ -151,6 +179,7 @@ impl State {
             outputs: outputs as u32,
             done: CommandId(done as u32),
             underruns: underruns as u32,
+            override_percent: override_percent as u8,
             joints: Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg },
             base_from_tcp: pose(tcp),
             active_base: pose(base),

@@ -103,7 +103,8 @@ impl Watch {
             return Some(Reason::new("tool_stroke", words));
         }
         let is_held = expected.aim == Aim::HeldBack && now.since(since) >= GOES_BACK;
-        if is_held { not_back(reading, limits.stroke_mm) } else { None }
+        // In the air, with time enough to have gone back, it touches nothing: then its force is not asked for.
+        if is_held { unready(reading, limits.stroke_mm) } else { None }
     }
 }
 

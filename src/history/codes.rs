@@ -48,7 +48,8 @@ pub struct Code {
 }
 
 /// Codes of a cell that was aborted, or whose state is not known.
-const HIGH: [&str; 31] = [
+const HIGH: [&str; 32] = [
+    "other_programs",
     "link_lost",
     "no_route",
     "unknown_place",

@@ -26,6 +26,7 @@ mod motion;
 mod parse;
 mod program;
 mod routines;
+mod stated;
 mod statement;
 mod syntax;
 mod system;
@@ -40,5 +41,6 @@ pub use machine::{Caller, EkiAnswer, Host, INTERRUPT_DEPTH, Interpreter, Meaning
 pub use parse::parse;
 pub use program::Program;
 pub use routines::Builtin;
+pub use stated::StatedValue;
 pub use syntax::{Approximation, Binary, File, Motion};
 pub use system::{Kss, LOWEST_KSS, SYSTEM_VARIABLES, SystemVariable};

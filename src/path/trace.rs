@@ -69,10 +69,10 @@ impl Trace {
                 places.extend((passed + 1..=reached).map(stand_in));
             }
             if is_report {
-                let towards = (reached + 1).min(all.len().saturating_sub(1)).max(1);
+                let towards = towards(all, told.done);
                 let rubs = all.get(towards).is_some_and(|waypoint| waypoint.contact) && all[towards - 1].contact;
                 let tip: Rigid<Panel, Tool> = told.tip.to_rigid();
-                walked.off_mm = walked.off_mm.max(off_mm(all, towards, tip.origin()));
+                walked.off_mm = walked.off_mm.max(off_path_mm(all, told.done, tip.origin()));
                 places.push((tip, rubs));
             }
             let seconds = f64::from(told.time_ms.saturating_sub(time_ms)) / 1_000.0 / places.len().max(1) as f64;
@@ -93,8 +93,15 @@ const MOST_MISSED: usize = 2;
 /// Lines before and after the one under way that a report may lie on: it and the count are not of one instant.
 const BESIDE: usize = 3;
 
-/// Distance of a point from the planned lines around the one that leads to this waypoint, mm.
-fn off_mm(all: &[Waypoint], towards: usize, point: Point<Panel>) -> f64 {
+/// The waypoint that the arm goes to once so many are executed.
+fn towards(all: &[Waypoint], done: u32) -> usize {
+    (done as usize + 1).min(all.len().saturating_sub(1)).max(1)
+}
+
+/// Distance of a point from the planned lines around the one that the arm is on once so many waypoints are executed, mm; infinite
+/// where no line is planned.
+pub fn off_path_mm(all: &[Waypoint], done: u32, point: Point<Panel>) -> f64 {
+    let towards = towards(all, done);
     let place = |index: usize| all[index].panel_from_tool.origin();
     let lines = towards.saturating_sub(BESIDE).max(1)..(towards + BESIDE).min(all.len());
     let distance_mm = |end: usize| {
@@ -102,7 +109,7 @@ fn off_mm(all: &[Waypoint], towards: usize, point: Point<Panel>) -> f64 {
         let along = (point - from).mm.dot(&way) / way.norm_squared().max(1e-12);
         (from + crate::geometry::Vector::new(way) * along.clamp(0.0, 1.0)).distance_mm(point)
     };
-    lines.map(distance_mm).reduce(f64::min).unwrap_or(0.0)
+    lines.map(distance_mm).reduce(f64::min).unwrap_or(f64::INFINITY)
 }
 
 #[cfg(test)]

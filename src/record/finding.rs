@@ -102,6 +102,8 @@ pub mod name {
     pub const COVERAGE: &str = "coverage of the worst of them";
     /// Of a plan: its longest dwell beside its shortest, over all grids or in the worst one.
     pub const DWELL_RATIO: &str = "their ratio, all together or the worst grid's";
+    /// Of an abrasion: how many times as long as planned a grid was under the disc, at most.
+    pub const LONGER: &str = "time under the disc beside its plan, the worst grid's ratio";
     /// Of an abrasion: how far a reported position was off the planned path, at most, mm.
     pub const OFF_PATH: &str = "farthest of them from the planned path";
 

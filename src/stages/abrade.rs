@@ -4,7 +4,7 @@ use super::removal::{Abrasive, Removed};
 use super::{Drawing, names};
 use crate::panel::{GridId, Region, TaughtPanel};
 use crate::path::Plan;
-use crate::path::dwell::{self, Dwell};
+use crate::path::dwell::{self, Dwell, Executed, GridDwell};
 use crate::path::routes::waypoints;
 use crate::path::trace::{ExecutedPath, Trace};
 use crate::recipe;
@@ -18,6 +18,12 @@ use crate::words::apart;
 const OFF_PATH_MM: f64 = 1.0;
 /// An executed grid may be covered by so much less than planned: reports are some millimetres apart.
 const SHORT_OF_PLAN: f64 = 0.01;
+
+/// A grid may be under the disc for this many times as long as planned before a person must look: bends and short lines are
+/// driven more slowly than their feed.
+const LONGER_REVIEW: f64 = 1.35;
+/// From this many times on what the path took off is not what was planned.
+const LONGER_REJECT: f64 = 1.6;
 
 /// How far a path was executed: waypoints are counted from the second one on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,6 +56,15 @@ pub struct Abraded {
     walked: ExecutedPath,
     off_limit_mm: f64,
     dwell: Dwell,
+    longer: Option<Longer>,
+}
+
+/// The grid that was under the disc longest, beside its plan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Longer {
+    id: GridId,
+    /// Executed time over planned time; infinite for a grid that was not planned.
+    ratio: f64,
 }
 
 /// Looks at what the disc did by way of these reports.
@@ -63,12 +78,28 @@ pub fn abraded(
     let disc_mm = settings.disc_diameter_mm();
     let walked = trace.executed(&waypoints(plan), progress.done);
     let planned: Vec<GridId> = plan.grids.iter().map(|grid| grid.id).collect();
-    let dwell = dwell::simulate(surface, region, &planned, &walked.poses, disc_mm / 2.0);
+    let simulated = |poses: &[Executed]| dwell::simulate(surface, region, &planned, poses, disc_mm / 2.0);
+    let dwell = simulated(&walked.poses);
+    let longer = longest_beside(&dwell.grids, &simulated(&dwell::planned(plan)).grids);
     let (whole, begun) = covered(plan, &dwell, progress.done);
-    // A rounded corner leaves the lines by less than its rounding.
-    let off_limit_mm = OFF_PATH_MM + settings.blend_share() * settings.waypoint_spacing_mm();
+    let off_limit_mm = off_limit_mm(settings);
     let removed = removal.and_then(|removal| removal.executed(&planned, &walked.poses));
-    Abraded { whole, begun, swept_mm2: walked.contact_mm * disc_mm, removed, progress, walked, off_limit_mm, dwell }
+    Abraded {
+        whole,
+        begun,
+        swept_mm2: walked.contact_mm * disc_mm,
+        removed,
+        progress,
+        walked,
+        off_limit_mm,
+        dwell,
+        longer,
+    }
+}
+
+/// So far a measured pose may lie off the planned lines, mm: a rounded corner leaves them by less than its rounding.
+pub fn off_limit_mm(settings: &recipe::Path) -> f64 {
+    OFF_PATH_MM + settings.blend_share() * settings.waypoint_spacing_mm()
 }
 
 impl Abraded {
@@ -89,7 +120,7 @@ impl Abraded {
     }
 
     /// What is asked of a path: all of it executed, the grids covered, and near the planned lines.
-    fn checks(&self) -> [Check; 3] {
+    fn checks(&self) -> [Check; 4] {
         let Progress { waypoints, done } = self.progress;
         let (off_mm, allowed_mm, begun) = (self.walked.off_mm, self.off_limit_mm, self.begun.len() as f64);
         // Of a path that was cut short nobody expects that.
@@ -118,7 +149,25 @@ impl Abraded {
                     let [off, allowed] = apart(off_mm, allowed_mm, 2);
                     format!("the robot reported a pose {off} mm off the planned path, allowed are {allowed}")
                 }),
+            self.longer_check(),
         ]
+    }
+
+    /// How long the disc stayed, beside its plan. The share of a grid that was covered is no measure of it: a slow robot covers all.
+    fn longer_check(&self) -> Check {
+        let Some(Longer { id, ratio }) = self.longer else { return Check::new(name::LONGER, "", None) };
+        let severity = if ratio <= LONGER_REJECT { Severity::Review } else { Severity::Reject };
+        Check::new(name::LONGER, "", ratio).at_most(LONGER_REVIEW, SetBy::Program).leads_to(
+            severity,
+            "dwell_too_long",
+            || {
+                let [found, allowed] = apart(ratio, LONGER_REVIEW, 2);
+                format!(
+                    "{id} was under the disc for {found} times as long as planned, allowed are {allowed} times (from \
+                     {LONGER_REJECT} on the part is rejected); was the override below 100 %, or is the robot slower than the feed?"
+                )
+            },
+        )
     }
 
     /// What a compliant tool pressed with where it was meant to be on the panel; nothing of another tool.
@@ -138,12 +187,14 @@ impl Abraded {
 
     /// The result for the record; at most so many passes are allowed.
     pub fn finding(&self, pass: u8, most_passes: usize) -> Finding {
-        let (walked, dwell, checks) = (&self.walked, &self.dwell, self.checks());
+        let (walked, dwell) = (&self.walked, &self.dwell);
+        let [executed, begun, off_path, longer] = self.checks();
         let spread = dwell.spread();
         let of_removal =
             self.removed.as_ref().map_or_else(Vec::new, |removed| removed.told_after(self.progress.is_whole()));
-        let judgement = Judgement::of_checks(checks.iter().chain(&of_removal));
-        let [executed, begun, off_path] = checks;
+        // What it took off goes before how long it took.
+        let judgement =
+            Judgement::of_checks([&executed, &begun, &off_path].into_iter().chain(&of_removal).chain([&longer]));
         let finding = Finding::new(Kind::Abrade, pass, judgement).detail("grids", names(&self.whole)).with([
             executed,
             begun,
@@ -154,6 +205,7 @@ impl Abraded {
             Check::new("way in contact", "mm", walked.contact_mm),
             Check::new("time under the disc, 5 % of the treated area", "s", spread.map(|spread| spread.low_s)),
             Check::new("time under the disc, 95 % of the treated area", "s", spread.map(|spread| spread.high_s)),
+            longer,
         ]);
         let finding = finding.with(dwell.grids.iter().flat_map(|grid| {
             let id = grid.id;
@@ -171,6 +223,24 @@ impl Abraded {
 /// aborted then, and the rest is planned again.
 pub fn of_executed(finding: &Finding) -> Judgement {
     Judgement::of_checks(finding.checks.iter().filter(|check| check.name != name::EXECUTED))
+}
+
+/// The grid that was under the disc for the most times as long as planned, by its mean and by the time that 95 % of it has at most:
+/// what is long in a part of a grid alone is found by the latter. `None` where the disc touched nothing.
+fn longest_beside(executed: &[GridDwell], planned: &[GridDwell]) -> Option<Longer> {
+    let high_s = |grid: &GridDwell| grid.spread().map_or(0.0, |spread| spread.high_s);
+    let of_grid = |grid: &GridDwell| {
+        let found = [grid.mean_dwell_s(), high_s(grid)];
+        let plan = planned
+            .iter()
+            .find(|plan| plan.id == grid.id)
+            .map_or([0.0; 2], |plan| [plan.mean_dwell_s(), high_s(plan)]);
+        let ratio = |(found, plan): (f64, f64)| if plan > 0.0 { found / plan } else { f64::INFINITY };
+        let ratio = found.into_iter().zip(plan).map(ratio).fold(0.0, f64::max);
+        Longer { id: grid.id, ratio }
+    };
+    let touched = executed.iter().filter(|grid| grid.share() > 0.0).map(of_grid);
+    touched.max_by(|a, b| a.ratio.total_cmp(&b.ratio))
 }
 
 /// Of the areas that were begun, the grids that were covered as planned, and the others.
@@ -194,4 +264,33 @@ fn covered(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<GridId>) 
         }
     }
     (whole, begun)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Four samples of 1 mm² with these times.
+    fn grid(column: usize, dwell_s: [f32; 4]) -> GridDwell {
+        let passes = dwell_s.map(|time| u16::from(time > 0.0)).to_vec();
+        let id = GridId { row: 1, column };
+        GridDwell { id, columns: 2, dwell_s: dwell_s.to_vec(), passes, area_mm2: vec![1.0; 4] }
+    }
+
+    fn ratio(executed: [f32; 4], planned: [f32; 4]) -> Option<f64> {
+        longest_beside(&[grid(1, executed)], &[grid(1, planned)]).map(|longer| longer.ratio)
+    }
+
+    /// By hand: at an override of 50 % each place is under the disc twice as long. A stay at one of four places is 1.5 times the mean,
+    /// and 3 times at that place.
+    #[test]
+    fn a_grid_is_held_against_its_own_plan() {
+        assert_eq!(ratio([2.0; 4], [1.0; 4]), Some(2.0));
+        assert_eq!(ratio([1.0; 4], [1.0; 4]), Some(1.0));
+        assert_eq!(ratio([1.0, 1.0, 1.0, 3.0], [1.0; 4]), Some(3.0));
+        assert_eq!(ratio([0.0; 4], [1.0; 4]), None, "the disc was not there");
+        assert_eq!(ratio([0.5; 4], [0.0; 4]), Some(f64::INFINITY), "nothing was planned there");
+        // Of a path that was cut short the half that was done.
+        assert_eq!(ratio([1.0, 1.0, 0.0, 0.0], [1.0; 4]), Some(1.0));
+    }
 }

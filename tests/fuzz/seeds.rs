@@ -26,7 +26,7 @@ fn texts(texts: &[&str]) -> Vec<Vec<u8>> {
 /// One message of each kind, and a stream of both.
 pub fn messages() -> Vec<Vec<u8>> {
     let state = "<St T=\"1200\" Seq=\"7\" Re=\"3\" Ep=\"2\" Boot=\"77\" Sum=\"-12345\" Mode=\"4\" Flags=\"119\" In=\"5\" Out=\"2\" \
-        Done=\"17\" Under=\"0\"><J A1=\"4.9\" A2=\"-90.0\" A3=\"90.0\" A4=\"0.0\" A5=\"45.5\" A6=\"-185.25\"></J><Tcp X=\"100.25\" \
+        Done=\"17\" Under=\"0\" Ov=\"100\"><J A1=\"4.9\" A2=\"-90.0\" A3=\"90.0\" A4=\"0.0\" A5=\"45.5\" A6=\"-185.25\"></J><Tcp X=\"100.25\" \
         Y=\"-20.5\" Z=\"300.1\" A=\"90.0\" B=\"0.0\" C=\"-179.9\"></Tcp><Base X=\"400.0\" Y=\"0.0\" Z=\"12.5\" A=\"0.5\" B=\"0.0\" \
         C=\"0.0\"></Base><Tool X=\"0.0\" Y=\"0.0\" Z=\"120.0\" A=\"0.0\" B=\"0.0\" C=\"0.0\"></Tool></St>";
     let ack = "<Ack Rx=\"20\" Done=\"17\" Free=\"97\" Err=\"0\" ErrId=\"0\" Ep=\"2\"></Ack>";

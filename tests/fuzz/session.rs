@@ -291,7 +291,7 @@ impl Run<'_> {
         let time = self.now.since_start().as_millis();
         format!(
             "<St T=\"{time}\" Seq=\"{sequence}\" Re=\"{request}\" Ep=\"{epoch}\" Boot=\"{boot}\" Sum=\"-12345\" Mode=\"4\" \
-             Flags=\"{flags}\" In=\"5\" Out=\"{out}\" Done=\"{done}\" Under=\"0\"><J A1=\"5.0\" A2=\"-90.0\" A3=\"90.0\" \
+             Flags=\"{flags}\" In=\"5\" Out=\"{out}\" Done=\"{done}\" Under=\"0\" Ov=\"100\"><J A1=\"5.0\" A2=\"-90.0\" A3=\"90.0\" \
              A4=\"0.0\" A5=\"45.5\" A6=\"-185.25\"></J><Tcp X=\"1.0\" Y=\"0.0\" Z=\"0.0\" A=\"0.0\" B=\"0.0\" C=\"0.0\">\
              </Tcp><Base X=\"{x_mm}.0\" Y=\"0.0\" Z=\"12.5\" A=\"0.5\" B=\"0.0\" C=\"0.0\"></Base><Tool X=\"0.0\" \
              Y=\"0.0\" Z=\"120.0\" A=\"0.0\" B=\"0.0\" C=\"0.0\"></Tool></St>"

@@ -165,7 +165,11 @@ fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
     // No tip before block coincidence.
     has(
         "CELL_TELL_STATE",
-        &["IF CELL_READY AND (VARSTATE(\"$POS_ACT\")==#INITIALIZED) THEN", "ON_ERROR_PROCEED", "TCP=$POS_ACT"],
+        &[
+            "IF CELL_READY AND (VARSTATE(\"$POS_ACT_MES\")==#INITIALIZED) THEN",
+            "ON_ERROR_PROCEED",
+            "TCP=$POS_ACT_MES",
+        ],
     );
     // A state's number goes on from 0.
     has("CELL_TELL_STATE", &["IF CELL_SEQ<2147483647 THEN", "CELL_SEQ=CELL_SEQ+1", "ELSE", "CELL_SEQ=0"]);
@@ -198,6 +202,7 @@ fn motion_waits_and_frames_are_where_they_may_be() {
                 "CELL_MOTION",
                 "CELL_STREAM",
                 "CELL_EXECUTE",
+                "CELL_INSIDE",
                 "CELL_RETREAT",
                 "CELL_CATCH_UP",
                 "CELL_CYCLE",

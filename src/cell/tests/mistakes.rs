@@ -67,6 +67,14 @@ fn each_mistake_is_named() {
              - and points",
         ),
         (
+            "[robot]\nkind = 'eki'\nhost = '0.0.0.0'",
+            "3: robot.host: found \"0.0.0.0\", which is the address of no single machine",
+        ),
+        (
+            "[robot]\nprograms_sum = 1000003",
+            "2: robot.programs_sum: found 1000003, allowed is a whole number from 0 to 1000002",
+        ),
+        (
             "[robot]\nhost = '172.31.1.147'",
             "2: robot.host: found \"172.31.1.147\"; kind = \"mock\" runs on this machine, 127.0.0.1",
         ),
@@ -80,7 +88,7 @@ fn each_mistake_is_named() {
         ),
         (
             "[robot]\nport = 54600",
-            "2: robot.port: unknown key; known here: kind, controller, host, command_port, state_port",
+            "2: robot.port: unknown key; known here: kind, controller, host, command_port, state_port, programs_sum",
         ),
         (
             &format!("[poses]\nprak = {axes}"),

@@ -9,7 +9,10 @@ use crate::cli::calibrate::now_unix_s;
 use crate::cli::disk;
 use crate::cli::fault::{CalibrationFault, Fault};
 use crate::cli::load::{CellFiles, last_touch};
-use crate::eki::{CELLCMD, CELLSTAT, ChannelFile};
+use crate::config::Problem;
+use crate::controller::{
+    COMMANDS, CONFIG, ControllerFiles, MOTION, PROGRAMS, STATES, SumError, differences, program_sum,
+};
 use crate::requirements::{Lack, Purpose, Unmet, incomplete};
 use crate::store::{Store, StoreError, calibration_hash};
 use std::path::Path;
@@ -161,13 +164,13 @@ fn verified((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &
 /// What the files for the controller say.
 pub(super) struct Programs {
     pub checks: Vec<Check>,
-    /// Checksum of the KRL programs, as their data list states it.
+    /// The sum that a controller with these files reports.
     pub sum: Option<i32>,
 }
 
-const KUKA: &str = "EthernetKRL files";
+const KUKA: &str = "controller files";
 
-/// The files for the controller: right, the same as this program speaks, on the ports of the cell's file.
+/// The files as they are on the controller: right, as this program speaks, and one with the cell's file.
 pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     let nothing = |check| Programs { checks: vec![check], sum: None };
     let Some(folder) = folder else {
@@ -176,52 +179,80 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
             RobotKind::Eki => Check::wrong(
                 KUKA,
                 "not looked at",
-                "copy the controller's CELLCMD.xml, CELLSTAT.xml and cell_data.dat into a folder and name it by --kuka",
+                "copy CELLCMD.xml, CELLSTAT.xml and all .src and .dat files of Panelprep from the controller into a folder and name it by --kuka",
             ),
         });
     };
-    let ports = [cell.robot().command_port(), cell.robot().state_port()];
-    let channels = [("CELLCMD.xml", CELLCMD, ports[0]), ("CELLSTAT.xml", CELLSTAT, ports[1])];
-    let checks = channels.map(|(name, ours, port)| channel(folder, (name, ours), port)).to_vec();
-    let data = disk::read_controller_text(&folder.join("cell_data.dat")).unwrap_or_default();
-    let stated = data.split("CELL_PROGRAM_SUM=").nth(1).map(|rest| rest.lines().next().unwrap_or_default().trim());
-    Programs { checks, sum: stated.and_then(|digits| digits.parse().ok()) }
+    let mut checks = Vec::new();
+    let mut texts: Vec<(&str, String)> = Vec::new();
+    for name in [CONFIG].into_iter().chain(PROGRAMS).chain([COMMANDS, STATES]) {
+        match disk::read_controller_text(&folder.join(name)) {
+            Ok(text) => texts.push((name, text)),
+            Err(error) => {
+                let advice = format!("copy {name} as it is on the controller into this folder");
+                checks.push(Check::wrong(format!("{KUKA}: {name}"), error.to_string(), advice));
+            }
+        }
+    }
+    let named: Vec<(&str, &str)> = texts.iter().map(|(name, text)| (*name, text.as_str())).collect();
+    let text = |name: &str| named.iter().find(|(of, _)| *of == name).map(|(_, text)| *text);
+    let files = ControllerFiles {
+        config: text(CONFIG),
+        motion: text(MOTION),
+        commands: text(COMMANDS),
+        states: text(STATES),
+    };
+    let reports = check_files(&named, None);
+    let of_differences = differences(&files, cell);
+    for ((name, _), report) in named.iter().zip(&reports) {
+        let of_file = of_differences.iter().filter(|difference| difference.file == *name);
+        let mut problems: Vec<&Problem> = report.problems.iter().collect();
+        problems.extend(
+            of_file.map(|difference| &difference.problem).filter(|problem| !report.problems.contains(problem)),
+        );
+        checks.extend(problems.into_iter().map(|problem| {
+            let found = format!("line {}: {}: {}", problem.line, problem.key, problem.message);
+            Check::wrong(
+                format!("{KUKA}: {name}"),
+                found,
+                "mend it on the controller or in the cell's file; both say the same then",
+            )
+        }));
+    }
+    let sum = match program_sum(&named) {
+        Ok(sum) => Some(sum),
+        // Each file that is not there has its own line above.
+        Err(SumError::Missing(_)) => None,
+        Err(error) => {
+            let advice =
+                "copy the KRL programs of this program's config/kuka to the controller, all of one release";
+            checks.push(Check::wrong(format!("{KUKA}: programs"), error.to_string(), advice));
+            None
+        }
+    };
+    checks.extend(sum.map(|sum| kept_sum(sum, cell.robot().programs_sum())));
+    if checks.iter().all(|check| check.ok) {
+        checks.insert(0, Check::right(KUKA, "one with the cell's file and with what this program speaks"));
+    }
+    Programs { checks, sum }
 }
 
-fn channel(folder: &Path, (name, ours): (&str, &str), port: u16) -> Check {
-    let (file, title) = (folder.join(name), format!("{KUKA}: {name}"));
-    let copy = format!("copy {name} of this program's config/kuka to the controller and make it read its I/O anew");
-    let text = match disk::read_controller_text(&file) {
-        Ok(text) => text,
-        Err(error) => return Check::wrong(title, error.to_string(), copy),
-    };
-    let report = check_files(&[(name, &text)], None).swap_remove(0);
-    if let [problem, ..] = report.problems.as_slice() {
-        return Check::wrong(title, format!("line {}: {}: {}", problem.line, problem.key, problem.message), copy);
+/// The sum of the files beside the one with which the cell was accepted.
+fn kept_sum(sum: i32, kept: Option<i32>) -> Check {
+    let name = format!("{KUKA}: programs");
+    match kept {
+        Some(kept) if kept == sum => Check::right(name, format!("sum {sum}, as the cell was accepted with")),
+        Some(kept) => Check::wrong(
+            name,
+            format!(
+                "sum {sum}, and the cell was accepted with {kept}: programs or cell_config.dat were changed since"
+            ),
+            "accept the cell again, then set programs_sum in [robot]; or bring back the files of the acceptance",
+        ),
+        None => Check::wrong(
+            name,
+            format!("sum {sum}, and the cell's file keeps none: nobody would notice other programs"),
+            format!("once the cell is accepted with these files, set programs_sum = {sum} in [robot]"),
+        ),
     }
-    let (theirs, ours) = match (ChannelFile::parse(&text), ChannelFile::parse(ours)) {
-        (Ok(theirs), Ok(ours)) => (theirs, ours),
-        (Err(error), _) | (_, Err(error)) => return Check::wrong(title, error.to_string(), copy),
-    };
-    if theirs.port != port {
-        let found = format!("listens on port {}, the cell's file says {port}", theirs.port);
-        return Check::wrong(
-            title,
-            found,
-            "make both the same: PORT in the file, command_port and state_port in [robot]",
-        );
-    }
-    // Address and port are the cell's own business.
-    let as_ours = ChannelFile { address: ours.address.clone(), port: ours.port, ..theirs };
-    if as_ours != ours {
-        let what = if as_ours.received != ours.received {
-            "what the controller receives"
-        } else if as_ours.sent != ours.sent {
-            "what the controller sends"
-        } else {
-            "the channel's settings"
-        };
-        return Check::wrong(title, format!("{what}: other than this program's own file says"), copy);
-    }
-    Check::right(title, format!("as this program speaks, on port {port}"))
 }

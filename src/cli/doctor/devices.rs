@@ -114,6 +114,16 @@ fn robot(cell: &Cell, sum: Option<i32>) -> Check {
     match Single::connect(&mut link, cell.arm()) {
         Ok(single) => {
             let state = single.state();
+            if state.is_of_mock() {
+                return Check::wrong(
+                    "robot",
+                    format!(
+                        "{place}: a MOCK controller answers, which proves nothing of a real one; mode {}",
+                        state.mode.name()
+                    ),
+                    "for a rehearsal this is as expected; for the cell connect the real controller and ask again",
+                );
+            }
             match sum.filter(|sum| *sum != state.programs_checksum) {
                 Some(sum) => Check::wrong(
                     "robot",
@@ -121,7 +131,7 @@ fn robot(cell: &Cell, sum: Option<i32>) -> Check {
                         "{place}: speaks, but runs other programs: checksum {}, the files say {sum}",
                         state.programs_checksum
                     ),
-                    "copy the KRL programs of config/kuka to the controller and select the program anew",
+                    "the controller executes other files than those of --kuka: cold-start it, or copy its files anew",
                 ),
                 None => Check::right(
                     "robot",
@@ -139,11 +149,20 @@ fn robot(cell: &Cell, sum: Option<i32>) -> Check {
 fn advice(error: &SingleError) -> &'static str {
     match error {
         SingleError::NoController(LinkLoss::Refused { .. }) => {
-            "the controller is there and nothing listens: start cell_submit, select and start the cell's program, and \
-             see that the ports are those of the EthernetKRL files and within 54600 to 54615"
+            "the controller is there and nothing listens: is the submit interpreter's icon green, do CELL_INIT( ) and CELL_CYCLE( ) stand \
+             in sps.sub, and are the ports those of the EthernetKRL files and within 54600 to 54615? No robot program is needed for this"
         }
         SingleError::NoController(LinkLoss::NoAnswer { .. }) => {
             "no such address answers: controller on, cable of the KLI in, address and netmask of both right (`ping`)?"
+        }
+        SingleError::NoController(LinkLoss::Occupied { .. }) => {
+            "end the other client: the service, a second `panelprep`, another PC on this network"
+        }
+        SingleError::NoController(LinkLoss::Silent { .. }) => {
+            "another client has the channel, or CELL_CYCLE( ) is not called: close other clients; look at the fold USER PLC in sps.sub"
+        }
+        SingleError::NoController(LinkLoss::PortsExchanged { .. }) => {
+            "exchange command_port and state_port in [robot] of the cell's file"
         }
         SingleError::Silent => {
             "it takes connections and says nothing: does cell_submit run (its state channel speaks), or does another \

@@ -11,18 +11,25 @@ td,th{border:1px solid #999;padding:4px 6px;text-align:left;vertical-align:top}\
 .wrong{border-left:.6em solid #d55e00}.open{border-left:.6em solid #e69f00}.proven{border-left:.6em solid #009e73}.sign{margin-top:3em}";
 
 /// All proofs, who did them, when, on which controller.
-pub(super) fn of(proofs: &[Proof], by: &str, robot: &Robot) -> String {
+///
+/// Of a mock controller nothing is proven, and the page cannot be signed.
+pub(super) fn of(proofs: &[Proof], by: &str, (robot, is_mock): (&Robot, bool)) -> String {
+    let title = if is_mock {
+        "Rehearsed on a mock controller: proves nothing of a real one"
+    } else {
+        "Proven on the controller"
+    };
     let count = |finding: Finding| proofs.iter().filter(|proof| proof.finding == finding).count();
     let page = html! {
         (DOCTYPE)
         html lang="en" {
             head {
                 meta charset="utf-8";
-                title { "Proven on the controller" }
+                title { (title) }
                 style { (PreEscaped(STYLE)) }
             }
             body {
-                h1 { "Proven on the controller" }
+                h1 { (title) }
                 p {
                     "Controller at " (robot.host()) ", ports " (robot.command_port()) " and " (robot.state_port()) ". "
                     (utc(now_unix_s())) ". By " (by) "."
@@ -45,7 +52,9 @@ pub(super) fn of(proofs: &[Proof], by: &str, robot: &Robot) -> String {
                         }
                     }
                 }
-                p.sign { "Date, name, signature: ____________________________________________________" }
+                @if !is_mock {
+                    p.sign { "Date, name, signature: ____________________________________________________" }
+                }
             }
         }
     };

@@ -97,6 +97,12 @@ fn attribute<'t>(state: &'t str, name: &str) -> Option<&'t str> {
     state.split(&format!(" {name}=\"")).nth(1)?.split('"').next()
 }
 
+/// Whether what answers is a mock controller, by its boot id. One that says nothing is none: the tries tell that.
+pub(super) fn is_mock(cell: &Cell) -> Result<bool, Fault> {
+    let (mut robot, _) = live::robot_alone(cell)?;
+    Ok(Single::connect(&mut robot, cell.arm()).is_ok_and(|single| single.state().is_of_mock()))
+}
+
 const SILENT: &str = "no state within 10 s; is the submit interpreter running, and is no other client connected?";
 
 fn names_are_read(cell: &Cell) -> Tried {

@@ -21,6 +21,8 @@ pub struct Cell {
     pub rules: Rules,
     pub state: State,
     pub robot: Robot,
+    /// The override is the one that contact is planned for; `None` before it was said.
+    pub full_override: Option<bool>,
     pub arm: Option<Path>,
     pub moving: Option<Moving>,
     pub epoch: u32,
@@ -83,6 +85,7 @@ impl Cell {
             rules,
             state: State::NEW,
             robot: Robot::Unknown,
+            full_override: None,
             arm: None,
             moving: None,
             epoch: 3,
@@ -154,6 +157,7 @@ impl Cell {
             }
             Report::Deadline { id, which } => self.elapsed(id, which),
             Report::Contrary(switch) => self.is_contrary(switch),
+            Report::FullOverride(is_full) => self.full_override = Some(is_full),
             Report::Progress { .. } | Report::Trouble(_) | Report::OutputsOff => {}
             Report::StoreChanged | Report::StoreRestored => {}
             // The link has sent the abort frame; the controller obeys by itself.
@@ -172,6 +176,9 @@ impl Cell {
                     self.lens_clear = !self.lens_clear;
                     (self.extraction_proven, self.tool_proven) = (false, false);
                 }
+                if matches!(robot, Robot::Unknown | Robot::Restarted | Robot::LinkLost) {
+                    self.full_override = None;
+                }
                 if matches!(robot, Robot::Restarted | Robot::LinkLost) {
                     (self.epoch_open, self.opening, self.frames, self.ending) = (false, false, None, true);
                     self.switched_off();
@@ -181,7 +188,7 @@ impl Cell {
                 }
             }
             Report::Boot => {
-                (self.robot, self.condition_due) = (Robot::Unknown, false);
+                (self.robot, self.full_override, self.condition_due) = (Robot::Unknown, None, false);
                 (self.arm, self.token, self.verified, self.disturbed) = (None, false, false, true);
                 // The session closes with the process and the controller shuts everything by its own watchdog.
                 (self.timers, self.ending) = (Vec::new(), true);

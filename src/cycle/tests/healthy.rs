@@ -27,6 +27,7 @@ impl Cell {
             }
             _ if !self.state.at.rests() => None,
             _ if self.robot != Robot::Ready => Some(Event::Told(Report::Robot(Robot::Ready))),
+            _ if self.full_override != Some(true) => Some(Event::Told(Report::FullOverride(true))),
             _ => Some(Event::Asked(self.request(random))),
         }
     }
@@ -101,7 +102,7 @@ impl Cell {
     /// Anything else that can be said.
     pub fn surprise(&mut self, random: &mut Pcg64) -> Event {
         let due = self.state.due;
-        let told = match random.random_range(0..22) {
+        let told = match random.random_range(0..23) {
             20 => {
                 let trouble = random.random_bool(0.8).then(|| one_of(random, &TROUBLES));
                 Report::EpochOver { trouble }
@@ -127,6 +128,7 @@ impl Cell {
             }
             16 => Report::Trouble(one_of(random, &TROUBLES)),
             17 => Report::Boot,
+            22 => Report::FullOverride(random.random_bool(0.4)),
             18 => Report::Robot(one_of(random, &ROBOTS)),
             21 => {
                 let proven: Vec<Switch> = self.state.facts.proven().collect();
@@ -159,7 +161,7 @@ pub const REQUESTS: [Request; 11] = [
     Request::Clear,
 ];
 
-pub const TROUBLES: [Trouble; 15] = [
+pub const TROUBLES: [Trouble; 16] = [
     Trouble::Camera,
     Trouble::Picture,
     Trouble::Computing,
@@ -171,13 +173,14 @@ pub const TROUBLES: [Trouble; 15] = [
     Trouble::Short,
     Trouble::Sequence,
     Trouble::Protocol,
+    Trouble::Override,
     Trouble::Deviation,
     Trouble::Store,
     Trouble::DiskFull,
     Trouble::Late,
 ];
 
-pub const ROBOTS: [Robot; 7] = [
+pub const ROBOTS: [Robot; 8] = [
     Robot::Ready,
     Robot::LinkLost,
     Robot::Restarted,
@@ -185,6 +188,7 @@ pub const ROBOTS: [Robot; 7] = [
     Robot::GuardOpen,
     Robot::DrivesOff,
     Robot::NotAutomatic,
+    Robot::OtherPrograms,
 ];
 
 /// Everything that can be said of an act, fitting or not, but for what fails.

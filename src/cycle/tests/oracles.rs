@@ -151,6 +151,7 @@ impl Cell {
         }
         if motion.path == Path::Contact {
             never(self.air, "contact in an air-run")?;
+            never(self.full_override != Some(true), "contact at another override than it is planned for")?;
             never(self.arm != Some(Path::Approach), "contact that does not begin in air")?;
             never(!self.tool_on || !self.tool_proven, "contact with a dead tool")?;
             never(!self.extraction_on || !self.extraction_proven, "contact without extraction")?;
@@ -175,6 +176,7 @@ impl Cell {
                 (self.water_on, self.drained, self.wet) = (true, false, true);
             }
             Switch::ToolOn => {
+                never(self.full_override != Some(true), "the tool starts at another override than contact needs")?;
                 never(self.water_on || !self.drained, "the tool starts before the cell drained")?;
                 never(!self.extraction_on || !self.extraction_proven, "the tool starts without extraction")?;
                 never(self.arm != Some(Path::Approach), "the tool starts elsewhere than at the approach point")?;
@@ -265,6 +267,9 @@ impl Cell {
             }
             Report::StoreChanged | Report::StoreRestored => {
                 never(!aborts, "work goes on by a store that was changed")
+            }
+            Report::FullOverride(false) if from == At::Execute(Phase::Abrade) && !self.air => {
+                never(at == from, "contact goes on at another override")
             }
             Report::Contrary(_) if from.rests() => never(at != from, "a contrary output at rest changes the state"),
             Report::Contrary(_) if matches!(from, At::Execute(_)) => {

@@ -78,6 +78,7 @@ fn events(state: &State) -> Vec<Event> {
     told.extend(over.map(|trouble| Report::EpochOver { trouble }));
     let robots = [Robot::Ready, Robot::LinkLost, Robot::EmergencyStop, Robot::GuardOpen];
     told.extend(robots.map(Report::Robot));
+    told.extend([true, false].map(Report::FullOverride));
     told.extend(state.facts.proven().map(Report::Contrary));
     if let Some(Due { id, act }) = state.due {
         told.extend(answers(act, id));

@@ -72,6 +72,10 @@ impl Story {
 
     pub fn told(&mut self, report: Report) {
         self.event(Event::Told(report));
+        // The first state says this, too.
+        if report == Report::Robot(Robot::Ready) && self.cell.full_override.is_none() {
+            self.event(Event::Told(Report::FullOverride(true)));
+        }
     }
 
     pub fn answer(&mut self, answer: Answer) {

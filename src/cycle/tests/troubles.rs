@@ -204,3 +204,28 @@ fn trouble_before_the_panel_is_found_is_held_and_the_panel_is_located() {
     story.rests();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
+
+/// At 50 % the cell is held before the tool starts, and goes on once a person has set 100 %.
+#[test]
+fn contact_waits_for_the_override_that_it_is_planned_for() {
+    let mut story = Story::started(&[Film::Broken, Film::Whole]);
+    story.until("verify");
+    story.told(Report::FullOverride(false));
+    let acts = story.rests();
+    assert!(!acts.contains("toolon") && !acts.contains("contact"), "{acts}");
+    assert_eq!(story.at(), At::Held(Hold { why: Why::Trouble(Trouble::Override), resume: Phase::Plan }));
+    story.told(Report::FullOverride(true));
+    story.asked(Request::Unhold { dried: false });
+    story.until("to-contact");
+}
+
+/// A press on the pendant in contact: the path is left, what it did is graded, and the cell is held.
+#[test]
+fn a_changed_override_ends_the_contact() {
+    let mut story = Story::in_contact();
+    story.told(Report::FullOverride(false));
+    let acts = story.rests();
+    assert_eq!(acts.split(' ').next(), Some("end-epoch"), "{acts}");
+    let resume = Phase::Assess { left: true };
+    assert_eq!(story.at(), At::Held(Hold { why: Why::Trouble(Trouble::Override), resume }));
+}

@@ -6,9 +6,9 @@ use super::setup::Setup;
 /// What the programs set, in the order in which they do.
 const ACK_TAGS: [&str; 6] = ["Ack/@Rx", "Ack/@Done", "Ack/@Free", "Ack/@Err", "Ack/@ErrId", "Ack/@Ep"];
 #[rustfmt::skip] // a row for each element
-const STATE_TAGS: [&str; 36] = [
+const STATE_TAGS: [&str; 37] = [
     "St/@T", "St/@Seq", "St/@Re", "St/@Ep", "St/@Boot", "St/@Sum",
-    "St/@Mode", "St/@Flags", "St/@In", "St/@Out", "St/@Done", "St/@Under",
+    "St/@Mode", "St/@Flags", "St/@In", "St/@Out", "St/@Done", "St/@Under", "St/@Ov",
     "St/J/@A1", "St/J/@A2", "St/J/@A3", "St/J/@A4", "St/J/@A5", "St/J/@A6",
     "St/Tcp/@X", "St/Tcp/@Y", "St/Tcp/@Z", "St/Tcp/@A", "St/Tcp/@B", "St/Tcp/@C",
     "St/Base/@X", "St/Base/@Y", "St/Base/@Z", "St/Base/@A", "St/Base/@B", "St/Base/@C",

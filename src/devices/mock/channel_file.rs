@@ -245,7 +245,7 @@ mod tests {
         assert_eq!((commands.received[8].kind, commands.received[8].set_flag), (None, Some(851)));
         assert_eq!(commands.sent[4].address(), ("Ack", Some("ErrId")));
         let state = ChannelFile::parse(include_str!("../../../config/kuka/CELLSTAT.xml")).expect("read");
-        assert_eq!((state.limit_entries, state.port, state.sent.len()), (64, 54_601, 36));
+        assert_eq!((state.limit_entries, state.port, state.sent.len()), (64, 54_601, 37));
         assert_eq!(state.sent[35].address(), ("St/Tool", Some("C")));
     }
 

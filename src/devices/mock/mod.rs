@@ -61,7 +61,7 @@ pub use interpreted::{Programs, RobotState};
 pub use kinematics::{Arm, Unreachable};
 pub use log::{Executed, Sample, Stop, StopCause};
 pub use model::Controller;
-pub use options::{CHECKSUM, Clock, Mode, Rule};
+pub use options::{Clock, Mode, Rule};
 pub use server::{MockHandle, MockServer, Ports};
 pub use setup::Setup;
 pub use wire::{Channel, Refusal};

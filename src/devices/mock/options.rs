@@ -41,5 +41,5 @@ pub enum Rule {
     EpochStep,
 }
 
-/// The checksum of programs that a mock controller reports; no KRL program has it.
+/// The checksum that the hand-written model reports; controllers that execute programs report theirs.
 pub const CHECKSUM: i32 = 1;

@@ -149,7 +149,7 @@ impl Controller {
         if !self.safety.motion_possible() {
             return Override { tool_mm_s: 0.0, axis_share: 0.0, share: 1.0 };
         }
-        let share = self.troubles.slow_share.unwrap_or(1.0);
+        let share = self.troubles.speed_share();
         match self.safety.mode {
             Mode::T1 => Override { tool_mm_s: 250.0, axis_share: 0.1, share },
             Mode::T2 | Mode::Aut | Mode::Ext => Override { tool_mm_s: f64::INFINITY, axis_share: 1.0, share },

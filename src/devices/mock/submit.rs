@@ -167,6 +167,7 @@ impl Controller {
                 self.setup.arm.within_limits(&target).map_err(|_| Refusal::Unreachable)?;
                 percent(r1) && r2 == 0.0
             }
+            wire::MOVE_LIN if n2 == 1 && self.troubles.override_percent() != 100 => return Err(Refusal::Override),
             wire::MOVE_LIN => n1 >= 0 && (0..=1).contains(&n2) && r1 >= 0.0 && (0.0..=MOST[0]).contains(&r2),
             wire::SET_BASE => true,
             wire::SET_TCP => (0..=1).contains(&n1),
@@ -199,8 +200,11 @@ impl Controller {
         self.epoch.refusal.get_or_insert((refusal, id));
     }
 
-    /// Silence while something is queued, or while tool or water is on, ends the epoch.
+    /// Silence while something is queued, or while tool or water is on, ends the epoch; so does another override in contact.
     pub(super) fn watch(&mut self) {
+        if self.epoch.open && self.troubles.override_percent() != 100 && self.contact.touches(self.mover.front()) {
+            self.refuse(self.epoch.done + 1, Refusal::Override, String::new());
+        }
         let watches = self.setup.left_out != Some(Rule::Watchdog);
         let at_stake = self.is_busy() || self.is_at_stake();
         if self.epoch.open && at_stake && watches && self.now_ms - self.last_frame_ms >= WATCHDOG_MS {

@@ -58,7 +58,7 @@ impl Controller {
     }
 
     /// In the order of [`STATE_TAGS`].
-    fn state_numbers(&self) -> [i32; 12] {
+    fn state_numbers(&self) -> [i32; 13] {
         [
             ((self.now_ms - self.started_ms) % (1 << 31)) as i32,
             self.answers.sequence,
@@ -72,6 +72,7 @@ impl Controller {
             bits(&self.setup.outputs, &self.outputs),
             self.epoch.done,
             self.underruns,
+            i32::from(self.troubles.override_percent()),
         ]
     }
 

@@ -45,6 +45,10 @@ pub enum Refusal {
     NoMotion = 9,
     /// The program has stopped this epoch.
     Stopped = 10,
+    /// Contact at another override than 100 %.
+    Override = 11,
+    /// A line outside of the box, or too long in contact.
+    OutsideBox = 12,
 }
 
 impl Refusal {
@@ -61,6 +65,8 @@ impl Refusal {
             Refusal::Unreachable,
             Refusal::NoMotion,
             Refusal::Stopped,
+            Refusal::Override,
+            Refusal::OutsideBox,
         ];
         all.into_iter().find(|refusal| *refusal as u8 == number)
     }

@@ -37,7 +37,8 @@ fn refused_by(error: &IoError, channel: Channel, address: String) -> LinkLoss {
         ErrorKind::TimedOut | ErrorKind::HostUnreachable | ErrorKind::NetworkUnreachable => {
             no_answer(channel, address)
         }
-        _ => failed(channel, error),
+        ErrorKind::PermissionDenied => failed(channel, error),
+        _ => LinkLoss::System { channel, problem: format!("{address}: {error}") },
     }
 }
 
@@ -57,6 +58,9 @@ fn set_up(stream: &TcpStream) -> Result<(), IoError> {
 
 /// What the system says, and where a permission is looked for.
 pub(super) fn failed(channel: Channel, error: &IoError) -> LinkLoss {
+    if matches!(error.kind(), ErrorKind::ConnectionReset | ErrorKind::ConnectionAborted | ErrorKind::BrokenPipe) {
+        return LinkLoss::Closed { channel };
+    }
     let networks = match error.kind() {
         ErrorKind::PermissionDenied => {
             "; a firewall, or the service's unit: are the cell's networks in /etc/systemd/system/panelprep.service.d/network.conf?"

@@ -5,7 +5,7 @@ use super::signal::Signal;
 use super::state::{Sanded, State, Violation};
 use super::touch::Touched;
 use super::water::{film_s, seconds};
-use crate::cell::{self, Output};
+use crate::cell::{self, Feedback, Output};
 use crate::devices::cameras::{CameraError, FlangePicture, Picture, Shot};
 use crate::devices::mock::{self, ChannelFile, Controller, Sample, Setup};
 use crate::geometry::{Base, ColorPicture, Flange, Joints, Mask, OrganizedCloud, Rigid};
@@ -99,7 +99,8 @@ impl SimulatedWorld {
         let signals = Output::ALL.iter().copied().map(signal).collect::<Result<Vec<Signal>, _>>()?;
         let park = cell.park().ok_or(WorldError::NoPark)?;
         let truth = simulated.truth();
-        let state = State::new(signals, truth.spots.len());
+        let mut state = State::new(signals, truth.spots.len());
+        state.tool_stands = cell.io().feedback(Feedback::ToolStands);
         let fixed = Fixed { cell: simulated, truth, park };
         Ok(SimulatedWorld { fixed: Arc::new(fixed), state: Arc::new(Mutex::new(state)) })
     }

@@ -38,6 +38,8 @@ pub(super) struct Sanded {
 /// What changes.
 pub(super) struct State {
     pub signals: Vec<Signal>,
+    /// The input that is on while the tool stands, where the cell names one.
+    pub tool_stands: Option<u16>,
     pub wetting: Option<Wetting>,
     /// Which spots are gone, as far as the wetting that began at this time shows it.
     pub healed: (Option<u64>, Vec<bool>),
@@ -59,6 +61,7 @@ impl State {
     pub fn new(signals: Vec<Signal>, spots: usize) -> Self {
         State {
             signals,
+            tool_stands: None,
             wetting: None,
             healed: (None, vec![false; spots]),
             sanded: Sanded::default(),
@@ -119,6 +122,9 @@ impl State {
     pub fn input(&self, number: u16, time_ms: u64) -> Option<bool> {
         if let Some(set) = self.line.as_ref().and_then(|line| line.sets(number, time_ms)) {
             return Some(set);
+        }
+        if self.tool_stands == Some(number) {
+            return Some(!self.signal(Output::Tool).says(time_ms));
         }
         self.signals.iter().find(|signal| signal.feedback == number).map(|signal| signal.says(time_ms))
     }

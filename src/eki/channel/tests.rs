@@ -22,7 +22,7 @@ fn the_shipped_files_say_who_listens_where_and_what_travels() {
     assert_eq!((command.received[8].set_flag, command.received[8].line), (Some(851), 29));
     assert_eq!(command.sent.len(), 6);
     let state = ChannelFile::parse(CELLSTAT).expect("reads");
-    assert_eq!((state.port, state.received.len(), state.sent.len()), (54_601, 5, 36));
+    assert_eq!((state.port, state.received.len(), state.sent.len()), (54_601, 5, 37));
     assert_eq!((command.unknown, state.unknown), (vec![], vec![]));
 }
 

@@ -355,6 +355,11 @@ impl Flow {
         Some(Late { id: next.id, contact: next.contact || self.touches, waited })
     }
 
+    /// The tool touches the panel, or a point that was sent does.
+    pub(super) fn is_near(&self) -> bool {
+        self.in_flight.iter().any(|queued| queued.contact) || (self.is_busy() && self.touches)
+    }
+
     /// What has come to its end since the last call.
     pub(super) fn news(&mut self) -> Vec<Report> {
         let done = self.done();

@@ -28,6 +28,7 @@ mod timing;
 mod tests;
 
 use super::command::Request;
+use super::decode::DecodeError;
 use super::framer::Framer;
 use super::ids::{CommandId, Epoch, LAST_NUMBER};
 use super::report::{Channel, LinkLoss, Report};
@@ -78,6 +79,20 @@ struct Stopping {
     obeyed: bool,
 }
 
+/// Why a connection ended on which the controller has not said who it is: what it closes then has another client, and what belongs on the
+/// other channel came by exchanged ports.
+fn before_a_word(why: LinkLoss) -> LinkLoss {
+    match why {
+        LinkLoss::Closed { channel } => LinkLoss::Occupied { channel },
+        LinkLoss::Message { channel, error: DecodeError::Root { found, .. } }
+            if ["Ack", "St"].contains(&found.as_str()) =>
+        {
+            LinkLoss::PortsExchanged { channel }
+        }
+        other => other,
+    }
+}
+
 /// One client's session with a controller, over any number of connections.
 #[derive(Debug)]
 pub struct Session {
@@ -91,6 +106,8 @@ pub struct Session {
     begun: [Option<Time>; 2],
     requests: VecDeque<Vec<u8>>,
     reports: VecDeque<Report>,
+    /// The last state in an open epoch was of AUT or EXT.
+    was_automatic: bool,
     /// Boot and programs' checksum of the controller that was last seen.
     identity: Option<(i32, i32)>,
     /// The controller's epoch and the highest that was asked for, on this connection.
@@ -130,6 +147,7 @@ impl Session {
             begun: [None; 2],
             requests: VecDeque::new(),
             reports: VecDeque::new(),
+            was_automatic: false,
             identity: None,
             controller_epoch: Epoch(0),
             asked_epoch: Epoch(0),
@@ -167,6 +185,7 @@ impl Session {
     /// A connection failed, or could not be made. What was queued is forgotten. What is left to transmit is an abort,
     /// for a state channel that still stands.
     pub fn disconnected(&mut self, why: LinkLoss) {
+        let why = if self.is_greeting() { before_a_word(why) } else { why };
         if self.is_connected() {
             self.stop();
         }

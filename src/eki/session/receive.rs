@@ -6,7 +6,7 @@ use crate::eki::ack::Ack;
 use crate::eki::framer::Framer;
 use crate::eki::ids::{CommandId, EPOCH_STEP, Epoch, HIGHEST_EPOCH, LAST_NUMBER};
 use crate::eki::report::{Channel, LinkLoss, Report, SequenceError, StopCause};
-use crate::eki::state::State;
+use crate::eki::state::{CONTACT_OVERRIDE_PERCENT, Mode, State};
 use crate::eki::time::Time;
 
 impl Session {
@@ -126,6 +126,9 @@ impl Session {
             self.stop();
         }
         self.moving = state.moving;
+        if matches!(self.phase, Phase::Open(_)) && !state.stopped {
+            self.was_automatic = matches!(state.mode, Mode::Automatic | Mode::External);
+        }
         self.harmful_on = state.outputs & self.limits.harmful_outputs != 0;
         if let Phase::Greeting { abort } = self.phase {
             // Until our first request is answered the state may be an answer to the client before us.
@@ -243,11 +246,20 @@ impl Session {
         }
     }
 
+    /// The tool touches the panel, or a point that is under way does.
+    fn is_near(&self) -> bool {
+        matches!(&self.phase, Phase::Open(flow) if flow.is_near())
+    }
+
     fn check_interlocks(&mut self, state: &State) {
+        let by_hand = matches!(state.mode, Mode::T1 | Mode::T2);
         let causes = [
             (state.emergency_stop, StopCause::EmergencyStop),
             (!state.guard_closed, StopCause::GuardOpen),
             (!state.drives_on, StopCause::DrivesOff),
+            (self.is_near() && state.override_percent != CONTACT_OVERRIDE_PERCENT, StopCause::Override),
+            (state.stopped && by_hand && self.was_automatic, StopCause::ModeTurned),
+            (state.stopped && !state.motion_possible, StopCause::NoProgram),
             (state.stopped, StopCause::ByProgram),
         ];
         // An epoch that the controller has stopped takes no command any more, busy or not.

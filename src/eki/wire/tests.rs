@@ -149,7 +149,7 @@ fn hostile_acknowledgements_get_exact_verdicts() {
             with("Rx=\"20\"", "Rx=\"99999999999999999999\""),
             format!("Ack/@Rx is 100000000000000000000, allowed is {range}"),
         ),
-        (with("Err=\"0\"", "Err=\"11\""), "Ack/@Err is 11, allowed is 0 to 10".into()),
+        (with("Err=\"0\"", "Err=\"13\""), "Ack/@Err is 13, allowed is 0 to 12".into()),
         (with("<Ack ", "<St ").replace("</Ack>", "</St>"), "the document is <St>, expected <Ack>".into()),
         (with("</Ack>", "<A></A></Ack>"), "the element Ack/A is not in the channel's file".into()),
         (with("</Ack>", "x</Ack>"), "text inside <Ack>, where only elements may stand".into()),

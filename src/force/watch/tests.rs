@@ -82,3 +82,11 @@ fn a_path_begins_with_a_tool_that_is_back() {
     assert_eq!(code(Reading { position_mm: 6.0, ..back }).as_deref(), Some("tool_stuck"));
     assert_eq!(code(Reading { errors: ErrorBits(128), ..back }).as_deref(), Some("tool_errors"));
 }
+
+/// Held back, with time enough to have gone back: what it touches then is not the panel, whatever the force.
+#[test]
+fn contact_in_the_air_is_told() {
+    let held = Expected { aim: Aim::HeldBack, between_n: [-30.0, -30.0] };
+    let touches = Reading { position_mm: 5.0, contact: true, ..PRESSED };
+    assert_eq!(told(|_| (touches, 200.0, held)), at(600, "contact_in_air"));
+}

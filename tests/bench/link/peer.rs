@@ -117,7 +117,7 @@ fn requests(inside: &Mutex<Inside>, stream: TcpStream) -> std::io::Result<()> {
             |name: &str| format!("<{name} X=\"0.0\" Y=\"0.0\" Z=\"0.0\" A=\"0.0\" B=\"0.0\" C=\"0.0\"></{name}>");
         format!(
             "<St T=\"1\" Seq=\"{sequence}\" Re=\"{id}\" Ep=\"{epoch}\" Boot=\"1\" Sum=\"1\" Mode=\"4\" Flags=\"23\" In=\"1\" \
-             Out=\"0\" Done=\"{received}\" Under=\"0\"><J A1=\"0.0\" A2=\"-90.0\" A3=\"90.0\" A4=\"0.0\" A5=\"0.0\" A6=\"0.0\"></J>\
+             Out=\"0\" Done=\"{received}\" Under=\"0\" Ov=\"100\"><J A1=\"0.0\" A2=\"-90.0\" A3=\"90.0\" A4=\"0.0\" A5=\"0.0\" A6=\"0.0\"></J>\
              {}{}{}</St>",
             frame("Tcp"),
             frame("Base"),

@@ -172,7 +172,9 @@ fn why(report: &Report) -> Option<&'static str> {
         Report::Refused { refusal: Refusal::Stopped | Refusal::WrongEpoch, .. } => "refused: stopped",
         Report::Refused { .. } => "refused",
         Report::EchoMismatch(_) => "echo",
-        Report::Interrupted { cause: StopCause::ByProgram } => "by the program",
+        Report::Interrupted { cause: StopCause::ByProgram | StopCause::ModeTurned | StopCause::NoProgram } => {
+            "by the program"
+        }
         Report::Interrupted { .. } => "safety",
         Report::SequenceError(_) => "sequence",
         Report::WatchdogExpired { .. } => "watchdog",

@@ -2,7 +2,7 @@
 
 use super::super::cell::{TOOL_OUTPUT, height_mm};
 use super::raw::{Raw, started};
-use panelprep::devices::mock::{Channel, Programs};
+use panelprep::devices::mock::{Channel, Fault, Programs};
 use panelprep::krl::{Cell, Meaning};
 
 /// Runs of a path that ends in contact, each with another order of the interpreters.
@@ -16,7 +16,7 @@ const ABORTS: u64 = 80;
 type Scene = fn(&Programs) -> bool;
 
 /// Each is right where it says TRUE.
-const SCENES: [(&str, Scene); 18] = [
+const SCENES: [(&str, Scene); 22] = [
     ("thirty commands at once are all executed", |programs| {
         let mut raw = Raw::opened(programs.clone());
         (0..30).for_each(|_| raw.command(6, [1, 0], [0.0, 0.0], [0.0; 6]));
@@ -141,7 +141,55 @@ const SCENES: [(&str, Scene); 18] = [
     ("no path that ends in contact is left there", |programs| {
         (0..ORDERS).all(|seed| !is_left_in_contact(programs, seed))
     }),
+    ("contact at another override is refused", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        raw.controller.inject(Fault::Override { percent: 50, for_ms: None });
+        raw.line(1, false, [0.0, 0.0, -10.0]);
+        raw.run(100);
+        let in_air = raw.int("CELL_ERR");
+        raw.line(0, true, [0.0, 0.0, 0.0]);
+        raw.run(200);
+        (in_air, raw.int("CELL_ERR")) == (0, 11)
+    }),
+    ("an override that is changed in contact leaves the panel", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        raw.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0, 0.0], [0.0; 6]);
+        raw.line(30, false, [-40.0, 0.0, -10.0]);
+        (0..30).for_each(|point| raw.line(29 - point, true, [3.0 * f64::from(point) - 37.0, 0.0, 0.0]));
+        for _ in 0..200 {
+            raw.run(12);
+            if raw.int("CELL_DONE") >= 10 {
+                break;
+            }
+        }
+        let begun = raw.int("CELL_DONE") >= 10;
+        raw.controller.inject(Fault::Override { percent: 90, for_ms: None });
+        raw.run(100);
+        let tool_off = raw.controller.outputs().get(&TOOL_OUTPUT) == Some(&false);
+        raw.run(2_000);
+        begun && tool_off && raw.int("CELL_ERR") == 11 && height_mm(&raw.controller) > RETRACTED_MM
+    }),
+    ("a line that ends outside of the box is refused", |programs| {
+        let mut raw = Raw::opened(as_configured(programs));
+        raw.line(0, false, [0.0, 500.0, -10.0]);
+        raw.run(300);
+        raw.int("CELL_ERR") == 12 && raw.has_not_moved()
+    }),
+    ("a line in contact that is longer than a step is refused", |programs| {
+        let mut raw = Raw::opened(as_configured(programs));
+        raw.line(1, false, [-40.0, 0.0, -10.0]);
+        raw.line(0, true, [110.0, 0.0, 0.0]);
+        raw.run(1_500);
+        raw.int("CELL_ERR") == 12
+    }),
 ];
+
+/// With the limits of `cell_config.dat` as it ships, in place of those of any cell.
+fn as_configured(programs: &Programs) -> Programs {
+    let mut programs = programs.clone();
+    programs.keeps_config = true;
+    programs
+}
 
 /// An abort shortly before or behind the landing, so many ticks later: the tool is off the panel in the end.
 fn leaves_after_an_abort(programs: &Programs, tick: u64) -> bool {
@@ -263,6 +311,19 @@ fn scenes_miss_the_mends_that_the_model_has_asked_for() {
         assert_eq!(text.matches(ships).count(), 1, "{name}");
         *text = text.replace(ships, before);
         assert_eq!(first_wrong(&super::load(&texts)), Some(name));
+    }
+}
+
+/// The PC computes from the files what the controller computes of what it has: with the files as they ship, and with edited ones.
+#[test]
+fn the_sum_of_the_files_is_that_of_the_programs() {
+    for (from, to) in [("CELL_OUT[1]=17", "CELL_OUT[1]=17"), ("CELL_OFF_MS[1]=60000", "CELL_OFF_MS[1]=61000")] {
+        let mut texts = super::texts("config/kuka");
+        texts[0].1 = texts[0].1.replacen(from, to, 1);
+        let files: Vec<(&str, &str)> = texts.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
+        let computed = panelprep::controller::program_sum(&files).expect("all files");
+        let controller = started(as_configured(&super::load(&texts)));
+        assert_eq!(controller.shared("CELL_SUM"), Some(Cell::Int(computed)), "{to}");
     }
 }
 

@@ -41,7 +41,12 @@ impl Walk {
             16 => Fault::Refuse(8),
             17 => {
                 self.oracles.slowed_until_ms = until_ms;
-                Fault::Slow { percent: draw.random_range(20..100), for_ms }
+                let percent = draw.random_range(20..100);
+                if is_program && percent % 2 == 0 {
+                    Fault::Override { percent, for_ms }
+                } else {
+                    Fault::Slow { percent, for_ms }
+                }
             }
             18 => Fault::EStop { for_ms },
             19 => Fault::Guard { for_ms },

@@ -238,6 +238,7 @@ pub fn standing_state() -> eki::State {
         outputs: 0,
         done: CommandId(0),
         underruns: 0,
+        override_percent: 100,
         joints: Joints::default(),
         base_from_tcp: KukaPose::default(),
         active_base: KukaPose::default(),

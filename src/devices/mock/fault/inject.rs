@@ -98,6 +98,10 @@ impl Controller {
                 }
                 None
             }
+            Fault::Override { percent, for_ms } => {
+                troubles.override_percent = begins.then_some(percent);
+                for_ms
+            }
             Fault::Slow { percent, for_ms } => {
                 troubles.slow_share = begins.then_some(f64::from(percent) / 100.0);
                 for_ms

@@ -48,9 +48,16 @@ pub enum Fault {
     LoseTool,
     /// `wrong-base`: the next `set_base` arrives 1 mm off in X.
     WrongBase,
-    /// `refuse`: the next command is refused with this `Err`, 1 to 10.
+    /// `refuse`: the next command is refused with this `Err`, 1 to 12.
     Refuse(u8),
-    /// `slow`: the arm moves at this share of its speed, 1 to 100 %.
+    /// `override`: somebody sets the override to this, 1 to 100 %, and back to 100 % after a while.
+    Override {
+        /// Override, %.
+        percent: u8,
+        /// How long, ms.
+        for_ms: Option<u64>,
+    },
+    /// `slow`: the arm moves at this share of its speed, 1 to 100 %, and the override says nothing of it.
     Slow {
         /// Share, %.
         percent: u8,

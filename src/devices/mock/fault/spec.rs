@@ -63,7 +63,7 @@ fn command(at: bool) -> &'static str {
 }
 
 const SETTINGS: [&str; 4] = ["seed", "delay", "fragment", "random"];
-const FAULTS: [&str; 18] = [
+const FAULTS: [&str; 19] = [
     "cut",
     "unplug",
     "mute",
@@ -76,6 +76,7 @@ const FAULTS: [&str; 18] = [
     "wrong-base",
     "refuse",
     "slow",
+    "override",
     "e-stop",
     "guard",
     "drives",
@@ -105,7 +106,8 @@ the arrival of the Nth command; without a duration it lasts.
   unplug[/D]@WHEN  cable out      mute[/D]@WHEN  say nothing       no-acks[/D]@WHEN  acknowledge nothing
   stall[/D]@WHEN   submit stands  skip-state@WHEN  leave a number out
   lose-base@WHEN, lose-tool@WHEN, wrong-base@WHEN    the next set_base or set_tcp has no effect, or is 1 mm off
-  refuse=1..10@WHEN   refuse the next command with that Err  slow=1..100[/D]@WHEN   percent of the speed
+  refuse=1..12@WHEN   refuse the next command with that Err  slow=1..100[/D]@WHEN   percent of the speed
+  override=1..100[/D]@WHEN   the override that a person sets (slow is not told; the programs give a refused motion up with Err 8, whatever the Err)
   e-stop[/D]@WHEN, guard[/D]@WHEN, drives[/D]@WHEN, mode=T1|T2|AUT|EXT[/D]@WHEN, deselect[/D]@WHEN, reboot[/D]@WHEN
 Settings: seed=N   delay=20ms or delay=2ms..25ms, each way   fragment   random=N/D: N faults at random in that time
 Example: seed=7,delay=5ms..15ms,fragment,unplug/2s@10s,refuse=8@#40";
@@ -246,6 +248,7 @@ impl<'a> Item<'a> {
                 | "no-acks"
                 | "stall"
                 | "slow"
+                | "override"
                 | "e-stop"
                 | "guard"
                 | "drives"
@@ -256,7 +259,7 @@ impl<'a> Item<'a> {
         if for_ms.is_some() && !lasts {
             return Err(self.needless("duration"));
         }
-        if !matches!(self.name, "cut" | "garbage" | "refuse" | "slow" | "mode") {
+        if !matches!(self.name, "cut" | "garbage" | "refuse" | "slow" | "override" | "mode") {
             self.no_value()?;
         }
         let number =
@@ -272,8 +275,9 @@ impl<'a> Item<'a> {
             "lose-base" => Fault::LoseBase,
             "lose-tool" => Fault::LoseTool,
             "wrong-base" => Fault::WrongBase,
-            "refuse" => Fault::Refuse(self.value("an Err of 1 to 10", number(1, 10))?),
+            "refuse" => Fault::Refuse(self.value("an Err of 1 to 12", number(1, 12))?),
             "slow" => Fault::Slow { percent: self.value("1 to 100 percent", number(1, 100))?, for_ms },
+            "override" => Fault::Override { percent: self.value("1 to 100 percent", number(1, 100))?, for_ms },
             "e-stop" => Fault::EStop { for_ms },
             "guard" => Fault::Guard { for_ms },
             "drives" => Fault::Drives { for_ms },
@@ -322,8 +326,9 @@ pub(super) fn any_fault(draw: &mut Pcg64, within_ms: u64) -> Planned {
         Fault::LoseBase,
         Fault::LoseTool,
         Fault::WrongBase,
-        Fault::Refuse(draw.random_range(1..=10)),
+        Fault::Refuse(draw.random_range(1..=12)),
         Fault::Slow { percent: draw.random_range(5..100), for_ms },
+        Fault::Override { percent: draw.random_range(5..100), for_ms },
         Fault::EStop { for_ms },
         Fault::Guard { for_ms },
         Fault::Drives { for_ms },

@@ -17,7 +17,8 @@ pub(in super::super) struct Troubles {
     pub(super) mute: bool,
     pub(super) no_acks: bool,
     pub(super) stalled: bool,
-    pub(in super::super) slow_share: Option<f64>,
+    pub(super) slow_share: Option<f64>,
+    pub(super) override_percent: Option<u8>,
     /// Of the next `set_base` or `set_tcp`.
     pub(super) lost: Option<i32>,
     pub(super) wrong_base: bool,
@@ -46,6 +47,16 @@ impl Troubles {
     /// The submit interpreter stands still.
     pub(in super::super) fn stalled(&self) -> bool {
         self.stalled
+    }
+
+    /// `$OV_PRO`.
+    pub(in super::super) fn override_percent(&self) -> u8 {
+        self.override_percent.unwrap_or(100)
+    }
+
+    /// The share of its commanded speed at which the arm moves.
+    pub(in super::super) fn speed_share(&self) -> f64 {
+        self.slow_share.unwrap_or(1.0) * f64::from(self.override_percent()) / 100.0
     }
 
     /// A reason to refuse the next command.

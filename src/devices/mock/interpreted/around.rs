@@ -104,7 +104,7 @@ impl Host for Around<'_> {
     }
 
     fn is_initialized(&mut self, name: &str) -> bool {
-        name != "$POS_ACT" || self.values.knows_tcp()
+        !matches!(name, "$POS_ACT" | "$POS_ACT_MES") || self.values.knows_tcp()
     }
 }
 

@@ -17,8 +17,6 @@ const FAILED: i32 = 6;
 const EXISTS: i32 = 12;
 const NO_ELEMENT: i32 = 16;
 const DISCONNECTED: i32 = 10;
-/// Where the programs state their checksum.
-const CHECKSUM_TAG: &str = "St/@Sum";
 /// Within this time after EKI_Clear an EKI_Open may fail.
 const REOPEN_MS: u64 = 24;
 
@@ -79,8 +77,7 @@ pub(super) fn call(
         _ if !state.initialised => NOT_AVAILABLE,
         Builtin::EkiSend => send(controller, values, channel, tag),
         Builtin::EkiSetBool | Builtin::EkiSetInt | Builtin::EkiSetReal => {
-            let checksum = values.checksum.filter(|_| tag == CHECKSUM_TAG).map(Cell::Int);
-            set(controller, values, channel, tag, checksum.unwrap_or(value[0]))
+            set(controller, values, channel, tag, value[0])
         }
         Builtin::EkiSetFrame => return Err("EKI_SetFrame is not modelled".to_owned()),
         _ => return Ok(read(controller, channel, what, tag)),

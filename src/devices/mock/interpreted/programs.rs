@@ -1,7 +1,6 @@
 //! The programs that a mock controller executes.
 
 use super::super::error::MockError;
-use super::super::options::CHECKSUM;
 use crate::config::Problem;
 use crate::krl::{Kss, Meaning, Program, analyse, parse};
 use std::sync::Arc;
@@ -22,8 +21,6 @@ pub struct Programs {
     pub uptime_ms: u64,
     /// The submit interpreter begins its next cycle at once where one ends without waiting; else with the next tick.
     pub busy_submit: bool,
-    /// Told in place of the checksum that the programs make, so that no client takes a mock controller for a real one.
-    pub checksum: Option<i32>,
     /// Inputs and outputs are what `cell_config.dat` says; else those of the mock controller's setup take their place.
     pub keeps_config: bool,
     /// What a person should know before these programs are executed: file, line and what is not executed or not known.
@@ -79,7 +76,6 @@ impl Programs {
             cold_start: false,
             uptime_ms: 0,
             busy_submit: false,
-            checksum: None,
             keeps_config: false,
         })
     }
@@ -94,15 +90,15 @@ impl Programs {
         let shipped = SHIPPED.iter().copied().filter(|(name, _)| !is_own(name));
         let files: Vec<_> = own.iter().copied().chain(shipped).collect();
         let keeps_config = is_own("cell_config.dat");
-        Ok(Programs { checksum: Some(CHECKSUM), keeps_config, ..Programs::load(&files)? })
+        Ok(Programs { keeps_config, ..Programs::load(&files)? })
     }
 
-    /// The programs that ship, as a mock controller executes them: identified by its own checksum.
+    /// The programs that ship, as a mock controller executes them.
     ///
     /// # Errors
     /// Never for the files that this program was built with; they are read as every other.
     pub fn shipped() -> Result<Self, MockError> {
-        Ok(Programs { checksum: Some(CHECKSUM), ..Programs::load(&SHIPPED)? })
+        Programs::load(&SHIPPED)
     }
 
     /// The program, for what a test says of its statements.

@@ -133,6 +133,14 @@ impl Running {
     }
 }
 
+/// Limits of another cell than the shipped file is for: any cell's.
+const WIDE: [(&str, usize, f32); 4] = [
+    ("CELL_BOX_MIN", 3, -10_000.0),
+    ("CELL_BOX_MAX", 3, 10_000.0),
+    ("CELL_STEP_MM", 1, 2_000.0),
+    ("CELL_VEL_MAX", 1, 2.0),
+];
+
 /// Sets what `cell_config.dat` says of inputs and outputs to what this controller has; an own `cell_config.dat` stays.
 fn configure(memory: &mut Memory, programs: &Programs, setup: &Setup) {
     let program = &programs.program;
@@ -147,6 +155,18 @@ fn configure(memory: &mut Memory, programs: &Programs, setup: &Setup) {
     if programs.keeps_config {
         return;
     }
+    for (name, places, value) in WIDE {
+        for index in 0..places {
+            let cell = program.cell(name).and_then(|cell| memory.cells.get_mut(cell as usize + index));
+            cell.into_iter().for_each(|cell| *cell = Cell::Real(value));
+        }
+    }
+    let mut set = |name: &str, index: usize, value: i32| {
+        let cell = program.cell(name).and_then(|cell| memory.cells.get_mut(cell as usize + index));
+        if let Some(cell) = cell {
+            *cell = Cell::Int(value);
+        }
+    };
     set("CELL_OFF_N", 0, count(setup.off_after_ms.len().min(31)));
     for (index, (number, after_ms)) in setup.off_after_ms.iter().take(31).enumerate() {
         set("CELL_OFF", index, i32::from(*number));

@@ -77,8 +77,6 @@ pub(in super::super) struct Values {
     pub(super) reset_asked: bool,
     /// What `$ROB_TIMER` counted at the start.
     pub(super) uptime_ms: u64,
-    /// Told in place of the programs' own.
-    pub(super) checksum: Option<i32>,
     /// The last $POS_ACT that was asked for.
     pub(super) pose: Option<(PoseOf, [f64; 6])>,
 }
@@ -111,7 +109,6 @@ impl Values {
             refuses: false,
             reset_asked: false,
             uptime_ms: setup.programs.as_ref().map_or(0, |programs| programs.uptime_ms),
-            checksum: setup.programs.as_ref().and_then(|programs| programs.checksum),
             pose: None,
         }
     }

@@ -176,7 +176,7 @@ pub(super) fn read(
         Known::Command => int(1),
         Known::Interpolation => Ok(Cell::Word(values.words[0])),
         Known::Orientation => Ok(Cell::Word(values.words[1])),
-        Known::Override => int(100),
+        Known::Override => int(i64::from(controller.troubles.override_percent())),
         Known::Other => {
             let written = values.others.get(&(variable, offset)).copied();
             written.ok_or_else(|| format!("{} is not modelled", name()))
@@ -184,14 +184,14 @@ pub(super) fn read(
     }
 }
 
-/// CSEC, SEC, MIN, HOUR, DAY, MONTH, YEAR: a second later at each start.
+/// CSEC, SEC, MIN, HOUR, DAY, MONTH, YEAR: a second later at each start, on a day that no clock shows, so that nobody takes a mock
+/// controller for a real one.
 fn date(boot: i64, component: usize) -> i64 {
     match component {
         1 => boot.rem_euclid(60),
         2 => boot.div_euclid(60).rem_euclid(60),
         3 => boot.div_euclid(3600).rem_euclid(24),
-        4 | 5 => 1,
-        6 => 2030,
+        6 => 2000,
         _ => 0,
     }
 }

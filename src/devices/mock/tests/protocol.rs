@@ -8,7 +8,7 @@ fn the_first_state_is_as_agreed() {
     let mut rig = Rig::before_reset(Clock::LockStep);
     rig.ask(9, 0);
     let expected = "<St T=\"0\" Seq=\"1\" Re=\"1\" Ep=\"0\" Boot=\"1\" Sum=\"1\" Mode=\"4\" Flags=\"23\" In=\"0\" Out=\"0\" \
-                    Done=\"0\" Under=\"0\"><J A1=\"0.000000\" A2=\"-90.000000\" A3=\"90.000000\" A4=\"0.000000\" \
+                    Done=\"0\" Under=\"0\" Ov=\"100\"><J A1=\"0.000000\" A2=\"-90.000000\" A3=\"90.000000\" A4=\"0.000000\" \
                     A5=\"90.000000\" A6=\"0.000000\"></J><Tcp X=\"390.000000\"";
     assert!(rig.states.starts_with(expected), "{}", rig.states);
     let base =

@@ -305,3 +305,27 @@ fn done_is_what_was_executed() {
     assert!(ids.windows(2).all(|pair| pair[1] == pair[0] + 1));
     assert_eq!(rig.state("Done"), *ids.last().expect("some"));
 }
+
+/// Somebody sets the override to 90 % in contact: tool off, retract, and the reason is named.
+#[test]
+fn a_changed_override_in_contact_retracts() {
+    let mut rig = sanding(Clock::LockStep);
+    rig.controller.inject(Fault::Override { percent: 90, for_ms: None });
+    rig.beat();
+    assert_eq!((rig.causes(), rig.tool_on()), (vec![StopCause::Refused(Refusal::Override)], false));
+    assert_eq!((rig.state("Ov"), rig.ack("Err")), (90, 11));
+    assert_retracted(&mut rig);
+}
+
+/// At 50 % a way through the air runs, at half its speed, and one into contact is refused.
+#[test]
+fn contact_at_another_override_is_refused() {
+    let mut rig = Rig::ready(Clock::LockStep);
+    rig.controller.inject(Fault::Override { percent: 50, for_ms: None });
+    rig.line(20, 5, false);
+    rig.beats(3);
+    assert_eq!(rig.causes(), []);
+    rig.line(20, 5, true);
+    rig.beat();
+    assert_eq!((rig.causes(), rig.ack("Err")), (vec![StopCause::Refused(Refusal::Override)], 11));
+}

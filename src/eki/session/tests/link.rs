@@ -167,3 +167,40 @@ fn another_clients_epoch_is_told_and_left_behind() {
     ));
     assert_eq!(cell.controller.epoch, 21);
 }
+
+/// Before its first word: a channel that closes has another client, and the other channel's message came by exchanged ports. Afterwards
+/// both are what they are.
+#[test]
+fn what_ends_a_connection_before_a_word_is_named_as_what_it_is() {
+    let losses = |after_a_word: bool| {
+        let closed = LinkLoss::Closed { channel: Channel::State };
+        let mut first = Cell::new();
+        let mut second = Cell::new();
+        for cell in [&mut first, &mut second] {
+            cell.session.connected(Time::at_ms(0));
+            if after_a_word {
+                cell.pass(200);
+            }
+        }
+        first.session.disconnected(closed);
+        second.session.push_state_bytes(
+            b"<Ack Rx=\"0\" Done=\"0\" Free=\"100\" Err=\"0\" ErrId=\"0\" Ep=\"0\"></Ack>",
+            Time::at_ms(second.now_ms),
+        );
+        [first, second].map(|mut cell| {
+            let reports = std::iter::from_fn(|| cell.session.poll_report()).chain(cell.reports.clone());
+            let losses = reports.filter_map(|report| match report {
+                Report::LinkLost { why } => Some(why),
+                _ => None,
+            });
+            losses.last().expect("lost")
+        })
+    };
+    let channel = Channel::State;
+    assert_eq!(losses(false), [LinkLoss::Occupied { channel }, LinkLoss::PortsExchanged { channel }]);
+    let [first, second] = losses(true);
+    assert!(
+        first == LinkLoss::Closed { channel } && matches!(second, LinkLoss::Message { .. }),
+        "{first} {second}"
+    );
+}

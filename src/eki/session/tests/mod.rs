@@ -44,6 +44,8 @@ struct Controller {
     /// Aborts are answered and not obeyed.
     disobedient: bool,
     deaf_to_commands: bool,
+    mode: u32,
+    override_percent: u8,
     most_in_ring: usize,
     command_bytes: Vec<u8>,
     state_bytes: Vec<u8>,
@@ -77,6 +79,8 @@ impl Controller {
             deaf_to_requests: false,
             disobedient: false,
             deaf_to_commands: false,
+            mode: 4,
+            override_percent: 100,
             most_in_ring: 0,
             command_bytes: Vec::new(),
             state_bytes: Vec::new(),
@@ -185,11 +189,11 @@ impl Controller {
             format!("<{name} X=\"{x}\" Y=\"{y}\" Z=\"{z}\" A=\"{a}\" B=\"{b}\" C=\"{c}\"></{name}>")
         };
         let [base, tool] = [0, 1].map(|index: usize| self.frames[index].clone().unwrap_or(zero.clone()));
-        let Controller { now_ms, sequence, epoch, boot, done, .. } = self;
+        let Controller { now_ms, sequence, epoch, boot, done, mode, override_percent, .. } = self;
         let answered = self.answered + self.answers_ahead;
         format!(
-            "<St T=\"{now_ms}\" Seq=\"{sequence}\" Re=\"{answered}\" Ep=\"{epoch}\" Boot=\"{boot}\" Sum=\"5\" Mode=\"4\" \
-                 Flags=\"{flags}\" In=\"0\" Out=\"0\" Done=\"{done}\" Under=\"0\"><J A1=\"0.0\" A2=\"-90.0\" A3=\"90.0\" \
+            "<St T=\"{now_ms}\" Seq=\"{sequence}\" Re=\"{answered}\" Ep=\"{epoch}\" Boot=\"{boot}\" Sum=\"5\" Mode=\"{mode}\" \
+                 Flags=\"{flags}\" In=\"0\" Out=\"0\" Done=\"{done}\" Under=\"0\" Ov=\"{override_percent}\"><J A1=\"0.0\" A2=\"-90.0\" A3=\"90.0\" \
                  A4=\"0.0\" A5=\"0.0\" A6=\"0.0\"></J>{}{}{}</St>",
             pose("Tcp", &zero),
             pose("Base", &base),

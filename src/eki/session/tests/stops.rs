@@ -280,3 +280,37 @@ fn an_epoch_that_the_controller_stopped_is_over() {
     assert_eq!(cell.session.queue(speed(0.1)), Err(QueueError::NoEpoch));
     assert!(cell.session.open_epoch().is_ok());
 }
+
+/// Another override in contact ends the epoch, whatever the controller does; in the air it may be any.
+#[test]
+fn another_override_in_contact_ends_the_epoch() {
+    let overridden = Report::Interrupted { cause: StopCause::Override };
+    for contact in [false, true] {
+        let mut cell = Cell::ready();
+        let points: Vec<MoveLin> = path(200, 2.0).into_iter().map(|point| MoveLin { contact, ..point }).collect();
+        cell.session.queue_path(&points).expect("a good path");
+        cell.pass(1_000);
+        assert!(!cell.reports.contains(&overridden));
+        cell.controller.override_percent = 99;
+        cell.pass(300);
+        assert_eq!(cell.reports.contains(&overridden), contact, "{:?}", cell.events());
+    }
+}
+
+/// Why an epoch was stopped: the mode switch, no program that could move, and else the program.
+#[test]
+fn a_stopped_epoch_says_why() {
+    // Drives on, no emergency stop, guard closed; with bit 4 a motion is possible.
+    for (mode, flags, cause) in [
+        (1, 0b1_0111, StopCause::ModeTurned),
+        (4, 0b0_0111, StopCause::NoProgram),
+        (4, 0b1_0111, StopCause::ByProgram),
+    ] {
+        let mut cell = Stage::Open.cell();
+        cell.pass(100);
+        (cell.controller.mode, cell.controller.flags) = (mode, flags);
+        cell.controller.stop();
+        cell.pass(200);
+        assert!(cell.reports.contains(&Report::Interrupted { cause }), "{cause}: {:?}", cell.events());
+    }
+}

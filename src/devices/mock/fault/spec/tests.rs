@@ -25,7 +25,7 @@ fn every_kind_of_item_is_read() {
     for name in FAULTS {
         let value = match name {
             "refuse" => "=8",
-            "slow" => "=50",
+            "slow" | "override" => "=50",
             "mode" => "=T1",
             "cut" | "garbage" => "=state",
             _ => "",
@@ -41,8 +41,8 @@ fn what_is_wrong_is_said_with_what_is_allowed() {
         ("cut@1s,,cut@2s", "an item is empty; items are separated by single commas"),
         ("cut", "\"cut\": when? Add @TIME (@3s, @250ms) or @#N, the arrival of the Nth command"),
         ("cut=left@1s", "\"cut=left@1s\": the value is \"left\", allowed is command, state or both"),
-        ("refuse@1s", "\"refuse@1s\": the value is missing, allowed is an Err of 1 to 10"),
-        ("refuse=11@1s", "\"refuse=11@1s\": the value is \"11\", allowed is an Err of 1 to 10"),
+        ("refuse@1s", "\"refuse@1s\": the value is missing, allowed is an Err of 1 to 12"),
+        ("refuse=13@1s", "\"refuse=13@1s\": the value is \"13\", allowed is an Err of 1 to 12"),
         ("slow=0@1s", "\"slow=0@1s\": the value is \"0\", allowed is 1 to 100 percent"),
         ("mode=t1@1s", "\"mode=t1@1s\": the value is \"t1\", allowed is T1, T2, AUT or EXT"),
         ("lose-base=1@1s", "\"lose-base=1@1s\": lose-base takes no value"),

@@ -1,0 +1,68 @@
+//! The controller's files beside a cell's file: what of them contradicts each other, and the sum by which the programs name
+//! themselves.
+
+use super::{FileReport, the_cell};
+use crate::cell::RobotKind;
+use crate::config::{Problem, line_of_key};
+use crate::controller::{
+    COMMANDS, CONFIG, ControllerFiles, DATA, MOTION, STATES, SumError, base_name, differences, program_sum,
+};
+
+/// Where one cell with a controller is among the files, the controller's files among them are held against it.
+pub(super) fn hold_against_the_cell(files: &[(&str, &str)], reports: &mut [FileReport]) {
+    let Some((cell_place, cell)) = the_cell(files, reports) else { return };
+    if cell.robot().kind() != RobotKind::Eki {
+        return;
+    }
+    let place = |name: &str| files.iter().position(|(file, _)| base_name(file).eq_ignore_ascii_case(name));
+    let text = |name: &str| place(name).map(|place| files[place].1);
+    let named = ControllerFiles {
+        config: text(CONFIG),
+        motion: text(MOTION),
+        commands: text(COMMANDS),
+        states: text(STATES),
+    };
+    for difference in differences(&named, &cell) {
+        let Some(place) = place(difference.file) else { continue };
+        let problems = &mut reports[place].problems;
+        if !problems.contains(&difference.problem) {
+            problems.push(difference.problem);
+        }
+    }
+    let not_named: Vec<&str> =
+        [CONFIG, COMMANDS, STATES].into_iter().filter(|name| place(name).is_none()).collect();
+    let cell_text = files[cell_place].1;
+    if !not_named.is_empty() {
+        let message = format!(
+            "not compared with {}: whether a stop switches tool and water off, and whether signals and ports are the same on both \
+             sides, is not known; name the controller's files beside this one",
+            not_named.join(", ")
+        );
+        reports[cell_place].says.push(message);
+    }
+    let key = "robot.programs_sum";
+    match (program_sum(files), cell.robot().programs_sum()) {
+        (Ok(sum), Some(kept)) if sum != kept => reports[cell_place].problems.push(Problem {
+            line: line_of_key(cell_text, key),
+            key: key.to_owned(),
+            message: format!(
+                "is {kept}, and the controller's files come to {sum}; the cell was accepted with other files"
+            ),
+        }),
+        (Ok(sum), _) => {
+            if let Some(place) = place(CONFIG) {
+                let message = format!(
+                    "the programs with this file come to the sum {sum}: programs_sum in [robot] of the cell's file"
+                );
+                reports[place].says.push(message);
+            }
+        }
+        (Err(SumError::Edited { line, .. }), _) if place(DATA).is_some() => {
+            if let (Some(place), Err(error)) = (place(DATA), program_sum(files)) {
+                let problem = Problem { line, key: "CELL_PROGRAM_SUM".to_owned(), message: error.to_string() };
+                reports[place].problems.push(problem);
+            }
+        }
+        (Err(_), _) => {}
+    }
+}

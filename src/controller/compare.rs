@@ -1,0 +1,254 @@
+//! Where the controller's files and the cell's file contradict each other. Each contradiction is named with the file, the line and
+//! the key at which a person mends it; untouched files of a right cell give none.
+
+use super::data::Compared;
+use super::stated::DataList;
+use super::{COMMANDS, CONFIG, MOTION, STATES};
+use crate::cell::{Cell, RobotKind};
+use crate::config::Problem;
+use crate::eki::{CELLCMD, CELLSTAT, ChannelFile, Element};
+use std::net::IpAddr;
+
+/// Texts of the controller's files, as they are on the controller. What is `None` is not compared.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ControllerFiles<'a> {
+    /// `cell_config.dat`.
+    pub config: Option<&'a str>,
+    /// `cell_motion.src`.
+    pub motion: Option<&'a str>,
+    /// `CELLCMD.xml`.
+    pub commands: Option<&'a str>,
+    /// `CELLSTAT.xml`.
+    pub states: Option<&'a str>,
+}
+
+/// A place at which two files contradict each other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Difference {
+    /// The controller's file, by its name without folder.
+    pub file: &'static str,
+    /// Line, key, and what was found, what is expected and what to do.
+    pub problem: Problem,
+}
+
+/// Everything at which these files contradict each other or the cell's file.
+pub fn differences(files: &ControllerFiles<'_>, cell: &Cell) -> Vec<Difference> {
+    let mut found = Found::default();
+    let config = files.config.map(|text| DataList::parse(CONFIG, text));
+    if let Some(config) = &config {
+        Compared { config, cell, found: &mut found }.all();
+    }
+    let ports = [cell.robot().command_port(), cell.robot().state_port()];
+    let channels = [
+        (COMMANDS, files.commands, CELLCMD, ["CELL_F_CMD_ALIVE", "CELL_F_CMD_CAME"], (ports[0], ports[1])),
+        (STATES, files.states, CELLSTAT, ["CELL_F_STAT_ALIVE", "CELL_F_STAT_CAME"], (ports[1], ports[0])),
+    ];
+    for (file, text, ours, flags, ports) in channels {
+        let Some(text) = text else { continue };
+        let Some((theirs, ours)) = found.channel(file, text, ours) else { continue };
+        found.settings(file, &theirs, &ours);
+        if let Some(config) = &config {
+            found.flags_of_channel(file, text, (&theirs, config), flags);
+        }
+        if cell.robot().kind() == RobotKind::Eki {
+            found.address(file, text, &theirs, cell.robot().host());
+            found.port(file, text, &theirs, ports);
+        }
+    }
+    if let (Some(text), Some(config)) = (files.motion, &config) {
+        found.interrupts(text, config);
+    }
+    found.0
+}
+
+/// What was found so far.
+#[derive(Default)]
+pub(super) struct Found(Vec<Difference>);
+
+impl Found {
+    pub(super) fn push(&mut self, difference: Difference) {
+        self.0.push(difference);
+    }
+
+    pub(super) fn note(
+        &mut self,
+        file: &'static str,
+        line: usize,
+        key: impl Into<String>,
+        message: impl Into<String>,
+    ) {
+        self.0.push(Difference { file, problem: Problem { line, key: key.into(), message: message.into() } });
+    }
+
+    /// A channel's file and this program's own; a file that cannot be read is noted.
+    fn channel(&mut self, file: &'static str, text: &str, ours: &str) -> Option<(ChannelFile, ChannelFile)> {
+        match (ChannelFile::parse(text), ChannelFile::parse(ours)) {
+            (Ok(theirs), Ok(ours)) => Some((theirs, ours)),
+            (Err(error), _) | (_, Err(error)) => {
+                self.note(file, 1, "", error.to_string());
+                None
+            }
+        }
+    }
+
+    /// What the channel carries and how; address, port and flags are the cell's own business.
+    fn settings(&mut self, file: &'static str, theirs: &ChannelFile, ours: &ChannelFile) {
+        self.elements(file, "RECEIVE", (&theirs.received, &ours.received));
+        self.elements(file, "SEND", (&theirs.sent, &ours.sent));
+        let (expected, found) = (ours.peer, theirs.peer);
+        if found != expected {
+            self.note(
+                file,
+                1,
+                "CONFIGURATION/EXTERNAL/TYPE",
+                format!("is {found:?}; the PC is the client, so it must be {expected:?}"),
+            );
+        }
+        if theirs.environment != ours.environment {
+            let message = "another one than this program's own file has: the channel must live as long as the submit interpreter, Submit";
+            self.note(file, 1, "CONFIGURATION/INTERNAL/ENVIRONMENT", message);
+        }
+        if theirs.protocol != ours.protocol {
+            self.note(file, 1, "CONFIGURATION/INTERNAL/PROTOCOL", "is not TCP, which the PC speaks");
+        }
+        if theirs.memory != ours.memory {
+            let message = format!(
+                "{} entries in {:?} order and {} bytes; this program counts with {} entries in {:?} order and {} bytes",
+                theirs.memory.entries,
+                theirs.memory.order,
+                theirs.memory.bytes,
+                ours.memory.entries,
+                ours.memory.order,
+                ours.memory.bytes
+            );
+            self.note(file, 1, "CONFIGURATION/INTERNAL/BUFFERING", message);
+        }
+        if (theirs.ping, theirs.alive_out, theirs.connect_timeout_ms)
+            != (ours.ping, ours.alive_out, ours.connect_timeout_ms)
+        {
+            let message = "Ping, Set_Out or TIMEOUT: other than this program's own file; take the additions out";
+            self.note(file, 1, "CONFIGURATION/INTERNAL", message);
+        }
+    }
+
+    /// The elements of one direction, in their order.
+    fn elements(&mut self, file: &'static str, section: &str, (theirs, ours): (&[Element], &[Element])) {
+        let what = |element: &Element| (element.tag.clone(), element.kind, element.order, element.set_out);
+        let (found, expected): (Vec<_>, Vec<_>) =
+            (theirs.iter().map(what).collect(), ours.iter().map(what).collect());
+        if found == expected {
+            return;
+        }
+        let place = found.iter().zip(&expected).position(|(found, expected)| found != expected);
+        let place = place.unwrap_or(found.len().min(expected.len()));
+        let word = |elements: &[Element]| {
+            elements.get(place).map_or("nothing".to_owned(), |it| {
+                let kind = it.kind.map_or("no type".to_owned(), |kind| format!("{kind:?}"));
+                format!("{} ({kind})", it.tag)
+            })
+        };
+        let line = theirs.get(place).or(theirs.last()).map_or(1, |element| element.line);
+        let message = format!(
+            "place {} is {}, this program's own file has {}; copy {file} of this program's config/kuka",
+            place + 1,
+            word(theirs),
+            word(ours)
+        );
+        self.note(file, line, format!("{section} ELEMENT"), message);
+    }
+
+    fn flags_of_channel(
+        &mut self,
+        file: &'static str,
+        text: &str,
+        (theirs, config): (&ChannelFile, &DataList),
+        [alive, came]: [&str; 2],
+    ) {
+        let came_by: Vec<&Element> = theirs.received.iter().filter(|element| element.set_flag.is_some()).collect();
+        let raised = [
+            (alive, theirs.alive_flag, line_of(text, "<ALIVE"), "CONFIGURATION/INTERNAL/ALIVE".to_owned()),
+            (
+                came,
+                came_by.first().and_then(|element| element.set_flag),
+                came_by.first().map_or(1, |element| element.line),
+                "RECEIVE ELEMENT".to_owned(),
+            ),
+        ];
+        for (name, flag, line, key) in raised {
+            let Some(stated) = config.get(name) else { continue };
+            if flag.map(f64::from) != Some(stated.value) {
+                let found = flag.map_or("raises no flag".to_owned(), |flag| format!("raises $FLAG[{flag}]"));
+                let message = format!(
+                    "{found}, and {name} of {CONFIG} (line {}) is {}: the program would never notice it; make both the same",
+                    stated.line, stated.value
+                );
+                self.note(file, line, key, message);
+            }
+        }
+        if came_by.len() > 1 {
+            let message = "two elements raise a flag; only the root may, when the whole message has arrived";
+            self.note(file, came_by[1].line, "RECEIVE ELEMENT", message);
+        }
+    }
+
+    fn address(&mut self, file: &'static str, text: &str, theirs: &ChannelFile, host: &str) {
+        let (Some(stated), Ok(host)) = (&theirs.address, host.parse::<IpAddr>()) else { return };
+        // What is no address, `check` of the file by itself says.
+        let Ok(listens) = stated.parse::<IpAddr>() else { return };
+        if listens != host {
+            let message = format!(
+                "is {listens}, and [robot] host of the cell's file is {host}: the controller listens at the one, the PC looks at the \
+                 other"
+            );
+            self.note(file, line_of(text, "<IP>"), "CONFIGURATION/INTERNAL/IP", message);
+        }
+    }
+
+    fn port(&mut self, file: &'static str, text: &str, theirs: &ChannelFile, (port, others): (u16, u16)) {
+        if theirs.port == port {
+            return;
+        }
+        let what = if theirs.port == others {
+            "that of the other channel there: command_port and state_port are exchanged"
+        } else {
+            "other than the cell's file says"
+        };
+        let message = format!(
+            "is {}, and [robot] of the cell's file has {port}; it is {what}; make both the same",
+            theirs.port
+        );
+        self.note(file, line_of(text, "<PORT>"), "CONFIGURATION/INTERNAL/PORT", message);
+    }
+
+    /// The numbers in the INTERRUPT DECL lines, which KRL does not take by name.
+    fn interrupts(&mut self, text: &str, config: &DataList) {
+        for (number, variable, name) in
+            [(20, "$FLAG", "CELL_F_HALT"), (21, "$FLAG", "CELL_F_STOP"), (22, "$TIMER_FLAG", "CELL_T_SUBMIT")]
+        {
+            let Some(stated) = config.get(name) else { continue };
+            let declared = format!("INTERRUPT DECL {number} WHEN {variable}[");
+            let place = text.lines().enumerate().find_map(|(index, line)| {
+                let rest = line.split(';').next().unwrap_or_default().trim().strip_prefix(&declared)?;
+                Some((index + 1, rest.split(']').next()?.trim().parse::<f64>().ok()))
+            });
+            let key = format!("INTERRUPT DECL {number}");
+            match place {
+                None => self.note(MOTION, 1, key, format!("is not there; it must watch {variable} by {name}")),
+                Some((line, found)) if found != Some(stated.value) => {
+                    let found = found.map_or("no number".to_owned(), |found| found.to_string());
+                    let message = format!(
+                        "watches {variable}[{found}], and {name} of {CONFIG} (line {}) is {}: the stop would not be heard; make both \
+                         the same",
+                        stated.line, stated.value
+                    );
+                    self.note(MOTION, line, key, message);
+                }
+                Some(_) => {}
+            }
+        }
+    }
+}
+
+fn line_of(text: &str, what: &str) -> usize {
+    text.lines().position(|line| line.contains(what)).map_or(1, |index| index + 1)
+}

@@ -1,0 +1,442 @@
+//! The data list that a cell engineer edits beside the cell's file: signals, what a stop switches off, flags, timers, axes, space
+//! and speeds.
+
+use super::CONFIG;
+use super::compare::{Difference, Found};
+use super::stated::{DataList, Number};
+use crate::cell::{Cell, Output};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Highest number of an input or output that the cell's file takes.
+const MOST_SIGNAL: i32 = 4096;
+/// Highest number of a flag.
+const MOST_FLAG: i32 = 1024;
+/// Highest number of a timer.
+const MOST_TIMER: i32 = 64;
+/// Places of a list that travels as the bits of one INT.
+const MOST_BITS: i32 = 31;
+/// Places of the list of mapped inputs.
+const MOST_MAPPED: i32 = 8;
+/// Outputs by which a line is told.
+const LINE_OUTPUTS: i32 = 6;
+/// So many times, at most, the controller's highest speed and longest step may be the cell's.
+const SLACK: f64 = 1.25;
+/// So far, at most, the controller's box may reach beyond the cell's, mm.
+const BOX_SLACK_MM: f64 = 50.0;
+/// What a REAL of 32 bits does to a number.
+const ROUNDING: f64 = 1e-3;
+
+/// The flags by their names, and what they are for.
+const FLAGS: [&str; 6] =
+    ["CELL_F_CMD_ALIVE", "CELL_F_CMD_CAME", "CELL_F_STOP", "CELL_F_STAT_ALIVE", "CELL_F_STAT_CAME", "CELL_F_HALT"];
+/// The timers, which follow one another.
+const TIMERS: [&str; 7] =
+    ["CELL_T_HEARD", "CELL_T_SUBMIT", "CELL_T_ACK", "CELL_T_STATE", "CELL_T_SILENT", "CELL_T_OFF", "CELL_T_STILL"];
+
+/// The data list beside the cell's file.
+pub(super) struct Compared<'a> {
+    pub config: &'a DataList,
+    pub cell: &'a Cell,
+    pub found: &'a mut Found,
+}
+
+impl Compared<'_> {
+    pub fn all(&mut self) {
+        for problem in &self.config.problems {
+            self.found.push(Difference { file: CONFIG, problem: problem.clone() });
+        }
+        for stated in self.config.twice() {
+            let key = stated.index.map_or(stated.name.clone(), |index| format!("{}[{index}]", stated.name));
+            self.note(stated.line, key, "is stated a second time; the last one counts on the controller");
+        }
+        let (outputs, off) = (self.outputs(), self.off());
+        self.stops(&outputs, &off);
+        self.inputs();
+        self.line(&outputs);
+        self.mapped();
+        self.flags();
+        self.timers();
+        self.axes();
+        self.speeds();
+        self.space();
+        self.subroutines();
+    }
+
+    fn note(&mut self, line: usize, key: impl Into<String>, message: impl Into<String>) {
+        self.found.note(CONFIG, line, key, message);
+    }
+
+    /// A single number; where it is missing, that is noted.
+    fn single(&mut self, name: &str) -> Option<Number> {
+        let found = self.config.get(name);
+        if found.is_none() {
+            self.note(1, name, "is not stated as a number, and the programs need it");
+        }
+        found
+    }
+
+    /// A single whole number within these.
+    fn whole(&mut self, name: &str, low: i32, high: i32) -> Option<i32> {
+        let number = self.single(name)?;
+        let whole = number.whole().filter(|whole| (low..=high).contains(whole));
+        if whole.is_none() {
+            self.note(
+                number.line,
+                name,
+                format!("is {}, allowed is a whole number from {low} to {high}", number.value),
+            );
+        }
+        whole
+    }
+
+    /// The places of a counted list, each with its line; `none` is what stands for an empty place.
+    fn list(&mut self, array: &str, count: &str, most: i32, numbers: (i32, i32)) -> Vec<(i32, usize)> {
+        let Some(places) = self.whole(count, 0, most) else { return Vec::new() };
+        let stated = self.config.array(array);
+        let mut all = Vec::new();
+        for index in 1..=places {
+            let key = format!("{array}[{index}]");
+            match stated.get(&index) {
+                None => self.note(
+                    self.config.get(count).map_or(1, |count| count.line),
+                    key,
+                    format!(
+                        "is not stated, and {count} counts {places}: reading it would stop the submit interpreter"
+                    ),
+                ),
+                Some(number) => match number.whole().filter(|whole| (numbers.0..=numbers.1).contains(whole)) {
+                    Some(whole) => all.push((whole, number.line)),
+                    None => {
+                        let (low, high) = numbers;
+                        let message =
+                            format!("is {}, allowed is a whole number from {low} to {high}", number.value);
+                        self.note(number.line, key, message);
+                    }
+                },
+            }
+        }
+        for (index, number) in
+            stated.iter().filter(|(index, number)| !(1..=places).contains(*index) && number.value != 0.0)
+        {
+            let message = format!(
+                "is {}, and {count} counts {places}: it has no effect; raise the count or take it out",
+                number.value
+            );
+            self.note(number.line, format!("{array}[{index}]"), message);
+        }
+        all
+    }
+
+    /// Names by number, as the cell's file has them.
+    fn names(named: &BTreeMap<String, u16>) -> BTreeMap<i32, &str> {
+        named.iter().map(|(name, number)| (i32::from(*number), name.as_str())).collect()
+    }
+
+    /// A list that travels as bits: the cell's numbers in ascending order.
+    fn bits(&mut self, array: &str, count: &str, table: &str, named: &BTreeMap<String, u16>) -> Vec<(i32, usize)> {
+        let found = self.list(array, count, MOST_BITS, (1, MOST_SIGNAL));
+        let names = Self::names(named);
+        let word = |number: i32| {
+            names.get(&number).map_or(format!("{number}, which {table} lacks"), |name| format!("{number} ({name})"))
+        };
+        let expected: Vec<i32> = names.keys().copied().collect();
+        for (place, (number, line)) in found.iter().enumerate() {
+            if expected.get(place) == Some(number) {
+                continue;
+            }
+            let wanted = expected.get(place).map_or("nothing".to_owned(), |number| word(*number));
+            let message = format!(
+                "is {}; {table} of the cell's file has {wanted} at this place (its numbers in ascending order): the PC would take one \
+                 signal for another",
+                word(*number)
+            );
+            self.note(*line, format!("{array}[{}]", place + 1), message);
+        }
+        if let Some(stated) = self.config.get(count).filter(|stated| stated.value != expected.len() as f64) {
+            let message = format!("is {}, and {table} of the cell's file names {}", stated.value, expected.len());
+            self.note(stated.line, count, message);
+        }
+        found
+    }
+
+    fn outputs(&mut self) -> Vec<(i32, usize)> {
+        let cell = self.cell;
+        self.bits("CELL_OUT", "CELL_OUT_N", "[io.outputs]", cell.io().outputs())
+    }
+
+    fn inputs(&mut self) {
+        let cell = self.cell;
+        self.bits("CELL_IN", "CELL_IN_N", "[io.feedbacks]", cell.io().feedbacks());
+    }
+
+    /// What the end of an epoch switches off: output, line, and after how long, ms.
+    fn off(&mut self) -> Vec<(i32, usize, Option<Number>)> {
+        let off = self.list("CELL_OFF", "CELL_OFF_N", MOST_BITS, (1, MOST_SIGNAL));
+        let times = self.config.array("CELL_OFF_MS");
+        let places = self.config.array("CELL_OFF");
+        let place = |line: usize| places.iter().find(|(_, number)| number.line == line).map(|(index, _)| *index);
+        let counted = self.config.get("CELL_OFF_N").and_then(Number::whole).unwrap_or(0);
+        let surplus = times.iter().filter(|(index, _)| **index > counted);
+        let surplus: Vec<(i32, usize)> = surplus.map(|(index, number)| (*index, number.line)).collect();
+        for (index, line) in surplus {
+            self.note(
+                line,
+                format!("CELL_OFF_MS[{index}]"),
+                format!("CELL_OFF_N counts {counted}: it has no effect"),
+            );
+        }
+        off.into_iter()
+            .map(|(output, line)| (output, line, place(line).and_then(|index| times.get(&index).copied())))
+            .collect()
+    }
+
+    /// Each output that must go off does, in its time, and no other one.
+    fn stops(&mut self, outputs: &[(i32, usize)], off: &[(i32, usize, Option<Number>)]) {
+        let io = self.cell.io();
+        let names = Self::names(io.outputs());
+        let line_of_count = self.config.get("CELL_OFF_N").map_or(1, |count| count.line);
+        for (name, after_s) in io.off_after_s() {
+            let Some(number) = io.outputs().get(name) else { continue };
+            let number = i32::from(*number);
+            let found: Vec<_> = off.iter().filter(|(output, ..)| *output == number).collect();
+            let after_ms = 1_000.0 * f64::from(*after_s);
+            match found.as_slice() {
+                [] if *after_s == 0 => {
+                    let what = if name == Output::Tool.name() { "the tool" } else { "water" };
+                    let message = format!(
+                        "NO STOP SWITCHES {} OFF: $OUT[{number}] ({name}) is not in CELL_OFF. At a stop, an abort or a lost link {what} would \
+                         run on. Add it with CELL_OFF_MS 0",
+                        name.to_uppercase()
+                    );
+                    self.note(line_of_count, "CELL_OFF", message);
+                }
+                [] => {
+                    let message = format!(
+                        "$OUT[{number}] ({name}) is not in CELL_OFF; the cell's file says off after {after_s} s"
+                    );
+                    self.note(line_of_count, "CELL_OFF", message);
+                }
+                [(_, line, None), ..] => {
+                    let message = format!(
+                        "$OUT[{number}] ({name}) has no CELL_OFF_MS; the cell's file says off after {after_s} s"
+                    );
+                    self.note(*line, "CELL_OFF_MS", message);
+                }
+                [(_, _, Some(ms)), rest @ ..] => {
+                    if ms.value != after_ms {
+                        let at_once = if *after_s == 0 { "; TOOL AND WATER GO OFF AT ONCE, 0" } else { "" };
+                        let message = format!(
+                            "$OUT[{number}] ({name}) goes off after {} ms; [io.off_after_s] of the cell's file says {after_ms}{at_once}",
+                            ms.value
+                        );
+                        self.note(ms.line, "CELL_OFF_MS", message);
+                    }
+                    for (_, line, _) in rest {
+                        self.note(*line, "CELL_OFF", format!("$OUT[{number}] ({name}) is listed twice"));
+                    }
+                }
+            }
+        }
+        for (output, line, _) in off {
+            let name = names.get(output);
+            if name.is_some_and(|name| io.off_after_s().contains_key(*name)) {
+                continue;
+            }
+            let message = match name {
+                Some(name) => format!(
+                    "$OUT[{output}] ({name}) would go off at the end of an epoch; [io.off_after_s] does not name it"
+                ),
+                None if outputs.iter().any(|(number, _)| number == output) => {
+                    format!("$OUT[{output}] is no output of [io.outputs]")
+                }
+                None => format!(
+                    "$OUT[{output}] is neither in CELL_OUT nor in [io.outputs]: another program's output would go off"
+                ),
+            };
+            self.note(*line, "CELL_OFF", message);
+        }
+    }
+
+    /// The outputs by which a line is told, in their order.
+    fn line(&mut self, outputs: &[(i32, usize)]) {
+        let Some(count) = self.whole("CELL_LINE_N", LINE_OUTPUTS, LINE_OUTPUTS) else { return };
+        let expected = self.cell.io().line_outputs();
+        let words = ["ready", "cycle_done", "pass", "fail", "review", "fault"];
+        for (index, (expected, word)) in (1..=count).zip(expected.iter().zip(words)) {
+            let key = format!("CELL_LINE[{index}]");
+            let Some(number) = self.config.at("CELL_LINE", index) else {
+                self.note(1, key, "is not stated; 0 where the line has none");
+                continue;
+            };
+            if number.value != f64::from(*expected) {
+                let message = format!(
+                    "is {}; [io.line_outputs] of the cell's file has {expected} for {word} (0: none)",
+                    number.value
+                );
+                self.note(number.line, key.clone(), message);
+            }
+            if number.value != 0.0 && outputs.iter().any(|(output, _)| f64::from(*output) == number.value) {
+                self.note(
+                    number.line,
+                    key,
+                    format!("$OUT[{}] is in CELL_OUT: what moves or runs tells no line", number.value),
+                );
+            }
+        }
+    }
+
+    /// The inputs that stand for flags.
+    fn mapped(&mut self) {
+        let inputs = self.list("CELL_VIN", "CELL_VIN_N", MOST_MAPPED, (1, MOST_SIGNAL));
+        let flags = self.list("CELL_VIN_FLAG", "CELL_VIN_N", MOST_MAPPED, (1, MOST_FLAG));
+        let mapped: BTreeSet<i32> =
+            self.cell.io().mapped_inputs().values().map(|number| i32::from(*number)).collect();
+        let found: BTreeSet<i32> = inputs.iter().map(|(number, _)| *number).collect();
+        for number in mapped.difference(&found) {
+            let line = self.config.get("CELL_VIN_N").map_or(1, |count| count.line);
+            self.note(
+                line,
+                "CELL_VIN",
+                format!("lacks input {number}, which [io.mapped_inputs] of the cell's file names"),
+            );
+        }
+        for (number, line) in inputs.iter().filter(|(number, _)| !mapped.contains(number)) {
+            self.note(*line, "CELL_VIN", format!("input {number} is not in [io.mapped_inputs] of the cell's file"));
+        }
+        let own: Vec<(&str, f64)> =
+            FLAGS.iter().filter_map(|name| Some((*name, self.config.get(name)?.value))).collect();
+        let mut seen = BTreeSet::new();
+        for (flag, line) in flags {
+            if let Some((name, _)) = own.iter().find(|(_, own)| *own == f64::from(flag)) {
+                self.note(line, "CELL_VIN_FLAG", format!("$FLAG[{flag}] is {name}: a mapped input would feign it"));
+            }
+            if !seen.insert(flag) {
+                self.note(line, "CELL_VIN_FLAG", format!("$FLAG[{flag}] stands for two inputs"));
+            }
+        }
+    }
+
+    fn flags(&mut self) {
+        let mut seen: BTreeMap<i32, &str> = BTreeMap::new();
+        for name in FLAGS {
+            let Some(flag) = self.whole(name, 1, MOST_FLAG) else { continue };
+            if let Some(first) = seen.insert(flag, name) {
+                let line = self.config.get(name).map_or(1, |number| number.line);
+                self.note(line, name, format!("is {flag}, which is {first} already"));
+            }
+        }
+    }
+
+    fn timers(&mut self) {
+        let mut before: Option<(i32, &str)> = None;
+        for name in TIMERS {
+            let timer = self.whole(name, 1, MOST_TIMER);
+            if let (Some((number, first)), Some(timer)) = (before, timer)
+                && timer != number + 1
+            {
+                let line = self.config.get(name).map_or(1, |number| number.line);
+                let message =
+                    format!("is {timer}, and {first} before it is {number}: the seven timers follow one another");
+                self.note(line, name, message);
+            }
+            before = timer.map(|timer| (timer, name));
+        }
+    }
+
+    /// The axes, as the cell's file has them.
+    fn axes(&mut self) {
+        let axes = *self.cell.arm().axes();
+        for (array, expected) in [("CELL_AXIS_MIN", axes.min_deg), ("CELL_AXIS_MAX", axes.max_deg)] {
+            for (index, expected) in (1..).zip(expected) {
+                self.array_number(array, index, |found| {
+                    let differs = (found - expected).abs() > ROUNDING;
+                    differs.then(|| format!("is {found}°; [arm] of the cell's file has {expected}°: the one allows what the other refuses"))
+                });
+            }
+        }
+    }
+
+    /// A place of an array of REAL, and what is wrong with it.
+    fn array_number(&mut self, array: &str, index: i32, wrong: impl FnOnce(f64) -> Option<String>) {
+        let key = format!("{array}[{index}]");
+        match self.config.at(array, index) {
+            None => self.note(1, key, "is not stated as a number, and the programs need it"),
+            Some(number) => {
+                if let Some(message) = wrong(number.value) {
+                    self.note(number.line, key, message);
+                }
+            }
+        }
+    }
+
+    fn speeds(&mut self) {
+        let cell_m_s = self.cell.limits().max_speed_mm_s() / 1_000.0;
+        if let Some(number) = self.single("CELL_VEL_MAX") {
+            let found = number.value;
+            if found < cell_m_s - ROUNDING {
+                let message = format!(
+                    "is {found} m/s; [limits] max_speed_mm_s of the cell's file allows {cell_m_s} m/s: faster lines would be refused"
+                );
+                self.note(number.line, "CELL_VEL_MAX", message);
+            } else if found > SLACK * cell_m_s + ROUNDING {
+                let message = format!(
+                    "is {found} m/s, allowed are {SLACK} times [limits] max_speed_mm_s of the cell's file, {} m/s: the controller is \
+                     the second line behind the PC",
+                    SLACK * cell_m_s
+                );
+                self.note(number.line, "CELL_VEL_MAX", message);
+            }
+        }
+        let fastest = self.config.get("CELL_VEL_MAX").map_or(f64::INFINITY, |number| number.value);
+        for (name, low, high) in [
+            ("CELL_ACC_MAX", 0.1, 10.0),
+            ("CELL_RETRACT_MM", 10.0, 200.0),
+            ("CELL_RETRACT_VEL", 0.01, fastest),
+            ("CELL_RETRACT_ACC", 0.1, 10.0),
+        ] {
+            if let Some(number) = self.single(name)
+                && !(number.value >= low && number.value <= high)
+            {
+                self.note(number.line, name, format!("is {}, allowed is {low} to {high}", number.value));
+            }
+        }
+    }
+
+    /// The box and the step of a line.
+    fn space(&mut self) {
+        let limits = self.cell.limits();
+        for (array, stated, outwards) in
+            [("CELL_BOX_MIN", limits.box_min_mm(), -1.0), ("CELL_BOX_MAX", limits.box_max_mm(), 1.0)]
+        {
+            for axis in 0..3_usize {
+                let expected = stated.map(|corner| corner[axis]);
+                let index = i32::try_from(axis + 1).unwrap_or(1);
+                self.array_number(array, index, |found| {
+                    let expected = expected?;
+                    let beyond = outwards * (found - expected);
+                    (!(beyond >= -ROUNDING && beyond <= BOX_SLACK_MM + ROUNDING)).then(|| {
+                        format!(
+                            "is {found} mm; [limits] of the cell's file has {expected} mm, and the controller's box may reach 0 to \
+                             {BOX_SLACK_MM} mm beyond it"
+                        )
+                    })
+                });
+            }
+        }
+        let step_mm = limits.max_step_mm();
+        if let Some(number) = self.single("CELL_STEP_MM")
+            && !(number.value >= step_mm - ROUNDING && number.value <= SLACK * step_mm + ROUNDING)
+        {
+            let message = format!(
+                "is {} mm; [limits] max_step_mm of the cell's file is {step_mm} mm, allowed are 1 to {SLACK} times as much",
+                number.value
+            );
+            self.note(number.line, "CELL_STEP_MM", message);
+        }
+    }
+
+    fn subroutines(&mut self) {
+        self.whole("CELL_USER_N", 0, 1_000);
+        self.whole("CELL_USER_REVISION", 0, 1_000_000);
+    }
+}

@@ -1,0 +1,66 @@
+//! A data list as numbers by name and index.
+
+use crate::config::Problem;
+use crate::krl::{StatedValue, parse};
+use std::collections::BTreeMap;
+
+/// A number, and the line on which it is stated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Number {
+    pub value: f64,
+    pub line: usize,
+}
+
+impl Number {
+    /// The number, if it is whole and of 32 bits.
+    pub fn whole(self) -> Option<i32> {
+        let whole = self.value as i32;
+        (f64::from(whole) == self.value).then_some(whole)
+    }
+}
+
+/// The numbers of one data list.
+#[derive(Debug, Default)]
+pub(super) struct DataList {
+    numbers: BTreeMap<(String, Option<i32>), Number>,
+    /// Stated twice: name, index, line of the second.
+    twice: Vec<StatedValue>,
+    /// What the reader of KRL found wrong.
+    pub problems: Vec<Problem>,
+}
+
+impl DataList {
+    /// Reads the text of a data list.
+    pub fn parse(name: &str, text: &str) -> Self {
+        let file = parse(name, text);
+        let mut list = DataList { problems: file.problems.clone(), ..DataList::default() };
+        for stated in file.stated_values() {
+            let number = Number { value: stated.value, line: stated.line };
+            if list.numbers.insert((stated.name.clone(), stated.index), number).is_some() {
+                list.twice.push(stated);
+            }
+        }
+        list
+    }
+
+    /// A single number.
+    pub fn get(&self, name: &str) -> Option<Number> {
+        self.numbers.get(&(name.to_owned(), None)).copied()
+    }
+
+    /// A place of an array, from 1.
+    pub fn at(&self, name: &str, index: i32) -> Option<Number> {
+        self.numbers.get(&(name.to_owned(), Some(index))).copied()
+    }
+
+    /// All places of an array that are stated, by their indices.
+    pub fn array(&self, name: &str) -> BTreeMap<i32, Number> {
+        let of_name = self.numbers.iter().filter(|((of, _), _)| of == name);
+        of_name.filter_map(|((_, index), number)| Some(((*index)?, *number))).collect()
+    }
+
+    /// What is stated a second time.
+    pub fn twice(&self) -> &[StatedValue] {
+        &self.twice
+    }
+}

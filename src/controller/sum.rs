@@ -1,0 +1,162 @@
+//! The sum by which the controller's programs name themselves: the text of the programs, then every value in force.
+//!
+//! `CELL_CHECKSUM` of `cell_tell.src` computes it on the controller. The programs' part is a constant there, so an edit of a program at
+//! the pendant does not change what the controller reports; it changes what is computed here from the edited files. The sum
+//! shows a mix-up of files. It is no protection against somebody who wants to deceive: that is the controller's own checksum
+//! of its project and of its safety configuration.
+
+use super::stated::{DataList, Number};
+use super::{CONFIG, DATA, PROGRAMS};
+
+/// As the programs have it.
+const MODULUS: i64 = 1_000_003;
+
+/// Why there is no sum.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum SumError {
+    /// A file is not among those that were given.
+    #[error("{0} is missing, which is part of the sum")]
+    Missing(&'static str),
+    /// A value is not stated, or is no number of its kind.
+    #[error("{CONFIG}: {0} is not stated as a number, which is part of the sum")]
+    Value(String),
+    /// The constant in the data list is not the sum of the programs' texts.
+    #[error(
+        "{DATA}:{line}: CELL_PROGRAM_SUM is {stated}, and the texts of the programs sum up to {computed}: a program was \
+         edited, or is of another release"
+    )]
+    Edited {
+        /// Its line.
+        line: usize,
+        /// What the file states.
+        stated: i64,
+        /// What the texts come to.
+        computed: i64,
+    },
+}
+
+/// Single numbers that are mixed in, in this order, before the lists.
+const FLAGS_AND_TIMERS: [&str; 13] = [
+    "CELL_F_CMD_ALIVE",
+    "CELL_F_CMD_CAME",
+    "CELL_F_STOP",
+    "CELL_F_STAT_ALIVE",
+    "CELL_F_STAT_CAME",
+    "CELL_F_HALT",
+    "CELL_T_HEARD",
+    "CELL_T_SUBMIT",
+    "CELL_T_ACK",
+    "CELL_T_STATE",
+    "CELL_T_SILENT",
+    "CELL_T_OFF",
+    "CELL_T_STILL",
+];
+/// Lists: their count, and the arrays whose places are mixed in side by side.
+const LISTS: [(&str, &[&str]); 5] = [
+    ("CELL_OUT_N", &["CELL_OUT"]),
+    ("CELL_OFF_N", &["CELL_OFF", "CELL_OFF_MS"]),
+    ("CELL_IN_N", &["CELL_IN"]),
+    ("CELL_LINE_N", &["CELL_LINE"]),
+    ("CELL_VIN_N", &["CELL_VIN", "CELL_VIN_FLAG"]),
+];
+/// Arrays of REAL of a fixed length, side by side.
+const REALS: [(i32, [&str; 2]); 2] =
+    [(6, ["CELL_AXIS_MIN", "CELL_AXIS_MAX"]), (3, ["CELL_BOX_MIN", "CELL_BOX_MAX"])];
+/// Single numbers of type REAL.
+const LIMITS: [&str; 6] =
+    ["CELL_STEP_MM", "CELL_VEL_MAX", "CELL_ACC_MAX", "CELL_RETRACT_MM", "CELL_RETRACT_VEL", "CELL_RETRACT_ACC"];
+/// Numbers of the cell's own subroutines.
+const USER: [&str; 2] = ["CELL_USER_N", "CELL_USER_REVISION"];
+
+/// The sum that a controller with these files reports as `St/@Sum`: each file by its name without folder, in any case.
+///
+/// # Errors
+/// What is missing, and a program that is not the one that the release summed up.
+pub fn program_sum(files: &[(&str, &str)]) -> Result<i32, SumError> {
+    let find = |name: &'static str| {
+        let named = files.iter().find(|(file, _)| base_name(file).eq_ignore_ascii_case(name));
+        named.map(|(_, text)| *text).ok_or(SumError::Missing(name))
+    };
+    let texts = PROGRAMS.iter().map(|name| find(name)).collect::<Result<Vec<_>, _>>()?;
+    let data = DataList::parse(DATA, find(DATA)?);
+    let computed = of_texts(&texts);
+    let stated = data.get("CELL_PROGRAM_SUM").unwrap_or(Number { value: -1.0, line: 1 });
+    if stated.value != computed as f64 {
+        return Err(SumError::Edited { line: stated.line, stated: stated.value as i64, computed });
+    }
+    of_values(computed, &DataList::parse(CONFIG, find(CONFIG)?))
+}
+
+/// The name of a file without its folder.
+pub fn base_name(file: &str) -> &str {
+    file.rsplit(['/', '\\']).next().unwrap_or(file)
+}
+
+/// Sum times 31 plus the byte, over all lines but the headers and the one that states it. Line ends and headers do not count: KSS
+/// writes its own, and counts the revision in a header up.
+fn of_texts(texts: &[&str]) -> i64 {
+    let counts = |line: &&str| !line.contains("CELL_PROGRAM_SUM=") && !line.starts_with('&');
+    texts
+        .iter()
+        .flat_map(|text| text.lines())
+        .filter(counts)
+        .flat_map(str::bytes)
+        .fold(0, |sum, byte| (sum * 31 + i64::from(byte)) % MODULUS)
+}
+
+fn of_values(programs: i64, config: &DataList) -> Result<i32, SumError> {
+    let lacks = |name: &str| SumError::Value(name.to_owned());
+    let single = |name: &str| config.get(name).ok_or_else(|| lacks(name));
+    let whole = |name: &str| single(name)?.whole().ok_or_else(|| lacks(name));
+    let at = |name: &str, index: i32| config.at(name, index).ok_or_else(|| lacks(&format!("{name}[{index}]")));
+    let mut sum = Mix(programs);
+    for name in FLAGS_AND_TIMERS {
+        sum.whole(whole(name)?);
+    }
+    for (count, arrays) in LISTS {
+        let places = whole(count)?;
+        sum.whole(places);
+        for index in 1..=places {
+            for array in arrays {
+                sum.whole(at(array, index)?.whole().ok_or_else(|| lacks(array))?);
+            }
+        }
+    }
+    for (places, arrays) in REALS {
+        for index in 1..=places {
+            for array in arrays {
+                sum.real(at(array, index)?.value);
+            }
+        }
+    }
+    for name in LIMITS {
+        sum.real(single(name)?.value);
+    }
+    for name in USER {
+        sum.whole(whole(name)?);
+    }
+    i32::try_from(sum.0).map_err(|_| lacks("CELL_SUM"))
+}
+
+/// `CELL_MIX` and `CELL_MIX_REAL`.
+struct Mix(i64);
+
+impl Mix {
+    fn whole(&mut self, value: i32) {
+        let mixed = self.0 * 31 + i64::from(value) + MODULUS;
+        self.0 = mixed - (mixed / MODULUS) * MODULUS;
+    }
+
+    /// To a thousandth, as KRL assigns a REAL of 32 bits to an INT: rounded to the nearest.
+    fn real(&mut self, value: f64) {
+        self.whole((value as f32 * 1_000.0).round() as i32);
+    }
+}
+
+/// What is mixed in, for the test that holds it against the programs and their interpreter.
+#[cfg(test)]
+pub(super) fn mixed_names() -> std::collections::BTreeSet<&'static str> {
+    let lists = LISTS.iter().flat_map(|(count, arrays)| std::iter::once(*count).chain(arrays.iter().copied()));
+    let reals = REALS.iter().flat_map(|(_, arrays)| arrays.iter().copied());
+    FLAGS_AND_TIMERS.into_iter().chain(lists).chain(reals).chain(LIMITS).chain(USER).collect()
+}

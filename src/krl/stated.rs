@@ -1,0 +1,80 @@
+//! The numbers that a data list states, each with its line: what another program compares without executing anything.
+
+use super::syntax::{Action, Declared, Expression, File, Step, Unary};
+
+/// A number of a data list.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StatedValue {
+    /// The variable, in upper case.
+    pub name: String,
+    /// Its place in an array of one dimension; `None` for a single variable.
+    pub index: Option<i32>,
+    /// Line, from 1.
+    pub line: usize,
+    /// The number.
+    pub value: f64,
+}
+
+impl File {
+    /// The numbers of the data list, in the order of the text; none for a program. What is no plain number is left out.
+    pub fn stated_values(&self) -> Vec<StatedValue> {
+        let Some(data) = &self.data else { return Vec::new() };
+        let mut all = Vec::new();
+        for declaration in &data.declarations {
+            let Declared::Variables { items, .. } = &declaration.kind else { continue };
+            let stated = items.iter().filter_map(|item| {
+                let value = number(item.value.as_ref()?)?;
+                Some(StatedValue { name: item.name.clone(), index: None, line: declaration.line, value })
+            });
+            all.extend(stated);
+        }
+        all.extend(data.values.iter().filter_map(|statement| {
+            let Action::Assign { to, value } = &statement.action else { return None };
+            let index = match to.steps.as_slice() {
+                [] => None,
+                [Step::Index(places)] => match places.as_slice() {
+                    [Some(Expression::Int(place))] => Some(*place),
+                    _ => return None,
+                },
+                _ => return None,
+            };
+            Some(StatedValue { name: to.name.clone(), index, line: statement.line, value: number(value)? })
+        }));
+        all
+    }
+
+    /// Whether the data list declares this variable, in upper case.
+    pub fn declares(&self, name: &str) -> bool {
+        let declarations = self.data.iter().flat_map(|data| &data.declarations);
+        let mut items = declarations.flat_map(|declaration| match &declaration.kind {
+            Declared::Variables { items, .. } => items.as_slice(),
+            _ => &[],
+        });
+        items.any(|item| item.name == name)
+    }
+}
+
+fn number(value: &Expression) -> Option<f64> {
+    match value {
+        Expression::Int(value) => Some(f64::from(*value)),
+        // As it is written, not as 32 bits hold it.
+        Expression::Real(value) => value.to_string().parse().ok(),
+        Expression::Unary(Unary::Minus, value) => number(value).map(|value| -value),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::parse;
+
+    #[test]
+    fn numbers_are_read_with_their_lines() {
+        let text = "DEFDAT A PUBLIC\nDECL GLOBAL CONST INT N=2\nDECL GLOBAL REAL B[3]\nB[1]=-0.5 ; half\nB[2]=N\nDECL INT M\nENDDAT\n";
+        let file = parse("a.dat", text);
+        let found: Vec<_> =
+            file.stated_values().into_iter().map(|it| (it.name, it.index, it.line, it.value)).collect();
+        assert_eq!(found, [("N".to_owned(), None, 2, 2.0), ("B".to_owned(), Some(1), 4, -0.5)]);
+        assert!(file.declares("M") && !file.declares("K"));
+    }
+}
