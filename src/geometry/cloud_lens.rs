@@ -3,9 +3,12 @@
 //! With pixels (u, v) and points (x, y, z), the nine numbers of a lens minimise Σ |(u, v) − π(x, y, z)|²: a pinhole first, whose normal
 //! equations are linear in x/z and y/z, then Gauss–Newton on all nine. Points that filters moved across edges are left out once.
 
+use super::camera::PinholeCamera;
 use super::cloud::OrganizedCloud;
 use super::frames::Frame;
-use super::{PinholeCamera, Pixel, Point, median};
+use super::median::median;
+use super::rigid::Point;
+use super::units::Pixel;
 use nalgebra::{SMatrix, SVector, Vector2};
 
 /// About this many points are looked at.
