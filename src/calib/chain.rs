@@ -79,7 +79,16 @@ impl Gram {
     }
 }
 
-/// One station's part of the normal equations of the squares' size.
+/// A length that was stated, and may be another one by a factor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Factor {
+    /// The side of the board's squares.
+    Square,
+    /// The focal lengths.
+    Focal,
+}
+
+/// One station's part of the normal equations of a factor.
 pub(super) struct ScaleGram {
     /// Beside X, Y and e.
     pub cross: SVector<f64, 18>,
@@ -182,9 +191,14 @@ impl Chain {
         Some(gram)
     }
 
-    /// The part of the normal equations that the size of the board's squares has, as a share of what is stated, beside
-    /// mount, board and flange. Every corner then lies at (1 + s) · q.
-    pub fn scale_gram<C: Frame>(&self, camera: &PinholeCamera, seen: &BoardObservation<C>) -> Option<ScaleGram> {
+    /// The part of the normal equations that a factor 1 + s has beside mount, board and flange: on the size of the board's squares, so that
+    /// every corner lies at (1 + s) · q, or on the focal lengths, which points of a 3D camera do not ask.
+    pub fn factor_gram<C: Frame>(
+        &self,
+        camera: &PinholeCamera,
+        seen: &BoardObservation<C>,
+        of: Factor,
+    ) -> Option<ScaleGram> {
         let (mut gram, camera_from_holder) = (ScaleGram::empty(), self.camera_from_holder());
         let turn = (camera_from_holder * self.holder_from_board).rotation;
         match seen {
@@ -193,14 +207,19 @@ impl Chain {
                     let (p, corner) = self.corner(&camera_from_holder, q);
                     let point = Point::<C>::new(p.into());
                     let (pixel, slope) = camera.project_with_slope(point)?;
-                    let along = slope * (turn * q.mm.coords);
+                    let lens_slope = camera.lens_slope(point)?;
+                    let along = match of {
+                        Factor::Square => slope * (turn * q.mm.coords),
+                        Factor::Focal => lens_slope.column(0) * camera.fx_px + lens_slope.column(1) * camera.fy_px,
+                    };
                     let residual = nalgebra::Vector2::new(found.u - pixel.u, found.v - pixel.v);
                     gram.cross += corner.jacobian(&slope).transpose() * along;
-                    gram.lens += along.transpose() * camera.lens_slope(point)?;
+                    gram.lens += along.transpose() * lens_slope;
                     gram.square += along.norm_squared();
                     gram.pull += along.dot(&residual);
                 }
             }
+            BoardObservation::Points(_) if of == Factor::Focal => return None,
             BoardObservation::Points(corners) => {
                 for (q, found) in corners {
                     let (p, corner) = self.corner(&camera_from_holder, q);

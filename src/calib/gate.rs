@@ -121,6 +121,23 @@ impl Reasons {
         });
     }
 
+    /// The focal length by the robot's motions, beside the lens's.
+    fn focal<A: Arrangement>(&mut self, found: &HandEye<A>) {
+        let (Some(focal), Some(moves_mm)) = (&found.focal, found.focal_moves_mm()) else { return };
+        if !focal.contradicts() || moves_mm <= SQUARE_MOVES_MM.0 {
+            return;
+        }
+        let (share, known) = (fixed(100.0 * (focal.ratio - 1.0), 2), fixed(100.0 * focal.ratio_95(), 2));
+        let message = format!(
+            "by the robot's motions the focal length is {share} ± {known} % longer than the lens's file says, and the mount moves by {} mm at the \
+             panel: is it the file of this camera, at this focus, and are its pictures as it takes them, not rectified? Calibrate the lens again",
+            fixed(moves_mm, 2)
+        );
+        let reason = Reason::new("focal_length_differs", message);
+        let much = moves_mm.is_nan() || moves_mm > SQUARE_MOVES_MM.1;
+        if much { self.reject.push(reason) } else { self.review.push(reason) }
+    }
+
     fn judgement(self) -> Judgement {
         Judgement::of(self.reject, self.review)
     }
@@ -230,6 +247,7 @@ pub fn hand_eye<A: Arrangement>(
         reasons.reject.push(Reason::new("other_reading", reading.to_string()));
     }
     reasons.square(found, square_mm);
+    reasons.focal(found);
     if !outliers_may_stay_out(found) {
         for suspect in &found.suspects {
             reasons.reject.push(Reason::new("does_not_fit", suspect.to_string()));

@@ -8,7 +8,7 @@
 use super::adjust::{self, Adjusted};
 use super::arrangement::Arrangement;
 use super::board::Board;
-use super::chain::Station;
+use super::chain::{Factor, Station};
 use super::consensus::{self, MIN_SPREAD_DEG};
 use super::error::CalibError;
 use super::influence;
@@ -74,6 +74,8 @@ pub struct HandEye<A: Arrangement> {
     pub suspects: Vec<Suspect>,
     /// The size of the board's squares by the robot's motions; `None` where the poses do not determine it.
     pub square: Option<SquareSize<A>>,
+    /// The focal length by the same; not asked where the squares are of another size, which looks nearly alike.
+    pub focal: Option<SquareSize<A>>,
     /// Readings of the poses that fit far better than as they are written.
     pub readings: Vec<Reading>,
 }
@@ -101,9 +103,15 @@ impl<A: Arrangement> HandEye<A> {
         let added = influence::of_lens(camera, &self.adjusted, &used, lens).ok_or(unsettled)?;
         let lens_mm2 = adjust::covariance_at(&self.adjusted.to_from_camera, &added, self.at);
         let square = self.square.and_then(|size| size.with_lens(camera, &used, lens));
+        let focal = self.focal.and_then(|size| size.with_lens(camera, &used, lens));
         let radius_mm = radius_95(&(self.adjusted.covariance_at(self.at) + lens_mm2), self.adjusted.redundancy);
-        let uncertainty_mm = with_square(radius_mm, &self.adjusted, square.as_ref(), self.at);
-        Ok(HandEye { lens_mm2, uncertainty_mm, square, ..self })
+        let uncertainty_mm = with_sizes(radius_mm, &self.adjusted, [square.as_ref(), focal.as_ref()], self.at);
+        Ok(HandEye { lens_mm2, uncertainty_mm, square, focal, ..self })
+    }
+
+    /// How far the focal length by the motions, in place of the stated one, moves the stated point, mm.
+    pub fn focal_moves_mm(&self) -> Option<f64> {
+        self.focal.as_ref().map(|size| size.moves_mm(&self.adjusted, self.at))
     }
 
     /// How far the squares' size by the motions, in place of the stated one, moves the stated point, mm.
@@ -162,10 +170,18 @@ pub fn hand_eye<A: Arrangement>(
     let size = all.square(&adjusted, &used);
     let true_size = size.as_ref().filter(|size| size.contradicts() && (size.ratio - 1.0).abs() > OTHER_SIZE);
 
+    let focal = match &size {
+        Some(size) if !size.contradicts() => {
+            let chosen: Vec<_> =
+                stations.iter().zip(&used).filter(|(_, used)| **used).map(|(one, _)| one).collect();
+            square::measure(camera, &chosen, &adjusted, Factor::Focal)
+        }
+        _ => None,
+    };
     let residuals = all.residuals(&adjusted, board, &used);
     let middle = at.unwrap_or_else(|| middle_of(board, &poses, &used));
     let radius_mm = radius_95(&adjusted.covariance_at(middle), adjusted.redundancy);
-    let uncertainty_mm = with_square(radius_mm, &adjusted, size.as_ref(), middle);
+    let uncertainty_mm = with_sizes(radius_mm, &adjusted, [size.as_ref(), focal.as_ref()], middle);
     let leave_one_out = all.leave_one_out(&adjusted, &used, middle);
     let over_used = |value: fn(&Residual) -> f64| {
         let squares: Vec<f64> = residuals.iter().filter(|r| r.used).map(|r| value(r).powi(2)).collect();
@@ -193,19 +209,20 @@ pub fn hand_eye<A: Arrangement>(
         leave_one_out,
         suspects,
         square: size,
+        focal,
         readings,
     })
 }
 
-/// The stated radius, with what the squares' size moves where the motions contradict it.
-fn with_square<A: Arrangement>(
+/// The stated radius, with what squares and focal length move where the motions contradict them.
+fn with_sizes<A: Arrangement>(
     radius_mm: f64,
     adjusted: &Adjusted<A>,
-    size: Option<&SquareSize<A>>,
+    sizes: [Option<&SquareSize<A>>; 2],
     at: Point<A::From>,
 ) -> f64 {
-    let moves_mm = size.filter(|size| size.contradicts()).map_or(0.0, |size| size.moves_mm(adjusted, at));
-    radius_mm.hypot(moves_mm)
+    let contradicting = sizes.into_iter().flatten().filter(|size| size.contradicts());
+    contradicting.fold(radius_mm, |radius_mm, size| radius_mm.hypot(size.moves_mm(adjusted, at)))
 }
 
 fn enough<C: Frame>(stations: &[Station<C>]) -> Result<(), CalibError> {
@@ -308,7 +325,7 @@ impl<C: Frame> All<'_, C> {
         let chosen = |used: &[bool]| -> Vec<&Station<C>> {
             self.stations.iter().zip(used).filter(|(_, used)| **used).map(|(station, _)| station).collect()
         };
-        let first = square::measure(self.camera, &chosen(used), adjusted)?;
+        let first = square::measure(self.camera, &chosen(used), adjusted, Factor::Square)?;
         if !first.contradicts() || used.iter().all(|used| *used) {
             return Some(first);
         }
@@ -320,7 +337,7 @@ impl<C: Frame> All<'_, C> {
         let start = (first.adjusted.to_from_camera, first.adjusted.holder_from_board);
         let all = All { camera: self.camera, stations: &stations, poses: &poses };
         let Ok((_, used)) = all.settle::<A>(start, vec![true; stations.len()]) else { return Some(first) };
-        square::measure(self.camera, &chosen(&used), &first.adjusted).or(Some(first))
+        square::measure(self.camera, &chosen(&used), &first.adjusted, Factor::Square).or(Some(first))
     }
 
     /// The surprise of a station against the adjustment without it.

@@ -136,14 +136,17 @@ fn ways() -> Vec<(Meaning, Way)> {
             "the angles turn about X, then the new Y, then the new Z: KUKA's A, B, C turn about Z, the new Y, the new X",
             |[a, b, c]| turn_about('x', a) * turn_about('y', b) * turn_about('z', c),
         ),
-        angles(
-            "the angles turn about Z, the new Y and the new Z: KUKA's A, B, C turn about Z, the new Y, the new X",
-            |[a, b, c]| turn_about('z', a) * turn_about('y', b) * turn_about('z', c),
-        ),
-        angles(
-            "the angles turn about Z, the new X and the new Z: KUKA's A, B, C turn about Z, the new Y, the new X",
-            |[a, b, c]| turn_about('z', a) * turn_about('x', b) * turn_about('z', c),
-        ),
+        angles(NEW_Z, |[a, b, c]| turn_about('z', a) * turn_about('y', b) * turn_about('z', c)),
+        angles(NEW_X_NEW_Z, |[a, b, c]| turn_about('z', a) * turn_about('x', b) * turn_about('z', c)),
+        // The second angle of these goes to 180°, and the rotation keeps the triple with the smaller one.
+        angles(NEW_Z, |angles| {
+            let [a, b, c] = other_triple(angles);
+            turn_about('z', a) * turn_about('y', b) * turn_about('z', c)
+        }),
+        angles(NEW_X_NEW_Z, |angles| {
+            let [a, b, c] = other_triple(angles);
+            turn_about('z', a) * turn_about('x', b) * turn_about('z', c)
+        }),
         angles("A has the other sign", |[a, b, c]| kuka([-a, b, c])),
         angles("B has the other sign", |[a, b, c]| kuka([a, -b, c])),
         angles("C has the other sign", |[a, b, c]| kuka([a, b, -c])),
@@ -151,7 +154,11 @@ fn ways() -> Vec<(Meaning, Way)> {
         angles("B and C are exchanged", |[a, b, c]| kuka([a, c, b])),
         (
             Meaning::RotationVector { radians: false },
-            by_angles(|angles| UnitQuaternion::from_scaled_axis(Vector3::from(angles))),
+            by_angles(|angles| {
+                // The rotation keeps A, B, C up to the other triple of the same rotation; a rotation vector is half a turn at most.
+                let [written, other] = [angles, other_triple(angles)].map(Vector3::from);
+                UnitQuaternion::from_scaled_axis(if other.norm() < written.norm() { other } else { written })
+            }),
         ),
         (
             Meaning::RotationVector { radians: true },
@@ -162,6 +169,17 @@ fn ways() -> Vec<(Meaning, Way)> {
         quaternion("w, x, y, z were taken as x, y, z, w", |[x, y, z, w]| [y, z, w, x]),
         quaternion("x, y, z, w were taken as w, x, y, z", |[x, y, z, w]| [w, x, y, z]),
     ]
+}
+
+const NEW_Z: &str =
+    "the angles turn about Z, the new Y and the new Z: KUKA's A, B, C turn about Z, the new Y, the new X";
+const NEW_X_NEW_Z: &str =
+    "the angles turn about Z, the new X and the new Z: KUKA's A, B, C turn about Z, the new Y, the new X";
+
+/// The other A, B, C of the same rotation, rad, each within half a turn.
+fn other_triple([a, b, c]: [f64; 3]) -> [f64; 3] {
+    let half = |angle: f64| if angle > 0.0 { angle - std::f64::consts::PI } else { angle + std::f64::consts::PI };
+    [half(a), -half(b), half(c)]
 }
 
 fn turn_about(axis: char, angle: f64) -> UnitQuaternion<f64> {

@@ -5,11 +5,12 @@
 //!     p = X⁻¹ · Mᵢ(eᵢ) · Y · (1 + s) q,                                                                              (1)
 //! the data determine it. By Gauss–Newton: one step for s with mount, board and every eᵢ eliminated, then the adjustment again with
 //! squares of the new size, until s stays. A lens of covariance C adds its part, as in `influence`: a focal length that is off looks
-//! nearly like squares of another size.
+//! nearly like squares of another size. The focal length is tested in the same way: motions towards the camera determine it, while the
+//! ratio of the board's size to motions across the view determines the squares.
 
 use super::adjust::{self, Adjusted, prior, scaled_inverse};
 use super::arrangement::Arrangement;
-use super::chain::{BoardObservation, Chain, Station};
+use super::chain::{BoardObservation, Chain, Factor, Station};
 use super::quantile::student_quantile;
 use crate::cell::LensCovariance;
 use crate::geometry::{Board, Frame, PinholeCamera, Point};
@@ -21,16 +22,17 @@ const SETTLED: f64 = 1e-7;
 /// A size that is right is called wrong in one calibration of a thousand.
 const FALSE_ALARM: f64 = 1e-3;
 
-/// The squares' size as the robot's motions state it.
+/// The squares' size, or the focal length, as the robot's motions state it.
 #[derive(Debug, Clone)]
 pub struct SquareSize<A: Arrangement> {
     /// What it is by what was stated; 1 where both agree.
     pub ratio: f64,
+    of: Factor,
     /// Its standard deviation, the lens's part included.
     pub deviation: f64,
     /// How well the deviation is known.
     pub redundancy: f64,
-    /// Mount and board with squares of this size.
+    /// Mount and board with this size.
     pub adjusted: Adjusted<A>,
 }
 
@@ -52,8 +54,8 @@ impl<A: Arrangement> SquareSize<A> {
         stations: &[&Station<A::From>],
         lens: &LensCovariance,
     ) -> Option<Self> {
-        let now: Vec<Station<A::From>> = stations.iter().map(|station| scaled(station, self.ratio)).collect();
-        let step = step(camera, &now, &self.adjusted, Some(lens))?;
+        let (camera, now) = with_factor(camera, stations, self.ratio, self.of);
+        let step = step(&camera, &now, &self.adjusted, (self.of, Some(lens)))?;
         Some(SquareSize { deviation: step.deviation * self.ratio, ..self })
     }
 
@@ -78,25 +80,42 @@ pub(super) fn scaled<C: Frame>(station: &Station<C>, ratio: f64) -> Station<C> {
     Station { seen, ..station.clone() }
 }
 
+/// Camera and stations with this factor.
+fn with_factor<C: Frame>(
+    camera: &PinholeCamera,
+    stations: &[&Station<C>],
+    ratio: f64,
+    of: Factor,
+) -> (PinholeCamera, Vec<Station<C>>) {
+    match of {
+        Factor::Square => (*camera, stations.iter().map(|station| scaled(station, ratio)).collect()),
+        Factor::Focal => {
+            let camera = PinholeCamera { fx_px: ratio * camera.fx_px, fy_px: ratio * camera.fy_px, ..*camera };
+            (camera, stations.iter().map(|station| (*station).clone()).collect())
+        }
+    }
+}
+
 /// The size by these stations, from an adjustment over them; `None` where they do not determine it.
 pub(super) fn measure<A: Arrangement>(
     camera: &PinholeCamera,
     stations: &[&Station<A::From>],
     start: &Adjusted<A>,
+    of: Factor,
 ) -> Option<SquareSize<A>> {
     let (mut ratio, mut adjusted) = (1.0, start.clone());
     for _ in 0..MAX_STEPS {
-        let now: Vec<Station<A::From>> = stations.iter().map(|station| scaled(station, ratio)).collect();
-        let step = step(camera, &now, &adjusted, None)?;
+        let (lens, now) = with_factor(camera, stations, ratio, of);
+        let step = step(&lens, &now, &adjusted, (of, None))?;
         let grown = step.share.clamp(-0.3, 0.3).exp();
         ratio *= grown;
-        let now: Vec<Station<A::From>> = stations.iter().map(|station| scaled(station, ratio)).collect();
+        let (lens, now) = with_factor(camera, stations, ratio, of);
         let chosen: Vec<&Station<A::From>> = now.iter().collect();
         let from = (&adjusted.to_from_camera, &adjusted.holder_from_board);
-        adjusted = adjust::adjust::<A>(camera, &chosen, from, None).ok()?;
+        adjusted = adjust::adjust::<A>(&lens, &chosen, from, None).ok()?;
         if (grown - 1.0).abs() < SETTLED.max(0.01 * step.deviation) {
             let redundancy = (adjusted.redundancy - 1.0).max(1.0);
-            return Some(SquareSize { ratio, deviation: step.deviation * ratio, redundancy, adjusted });
+            return Some(SquareSize { ratio, of, deviation: step.deviation * ratio, redundancy, adjusted });
         }
     }
     None
@@ -112,14 +131,14 @@ fn step<A: Arrangement>(
     camera: &PinholeCamera,
     stations: &[Station<A::From>],
     adjusted: &Adjusted<A>,
-    lens: Option<&LensCovariance>,
+    (of, lens): (Factor, Option<&LensCovariance>),
 ) -> Option<Step> {
     let (mount, board) = (adjusted.to_from_camera.isometry(), adjusted.holder_from_board.isometry());
     let (mut normal, mut pull) = (SMatrix::<f64, 13, 13>::zeros(), SVector::<f64, 13>::zeros());
     let mut of_lens = SMatrix::<f64, 13, 9>::zeros();
     for station in stations {
         let chain = Chain::new::<A>(mount, board, &station.base_from_flange, &Isometry3::identity());
-        let (gram, size) = (chain.gram(camera, &station.seen)?, chain.scale_gram(camera, &station.seen)?);
+        let (gram, size) = (chain.gram(camera, &station.seen)?, chain.factor_gram(camera, &station.seen, of)?);
         let lens_cross = chain.lens_cross(camera, &station.seen)?;
         let inverse = (gram.flange() + prior(&adjusted.noise)).cholesky()?.inverse();
         // Mount, board and size against the flange's deviation.
@@ -144,6 +163,10 @@ fn step<A: Arrangement>(
     let inverse = scaled_inverse(&normal)?;
     let of_noise = inverse[(12, 12)] * adjusted.noise.corner.powi(2);
     let of_lens = lens.map_or(0.0, |lens| {
+        if of == Factor::Focal {
+            // The factor is the lens's own error: what the lens's file states of it, and no more.
+            return lens[(0, 0)].max(lens[(1, 1)]) / camera.fx_px.powi(2);
+        }
         let moved = inverse.row(12) * of_lens;
         (moved * lens * moved.transpose())[(0, 0)]
     });

@@ -196,6 +196,20 @@ fn squares_of_another_size_are_measured_and_rejected() {
     }
 }
 
+/// A lens file of another camera, 1 % longer: motions towards the camera say so, and the right lens raises no doubt.
+#[test]
+fn a_lens_of_another_focal_length_is_rejected() {
+    for seed in [1, 2, 3] {
+        let cell = cell(seed, GOOD_ROBOT);
+        let own = cell.scanner();
+        let longer = PinholeCamera { fx_px: 1.01 * own.fx_px, fy_px: 1.01 * own.fy_px, ..own };
+        let judged = judged::<ScannerMount>(&longer, &fixed(&cell, 15), Some(cell.base_from_camera()));
+        let words = words(&judged);
+        assert!(judged.is_ok_and(|judged| judged.verdict == Verdict::Reject), "seed {seed}: {words}");
+        assert!(words.contains("focal length"), "seed {seed}: {words}");
+    }
+}
+
 /// Poses in a base frame or of a tool fit as well as right ones: without a rough mount they end in review, with one in reject.
 #[test]
 fn a_base_or_a_tool_ends_in_review_without_a_rough_mount() {
