@@ -54,7 +54,7 @@ pub(super) fn fitting<A: Arrangement>(
     let mut tried: Vec<(Meaning, ClosedForm)> = ways()
         .into_par_iter()
         .filter_map(|(meaning, way)| {
-            let read: Vec<Isometry3<f64>> = flanges.iter().map(|pose| way(pose)).collect();
+            let read: Vec<Isometry3<f64>> = flanges.iter().map(&way).collect();
             Some((meaning, leaves(&read, &seen, false)?))
         })
         .collect();

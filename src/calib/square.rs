@@ -62,7 +62,8 @@ impl<A: Arrangement> SquareSize<A> {
     /// Do the data contradict the stated size?
     pub fn contradicts(&self) -> bool {
         let allowed = student_quantile(self.redundancy, 1.0 - FALSE_ALARM / 2.0) * self.deviation;
-        !((self.ratio - 1.0).abs() <= allowed)
+        let off = (self.ratio - 1.0).abs();
+        off.is_nan() || allowed.is_nan() || off > allowed
     }
 }
 

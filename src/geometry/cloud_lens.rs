@@ -33,7 +33,7 @@ pub fn sampled<F: Frame>(cloud: &OrganizedCloud<F>) -> Vec<(Pixel, Point<F>)> {
     let count = cloud.width() * cloud.height();
     // A stride without a common factor with the width, so that the columns vary.
     let mut stride = (count / SAMPLE).max(1);
-    while stride > 1 && (cloud.width() % stride == 0 || stride % 2 == 0) {
+    while stride > 1 && (cloud.width().is_multiple_of(stride) || stride.is_multiple_of(2)) {
         stride -= 1;
     }
     let pixel = |index: usize| Pixel::at((index % cloud.width()) as f64, (index / cloud.width()) as f64);
@@ -76,7 +76,7 @@ fn pinhole<F: Frame>(kept: &[(Pixel, Point<F>)], (width_px, height_px): (usize, 
         });
         let [a, b, aa, ab] = sums.map(|sum| sum / count);
         let focal = (ab - a * b) / (aa - a * a);
-        (focal.is_finite() && focal > 0.0).then(|| (focal, b - focal * a))
+        (focal.is_finite() && focal > 0.0).then_some((focal, b - focal * a))
     };
     let (fx_px, cx_px) = line(|point| point.mm.x, |pixel| pixel.u)?;
     let (fy_px, cy_px) = line(|point| point.mm.y, |pixel| pixel.v)?;

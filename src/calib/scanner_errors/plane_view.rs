@@ -74,8 +74,9 @@ impl PlaneView {
         let pose = board_pose::<Camera>(scan.camera, &BoardObservation::Pixels(scan.corners.clone()))?;
         let middle = scan.board.middle();
         let seen = detect::measured(scan.cloud, scan.camera, scan.corners);
+        let differs = |measured_mm: f64| (measured_mm / scan.board.square_mm() - 1.0).abs();
         if let Some(measured_mm) = seen.square_mm(scan.board)
-            && !((measured_mm / scan.board.square_mm() - 1.0).abs() <= SQUARE_SHARE)
+            && (differs(measured_mm).is_nan() || differs(measured_mm) > SQUARE_SHARE)
         {
             return Err(CalibError::Points(format!(
                 "the 3D camera measures squares of {} mm, --square-mm says {} mm, more than {} % apart: measure the board over many squares",

@@ -36,8 +36,9 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
         return Ok(Outcome::of(&Judgement::of(vec![Reason::new("not_a_lens", message)], vec![])));
     };
     let (mut reject, mut review) = (Vec::new(), Vec::new());
-    if !(found.median_px <= MEDIAN_PX.0) {
-        let beyond = !(found.median_px <= MEDIAN_PX.1);
+    let beyond = |limit_px: f64| found.median_px.is_nan() || found.median_px > limit_px;
+    if beyond(MEDIAN_PX.0) {
+        let beyond = beyond(MEDIAN_PX.1);
         let [off, allowed] = apart(found.median_px, if beyond { MEDIAN_PX.1 } else { MEDIAN_PX.0 }, 3);
         let message = format!(
             "half of the points lie {off} px and more off the rays of the lens that fits best, allowed are {allowed} px: was the scan \
