@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-rest test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office bench-soak bench-cable bench-mutations
+.PHONY: browser preflight sparkplug-peers opcua-peer deny mutants fuzz bench-damage package package-test zivid zivid-stub help setup demo demo-plant test test-rest test-long fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-wrong-inputs bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office bench-soak bench-cable bench-mutations
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
@@ -12,7 +12,7 @@ help:
 	@echo 'make test-rest  the tests of tests/long.txt, which make test leaves out for their length; CI runs both'
 	@echo 'make test-long  test-rest, more random walks, and the tests that take minutes'
 	@echo 'make package a Debian package for the system that this machine has; make package-test installs, upgrades and purges it in a folder'
-	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-office; not among them, since they run by the wall clock or for hours: make bench-cable, bench-soak, bench-mutations'
+	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-damage, bench-link, bench-calib, bench-wrong-inputs, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual, bench-world, bench-history, bench-removal, bench-tool-faults, bench-office; not among them, since they run by the wall clock or for hours: make bench-cable, bench-soak, bench-mutations'
 	@echo 'make deny    licences, duplicates, sources and known faults of all crates; make mutants: changes of the code that no test notices'
 	@echo 'make fuzz    search for bytes over which a reader falls, SECONDS=60 each; one alone: make fuzz-krl SECONDS=600'
 	@echo 'make zivid   build the Zivid camera library where the SDK is installed'
@@ -204,7 +204,7 @@ $(ZIVID_STUB): $(shell find $(ZIVID) -name '*.h' -o -name '*.cpp')
 	$(ZIVID_BUILD) -Werror -I$(ZIVID)/stub $(ZIVID)/panelprep_zivid.cpp $(ZIVID)/stub/play.cpp -o $@.new
 	mv $@.new $@
 
-bench: bench-seeds bench-robots bench-locate bench-inspect bench-damage bench-link bench-calib bench-surface bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
+bench: bench-seeds bench-robots bench-locate bench-inspect bench-damage bench-link bench-calib bench-wrong-inputs bench-surface bench-worker bench-cameras bench-recording bench-manual bench-world bench-history bench-removal bench-tool-faults bench-office
 
 # Every command of the manual, from the package to a cell in daily work, over the devices' real interfaces and in real time.
 bench-manual: setup
@@ -288,6 +288,11 @@ OPENCV_DOC := target/opencv-doc/usr/share/doc/opencv-doc/examples/data/left01.jp
 $(OPENCV_DOC):
 	mkdir -p target/opencv-doc
 	cd target/opencv-doc && apt-get download opencv-doc && dpkg -x opencv-doc_*.deb . && rm opencv-doc_*.deb
+
+# Calibrations of wrong inputs: every mistake, WRONG_SEEDS seeds, both mounts. None is accepted, each is named.
+WRONG_SEEDS := 20
+bench-wrong-inputs: setup
+	cargo bench --locked --bench wrong_inputs -- seeds=$(WRONG_SEEDS)
 
 # Calibrations against the renderer's truth and on a real camera's pictures, simulated arms, and boards in poor pictures beside
 # OpenCV's detectors; the last two alone: cargo bench --bench arms, cargo bench --bench boards.

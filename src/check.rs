@@ -2,7 +2,8 @@
 //!
 //! The kind is decided by the names at the top of the file, so that a file may have any name; what begins with `<` or is
 //! called `.xml` is an EthernetKRL file. Several of those are checked for clashes with each other. What is called `.src`,
-//! `.sub` or `.dat` is KRL; such files are checked as one program. What is called `.yml` or `.yaml` is a Zivid's settings.
+//! `.sub` or `.dat` is KRL; such files are checked as one program. What is called `.yml` or `.yaml` is a Zivid's settings, or
+//! a lens as OpenCV, ROS or a Zivid writes it.
 //! Recipes that are checked together with one cell are held against it.
 
 mod controller;
@@ -103,6 +104,14 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
         if is_krl(name) {
             programs.push((place, name, text));
             reports.push(FileReport { kind: None, problems: vec![], warnings: vec![], says: vec![] });
+            continue;
+        }
+        if Intrinsics::is_foreign(text) {
+            let (problems, says) = match Intrinsics::check(name, text) {
+                Ok(intrinsics) => (vec![], say_intrinsics(intrinsics)),
+                Err(problems) => (problems.list, vec![]),
+            };
+            reports.push(FileReport { kind: Some("intrinsics"), problems, warnings: vec![], says });
             continue;
         }
         if is_yaml(name) {

@@ -105,7 +105,19 @@ impl Board {
         if !(0.2 * square_mm..0.95 * square_mm).contains(&marker_mm) {
             return Err(format!("markers of {marker_mm} mm in squares of {square_mm} mm; allowed is 20 to 95 %"));
         }
-        let charuco = Charuco { marker_mm, dictionary: dictionary.to_uppercase(), legacy };
+        let upper = dictionary.to_uppercase();
+        let dictionary = upper.strip_prefix("DICT_").unwrap_or(&upper).to_owned();
+        let Some(held) = markers_of(&dictionary) else {
+            return Err(format!(
+                "no dictionary is named {dictionary}; allowed are OpenCV's: 4X4_50 … 7X7_1000 (50, 100, 250, 1000), ARUCO_ORIGINAL, \
+                 APRILTAG_16H5, APRILTAG_25H9, APRILTAG_36H10, APRILTAG_36H11"
+            ));
+        };
+        let needed = columns * rows / 2;
+        if needed > held {
+            return Err(format!("{columns}×{rows} squares hold {needed} markers, {dictionary} has {held}"));
+        }
+        let charuco = Charuco { marker_mm, dictionary, legacy };
         Self::of(columns.saturating_sub(1), rows.saturating_sub(1), square_mm, Pattern::Charuco(charuco))
     }
 
@@ -190,11 +202,83 @@ impl Board {
         Point::at(half(across), half(self.rows), 0.0)
     }
 
-    /// The corners to touch in three-point calibration: the origin, the end of the first row, the far end of the last,
-    /// and the last row's begin as the check. As (column, row).
-    pub fn corners_to_touch(&self) -> [(usize, usize); 4] {
+    /// The four outer corners, as (column, row), around the board.
+    pub fn outer_corners(&self) -> [(usize, usize); 4] {
         let (right, low) = (self.columns - 1, self.rows - 1);
         [(0, 0), (right, 0), (right, low), (0, low)]
+    }
+
+    /// The corners to touch in three-point calibration: the origin, the end of the first row, the far end of the last,
+    /// and as the check one that breaks the board's symmetry, which its outer corners cannot. As (column, row).
+    pub fn corners_to_touch(&self) -> [(usize, usize); 4] {
+        let [first, second, third, fourth] = self.outer_corners();
+        let wanted = (self.columns / 3, self.rows / 3);
+        let away = |(column, row): (usize, usize)| column.abs_diff(wanted.0) + row.abs_diff(wanted.1);
+        let breaks = |&corner: &(usize, usize)| !self.looks_alike(&[first, second, third, corner]);
+        let all = (0..self.rows).flat_map(|row| (0..self.columns).map(move |column| (column, row)));
+        [first, second, third, all.filter(breaks).min_by_key(|&corner| away(corner)).unwrap_or(fourth)]
+    }
+
+    /// Do these corners come to lie on each other where the board is turned or mirrored? Touched from its other end, they then
+    /// have the same distances.
+    pub fn looks_alike(&self, corners: &[(usize, usize)]) -> bool {
+        let (right, low) = (self.columns - 1, self.rows - 1);
+        let mut ways: Vec<fn(usize, usize, usize, usize) -> (usize, usize)> =
+            vec![|c, r, right, low| (right - c, low - r), |c, r, right, _| (right - c, r), |c, r, _, low| {
+                (c, low - r)
+            }];
+        if right == low {
+            ways.extend([
+                (|c, r, _, _| (r, c)) as fn(usize, usize, usize, usize) -> (usize, usize),
+                |c, r, right, low| (low - r, right - c),
+                |c, r, right, _| (right - r, c),
+                |c, r, _, low| (r, low - c),
+            ]);
+        }
+        let on_board = corners.iter().all(|&(column, row)| column <= right && row <= low);
+        on_board
+            && ways
+                .iter()
+                .any(|way| corners.iter().all(|&(column, row)| corners.contains(&way(column, row, right, low))))
+    }
+
+    /// A ChArUco board in other layouts of the same markers, each with what differs.
+    pub(super) fn otherwise(&self) -> Vec<(Board, &'static str)> {
+        let Some(charuco) = self.markers() else { return Vec::new() };
+        let with = |columns: usize, rows: usize, legacy: bool| Board {
+            columns,
+            rows,
+            pattern: Pattern::Charuco(Charuco { legacy, ..charuco.clone() }),
+            ..self.clone()
+        };
+        let (pattern, other) = match charuco.legacy {
+            false => ("in the pattern that OpenCV printed before 4.6; add :legacy", !charuco.legacy),
+            true => ("in the pattern that OpenCV prints since 4.6; leave :legacy out", !charuco.legacy),
+        };
+        vec![
+            (with(self.columns, self.rows, other), pattern),
+            (with(self.rows, self.columns, charuco.legacy), "with columns and rows exchanged"),
+            (
+                with(self.rows, self.columns, other),
+                "with columns and rows exchanged, and in the other pattern (:legacy or not)",
+            ),
+        ]
+    }
+
+    /// The board as `--board` names it.
+    pub(super) fn text(&self) -> String {
+        let (columns, rows) = (self.columns, self.rows);
+        match &self.pattern {
+            Pattern::Chessboard => format!("{columns}x{rows}"),
+            Pattern::Charuco(Charuco { marker_mm, dictionary, legacy }) => {
+                let legacy = if *legacy { ":legacy" } else { "" };
+                format!("charuco:{}x{}:{marker_mm}:{dictionary}{legacy}", columns + 1, rows + 1)
+            }
+            Pattern::Circles { asymmetric } => {
+                let kind = if *asymmetric { "acircles" } else { "circles" };
+                format!("{kind}:{columns}x{rows}:{}", self.square_mm)
+            }
+        }
     }
 
     /// The square (column, row) of the board, from the top left, that holds each marker, in the order of the markers'
@@ -209,6 +293,23 @@ impl Board {
         };
         let squares = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
         squares.filter(|&(column, row)| !black(column, row)).collect()
+    }
+}
+
+/// The number of markers in OpenCV's dictionary of this name.
+fn markers_of(dictionary: &str) -> Option<usize> {
+    match dictionary {
+        "ARUCO_ORIGINAL" => Some(1_024),
+        "APRILTAG_16H5" => Some(30),
+        "APRILTAG_25H9" => Some(35),
+        "APRILTAG_36H10" => Some(2_320),
+        "APRILTAG_36H11" => Some(587),
+        _ => {
+            let (family, size) = dictionary.split_once('_')?;
+            let known =
+                ["4X4", "5X5", "6X6", "7X7"].contains(&family) && ["50", "100", "250", "1000"].contains(&size);
+            if known { size.parse().ok() } else { None }
+        }
     }
 }
 
@@ -262,6 +363,41 @@ mod tests {
         assert!(error.contains("leave --square-mm out"), "{error}");
         let error = Board::parse("9x6", None).expect_err("no side").to_string();
         assert!(error.contains("--square-mm is missing"), "{error}");
+    }
+
+    /// By hand, of 9×6 corners: the outer ones are a rectangle's, which looks alike mirrored; column 3, row 2 does not.
+    #[test]
+    fn the_fourth_corner_breaks_the_symmetry() {
+        let board = Board::parse("9x6", 25.0).expect("a board");
+        assert!(board.looks_alike(&board.outer_corners()));
+        assert_eq!(board.corners_to_touch(), [(0, 0), (8, 0), (8, 5), (3, 2)]);
+        assert!(!board.looks_alike(&board.corners_to_touch()));
+        let square = Board::parse("7x7", 20.0).expect("a board");
+        assert!(!square.looks_alike(&square.corners_to_touch()));
+    }
+
+    /// OpenCV's own names, with AprilTags; another name is refused once, before any picture is looked at.
+    #[test]
+    fn dictionaries_are_named_as_opencv_names_them() {
+        let name = |text: &str| {
+            let board = Board::parse(&format!("charuco:8x6:15:{text}"), 20.0)?;
+            Ok::<_, CalibError>(board.markers().map(|charuco| charuco.dictionary.clone()))
+        };
+        for (text, expected) in [
+            ("4X4_50", "4X4_50"),
+            ("DICT_4X4_50", "4X4_50"),
+            ("dict_5x5_1000", "5X5_1000"),
+            ("DICT_APRILTAG_36h11", "APRILTAG_36H11"),
+            ("ARUCO_ORIGINAL", "ARUCO_ORIGINAL"),
+        ] {
+            assert_eq!(name(text), Ok(Some(expected.to_owned())));
+        }
+        let error = name("4X4_51").expect_err("no dictionary").to_string();
+        assert!(error.contains("4X4_51") && error.contains("APRILTAG_36H11"), "{error}");
+        let error = name("APRILTAG_16h5:legacy").map(|_| ()).map_err(|error| error.to_string());
+        assert_eq!(error, Ok(()), "24 markers of 30");
+        let error = Board::parse("charuco:12x9:15:APRILTAG_16h5", 20.0).expect_err("54 of 30").to_string();
+        assert!(error.contains("54 markers") && error.contains("30"), "{error}");
     }
 
     #[test]

@@ -79,6 +79,31 @@ impl Gram {
     }
 }
 
+/// A length that was stated, and may be another one by a factor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Factor {
+    /// The side of the board's squares.
+    Square,
+    /// The focal lengths.
+    Focal,
+}
+
+/// One station's part of the normal equations of a factor.
+pub(super) struct ScaleGram {
+    /// Beside X, Y and e.
+    pub cross: SVector<f64, 18>,
+    pub square: f64,
+    pub pull: f64,
+    /// Beside the lens.
+    pub lens: SMatrix<f64, 1, 9>,
+}
+
+impl ScaleGram {
+    fn empty() -> Self {
+        ScaleGram { cross: SVector::zeros(), square: 0.0, pull: 0.0, lens: SMatrix::zeros() }
+    }
+}
+
 /// How a corner in the camera's frame moves with small turns and shifts of camera, board and flange.
 struct Corner {
     camera: (Matrix3<f64>, Matrix3<f64>),
@@ -160,6 +185,48 @@ impl Chain {
                 for (q, found) in corners {
                     let (p, corner) = self.corner(&camera_from_holder, q);
                     gram.add(&Matrix3::identity(), &corner, &(found.mm.coords - p));
+                }
+            }
+        }
+        Some(gram)
+    }
+
+    /// The part of the normal equations that a factor 1 + s has beside mount, board and flange: on the size of the board's squares, so that
+    /// every corner lies at (1 + s) · q, or on the focal lengths, which points of a 3D camera do not ask.
+    pub fn factor_gram<C: Frame>(
+        &self,
+        camera: &PinholeCamera,
+        seen: &BoardObservation<C>,
+        of: Factor,
+    ) -> Option<ScaleGram> {
+        let (mut gram, camera_from_holder) = (ScaleGram::empty(), self.camera_from_holder());
+        let turn = (camera_from_holder * self.holder_from_board).rotation;
+        match seen {
+            BoardObservation::Pixels(corners) => {
+                for (q, found) in corners {
+                    let (p, corner) = self.corner(&camera_from_holder, q);
+                    let point = Point::<C>::new(p.into());
+                    let (pixel, slope) = camera.project_with_slope(point)?;
+                    let lens_slope = camera.lens_slope(point)?;
+                    let along = match of {
+                        Factor::Square => slope * (turn * q.mm.coords),
+                        Factor::Focal => lens_slope.column(0) * camera.fx_px + lens_slope.column(1) * camera.fy_px,
+                    };
+                    let residual = nalgebra::Vector2::new(found.u - pixel.u, found.v - pixel.v);
+                    gram.cross += corner.jacobian(&slope).transpose() * along;
+                    gram.lens += along.transpose() * lens_slope;
+                    gram.square += along.norm_squared();
+                    gram.pull += along.dot(&residual);
+                }
+            }
+            BoardObservation::Points(_) if of == Factor::Focal => return None,
+            BoardObservation::Points(corners) => {
+                for (q, found) in corners {
+                    let (p, corner) = self.corner(&camera_from_holder, q);
+                    let along = turn * q.mm.coords;
+                    gram.cross += corner.jacobian(&Matrix3::identity()).transpose() * along;
+                    gram.square += along.norm_squared();
+                    gram.pull += along.dot(&(found.mm.coords - p));
                 }
             }
         }

@@ -28,7 +28,91 @@ const ENOUGH: f64 = 0.6;
 /// Lattices of one look that are compared with the board.
 const MOST_LATTICES: usize = 6;
 
+/// Finds the board, or says which other one the picture shows.
 pub(super) fn detect(
+    name: &str,
+    picture: &GrayPicture,
+    board: &Board,
+    charuco: &Charuco,
+    half_window_px: Option<usize>,
+) -> Result<Detected, CalibError> {
+    let missing = match found(name, picture, board, charuco, half_window_px) {
+        Err(error @ CalibError::NoBoard { .. }) => error,
+        other => return other,
+    };
+    let shows = |picture: &GrayPicture, board: &Board| {
+        let markers = board.markers()?;
+        let corners = found(name, picture, board, markers, None).ok()?.corners.len();
+        // A few markers of another layout lie as this one has them: what the picture shows it shows whole.
+        (corners as f64 >= ENOUGH * board.count() as f64).then_some(corners)
+    };
+    let other = |what: String| CalibError::OtherCharuco { picture: name.to_owned(), what };
+    let dictionary = &charuco.dictionary;
+    let own = foreign::dictionary_number(dictionary).map_or(Ok(vec![]), |number| seen_small(picture, number))?;
+    if own.len() >= SOME_MARKERS {
+        let tried = board
+            .otherwise()
+            .into_iter()
+            .filter_map(|(asked, words)| Some((shows(picture, &asked)?, asked, words)));
+        if let Some((_, asked, words)) = tried.max_by_key(|(corners, ..)| *corners) {
+            return Err(other(format!("its markers are there, {words}: --board {}", asked.text())));
+        }
+        return Err(other(format!(
+            "{} markers of {dictionary} are there, in another layout: count the board's squares along both sides, and measure square \
+             and marker",
+            own.len()
+        )));
+    }
+    let mirrored = mirrored(picture);
+    if shows(&mirrored, board).is_some() {
+        return Err(other("the picture is mirrored: take it as the camera's chip sees it".to_owned()));
+    }
+    for candidate in DICTIONARIES.iter().filter(|candidate| *candidate != dictionary) {
+        let Some(number) = foreign::dictionary_number(candidate) else { continue };
+        let markers = seen_small(picture, number)?;
+        if markers.len() >= SURE_MARKERS {
+            return Err(other(format!(
+                "it shows {} markers of the dictionary {candidate}, and none of {dictionary}: name it in --board",
+                markers.len()
+            )));
+        }
+    }
+    Err(missing)
+}
+
+/// So many markers are a board's, not chance.
+const SOME_MARKERS: usize = 4;
+/// … of a dictionary that nobody named.
+const SURE_MARKERS: usize = 6;
+/// The largest dictionary of each family holds the smaller ones' markers first.
+const DICTIONARIES: [&str; 9] = [
+    "4X4_1000",
+    "5X5_1000",
+    "6X6_1000",
+    "7X7_1000",
+    "ARUCO_ORIGINAL",
+    "APRILTAG_16H5",
+    "APRILTAG_25H9",
+    "APRILTAG_36H10",
+    "APRILTAG_36H11",
+];
+/// A picture of this width is enough to read markers, px.
+const SMALL_PX: usize = 1_200;
+
+/// The markers of a dictionary in a picture of moderate size.
+fn seen_small(picture: &GrayPicture, dictionary: i32) -> Result<Vec<(usize, [Pixel; 4])>, ImagingError> {
+    let times = picture.width.max(picture.height).div_ceil(SMALL_PX).max(1);
+    let small = if times == 1 { None } else { Some(foreign::reduced(picture, times)?) };
+    foreign::markers(small.as_ref().unwrap_or(picture), dictionary)
+}
+
+fn mirrored(picture: &GrayPicture) -> GrayPicture {
+    let rows = picture.gray.chunks(picture.width.max(1));
+    let gray = rows.flat_map(|row| row.iter().rev().copied()).collect();
+    GrayPicture { gray, ..picture.clone() }
+}
+
+fn found(
     name: &str,
     picture: &GrayPicture,
     board: &Board,
@@ -37,7 +121,7 @@ pub(super) fn detect(
 ) -> Result<Detected, CalibError> {
     let unknown = || CalibError::Board {
         text: charuco.dictionary.clone(),
-        message: "allowed are OpenCV's dictionaries 4X4_50 … 7X7_1000 and ARUCO_ORIGINAL".to_owned(),
+        message: "OpenCV has no dictionary of this name".to_owned(),
     };
     let dictionary = foreign::dictionary_number(&charuco.dictionary).ok_or_else(unknown)?;
     let squares = board.marker_squares();
@@ -165,7 +249,7 @@ pub fn marker_cells(board: &Board) -> Result<Vec<Vec<bool>>, CalibError> {
     let Some(charuco) = board.markers() else { return Ok(Vec::new()) };
     let unknown = || CalibError::Board {
         text: charuco.dictionary.clone(),
-        message: "allowed are OpenCV's dictionaries 4X4_50 … 7X7_1000 and ARUCO_ORIGINAL".to_owned(),
+        message: "OpenCV has no dictionary of this name".to_owned(),
     };
     let dictionary = foreign::dictionary_number(&charuco.dictionary).ok_or_else(unknown)?;
     let cells = (0..board.marker_squares().len()).map(|number| foreign::marker_cells(dictionary, number));

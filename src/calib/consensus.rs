@@ -13,7 +13,7 @@ use nalgebra::{Isometry3, Matrix3};
 /// Triples that are tried at most; of more, every so manieth.
 const MAX_TRIPLES: usize = 800;
 /// Three stations that turn less than this between them give no start.
-const MIN_TURN_RAD: f64 = 0.05;
+pub(super) const MIN_TURN_RAD: f64 = 0.05;
 /// Medians beyond this are no consensus, mm.
 const MAX_MEDIAN_MM: f64 = 15.0;
 /// Turns about the second axis below this determine no mount, degrees.
@@ -73,7 +73,7 @@ pub(super) fn start<A: Arrangement>(
     };
     let best = best.ok_or(none)?;
     if best.median_mm > MAX_MEDIAN_MM {
-        return Err(CalibError::NoConsensus { poses: seen.len(), median_mm: best.median_mm });
+        return Err(CalibError::NoConsensus { poses: seen.len(), median_mm: best.median_mm, readings: vec![] });
     }
     Ok(best)
 }

@@ -1,5 +1,6 @@
 //! Why data cannot become a calibration: what was found, what is needed, what to do.
 
+use super::meaning::Reading;
 use crate::imaging::ImagingError;
 use crate::words::apart;
 
@@ -58,6 +59,14 @@ pub enum CalibError {
         /// Its rows of inner corners.
         rows: usize,
     },
+    /// A picture shows a ChArUco board of another layout, dictionary or side.
+    #[error("{picture} does not show the board as --board names it; {what}")]
+    OtherCharuco {
+        /// The picture.
+        picture: String,
+        /// What it shows, and what to do.
+        what: String,
+    },
     /// Pictures of several sizes.
     #[error("{picture} has {found} pixels, {first} has {expected}; one camera takes pictures of one size")]
     MixedSizes {
@@ -99,14 +108,16 @@ pub enum CalibError {
     },
     /// Most poses contradict each other.
     #[error(
-        "no camera mount fits half of the {poses} poses: the best leaves {median_mm:.1} mm; are the poses \
-         base_from_flange in mm and degrees, without a tool or a base frame set, and is --mount right?"
+        "no camera mount fits half of the {poses} poses: the best leaves {median_mm:.1} mm; {}",
+        meant(readings)
     )]
     NoConsensus {
         /// Poses.
         poses: usize,
         /// Median distance from the best consensus, mm.
         median_mm: f64,
+        /// Readings in which they fit.
+        readings: Vec<Reading>,
     },
     /// Angles in radians.
     #[error(
@@ -130,4 +141,13 @@ pub enum CalibError {
 
 fn told(reason: &Option<String>) -> String {
     reason.as_ref().map_or(String::new(), |reason| format!("; {reason}"))
+}
+
+fn meant(readings: &[Reading]) -> String {
+    if readings.is_empty() {
+        let words = "no other reading of the poses fits either: are they base_from_flange in mm and degrees, is each picture beside \
+                     its own pose, is the lens this camera's, and did the board stay where it was?";
+        return words.to_owned();
+    }
+    readings.iter().map(ToString::to_string).collect::<Vec<_>>().join("; or ")
 }

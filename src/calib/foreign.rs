@@ -140,8 +140,10 @@ pub(super) fn refine_corners(
 pub(super) fn dictionary_number(name: &str) -> Option<i32> {
     const FAMILIES: [(&str, i32); 4] = [("4X4", 0), ("5X5", 4), ("6X6", 8), ("7X7", 12)];
     const SIZES: [&str; 4] = ["50", "100", "250", "1000"];
-    if name == "ARUCO_ORIGINAL" {
-        return Some(16);
+    const OTHERS: [&str; 5] =
+        ["ARUCO_ORIGINAL", "APRILTAG_16H5", "APRILTAG_25H9", "APRILTAG_36H10", "APRILTAG_36H11"];
+    if let Some(at) = OTHERS.iter().position(|other| *other == name) {
+        return Some(16 + at as i32);
     }
     let (family, size) = name.split_once('_')?;
     let (_, first) = FAMILIES.iter().find(|(word, _)| *word == family)?;

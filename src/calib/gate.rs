@@ -16,6 +16,10 @@ type Bounds = (f64, f64);
 
 const HAND_EYE_UNCERTAINTY_MM: Bounds = (0.6, 2.0);
 const HAND_EYE_RMS_MM: Bounds = (1.0, 3.0);
+/// How far squares of the size that the motions say move the panel: beyond the first a person must look, beyond the second it is rejected.
+const SQUARE_MOVES_MM: Bounds = (0.1, 0.5);
+/// Where the squares' size is known to less than this share only, a wrong one would not show: 2 mm at 700 mm.
+const SQUARE_SHARE: f64 = 0.003;
 const SPREAD_DEG: f64 = 8.0;
 const FEW_POSES: usize = 10;
 const DISTANCE_ERROR_MM: Bounds = (0.5, 1.5);
@@ -87,6 +91,53 @@ impl Reasons {
         }
     }
 
+    /// The board's squares by the robot's motions, beside the stated ones.
+    fn square<A: Arrangement>(&mut self, found: &HandEye<A>, square_mm: f64) {
+        let (Some(size), Some(moves_mm)) = (&found.square, found.square_moves_mm()) else {
+            return self.doubt("square_unproven", true, || {
+                "the poses do not determine the size of the board's squares: a wrong --square-mm would not show; take poses that \
+                 move the board farther"
+                    .to_owned()
+            });
+        };
+        if size.contradicts() && (moves_mm > SQUARE_MOVES_MM.0 || moves_mm.is_nan()) {
+            let (mm, known_mm) = (fixed(size.ratio * square_mm, 3), fixed(size.ratio_95() * square_mm, 3));
+            let message = format!(
+                "by the robot's motions the board's squares measure {mm} ± {known_mm} mm, the stated side is {square_mm} mm, and the mount \
+                 moves by {} mm at the panel: measure the squares over the whole board and correct --square-mm; if they are right, \
+                 the lens's focal length or the arm's lengths are wrong",
+                fixed(moves_mm, 2)
+            );
+            let reason = Reason::new("square_size", message);
+            if moves_mm > SQUARE_MOVES_MM.1 { self.reject.push(reason) } else { self.review.push(reason) }
+        }
+        let known = size.ratio_95();
+        self.doubt("square_unproven", !size.contradicts() && (known.is_nan() || known > SQUARE_SHARE), || {
+            let [known, wanted] = percent_apart(known, SQUARE_SHARE, 2);
+            format!(
+                "the poses state the size of the board's squares to {known} % only, {wanted} % is wanted: a wrong --square-mm would not \
+                 show; take more poses, which move the board by several hundred mm"
+            )
+        });
+    }
+
+    /// The focal length by the robot's motions, beside the lens's.
+    fn focal<A: Arrangement>(&mut self, found: &HandEye<A>) {
+        let (Some(focal), Some(moves_mm)) = (&found.focal, found.focal_moves_mm()) else { return };
+        if !focal.contradicts() || moves_mm <= SQUARE_MOVES_MM.0 {
+            return;
+        }
+        let (share, known) = (fixed(100.0 * (focal.ratio - 1.0), 2), fixed(100.0 * focal.ratio_95(), 2));
+        let message = format!(
+            "by the robot's motions the focal length is {share} ± {known} % longer than the lens's file says, and the mount moves by {} mm at the \
+             panel: is it the file of this camera, at this focus, and are its pictures as it takes them, not rectified? Calibrate the lens again",
+            fixed(moves_mm, 2)
+        );
+        let reason = Reason::new("focal_length_differs", message);
+        let much = moves_mm.is_nan() || moves_mm > SQUARE_MOVES_MM.1;
+        if much { self.reject.push(reason) } else { self.review.push(reason) }
+    }
+
     fn judgement(self) -> Judgement {
         Judgement::of(self.reject, self.review)
     }
@@ -96,6 +147,18 @@ impl Reasons {
 pub fn intrinsics(found: &Calibrated) -> Judgement {
     let mut reasons = Reasons::default();
     reasons.bound("rms_px", found.rms_px, INTRINSICS_RMS_PX, "the corners miss the camera model by so many px rms");
+    if let Some(shape) = &found.board_shape {
+        let message = format!(
+            "the board is not flat, or its squares are not alike: with its own shape corners miss by {} px rms, as a flat one by {} px; it bows by \
+             {} mm, corners lie up to {} mm beside their places. The lens is off by more than is stated: glue the print onto glass or an \
+             aluminium plate, or take another board, and take the pictures again",
+            fixed(shape.own_px, 3),
+            fixed(shape.flat_px, 3),
+            fixed(shape.bow_mm, 1),
+            fixed(shape.beside_mm, 2)
+        );
+        reasons.review.push(Reason::new("board_shape", message));
+    }
     let used = found.views.iter().filter(|view| view.set_aside.is_none()).count();
     reasons
         .doubt("few_pictures", used < FEW_VIEWS, || format!("{used} pictures were used; take {FEW_VIEWS} or more"));
@@ -145,19 +208,50 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
     reasons.judgement()
 }
 
-/// Is the mount from many poses good enough? Any picture that does not fit rejects it: what is wrong is to be mended,
-/// not voted down. `second` is the result from the 3D camera's own points; `rough` is where the cell's file says that the
+/// Who wrote the poses down.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PosesFrom {
+    /// Somebody: with which tool and base is not known.
+    File,
+    /// This program, as the controller reported the flange in the robot's base.
+    Controller,
+}
+
+/// Of so many pictures one may be left out.
+const ONE_OUT_OF: usize = 10;
+
+/// Pictures that do not fit are named and left out. A few among many that agree change nothing: more poses, also poor ones, never make a
+/// verdict worse. Beyond that what is wrong is to be mended, not voted down.
+pub fn outliers_may_stay_out<A: Arrangement>(found: &HandEye<A>) -> bool {
+    let used = found.residuals.iter().filter(|residual| residual.used).count();
+    found.suspects.len() <= found.residuals.len() / ONE_OUT_OF && used >= FEW_POSES
+}
+
+/// Is the mount from many poses good enough? Pictures that do not fit reject it, but for a few among many. `second` is the result from the 3D camera's own points; `rough` is where the cell's file says that the
 /// camera is, by hand.
 pub fn hand_eye<A: Arrangement>(
-    found: &HandEye<A>,
+    (found, square_mm): (&HandEye<A>, f64),
     second: Option<&HandEye<A>>,
     rough: Option<&Rigid<A::To, A::From>>,
+    poses: PosesFrom,
 ) -> Judgement {
     let mut reasons = Reasons::default();
+    reasons.doubt("no_rough", rough.is_none() && poses == PosesFrom::File, || {
+        "poses with a tool or a base frame set fit as well as poses without, and only a rough mount shows them: measure with a tape where \
+         the camera is, to 100 mm, and state it in the cell's file ([rough])"
+            .to_owned()
+    });
     let question = "is --mount right, and are these poses base_from_flange without a tool?";
     reasons.rough::<A>(rough, &found.adjusted.to_from_camera, question);
-    for suspect in &found.suspects {
-        reasons.reject.push(Reason::new("does_not_fit", suspect.to_string()));
+    for reading in &found.readings {
+        reasons.reject.push(Reason::new("other_reading", reading.to_string()));
+    }
+    reasons.square(found, square_mm);
+    reasons.focal(found);
+    if !outliers_may_stay_out(found) {
+        for suspect in &found.suspects {
+            reasons.reject.push(Reason::new("does_not_fit", suspect.to_string()));
+        }
     }
     reasons.bound(
         "uncertainty",
@@ -180,15 +274,38 @@ pub fn hand_eye<A: Arrangement>(
     if let Some(second) = second {
         let away = apart_mm(found, second);
         let allowed = found.uncertainty_mm.hypot(second.uncertainty_mm);
-        reasons.doubt("second_result", away > 2.0 * allowed, || {
-            let [away, allowed] = apart(away, 2.0 * allowed, 3);
-            format!(
-                "the 3D camera's own points give a mount {away} mm away at the panel, {allowed} mm are allowed; are these the \
-                 intrinsics of the camera that took the pictures?"
-            )
-        });
+        if away.is_nan() || away > 2.0 * allowed {
+            let [away_words, allowed_words] = apart(away, 2.0 * allowed, 3);
+            let message = format!(
+                "the 3D camera's own points give a mount {away_words} mm away at the panel, {allowed_words} mm are allowed; are these the \
+                 intrinsics of the camera that took the pictures, and is --square-mm right?"
+            );
+            let reason = Reason::new("second_result", message);
+            let much = away.is_nan() || away > HAND_EYE_UNCERTAINTY_MM.0;
+            if much { reasons.reject.push(reason) } else { reasons.review.push(reason) }
+        }
     }
     reasons.judgement()
+}
+
+/// An arm's own lengths are off by less than this share.
+const ARM_SHARE: f64 = 0.003;
+
+/// Why poses are no start for the calibration of an arm: they were meant otherwise, or the board's squares are of another size, which an arm's
+/// lengths would take up.
+pub fn no_start<A: Arrangement>(found: &HandEye<A>, square_mm: f64) -> Option<String> {
+    if let Some(reading) = found.readings.first() {
+        return Some(reading.to_string());
+    }
+    let size = found.square.as_ref().filter(|size| size.contradicts())?;
+    ((size.ratio - 1.0).abs() > ARM_SHARE).then(|| {
+        format!(
+            "by the robot's motions the board's squares measure {} ± {} mm, the stated side is {square_mm} mm, and no arm's lengths are off by \
+             as much: measure the squares over the whole board and correct --square-mm",
+            fixed(size.ratio * square_mm, 3),
+            fixed(size.ratio_95() * square_mm, 3)
+        )
+    })
 }
 
 /// How far apart two results put the stated point, mm.
@@ -210,14 +327,19 @@ pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid
         PNP_RMS_PX,
         "the board's corners miss its pose by so many px rms",
     );
-    match found.check_mm {
-        Some(check) => reasons.bound("check_point", check, CHECK_MM, "the fourth point is off by so many mm"),
-        None => reasons.doubt("no_check_point", rough.is_none(), || {
-            "three points have no residual: a board read from the wrong corner would not show; touch a fourth corner \
-             (p4), or state a rough mount in the cell's file ([rough])"
-                .to_owned()
-        }),
+    if let Some(check) = found.check_mm {
+        reasons.bound("check_point", check, CHECK_MM, "the fourth point is off by so many mm");
     }
+    let unseen = found.check_mm.is_none() || found.looks_alike;
+    reasons.doubt("no_check_point", unseen && rough.is_none(), || match found.check_mm {
+        None => "three points have no residual: a board touched from another corner would not show; touch a fourth corner (p4) that \
+                 the picture numbers, or state a rough mount in the cell's file ([rough])"
+            .to_owned(),
+        Some(_) => "the four touched corners look the same from the board's other end, so that a board touched from there would not \
+                    show; touch as the fourth (p4) a corner that breaks the symmetry, as the picture numbers it, or state a rough mount \
+                    in the cell's file ([rough])"
+            .to_owned(),
+    });
     reasons.rough::<A>(rough, &found.to_from_camera, "were the corners touched that the picture numbers?");
     reasons.judgement()
 }

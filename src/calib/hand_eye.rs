@@ -8,12 +8,15 @@
 use super::adjust::{self, Adjusted};
 use super::arrangement::Arrangement;
 use super::board::Board;
-use super::chain::Station;
+use super::chain::{Factor, Station};
 use super::consensus::{self, MIN_SPREAD_DEG};
 use super::error::CalibError;
 use super::influence;
+use super::meaning::Reading;
 use super::pose::{BoardPose, board_pose};
 use super::quantile::{f_quantile, radius_95};
+use super::readings;
+use super::square::{self, SquareSize};
 use super::suspects::{self, Suspect};
 use crate::cell::LensCovariance;
 use crate::geometry::{Board as BoardFrame, Degrees, Frame, KukaPose, PinholeCamera, Point, Rigid, Vector};
@@ -26,6 +29,10 @@ const FALSE_ALARM: f64 = 1e-3;
 /// Stations beyond this many medians do not begin.
 const BEGIN_WITHIN: f64 = 3.0;
 const MAX_ROUNDS: usize = 10;
+/// Squares that are off by more make right poses look wrong.
+const OTHER_SIZE: f64 = 0.001;
+/// Poses that leave more than this are tried in other readings too, mm.
+const DOUBTFUL_RMS_MM: f64 = 0.5;
 
 /// How far apart picture and robot put the board.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,8 +70,14 @@ pub struct HandEye<A: Arrangement> {
     pub leave_one_out: (f64, String),
     /// Spread of the turns about the second axis, degrees.
     pub second_axis_deg: f64,
-    /// What does not fit, with what was probably meant.
+    /// What does not fit, with what was probably meant; judged with squares of the size that the motions say.
     pub suspects: Vec<Suspect>,
+    /// The size of the board's squares by the robot's motions; `None` where the poses do not determine it.
+    pub square: Option<SquareSize<A>>,
+    /// The focal length by the same; not asked where the squares are of another size, which looks nearly alike.
+    pub focal: Option<SquareSize<A>>,
+    /// Readings of the poses that fit far better than as they are written.
+    pub readings: Vec<Reading>,
 }
 
 impl<A: Arrangement> HandEye<A> {
@@ -89,9 +102,21 @@ impl<A: Arrangement> HandEye<A> {
         let unsettled = CalibError::NotSettled { what: "the lens's part of the uncertainty" };
         let added = influence::of_lens(camera, &self.adjusted, &used, lens).ok_or(unsettled)?;
         let lens_mm2 = adjust::covariance_at(&self.adjusted.to_from_camera, &added, self.at);
-        let uncertainty_mm =
-            radius_95(&(self.adjusted.covariance_at(self.at) + lens_mm2), self.adjusted.redundancy);
-        Ok(HandEye { lens_mm2, uncertainty_mm, ..self })
+        let square = self.square.and_then(|size| size.with_lens(camera, &used, lens));
+        let focal = self.focal.and_then(|size| size.with_lens(camera, &used, lens));
+        let radius_mm = radius_95(&(self.adjusted.covariance_at(self.at) + lens_mm2), self.adjusted.redundancy);
+        let uncertainty_mm = with_sizes(radius_mm, &self.adjusted, [square.as_ref(), focal.as_ref()], self.at);
+        Ok(HandEye { lens_mm2, uncertainty_mm, square, focal, ..self })
+    }
+
+    /// How far the focal length by the motions, in place of the stated one, moves the stated point, mm.
+    pub fn focal_moves_mm(&self) -> Option<f64> {
+        self.focal.as_ref().map(|size| size.moves_mm(&self.adjusted, self.at))
+    }
+
+    /// How far the squares' size by the motions, in place of the stated one, moves the stated point, mm.
+    pub fn square_moves_mm(&self) -> Option<f64> {
+        self.square.as_ref().map(|size| size.moves_mm(&self.adjusted, self.at))
     }
 
     /// The lens's part of the uncertainty, mm, 95 %; 0 where it is taken as true.
@@ -124,29 +149,56 @@ pub fn hand_eye<A: Arrangement>(
     varied(stations, &poses)?;
     let moved: Vec<_> = stations.iter().map(|station| A::to_from_holder(&station.base_from_flange)).collect();
     let seen: Vec<_> = poses.iter().map(|pose| pose.camera_from_board).collect();
-    let [origin, right, far, low] = board.corners_to_touch();
+    let [origin, right, far, low] = board.outer_corners();
     let rim: Vec<_> =
         [origin, right, far, low].iter().filter_map(|&(column, row)| board.corner(column, row)).collect();
-    let start = consensus::start::<A>(&moved, &seen, &rim)?;
-    let reach_mm = BEGIN_WITHIN * start.median_mm.max(1e-3);
+    let start = consensus::start::<A>(&moved, &seen, &rim).map_err(|error| match error {
+        CalibError::NoConsensus { poses: count, median_mm, .. } => {
+            let readings = readings::fitting::<A>(camera, board, stations, &poses);
+            CalibError::NoConsensus { poses: count, median_mm, readings }
+        }
+        error => error,
+    })?;
+    // Few poses that scatter are too few, not wrong: at least those begin that are needed.
+    let mut sorted = start.distances_mm.clone();
+    sorted.sort_by(f64::total_cmp);
+    let needed = MIN_STATIONS.max(stations.len().div_ceil(2)).min(sorted.len());
+    let reach_mm = (BEGIN_WITHIN * start.median_mm.max(1e-3)).max(sorted[needed - 1]);
     let begin: Vec<bool> = start.distances_mm.iter().map(|distance| *distance <= reach_mm).collect();
     let all = All { camera, stations, poses: &poses };
     let (adjusted, used) = all.settle((start.to_from_camera, start.holder_from_board), begin)?;
+    let size = all.square(&adjusted, &used);
+    let true_size = size.as_ref().filter(|size| size.contradicts() && (size.ratio - 1.0).abs() > OTHER_SIZE);
 
+    let focal = match &size {
+        Some(size) if !size.contradicts() => {
+            let chosen: Vec<_> =
+                stations.iter().zip(&used).filter(|(_, used)| **used).map(|(one, _)| one).collect();
+            square::measure(camera, &chosen, &adjusted, Factor::Focal)
+        }
+        _ => None,
+    };
     let residuals = all.residuals(&adjusted, board, &used);
     let middle = at.unwrap_or_else(|| middle_of(board, &poses, &used));
-    let uncertainty_mm = radius_95(&adjusted.covariance_at(middle), adjusted.redundancy);
+    let radius_mm = radius_95(&adjusted.covariance_at(middle), adjusted.redundancy);
+    let uncertainty_mm = with_sizes(radius_mm, &adjusted, [size.as_ref(), focal.as_ref()], middle);
     let leave_one_out = all.leave_one_out(&adjusted, &used, middle);
     let over_used = |value: fn(&Residual) -> f64| {
         let squares: Vec<f64> = residuals.iter().filter(|r| r.used).map(|r| value(r).powi(2)).collect();
         (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
     };
-    let suspects =
-        suspects::name(camera, board, &adjusted, stations, &poses, &used, limit(&adjusted, stations.len()));
+    let suspects = match true_size {
+        // Poses that only squares of the stated size contradict are right.
+        Some(_) => vec![],
+        None => suspects::name(camera, board, &adjusted, stations, &poses, &used, limit(&adjusted, stations.len())),
+    };
     let turns: Vec<_> =
         moved.iter().zip(&used).filter(|(_, used)| **used).map(|(m, _)| m.isometry().inverse()).collect();
+    let rms_mm = over_used(|residual| residual.mm);
+    let doubtful = !suspects.is_empty() || rms_mm > DOUBTFUL_RMS_MM;
+    let readings = if doubtful { readings::fitting::<A>(camera, board, stations, &poses) } else { vec![] };
     Ok(HandEye {
-        rms_mm: over_used(|residual| residual.mm),
+        rms_mm,
         rms_deg: over_used(|residual| residual.deg),
         second_axis_deg: consensus::second_axis_deg(&turns),
         adjusted,
@@ -156,7 +208,21 @@ pub fn hand_eye<A: Arrangement>(
         lens_mm2: Matrix3::zeros(),
         leave_one_out,
         suspects,
+        square: size,
+        focal,
+        readings,
     })
+}
+
+/// The stated radius, with what squares and focal length move where the motions contradict them.
+fn with_sizes<A: Arrangement>(
+    radius_mm: f64,
+    adjusted: &Adjusted<A>,
+    sizes: [Option<&SquareSize<A>>; 2],
+    at: Point<A::From>,
+) -> f64 {
+    let contradicting = sizes.into_iter().flatten().filter(|size| size.contradicts());
+    contradicting.fold(radius_mm, |radius_mm, size| radius_mm.hypot(size.moves_mm(adjusted, at)))
 }
 
 fn enough<C: Frame>(stations: &[Station<C>]) -> Result<(), CalibError> {
@@ -226,7 +292,10 @@ impl<C: Frame> All<'_, C> {
                 self.stations.iter().zip(&used).filter(|(_, used)| **used).map(|(station, _)| station).collect();
             if chosen.len() < MIN_STATIONS.max(self.stations.len().div_ceil(2)) {
                 let given = self.stations.len();
-                let first_reason = Some("the others contradict them".to_owned());
+                let first_reason = Some(
+                    "each of the others is off what they say together by more than they scatter; take more poses"
+                        .to_owned(),
+                );
                 return Err(CalibError::TooFewPictures {
                     found: chosen.len(),
                     given,
@@ -248,6 +317,27 @@ impl<C: Frame> All<'_, C> {
         }
         // Two stations at the limit may take turns: the last result stands, and both are in it or named.
         last.map(|adjusted| (adjusted, used)).ok_or(CalibError::NotSettled { what: "the choice of poses" })
+    }
+
+    /// The squares' size by the stations that agree. Where it is another one than was stated, right stations may have been set
+    /// aside for it: they are chosen anew with squares of that size.
+    fn square<A: Arrangement<From = C>>(&self, adjusted: &Adjusted<A>, used: &[bool]) -> Option<SquareSize<A>> {
+        let chosen = |used: &[bool]| -> Vec<&Station<C>> {
+            self.stations.iter().zip(used).filter(|(_, used)| **used).map(|(station, _)| station).collect()
+        };
+        let first = square::measure(self.camera, &chosen(used), adjusted, Factor::Square)?;
+        if !first.contradicts() || used.iter().all(|used| *used) {
+            return Some(first);
+        }
+        let stations: Vec<Station<C>> =
+            self.stations.iter().map(|station| square::scaled(station, first.ratio)).collect();
+        let poses: Option<Vec<BoardPose<C>>> =
+            stations.iter().map(|station| board_pose(self.camera, &station.seen).ok()).collect();
+        let poses = poses?;
+        let start = (first.adjusted.to_from_camera, first.adjusted.holder_from_board);
+        let all = All { camera: self.camera, stations: &stations, poses: &poses };
+        let Ok((_, used)) = all.settle::<A>(start, vec![true; stations.len()]) else { return Some(first) };
+        square::measure(self.camera, &chosen(&used), &first.adjusted, Factor::Square).or(Some(first))
     }
 
     /// The surprise of a station against the adjustment without it.

@@ -67,6 +67,20 @@ pub fn distance_mm(
     corners.iter().map(|&corner| known.distance_at_mm(*found, corner)).fold(0.0, f64::max)
 }
 
+/// The side of a board's squares by touched corners, the arm's lengths being metric: the factor that brings the touched places nearest to the
+/// board's own distances. `None` where fewer than two corners were touched.
+pub fn square_by_touches(board: &Board, touched: &[(Point<BoardFrame>, Point<Base>)]) -> Option<f64> {
+    let (mut both, mut own) = (0.0, 0.0);
+    for (index, first) in touched.iter().enumerate() {
+        for second in &touched[index + 1..] {
+            let (of_board, of_arm) = (first.0.distance_mm(second.0), first.1.distance_mm(second.1));
+            both += of_board * of_arm;
+            own += of_board * of_board;
+        }
+    }
+    (own > 0.0).then(|| board.square_mm() * both / own)
+}
+
 /// The largest reprojection error of a flat board of squares with a correct lens, px rms.
 const MAX_PNP_RMS_PX: f64 = 1.0;
 /// A camera that was bumped turns what it sees by less; corners that are counted from another one turn it by 90° or 180°.
@@ -101,7 +115,7 @@ pub fn no_such_board(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
         let [share, allowed] = percent_apart(differs, MAX_SQUARE_SHARE, 1);
         implausible(format!(
             "the 3D camera measures squares of {} mm, the board's are said to be {square_mm} mm, a difference of {share} %, \
-             allowed are {allowed} %: measure the board, and correct its size",
+             allowed are {allowed} %: measure the board, and correct its size.",
             fixed(measured_mm, 2)
         ))
     })
@@ -145,6 +159,19 @@ pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &BoardMeasurement, boar
             "the board appears {off} mm from its place, allowed is half of its diagonal, {allowed} mm: does it \
              stand where it stood, is its size right in the target's file, is --flange the pose at this picture?"
         ))
+    })
+}
+
+/// Why a board's place is not learnt: the 3D camera's points and its picture put it at different distances; `None` where they agree.
+pub fn depth_differs(farther_mm: f64, limit_mm: f64) -> Option<Reason> {
+    (farther_mm.is_nan() || farther_mm.abs() > limit_mm).then(|| {
+        let [found, allowed] = apart(farther_mm.abs(), limit_mm, 2);
+        let way = if farther_mm > 0.0 { "farther away" } else { "nearer" };
+        let message = format!(
+            "the 3D camera's own points put the board {found} mm {way} than its picture does, allowed are {allowed} mm: measure the board's squares, \
+             and the camera's scale with panelprep calibrate scanner"
+        );
+        Reason::new("depth_differs", message)
     })
 }
 
@@ -366,6 +393,17 @@ mod tests {
             assert!(kept.is_none(), "{words}: {kept:?}");
             assert!(reason.code == "implausible" && reason.message.contains(words), "{reason:?}");
         }
+    }
+
+    /// By hand: corners of a board with squares of 40 mm that were touched 0.5 % farther apart state 40.2 mm.
+    #[test]
+    fn touched_corners_state_the_squares_size() {
+        let board = Board::parse("5x4", 40.0).expect("a board");
+        let corners = [[0.0, 0.0], [160.0, 0.0], [160.0, 120.0]];
+        let touched = corners.map(|[x, y]| (Point::at(x, y, 0.0), Point::at(500.0 + 1.005 * x, 1.005 * y, 100.0)));
+        let square_mm = square_by_touches(&board, &touched).expect("three corners");
+        assert!((square_mm - 40.2).abs() < 1e-9, "{square_mm}");
+        assert_eq!(square_by_touches(&board, &touched[..1]), None);
     }
 
     /// By hand: turned by 0.01 rad about its origin, a corner 100 mm away is 1 mm off.

@@ -7,6 +7,8 @@
 //! without tilt, focal length and distance cannot be distinguished; without corners near the rim, distortion is extrapolated.
 
 use super::board::Board as BoardPattern;
+use super::board_shape;
+pub use super::board_shape::BoardShape;
 use super::detect::Corners;
 use super::error::CalibError;
 use super::foreign;
@@ -82,6 +84,8 @@ pub struct Calibrated {
     pub tilt_deg: [f64; 2],
     /// The residual of every used corner.
     pub residuals: Vec<CornerResidual>,
+    /// The board's own shape, where it explains the residuals: it is bent, or its squares are not alike.
+    pub board_shape: Option<BoardShape>,
     /// What corners and prior say of the lens.
     information: LensCovariance,
 }
@@ -224,6 +228,7 @@ fn judged(
         coverage: coverage(size, used.iter().flat_map(|view| &view.corners)),
         tilt_deg: tilts(&found.poses),
         residuals: residuals.concat(),
+        board_shape: board_shape::shape(choice.model, &found, &corners),
         information,
     })
 }

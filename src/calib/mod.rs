@@ -7,10 +7,12 @@
 //!   `charuco`, `charuco_grow`, `charuco_lattice` · `circles`, `circle_lattice`, `circle_places`, `blobs`: each kind of board ·
 //!   `placing`, `saddle`, `print`, `surface`: corners to sub-pixel
 //! - `intrinsics`: the lens (thesis 3.6), with `lens_gram`, `lens_fit`; how many coefficients it has: `lens_model`,
-//!   `lens_choice`; how well and where it is known: `lens_covariance`, `lens_support`; what to do next: `lens_next`
+//!   `lens_choice`; how well and where it is known: `lens_covariance`, `lens_support`; what to do next: `lens_next`;
+//!   is the board flat: `board_shape`
 //! - `pose`: where one picture puts the board
 //! - `three_points`: the thesis's own hand-eye calibration (3.7)
-//! - `hand_eye`, `consensus`, `chain`, `adjust`, `influence`, `suspects`, `suggest`: the same from many poses
+//! - `hand_eye`, `consensus`, `chain`, `adjust`, `influence`, `suspects`, `suggest`: the same from many poses; `square`: the size of the
+//!   board's squares by them; `readings`, `meaning`: how poses were meant that fit no mount
 //! - `robot`, `robot_data`, `robot_settle`, `robot_found`, `arm_errors`, `robot_correction`, `robot_axes`: the arm's own errors; how far off it may be: `robot_spread`;
 //!   what to do next: `robot_next` · `tool`: tool point and axis · `health`: is a calibration still true · `budget`: the error at the tool
 //! - `scanner_errors`: what a 3D camera's scans of a flat board leave of a plane
@@ -22,6 +24,7 @@ pub mod arm_errors;
 mod arrangement;
 mod blobs;
 mod board;
+mod board_shape;
 pub mod budget;
 mod chain;
 mod charuco;
@@ -50,10 +53,12 @@ mod lens_gram;
 mod lens_model;
 mod lens_next;
 mod lens_support;
+mod meaning;
 mod placing;
 mod pose;
 mod print;
 mod quantile;
+mod readings;
 pub mod robot;
 mod robot_axes;
 mod robot_correction;
@@ -64,6 +69,7 @@ mod robot_settle;
 mod robot_spread;
 mod saddle;
 pub mod scanner_errors;
+mod square;
 mod suggest;
 mod surface;
 mod suspects;
@@ -81,7 +87,9 @@ pub use chain::{BoardObservation, Station};
 pub use charuco::marker_cells;
 pub use error::CalibError;
 pub use hand_eye::{HandEye, Residual};
+pub use meaning::{Meaning, Reading};
 pub use pose::{BoardPose, board_pose};
 pub use quantile::{student_95, student_quantile};
+pub use square::SquareSize;
 pub use suggest::{Suggestion, next_pose};
 pub use suspects::{Fault, Suspect};

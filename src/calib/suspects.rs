@@ -9,8 +9,19 @@ use super::board::Board;
 use super::chain::{BoardObservation, Station};
 use super::influence;
 use super::pose::{BoardPose, board_pose};
-use crate::geometry::{Base, Flange, KukaPose, PinholeCamera, Point, Rigid};
+use crate::geometry::{Base, Degrees, Flange, KukaPose, PinholeCamera, Point, Rigid, median};
+use nalgebra::Vector3;
 use std::fmt::Write;
+
+/// Beyond this angle from its normal a board's corners are placed badly, degrees.
+const GRAZING_DEG: f64 = 65.0;
+/// Corners that miss the board's pose by so many times what others do make a picture doubtful.
+const ROUGHER: f64 = 3.0;
+/// Corners that miss it by less are good in any company, px or mm.
+const LEAST_RMS: f64 = 0.05;
+/// A pose that is off by less than both was not mistyped, mm and degrees.
+const TYPED_MM: f64 = 1.0;
+const TYPED_DEG: f64 = 0.2;
 
 /// What is probably wrong.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,6 +54,20 @@ pub enum Fault {
         /// The other.
         other: &'static str,
     },
+    /// The picture itself is doubtful: the board stands at a grazing angle in it.
+    Grazing {
+        /// Angle between the board's normal and the line of sight, degrees.
+        tilt_deg: f64,
+    },
+    /// The picture itself is doubtful: its corners miss the board's pose by more than those of other pictures.
+    Rough {
+        /// Root mean square of its corners, px or mm.
+        rms: f64,
+        /// That of the other pictures, in the middle.
+        usual: f64,
+    },
+    /// A little off, and no number that a person would mistype.
+    Little,
     /// None of these.
     Unknown {
         /// Where the flange must have been for this picture.
@@ -78,6 +103,18 @@ impl std::fmt::Display for Suspect {
                 write!(f, "its {key} is {written}, the picture says {seen:.3}; correct the number")
             }
             Fault::Exchanged { key, other } => write!(f, "its {key} and {other} fit when exchanged; correct them"),
+            Fault::Grazing { tilt_deg } => write!(
+                f,
+                "the board is seen at {tilt_deg:.0}° from its normal, where corners are placed badly; leave the picture out"
+            ),
+            Fault::Rough { rms, usual } => write!(
+                f,
+                "its corners miss the board's pose by {rms:.3} rms, those of the other pictures by {usual:.3}; leave the picture out"
+            ),
+            Fault::Little => write!(
+                f,
+                "that is more than the others scatter, and too little for a wrong number; leave the picture out, or take it again"
+            ),
             Fault::Unknown { needed } => {
                 let mut pose = String::new();
                 #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
@@ -141,7 +178,9 @@ impl<A: Arrangement> Trial<'_, A> {
         }
         let at_pose_of = |other: usize| self.fits(index, self.stations[other].base_from_flange);
         let mut others = (0..self.stations.len()).filter(|&other| other != index);
-        let Some(other) = others.find(|&other| at_pose_of(other)) else { return self.mistyped(index) };
+        let Some(other) = others.find(|&other| at_pose_of(other)) else {
+            return self.poor_picture(index).unwrap_or_else(|| self.mistyped(index));
+        };
         let name = self.stations[other].name.clone();
         let back = wrong.contains(&other) && self.fits(other, self.stations[index].base_from_flange);
         if back { Fault::Swapped { with: name } } else { Fault::ShowsPoseOf { other: name } }
@@ -164,7 +203,29 @@ impl<A: Arrangement> Trial<'_, A> {
         board_pose(self.camera, &station.seen).is_ok_and(|pose| self.fits_as(&station, &pose))
     }
 
+    /// Is the picture to be doubted before the pose?
+    fn poor_picture(&self, index: usize) -> Option<Fault> {
+        let pose = &self.poses[index];
+        let (place, normal) = (
+            (pose.camera_from_board * self.board.middle()).mm.coords,
+            pose.camera_from_board.rotation() * Vector3::z(),
+        );
+        let tilt_deg = Degrees::from_rad(place.normalize().dot(&normal).abs().min(1.0).acos()).0;
+        if tilt_deg > GRAZING_DEG {
+            return Some(Fault::Grazing { tilt_deg });
+        }
+        let mut others: Vec<f64> =
+            self.poses.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, pose)| pose.rms).collect();
+        let usual = median(&mut others)?;
+        (pose.rms > ROUGHER * usual.max(LEAST_RMS)).then_some(Fault::Rough { rms: pose.rms, usual })
+    }
+
     fn mistyped(&self, index: usize) -> Fault {
+        let off = self.stations[index].base_from_flange.inverse()
+            * influence::needed_flange(self.adjusted, &self.poses[index].camera_from_board);
+        if off.origin().mm.coords.norm() < TYPED_MM && off.turn().0 < TYPED_DEG {
+            return Fault::Little;
+        }
         let written = KukaPose::from_rigid(&self.stations[index].base_from_flange);
         let needed =
             KukaPose::from_rigid(&influence::needed_flange(self.adjusted, &self.poses[index].camera_from_board));

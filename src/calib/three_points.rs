@@ -4,7 +4,8 @@
 //! from the touched places and from where the board has these corners, so that any three corners may be touched:
 //!     base_from_board = base_from_frame · frame_from_board,   to_from_camera = to_from_board · board_from_camera.
 //! A wrong corner cannot show in the picture, since the chain cancels: it shows in the distances between the touched
-//! places, in a rough mount where one is known, and in a fourth touched corner, whose miss is the only true residual.
+//! places, in a rough mount where one is known, and in a fourth touched corner, whose miss is the only true residual. Four corners
+//! of a rectangle look the same from its other end: the fourth shows this only where it breaks the symmetry.
 
 use super::arrangement::Arrangement;
 use super::error::CalibError;
@@ -36,6 +37,8 @@ pub struct ThreePoints<A: Arrangement> {
     pub distance_errors_mm: [f64; 3],
     /// How far the fourth touched corner is from where the result puts it, mm.
     pub check_mm: Option<f64>,
+    /// Would the same corners, touched from another end of the board, have the same distances?
+    pub looks_alike: bool,
 }
 
 /// Sine of the angle at the first point below which three points count as collinear.
@@ -96,6 +99,7 @@ pub fn three_points<A: Arrangement>(
         pnp_rms_px: pose.rms,
         distance_errors_mm: [error(0, 1), error(1, 2), error(0, 2)],
         check_mm,
+        looks_alike: board.looks_alike(&touched.iter().map(|touched| touched.corner).collect::<Vec<_>>()),
     })
 }
 

@@ -5,10 +5,11 @@
 
 use super::board_size::BoardSize;
 use super::date::Date;
+use super::foreign_lens;
 use super::lens_extent::LensExtent;
 use super::provenance::{Provenance, line};
 use super::scanner_errors::MeasuredScanner;
-use crate::config::{self, Problems, Section, Setting};
+use crate::config::{self, Problem, Problems, Section, Setting};
 use crate::geometry::{
     self, Base, Flange, FlangeCamera, Frame, KukaPose, PinholeCamera, Pixel, Rigid, Tool, Vector,
 };
@@ -86,11 +87,47 @@ impl Intrinsics {
         }
     }
 
-    /// Checks the text of an intrinsics file.
+    /// Is this text a lens as OpenCV, ROS or a Zivid writes it?
+    pub fn is_foreign(text: &str) -> bool {
+        foreign_lens::is_lens(text)
+    }
+
+    /// A lens of another program; its file states no covariance.
+    fn foreign(file: &str, text: &str) -> Result<Self, Problems> {
+        let wrong = |message: String| {
+            let list = vec![Problem { line: 1, key: String::new(), message }];
+            Problems { file: file.to_owned(), list }
+        };
+        let camera = foreign_lens::read(text).map_err(wrong)?;
+        let within = SIZE_PX.contains(&camera.width_px) && SIZE_PX.contains(&camera.height_px);
+        if !within || [camera.fx_px, camera.fy_px].iter().any(|focal| !FOCAL_PX.contains(focal)) {
+            return Err(wrong(format!(
+                "a picture of {}×{} px with focal lengths of {} and {} px; allowed are {} to {} px and {} to {} px",
+                camera.width_px,
+                camera.height_px,
+                camera.fx_px,
+                camera.fy_px,
+                SIZE_PX.start(),
+                SIZE_PX.end(),
+                FOCAL_PX.start(),
+                FOCAL_PX.end()
+            )));
+        }
+        if let Some(corner) = corner_without_ray(&camera) {
+            let [u, v] = [corner.u, corner.v];
+            return Err(wrong(format!("the distortion gives pixel ({u}, {v}) no ray; is it this camera's?")));
+        }
+        Ok(Intrinsics::of(camera))
+    }
+
+    /// Checks the text of an intrinsics file: ours, or one as OpenCV, ROS or a Zivid writes it.
     ///
     /// # Errors
     /// Every problem of the file with its line and key; also a distortion that has no inverse inside the picture.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
+        if Self::is_foreign(text) {
+            return Self::foreign(file, text);
+        }
         config::check(file, text, |top| {
             let (intrinsics, errors) = (Self::take(&top.section("camera")), MeasuredScanner::take(top));
             top.done();

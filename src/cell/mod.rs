@@ -11,6 +11,7 @@ mod broker;
 mod calibration;
 mod date;
 mod devices;
+mod foreign_lens;
 mod gige;
 mod keep;
 mod lens_extent;

@@ -12,15 +12,20 @@ use crate::verdict::Judgement;
 use serde_json::json;
 
 /// Draws the scan and tells how much of it is missing. Neither cell nor calibration is needed, but for a PLY file that does
-/// not say how wide it is.
+/// not say how wide it is; where the cell has this camera's calibration, the scan is held against it.
 ///
 /// # Errors
-/// Where the file is no organised scan, or the disk refuses.
+/// Where the file is no organised scan, is in another frame or unit, or is not of the calibrated camera, or the disk refuses.
 pub fn run(args: &Look, common: &Common) -> Result<Outcome, Fault> {
     let calibrated = CellFiles::read(common).and_then(|files| files.scanner()).ok();
-    let size_px = calibrated.map(|camera| (camera.value.width_px, camera.value.height_px));
+    let size_px = calibrated.as_ref().map(|camera| (camera.value.width_px, camera.value.height_px));
     let read = files::read_any_cloud(&disk::read(&args.scan)?, size_px);
     let scan = read.map_err(|error| Fault::file(&args.scan, error))?;
+    // A scan of another camera may be looked at: its size says so.
+    let lens = calibrated.as_ref().map(|camera| &camera.value);
+    let own = lens.filter(|lens| (lens.width_px, lens.height_px) == (scan.width(), scan.height()));
+    let checked = own.map_or_else(|| files::check_frame(&scan), |lens| files::check_rays(&scan, lens));
+    checked.map_err(|error| Fault::file(&args.scan, error))?;
     let picture = scan_picture(&scan).map_err(Fault::stage)?;
     let file = pictures::save(&args.pictures, "scan", &picture)?;
     let share = missing_share(&scan);

@@ -240,6 +240,22 @@ base_from_camera = "base_from_camera.toml"
 flange_from_camera = "flange_from_camera.toml"
 flange_from_tool = "flange_from_tool.toml"
 
+[rough.base_from_camera] # by tape: what a calibration finds elsewhere is refused
+x_mm = -100.0
+y_mm = -250.0
+z_mm = 700.0
+a_deg = -70.0
+b_deg = 0.0
+c_deg = -115.0
+
+[rough.flange_from_camera]
+x_mm = 80.0
+y_mm = 0.0
+z_mm = 30.0
+a_deg = 0.0
+b_deg = 0.0
+c_deg = 0.0
+
 [limits] # the tool's tip stays in this box
 box_min_mm = [100.0, -450.0, 50.0]
 box_max_mm = [700.0, 450.0, 900.0]

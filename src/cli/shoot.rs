@@ -13,7 +13,7 @@ use super::outcome::Outcome;
 use crate::devices::cameras::{PictureQuality, ScanQuality};
 use crate::files;
 use crate::geometry::ColorPicture;
-use crate::verdict::Judgement;
+use crate::verdict::{Judgement, Reason};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use telling::{conditions, words};
@@ -37,9 +37,12 @@ pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
         }
     }
     let files = CellFiles::read(common)?;
+    if args.what == Shot::Scan {
+        return scans(args, &files, progress);
+    }
     let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
     match args.what {
-        Shot::Scan => scans(args, &files, &mut outcome, progress)?,
+        Shot::Scan => {}
         Shot::Picture => pictures(args, &files, &mut outcome, progress)?,
         Shot::Film => film::take(args, &files, &mut outcome, progress)?,
         Shot::Corner => corners(args, &files, &mut outcome, progress)?,
@@ -54,12 +57,26 @@ pub(super) fn free_names(folder: &Path, name: &str, endings: &[&str]) -> Vec<Pat
     of(free.unwrap_or(u32::MAX)).collect()
 }
 
-fn scans(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
+/// Scans need no calibration; where the cell has the camera's, they are held against it.
+fn scans(args: &Shoot, files: &CellFiles, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let mut opened = opening::scanner(files, &args.wanted(), progress)?;
-    let mut all = Vec::new();
+    let lens = files.scanner().ok().map(|camera| camera.value);
+    let (mut all, mut doubts) = (Vec::new(), Vec::new());
+    let mut said = Outcome::of(&Judgement::of(vec![], vec![]));
+    said.words.clear();
+    let outcome = &mut said;
     for _ in 0..args.count {
         let shot = opened.camera.capture_3d().map_err(Fault::stage)?;
         let names = free_names(&args.out, "scan", &["pcd", "ply", "png"]);
+        let of_lens =
+            lens.filter(|lens| (lens.width_px, lens.height_px) == (shot.cloud.width(), shot.cloud.height()));
+        let checked = match &of_lens {
+            Some(lens) => files::check_rays(&shot.cloud, lens),
+            None => files::check_frame(&shot.cloud),
+        };
+        if let Err(error) = checked {
+            doubts.push(Reason::new("other_scan", format!("{}: {error}", names[0].display())));
+        }
         let picture = shot.cloud.picture();
         let png = files::write_color_png(&picture).map_err(Fault::stage)?;
         let written = [files::write_pcd(&shot.cloud), files::write_ply(&shot.cloud), png];
@@ -86,7 +103,11 @@ fn scans(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn 
         all.push(told);
     }
     listed(outcome, all);
-    Ok(())
+    let mut outcome = Outcome::of(&Judgement::of(doubts, vec![]));
+    outcome.words.append(&mut said.words);
+    said.json.retain(|key, _| key != "verdict" && key != "reasons");
+    outcome.json.append(&mut said.json);
+    Ok(outcome)
 }
 
 fn pictures(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {

@@ -15,6 +15,14 @@ pub enum CloudFileError {
         /// Bytes searched.
         searched: usize,
     },
+    /// A file of another kind, by its first bytes.
+    #[error("this is {kind}: {remedy}")]
+    OtherKind {
+        /// What it is.
+        kind: &'static str,
+        /// What to do.
+        remedy: &'static str,
+    },
     /// A header line that cannot be read.
     #[error("header line {line}, '{found}': {problem}")]
     Header {
@@ -124,6 +132,56 @@ pub enum CloudFileError {
         width_px: usize,
         /// Rows of the calibrated camera.
         height_px: usize,
+    },
+    /// Numbers in metres.
+    #[error("the points' depths go from {from} to {to}: these are metres; export the cloud in mm")]
+    Metres {
+        /// Nearest depth.
+        from: String,
+        /// Farthest depth.
+        to: String,
+    },
+    /// Points behind the camera.
+    #[error(
+        "most points lie behind the camera (z from {from} to {to} mm): the cloud has OpenGL's axes (y up, z backwards), or is in another \
+         frame; export it in the camera's own frame, with z ahead"
+    )]
+    Behind {
+        /// Smallest z.
+        from: String,
+        /// Largest z.
+        to: String,
+    },
+    /// The points stand in another order than the pixels.
+    #[error(
+        "the points lie on this camera's rays where {order}: export the cloud as the camera took it, row by row from the top left"
+    )]
+    OtherOrder {
+        /// What is changed.
+        order: &'static str,
+    },
+    /// The points are those of another lens.
+    #[error(
+        "half of the points lie {off_px} px and more from where this lens sees them: they lie on the rays of another lens, {own}, the \
+         calibration says {stated}; name the file of the camera that took this scan, or read its lens from the scan: panelprep calibrate \
+         intrinsics --from-scan"
+    )]
+    OtherLens {
+        /// How far off the points are.
+        off_px: String,
+        /// The numbers of the cloud's own lens.
+        own: String,
+        /// Those of the calibration.
+        stated: String,
+    },
+    /// The points are not in a camera's frame.
+    #[error(
+        "half of the points lie {off_px} px and more from their pixels, and no lens takes them there: the cloud is in another frame (the \
+         robot's base?) or was smoothed or moved; export it in the camera's own frame, as it was taken"
+    )]
+    OtherFrame {
+        /// How far off the points are.
+        off_px: String,
     },
     /// Points that do not lie on the rays of their pixels, where the others do.
     #[error(

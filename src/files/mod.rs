@@ -6,6 +6,7 @@
 
 mod clip;
 mod cloud_error;
+mod foreign_kind;
 mod hash;
 mod pcd;
 mod picture;
@@ -27,4 +28,5 @@ pub use pose::{
     PoseError, ReportedFlange, read_flange, read_located, read_located_mm, read_reported_flange, write_pose,
     write_reported_flange,
 };
+pub use rays::{check_frame, check_lens, check_rays};
 pub use shot::{read_any_cloud, read_cloud};

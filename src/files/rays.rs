@@ -1,22 +1,129 @@
 //! Whether the points of a cloud lie on the rays of their pixels.
 //!
-//! A 3D camera measures each point on the ray of its pixel, so that a point which the camera's own model projects to another pixel was
-//! changed on its way: by a disk, a cable or a program. This is looked at where the model describes the cloud at all: the makers'
-//! figures are approximations, and a cloud may be in another frame. Distances along the ray are not looked at.
+//! A 3D camera measures each point on the ray of its pixel. Where half of the points project elsewhere by the camera's own model, cloud and
+//! lens do not belong together: another camera's lens, another frame or unit, rows upside down. What fits is named. Where the most points
+//! do fit, one that does not was changed on its way: by a disk, a cable or a program. Distances along the ray are not looked at, but for
+//! their unit.
 
 use super::cloud_error::CloudFileError;
-use crate::geometry::{Camera, OrganizedCloud, PinholeCamera, Pixel, median};
+use crate::geometry::{
+    Camera, OrganizedCloud, PinholeCamera, Pixel, Point, lens_of, median, median_off_px, sampled,
+};
 use rayon::prelude::*;
 
-/// The model describes the cloud where half of its points project nearer to their pixels, px.
+/// Half of the points project nearer to their pixels, px in a picture of [`FULL_PX`] columns: makers' figures are approximations.
 const DESCRIBED_PX: f64 = 2.0;
+const FULL_PX: f64 = 1_944.0;
+/// The same in a small picture, px: a scan may be reduced with another middle of its pixels.
+const LEAST_DESCRIBED_PX: f64 = 1.0;
 /// A point that projects farther away was not measured at its pixel, px: ten times as much, for filters that smooth a scan.
 const ELSEWHERE_PX: f64 = 20.0;
-/// One of so many points is looked at to judge the model.
-const SAMPLE_STEP: usize = 97;
+/// Fewer points say nothing of lens, frame or unit.
+const LEAST_POINTS: usize = 60;
+/// A 3D camera sees nothing nearer than this: such numbers are metres, mm.
+const NEAREST_MM: f64 = 20.0;
+/// A lens that describes a cloud leaves less than this, px.
+const OWN_LENS_PX: f64 = 0.5;
 
-/// Refuses a cloud in which points do not lie on the rays of their pixels, where the others do.
-pub(super) fn check_rays(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
+type Sample = Vec<(Pixel, Point<Camera>)>;
+
+/// Refuses a cloud whose points are not in mm in a camera's frame: in metres, behind the camera, or, where no lens takes them to their
+/// pixels, in another frame. This is all that can be said without the camera's calibration.
+///
+/// # Errors
+/// What the cloud is instead.
+pub fn check_frame(cloud: &OrganizedCloud<Camera>) -> Result<(), CloudFileError> {
+    let sample = sampled(cloud);
+    if sample.len() < LEAST_POINTS {
+        return Ok(());
+    }
+    unit_and_side(&sample)?;
+    let size = (cloud.width(), cloud.height());
+    match lens_of(&sample, size) {
+        Some(own) if own.median_px <= allowed_px(cloud.width()) => Ok(()),
+        own => {
+            let off_px = crate::words::fixed(own.map_or(f64::INFINITY, |own| own.median_px), 1).to_string();
+            Err(CloudFileError::OtherFrame { off_px })
+        }
+    }
+}
+
+fn allowed_px(width: usize) -> f64 {
+    (DESCRIBED_PX * width as f64 / FULL_PX).max(LEAST_DESCRIBED_PX)
+}
+
+fn unit_and_side(sample: &Sample) -> Result<(), CloudFileError> {
+    let depths = || sample.iter().map(|(_, point)| point.mm.z);
+    let middle = median(&mut depths().collect::<Vec<f64>>()).unwrap_or(0.0);
+    let ends = depths().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], z| [low.min(z), high.max(z)]);
+    let [from, to] = ends.map(|end| crate::words::fixed(end, 2).to_string());
+    if middle > 0.0 && middle < NEAREST_MM {
+        return Err(CloudFileError::Metres { from, to });
+    }
+    if middle < 0.0 {
+        return Err(CloudFileError::Behind { from, to });
+    }
+    Ok(())
+}
+
+/// What a cloud is whose points do not lie on this camera's rays, by what makes them lie there.
+fn named(cloud: &OrganizedCloud<Camera>, sample: &Sample, camera: &PinholeCamera, off_px: f64) -> CloudFileError {
+    let allowed = allowed_px(cloud.width());
+    let (last_u, last_v) = (cloud.width() as f64 - 1.0, cloud.height() as f64 - 1.0);
+    let fits = |at: &dyn Fn(&Pixel) -> Pixel| {
+        let changed: Sample = sample.iter().map(|(pixel, point)| (at(pixel), *point)).collect();
+        median_off_px(&changed, camera).is_some_and(|off_px| off_px <= allowed)
+    };
+    let order = if fits(&|pixel| Pixel::at(pixel.u, last_v - pixel.v)) {
+        Some("the rows stand upside down")
+    } else if fits(&|pixel| Pixel::at(last_u - pixel.u, pixel.v)) {
+        Some("the columns are mirrored")
+    } else if fits(&|pixel| Pixel::at(last_u - pixel.u, last_v - pixel.v)) {
+        Some("the picture is turned by 180°")
+    } else {
+        None
+    };
+    let off_px = crate::words::fixed(off_px, 1).to_string();
+    if let Some(order) = order {
+        return CloudFileError::OtherOrder { order };
+    }
+    match lens_of(sample, (cloud.width(), cloud.height())) {
+        Some(own) if own.median_px <= OWN_LENS_PX => {
+            let numbers = |lens: &PinholeCamera| {
+                let [fx, fy, cx, cy] =
+                    [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px].map(|number| crate::words::fixed(number, 2));
+                format!("fx {fx}, fy {fy}, cx {cx}, cy {cy} px")
+            };
+            CloudFileError::OtherLens { off_px, own: numbers(&own.camera), stated: numbers(camera) }
+        }
+        _ => CloudFileError::OtherFrame { off_px },
+    }
+}
+
+/// Refuses a cloud that this camera cannot have taken: of another lens, frame, unit or order. It looks at a sample, and takes a
+/// millisecond or two.
+///
+/// # Errors
+/// What the cloud is instead.
+pub fn check_lens(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
+    let sample = sampled(cloud);
+    if sample.len() < LEAST_POINTS {
+        return Ok(());
+    }
+    unit_and_side(&sample)?;
+    let middle_px = median_off_px(&sample, camera).unwrap_or(f64::INFINITY);
+    if middle_px > allowed_px(cloud.width()) {
+        return Err(named(cloud, &sample, camera, middle_px));
+    }
+    Ok(())
+}
+
+/// As [`check_lens`], and refuses one in which single points do not lie on the rays of their pixels.
+///
+/// # Errors
+/// What the cloud is instead, or the first such point.
+pub fn check_rays(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
+    check_lens(cloud, camera)?;
     let own = |index: usize| Pixel::at((index % cloud.width()) as f64, (index / cloud.width()) as f64);
     // How far from its pixel a point projects, px.
     let off_px = |index: usize| {
@@ -25,8 +132,7 @@ pub(super) fn check_rays(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera)
         Some(seen.map_or(f64::INFINITY, |seen| (seen.u - own.u).abs().max((seen.v - own.v).abs())))
     };
     let count = cloud.width() * cloud.height();
-    let mut sample: Vec<f64> = (0..count).step_by(SAMPLE_STEP).filter_map(off_px).collect();
-    if median(&mut sample).is_none_or(|off_px| off_px > DESCRIBED_PX) {
+    if count < LEAST_POINTS {
         return Ok(());
     }
     let elsewhere = |index: &usize| off_px(*index).is_some_and(|off_px| off_px > ELSEWHERE_PX);
@@ -86,10 +192,47 @@ mod tests {
         assert_eq!(changed([4.0 * x, 4.0 * y, 4.0 * z]), Ok(()), "another distance on the same ray");
     }
 
+    /// By hand: 5 px beside their pixels, the points are those of a lens whose middle lies at 55 px.
     #[test]
-    fn a_cloud_that_the_model_does_not_describe_is_not_judged_by_it() {
-        let far = Some((3_010, [900.0, 0.0, 700.0]));
-        assert_eq!(check_rays(&cloud(2.5, far), &CAMERA), Ok(()));
-        assert!(check_rays(&cloud(1.5, far), &CAMERA).is_err());
+    fn a_cloud_of_another_lens_is_refused_with_its_own() {
+        let other = check_rays(&cloud(-5.0, None), &CAMERA).expect_err("another lens").to_string();
+        assert!(
+            other.contains("cx 55.00") && other.contains("cx 50.00") && other.contains("--from-scan"),
+            "{other}"
+        );
+        assert!(check_rays(&cloud(0.9, None), &CAMERA).is_ok());
+        assert!(check_frame(&cloud(-5.0, None)).is_ok(), "without a calibration any lens will do");
+    }
+
+    /// The same points in other frames, units and orders, each by its name.
+    #[test]
+    fn other_frames_units_and_orders_are_named() {
+        let step = |index: usize| if (index / 10) % 2 == 0 { 1.0 } else { 1.3 };
+        let with = |change: &dyn Fn(usize, [f32; 3]) -> [f32; 3]| {
+            let plane = cloud(0.0, None);
+            let points = (0..8_000).map(|index| {
+                let p = plane.point_at(index).expect("a point").mm;
+                change(index, [p.x, p.y, p.z].map(|n| (n * step(index)) as f32))
+            });
+            OrganizedCloud::new(100, 80, points.collect(), vec![[0; 3]; 8_000]).expect("counts agree")
+        };
+        assert_eq!(check_rays(&with(&|_, p| p), &CAMERA), Ok(()));
+        let words = |cloud: &OrganizedCloud<Camera>| check_rays(cloud, &CAMERA).expect_err("refused").to_string();
+        let metres = with(&|_, p| p.map(|n| n / 1e3));
+        assert!(words(&metres).contains("metres") && words(&metres).contains("0.70 to 0.91"), "{}", words(&metres));
+        let open_gl = with(&|_, [x, y, z]| [x, -y, -z]);
+        assert!(words(&open_gl).contains("behind the camera"), "{}", words(&open_gl));
+        let base = with(&|_, [x, y, z]| [0.8 * x + 0.6 * z + 300.0, y - 200.0, -0.6 * x + 0.8 * z + 100.0]);
+        assert!(words(&base).contains("another frame"), "{}", words(&base));
+        let right = with(&|_, p| p);
+        let from_below = (0..8_000).map(|index| {
+            let p = right.point_at((79 - index / 100) * 100 + index % 100).expect("a point").mm;
+            [p.x, p.y, p.z].map(|n| n as f32)
+        });
+        let rows = OrganizedCloud::new(100, 80, from_below.collect(), vec![[0; 3]; 8_000]).expect("counts agree");
+        assert!(words(&rows).contains("upside down"), "{}", words(&rows));
+        for wrong in [&metres, &open_gl, &base] {
+            assert!(check_frame(wrong).is_err());
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! Reads a 3D shot from a PCD or PLY file.
 
 use super::cloud_error::CloudFileError;
+use super::foreign_kind::check_kind;
 use super::pcd::{read_any_pcd, read_pcd};
 use super::ply::{read_any_ply, read_ply};
 use super::rays::check_rays;
@@ -12,6 +13,7 @@ use crate::geometry::{Camera, OrganizedCloud, PinholeCamera};
 /// Where the bytes are not an organised cloud with colours, its size is not the camera's, or points do not lie on the rays of their
 /// pixels.
 pub fn read_cloud(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
+    check_kind(bytes)?;
     let is_ply = bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n");
     let cloud = if is_ply { read_ply(bytes, camera) } else { read_pcd(bytes, camera) }?;
     check_rays(&cloud, camera)?;
@@ -26,6 +28,7 @@ pub fn read_any_cloud(
     bytes: &[u8],
     size_px: Option<(usize, usize)>,
 ) -> Result<OrganizedCloud<Camera>, CloudFileError> {
+    check_kind(bytes)?;
     let is_ply = bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n");
     if is_ply { read_any_ply(bytes, size_px) } else { read_any_pcd(bytes) }
 }

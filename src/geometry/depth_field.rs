@@ -93,8 +93,8 @@ impl DepthField {
         self.over.weights(direction).iter().map(|(index, weight)| weight * self.coefficients_mm[*index]).sum()
     }
 
-    /// By which factor (1) moves a point along its ray.
-    fn factor(&self, [x, y, z]: [f64; 3]) -> f64 {
+    /// By (1): what a point's coordinates are multiplied by to be without this error.
+    pub fn factor(&self, [x, y, z]: [f64; 3]) -> f64 {
         1.0 / (1.0 + z * self.at_mm([x / z, y / z]) / REFERENCE_DEPTH_MM.powi(2))
     }
 

@@ -5,6 +5,7 @@
 
 mod camera;
 mod cloud;
+mod cloud_lens;
 mod depth_field;
 mod frames;
 mod joints;
@@ -15,10 +16,12 @@ mod plane;
 pub mod polygon;
 mod raster;
 mod rigid;
+pub mod statistics;
 mod units;
 
 pub use camera::PinholeCamera;
 pub use cloud::{CloudError, OrganizedCloud};
+pub use cloud_lens::{CloudLens, lens_of, median_off_px, sampled};
 pub use depth_field::{DepthField, FIELD_COLUMNS, FIELD_ROWS, FIELD_SIZE, FieldRectangle, REFERENCE_DEPTH_MM};
 pub use frames::{Base, Board, Camera, Flange, FlangeCamera, Frame, Panel, Tool};
 pub use joints::Joints;

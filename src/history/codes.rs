@@ -182,6 +182,7 @@ mod tests {
     fn each_code_has_its_priority_cause_and_remedy() {
         for (word, priority) in [
             ("no_panel", Priority::Medium),
+            ("other_scan", Priority::Medium),
             ("low_overlap", Priority::Medium),
             ("link_lost", Priority::High),
             ("broken", Priority::Note),

@@ -5,13 +5,14 @@
 //! the picture. Both are constraints of one robust least-squares fit (`solve`). Objects that were added or removed
 //! are outliers. A direction that the fixture does not constrain is reported as not observed, never as not moved.
 
-use super::covariance::{WITHIN_95_PERCENT, worst_mm};
+use super::covariance::worst_mm;
 use super::grid::{self, DepthReading, Grid, Motion, Scan, camera_point};
 use super::model::Model;
 use super::profile;
 use super::sampling::spread_over;
 use super::solve::{Constraint, ResidualWeighting, Sums, spread, twisted};
 use super::taught_model::TaughtModel;
+use crate::geometry::statistics::WHOLE_PANEL_95;
 use crate::geometry::{Camera, Frame, OrganizedCloud, Panel, Pixel, Rigid};
 use crate::panel::{TaughtPanel, panel_from_base_at_teaching};
 use crate::recipe;
@@ -132,7 +133,7 @@ fn compared<F: Frame>(
     let covariance = information.try_inverse()?;
     Some(CameraCheck {
         moved_mm: model.largest_distance_mm(&identity, &moved),
-        uncertainty_mm: WITHIN_95_PERCENT * worst_mm(&covariance, model, &Motion::of(placed)),
+        uncertainty_mm: WHOLE_PANEL_95 * worst_mm(&covariance, model, &Motion::of(placed)),
         same,
     })
 }

@@ -19,11 +19,10 @@ use super::grid::Motion;
 use super::model::Model;
 use super::scan_errors::RangeErrors;
 use super::solve::{Constraint, ResidualWeighting, Sums};
+use crate::geometry::statistics::WITHIN_95;
 use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector3, Vector6};
 use std::collections::BTreeMap;
 
-/// 95 % of a normal distribution lie within this many standard deviations, in one direction.
-pub(super) const WITHIN_95_PERCENT: f64 = 1.96;
 /// ν of (1).
 const TRUST_CELLS: f64 = 12.0;
 /// A cell needs this share of the points of a full one.
@@ -141,7 +140,7 @@ pub(super) fn covariance(
     Some(PoseCovariance {
         covariance,
         weakest: word,
-        weakest_mm: WITHIN_95_PERCENT * weakest.moves_mm.norm(),
+        weakest_mm: WITHIN_95 * weakest.moves_mm.norm(),
         at_taught_place,
         without_scale,
     })

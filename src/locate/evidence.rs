@@ -6,19 +6,16 @@
 
 use super::LocateError;
 use super::camera_check::CameraCheck;
-use super::covariance::{PoseCovariance, WITHIN_95_PERCENT, Weakest, covariance, worst_mm};
+use super::covariance::{PoseCovariance, Weakest, covariance, worst_mm};
 use super::fit::{FitInputs, Fitted, Residuals, Samples};
 use super::grid::Motion;
 use super::model::Model;
 use super::pieces::Piece;
 use super::shares::{OutlineShares, SurfaceShares, marks_found, saturated, scan_found};
+use crate::geometry::statistics::WHOLE_PANEL_95;
 use crate::geometry::{Base, Camera, Degrees, Panel, Rigid};
 use crate::panel::panel_from_base_at_teaching;
 use nalgebra::Matrix6;
-
-/// The worst point's error is smaller than this many of its stated standard deviations in 95 % of rendered scans (`make bench-locate`)
-/// where noise is assumed: that is a third larger than the noise of those scans. What was measured has no such margin.
-const WORST_95_PERCENT_ASSUMED: f64 = 1.7;
 
 /// A pose with its evidence.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,7 +64,7 @@ pub struct Fit {
     pub camera_at_teaching_mm: Option<f64>,
     /// Covariance of a small twist (ω, v) about the panel's centre in the camera's frame, rad and mm.
     pub covariance: Matrix6<f64>,
-    /// 95 % of the errors are smaller, at the worst point of the panel, mm.
+    /// With 95 % the largest error over the whole panel is smaller, mm.
     pub uncertainty_mm: f64,
     /// The same if the panel stood where it was taught, where a scale of the 3D camera that all scans share does not show, mm.
     pub uncertainty_at_taught_place_mm: f64,
@@ -154,8 +151,7 @@ pub(super) fn weigh(
             surface: residuals.surface.len(),
             outline: residuals.colour.len() + residuals.depth.len(),
         })?;
-    let within = if model.range.is_measured { WITHIN_95_PERCENT } else { WORST_95_PERCENT_ASSUMED };
-    let at_worst_mm = |covariance| within * worst_mm(covariance, model, &motion);
+    let at_worst_mm = |covariance| WHOLE_PANEL_95 * worst_mm(covariance, model, &motion);
     let surface = SurfaceShares::of(&motion, inputs);
     let outline = OutlineShares::of(&residuals, model);
     // Where points were missing at teaching and now is independent of each other.

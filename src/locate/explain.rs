@@ -12,6 +12,7 @@ use super::shares::EDGE_FOUND_PX;
 pub use super::shares::SATURATED;
 use super::solve::twisted;
 use super::{Prepared, covariance, pieces};
+use crate::geometry::statistics::WITHIN_95;
 use crate::geometry::{Camera, Panel, Pixel, Rigid};
 
 /// The factor by which the stated error is enlarged in the drawing.
@@ -170,8 +171,7 @@ fn outline(
 fn weakest(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
     let motion = Motion::of(placed);
     let centre = motion.point(&inputs.model.centre);
-    let twist =
-        covariance::weakest(&fit.covariance, inputs.model).twist * (covariance::WITHIN_95_PERCENT * ENLARGED);
+    let twist = covariance::weakest(&fit.covariance, inputs.model).twist * (WITHIN_95 * ENLARGED);
     let moved = Motion::of(&twisted(placed, &centre, &twist));
     let project = |motion: &Motion, k: usize| {
         inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)))

@@ -1,7 +1,7 @@
 //! What is known of the 3D camera's own errors: measured by `panelprep calibrate scanner`, or assumed.
 
 use crate::cell::MeasuredScanner;
-use crate::geometry::{Camera, DepthField, OrganizedCloud};
+use crate::geometry::{Camera, DepthField, OrganizedCloud, Point};
 use crate::words::fixed;
 use std::f64::consts::SQRT_2;
 
@@ -69,7 +69,13 @@ pub struct ScanErrors {
     pub range: RangeErrors,
     /// What is the same in each scan and is taken off; none where it is not known.
     pub field: Option<DepthField>,
+    /// Measured over true distances, less one, in all scans alike: taken off too; 0 where it is not known.
+    pub scale_off: f64,
 }
+
+/// The printed board that the scale was measured by is itself known to this share, one standard deviation: 0.1 mm of 200 mm by a caliper is
+/// two of them.
+const BOARD_SHARE: f64 = 0.000_25;
 
 impl ScanErrors {
     /// As measured, where that was done.
@@ -79,18 +85,57 @@ impl ScanErrors {
             correlation_mm: measured.correlation_mm,
             between_scans_mm: SQRT_2 * measured.smooth_mm,
             of_taught_mm: POINT * measured.smooth_mm,
-            scale: measured.scale_percent.abs() / 100.0,
+            // What is known of the scale is taken off; what is left is the board's own, and the measurement's.
+            scale: BOARD_SHARE
+                .hypot(measured.scale_deviation_percent / 100.0 / (measured.places.max(1) as f64).sqrt()),
             scale_between_scans: measured.scale_deviation_percent / 100.0,
             is_measured: true,
         };
-        ScanErrors { range, field: measured.field }
+        ScanErrors { range, field: measured.field, scale_off: measured.scale_percent / 100.0 }
     }
 
-    /// The scan without what is the same in each.
+    /// The scan without what is the same in each: the smooth field, and the scale.
     pub fn corrected(&self, scan: OrganizedCloud<Camera>) -> OrganizedCloud<Camera> {
-        match &self.field {
-            Some(field) => field.corrected(&scan),
-            None => scan,
+        if self.field.is_none() && self.scale_off == 0.0 {
+            return scan;
         }
+        let scale = 1.0 / (1.0 + self.scale_off);
+        scan.along_rays(|mm| scale * self.field.as_ref().map_or(1.0, |field| field.factor(mm)))
+    }
+
+    /// A point of a scan likewise.
+    pub fn corrected_point(&self, point: Point<Camera>) -> Point<Camera> {
+        let along = self.field.as_ref().map_or(point, |field| field.corrected_point(point));
+        Point::new(along.mm / (1.0 + self.scale_off))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::Provenance;
+
+    /// By hand: a camera that measures 0.2 % too long has a point at 701.4 mm that is 700 mm away.
+    #[test]
+    fn a_measured_scale_is_taken_off() {
+        let measured = MeasuredScanner {
+            white_mm: 0.05,
+            smooth_mm: 0.06,
+            correlation_mm: 85.0,
+            scale_percent: 0.2,
+            scale_deviation_percent: 0.04,
+            places: 16,
+            field: None,
+            date: None,
+            provenance: Provenance::default(),
+        };
+        let errors = ScanErrors::of(Some(&measured));
+        let cloud = OrganizedCloud::new(2, 2, vec![[10.02, 0.0, 701.4]; 4], vec![[0; 3]; 4]).expect("four points");
+        let point = errors.corrected(cloud).point_at(0).expect("there").mm;
+        assert!((point.z - 700.0).abs() < 1e-3 && (point.x - 10.0).abs() < 1e-3, "{point}");
+        assert!((errors.corrected_point(Point::at(0.0, 0.0, 701.4)).mm.z - 700.0).abs() < 1e-9);
+        // 0.04 % over sixteen places is 0.01 %, beside the board's own 0.025 %.
+        assert!((errors.range.scale - 0.000_25_f64.hypot(0.000_1)).abs() < 1e-12);
+        assert_eq!(ScanErrors::default().scale_off, 0.0);
     }
 }

@@ -1,6 +1,7 @@
 //! Where the panel stands: the taught panel is found in a 3D scan, and the gate judges the fit.
 
 use super::Drawing;
+use crate::files;
 use crate::geometry::{ColorPicture, KukaPose};
 use crate::locate::{Fit, LocateError, Prepared, RangeErrors, TaughtModel, View, gate};
 use crate::panel::TaughtPanel;
@@ -8,7 +9,7 @@ use crate::path::reach::Obstacles;
 use crate::recipe;
 use crate::record::{Check, Finding, Kind, name};
 use crate::report::{self, reason_pictures};
-use crate::verdict::{Judgement, Verdict};
+use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 
 /// A localization with its verdict.
@@ -31,6 +32,11 @@ pub fn locate<'a>(
     view: View<'a>,
     settings: &'a recipe::Locate,
 ) -> Located<'a> {
+    // Only depths and the lens's rays count in what follows: a scan of another lens or frame would give a place all the same.
+    if let Err(error) = files::check_lens(view.scan, view.camera) {
+        let judgement = Judgement::of(vec![Reason::new("other_scan", error.to_string())], vec![]);
+        return Located { fit: None, checks: vec![], judgement, panel, view, prepared: None };
+    }
     let prepared = model.as_ref().map(|model| Prepared::new((panel, model), &view, settings));
     let found = prepared.as_ref().map_err(|&error| error.clone()).and_then(Prepared::locate);
     let checks = found.as_ref().map_or(Vec::new(), |fit| gate::checks(fit, settings));

@@ -10,6 +10,7 @@ use super::plane;
 use crate::geometry::{
     Camera, DepthField, OrganizedCloud, PinholeCamera, Point, REFERENCE_DEPTH_MM, median_between,
 };
+use crate::words::fixed;
 use nalgebra::{DMatrix, Vector3};
 use std::collections::BTreeMap;
 
@@ -19,6 +20,8 @@ const BLOCKS: usize = 16;
 const OUTER: f64 = 0.8;
 /// Points farther from the board's pose than this share of the depth are of something else.
 const NEAR: f64 = 0.02;
+/// Squares as the 3D camera measures them differ by less from the board's: its pose by the picture would lie beside its points.
+const SQUARE_SHARE: f64 = 0.01;
 /// A block needs this share of the points of the usual one.
 const FILLED: f64 = 0.3;
 /// The board needs so many filled blocks.
@@ -70,6 +73,18 @@ impl PlaneView {
     pub fn of(scan: &BoardScan<'_>) -> Result<Self, CalibError> {
         let pose = board_pose::<Camera>(scan.camera, &BoardObservation::Pixels(scan.corners.clone()))?;
         let middle = scan.board.middle();
+        let seen = detect::measured(scan.cloud, scan.camera, scan.corners);
+        let differs = |measured_mm: f64| (measured_mm / scan.board.square_mm() - 1.0).abs();
+        if let Some(measured_mm) = seen.square_mm(scan.board)
+            && (differs(measured_mm).is_nan() || differs(measured_mm) > SQUARE_SHARE)
+        {
+            return Err(CalibError::Points(format!(
+                "the 3D camera measures squares of {} mm, --square-mm says {} mm, more than {} % apart: measure the board over many squares",
+                fixed(measured_mm, 2),
+                scan.board.square_mm(),
+                fixed(100.0 * SQUARE_SHARE, 0)
+            )));
+        }
         let samples = samples(scan, &pose.camera_from_board);
         let few = || {
             CalibError::Points("too few points on the board; look at the exposure, and at glare on it".to_owned())

@@ -10,6 +10,7 @@
 use super::block::Block;
 use super::plane::{self, Projection};
 use super::plane_view::PlaneView;
+use crate::geometry::statistics::WITHIN_95;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
@@ -20,8 +21,6 @@ const LENGTHS_MM: [f64; 15] =
 const PARTS: usize = 4;
 /// A part needs this share of the blocks of the usual one.
 const FILLED: f64 = 0.5;
-/// 95 % of a normal distribution lie within this many standard deviations.
-const WITHIN_95_PERCENT: f64 = 1.96;
 
 /// What was found.
 pub(super) struct Spread {
@@ -57,7 +56,7 @@ pub(super) fn estimate(views: &[PlaneView], residuals_mm: &[Vec<f64>]) -> Option
     let ratio = observed[1] / observed[0];
     let free: f64 = cuts.iter().map(|cut| cut.means.nrows() as f64 - 3.0).sum();
     // The parts' sum of squares scatters as χ² does.
-    let share = WITHIN_95_PERCENT * (2.0 / free).sqrt();
+    let share = WITHIN_95 * (2.0 / free).sqrt();
     let [(correlation_mm, expected), (low_mm, _), (high_mm, _)] =
         [ratio, ratio * (1.0 - share).max(0.0), ratio * (1.0 + share)].map(|ratio| where_expected(&tried, ratio));
     let deviation_mm = (observed[0] / expected).sqrt();

@@ -67,14 +67,36 @@ fn charuco_of_both_patterns_is_read() {
     assert!(detect::detect("new.png", &picture, &boards[1], None).is_err(), "another pattern is no board");
 }
 
+/// A ChArUco board that is in the picture in another layout, of another dictionary or mirrored is named with the `--board` that it is.
+#[test]
+fn what_a_charuco_board_is_instead_is_named() {
+    let printed = "charuco:8x6:18:4X4_50:legacy";
+    let board = |text: &str| Board::parse(text, 25.0).expect("a board");
+    let cell = BoardCell::new(2, print_of(&board(printed)), STILL).with_reduction(2);
+    let picture = cell.picture(&cell.flange_camera(), &cell.flange_shots(1)[0]);
+    let told = |picture: &GrayPicture, text: &str| {
+        detect::detect("it.png", picture, &board(text), None).expect_err("another board").to_string()
+    };
+    assert!(detect::detect("it.png", &picture, &board(printed), None).is_ok());
+    let pattern = told(&picture, "charuco:8x6:18:4X4_50");
+    assert!(pattern.contains("add :legacy: --board charuco:8x6:18:4X4_50:legacy"), "{pattern}");
+    let exchanged = told(&picture, "charuco:6x8:18:4X4_50:legacy");
+    assert!(exchanged.contains("--board charuco:8x6:18:4X4_50:legacy"), "{exchanged}");
+    let dictionary = told(&picture, "charuco:8x6:18:6X6_250:legacy");
+    assert!(dictionary.contains("the dictionary 4X4_1000"), "{dictionary}");
+    let gray = picture.gray.chunks(picture.width).flat_map(|row| row.iter().rev().copied()).collect();
+    let mirrored = told(&GrayPicture { gray, ..picture.clone() }, printed);
+    assert!(mirrored.contains("mirrored"), "{mirrored}");
+}
+
 #[test]
 fn no_board_and_another_board_are_told() {
     let board = Board::parse("9x6", 25.0).expect("a board");
     let empty = GrayPicture::filled(640, 480, 90);
     let error = detect::detect("empty.png", &empty, &board, None).expect_err("no board").to_string();
     assert!(error.contains("empty.png shows no board with 9×6"), "{error}");
-    let unknown = Board::parse("charuco:8x6:18:9X9_50", 25.0).expect("the name is read later");
-    assert!(detect::detect("f", &empty, &unknown, None).expect_err("unknown").to_string().contains("7X7_1000"));
+    let unknown = Board::parse("charuco:8x6:18:9X9_50", 25.0).expect_err("no dictionary").to_string();
+    assert!(unknown.contains("7X7_1000"), "{unknown}");
 }
 
 /// In the second of these pictures the search grows a column beyond the board, which is held against the grey levels.

@@ -5,14 +5,14 @@ use crate::cell::{FlangeCameraMount, LensCovariance, ScannerMount};
 use crate::geometry::{Camera, Flange, FlangeCamera, KukaPose, PinholeCamera, Point, Rigid};
 use crate::sim::{BoardCell, BoardPrint, BoardShot, RobotNoise};
 
-const GOOD_ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
+pub(super) const GOOD_ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
 const NOISE_PX: f64 = 0.05;
 
-fn board() -> Board {
+pub(super) fn board() -> Board {
     Board::parse("9x6", 25.0).expect("a board")
 }
 
-fn cell(seed: u64, robot: RobotNoise) -> BoardCell {
+pub(super) fn cell(seed: u64, robot: RobotNoise) -> BoardCell {
     BoardCell::new(seed, BoardPrint::chessboard(9, 6, 25.0), robot)
 }
 
@@ -31,11 +31,11 @@ fn stations<C: crate::geometry::Frame>(
         .collect()
 }
 
-fn fixed(cell: &BoardCell, count: usize) -> Vec<Station<Camera>> {
+pub(super) fn fixed(cell: &BoardCell, count: usize) -> Vec<Station<Camera>> {
     stations(cell, &cell.scanner(), &cell.fixed_shots(count))
 }
 
-fn on_flange(cell: &BoardCell, count: usize) -> Vec<Station<FlangeCamera>> {
+pub(super) fn on_flange(cell: &BoardCell, count: usize) -> Vec<Station<FlangeCamera>> {
     stations(cell, &cell.flange_camera(), &cell.flange_shots(count))
 }
 

@@ -3,7 +3,7 @@
 use crate::calib::detect::Corners;
 use crate::calib::intrinsics::{LensModel, Options, View, calibrate};
 use crate::calib::{Board, gate};
-use crate::geometry::{Camera, PinholeCamera, Pixel, Rigid};
+use crate::geometry::{Camera, PinholeCamera, Pixel, Point, Rigid};
 use crate::sim::{BoardCell, BoardPrint, RobotNoise};
 use crate::verdict::Verdict;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -124,4 +124,34 @@ fn new_pictures_lie_within_what_is_stated() {
     }
     let share = f64::from(within as u32) / f64::from(all);
     assert!((0.90..=0.99).contains(&share), "{share}");
+}
+
+/// By hand: a board of 200 mm that bows as z = 1.5 · (x/100 − 1)² mm is 1.5 mm lower in its middle than at its ends.
+#[test]
+fn a_bowed_board_is_named_and_a_flat_one_is_not() {
+    let robot = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
+    let cell = BoardCell::new(3, BoardPrint::chessboard(9, 6, 25.0), robot);
+    let camera = cell.scanner();
+    let views = |bow_mm: f64| -> Vec<View> {
+        let shots = cell.lens_shots::<Camera>(&camera, 16);
+        let view = |(index, shot): (usize, &crate::sim::BoardShot<Camera>)| {
+            let seen = |(q, noisy): (Point<_>, Pixel)| {
+                let bent = Point::at(q.mm.x, q.mm.y, bow_mm * (q.mm.x / 100.0 - 1.0).powi(2));
+                let flat = camera.project(shot.camera_from_board * q)?;
+                let bowed = camera.project(shot.camera_from_board * bent)?;
+                Some((q, Pixel::at(noisy.u + bowed.u - flat.u, noisy.v + bowed.v - flat.v)))
+            };
+            let corners = cell.corners(&camera, shot, 0.02);
+            View { name: index.to_string(), corners: corners.into_iter().filter_map(seen).collect() }
+        };
+        shots.iter().enumerate().map(view).collect()
+    };
+    let size = (camera.width_px, camera.height_px);
+    let found = calibrate(size, &views(1.5), Options::default()).expect("a lens");
+    let shape = found.board_shape.expect("bowed");
+    assert!((shape.bow_mm - 1.5).abs() < 0.3 && shape.own_px < 0.5 * shape.flat_px, "{shape:?}");
+    let codes: Vec<_> = gate::intrinsics(&found).reasons.into_iter().map(|reason| reason.code).collect();
+    assert!(codes.iter().any(|code| code == "board_shape"), "{codes:?}");
+    let flat = calibrate(size, &views(0.0), Options::default()).expect("a lens");
+    assert_eq!(flat.board_shape, None);
 }

@@ -5,3 +5,4 @@ mod hand_eye;
 mod lenses;
 mod robot;
 mod three_points;
+mod wrong_inputs;

@@ -39,13 +39,14 @@ fn the_mount_comes_back() {
     let (camera, shot) = (cell.scanner(), cell.fixed_shots(1)[0]);
     let base_from_board = cell.base_from_camera() * shot.camera_from_board;
     let seen = BoardObservation::Pixels(cell.corners(&camera, &shot, 0.0));
-    for corners in [board().corners_to_touch(), [(8, 5), (0, 4), (3, 0), (0, 0)]] {
+    for corners in [board().corners_to_touch(), board().outer_corners(), [(8, 5), (0, 4), (3, 0), (0, 0)]] {
         let touched = touched(&cell, &base_from_board, &corners, 0.0);
         let found = three_points::<ScannerMount>(&camera, &board(), &seen, &touched, None).expect("calibrated");
         let error = found.to_from_camera.distance_at_mm(cell.base_from_camera(), cell.panel_middle());
         assert!(error < 1e-3 && found.pnp_rms_px < 1e-3, "{error} mm");
         assert!(found.check_mm.is_some_and(|check| check < 1e-6), "{:?}", found.check_mm);
-        assert_eq!(gate::three_points(&found, None).verdict, Verdict::Accept);
+        let expected: &[&str] = if found.looks_alike { &["no_check_point"] } else { &[] };
+        assert_eq!(codes(&gate::three_points(&found, None)), expected);
     }
     let (camera, shot) = (cell.flange_camera(), cell.flange_shots(1)[0]);
     let seen = BoardObservation::Pixels(cell.corners(&camera, &shot, 0.0));
@@ -56,6 +57,31 @@ fn the_mount_comes_back() {
     assert!(error < 1e-3, "{error} mm");
     let missing = three_points::<FlangeCameraMount>(&camera, &board(), &seen, &touched, None);
     assert!(missing.expect_err("no flange").to_string().contains("base_from_flange"));
+}
+
+/// The case of the issue: the outer corners touched as 3, 4, 1, 2 leave no miss at all; without a rough mount that ends in review, with
+/// one in reject. With a fourth corner that breaks the symmetry the miss is several squares.
+#[test]
+fn outer_corners_touched_from_the_other_end_are_not_accepted() {
+    let cell = cell();
+    let (camera, shot) = (cell.scanner(), cell.fixed_shots(1)[0]);
+    let base_from_board = cell.base_from_camera() * shot.camera_from_board;
+    let seen = BoardObservation::Pixels(cell.corners(&camera, &shot, 0.0));
+    let mistaken = |corners: [(usize, usize); 4], for_corners: [(usize, usize); 4]| {
+        let mut touched = touched(&cell, &base_from_board, &corners, 0.0);
+        touched.iter_mut().zip(for_corners).for_each(|(touched, corner)| touched.corner = corner);
+        three_points::<ScannerMount>(&camera, &board(), &seen, &touched, None).expect("calibrated")
+    };
+    let [first, second, third, fourth] = board().outer_corners();
+    let outer = mistaken([third, fourth, first, second], [first, second, third, fourth]);
+    assert!(outer.check_mm.is_some_and(|check| check < 1e-6));
+    assert_eq!(codes(&gate::three_points(&outer, None)), ["no_check_point"]);
+    let rough = Some(cell.base_from_camera());
+    assert!(codes(&gate::three_points(&outer, rough.as_ref())).contains(&"rough_mount"));
+    let [.., inner] = board().corners_to_touch();
+    let inner = mistaken([third, fourth, first, inner], [first, second, third, inner]);
+    assert!(inner.check_mm.is_some_and(|check| check > 25.0), "{:?}", inner.check_mm);
+    assert_eq!(gate::three_points(&inner, None).verdict, Verdict::Reject);
 }
 
 /// A board touched from its far corner reprojects as well as a right one: only a rough mount shows it.

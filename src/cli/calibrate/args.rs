@@ -5,7 +5,7 @@ mod camera;
 mod robot;
 mod verification;
 
-pub use board::BoardArgs;
+pub use board::{BoardArgs, NamedBoard};
 pub use camera::{CameraName, HandEye, Intrinsics, LiveArgs, ModelName, MountName, Scanner};
 pub use robot::{Force, Removal, Robot, Tcp};
 pub use verification::{StrikeOut, Touch, Verify};

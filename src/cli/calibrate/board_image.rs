@@ -70,12 +70,9 @@ impl BoardImage {
         detected: &Detected,
     ) -> Option<BoardObservation<Camera>> {
         let measured = detect::measured(self.cloud.as_ref()?, camera, &detected.corners);
-        Some(match (measured, &errors.field) {
-            (BoardObservation::Points(corners), Some(field)) => BoardObservation::Points(
-                corners.into_iter().map(|(corner, point)| (corner, field.corrected_point(point))).collect(),
-            ),
-            (measured, _) => measured,
-        })
+        let BoardObservation::Points(corners) = measured else { return Some(measured) };
+        let corrected = |(corner, point)| (corner, errors.corrected_point(point));
+        Some(BoardObservation::Points(corners.into_iter().map(corrected).collect()))
     }
 
     /// The points; `None` for a picture.

@@ -1,11 +1,20 @@
 //! The board that the arguments name.
 
 use super::super::fault::Fault;
-use super::args::BoardArgs;
-use crate::calib::Board;
+use super::args::{BoardArgs, NamedBoard};
+use crate::calib::{Board, CalibError};
 
 pub(super) fn board(args: &BoardArgs) -> Result<Board, Fault> {
     Board::parse(&args.board, args.square_mm).map_err(Fault::stage)
+}
+
+/// The board where it may be left out for another option; the command line's own check asks for one of both.
+pub(super) fn named(args: &NamedBoard) -> Result<BoardArgs, Fault> {
+    let missing = || {
+        let message = "is missing: the inner corners of the board, 9x6".to_owned();
+        Fault::stage(CalibError::Board { text: String::new(), message })
+    };
+    args.named().ok_or_else(missing)
 }
 
 pub(super) fn window(args: &BoardArgs) -> Option<usize> {

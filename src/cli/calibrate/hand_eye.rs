@@ -12,6 +12,7 @@ use super::keeping::{keep, provenance};
 use super::mounted::{Mounted, cell, intrinsics};
 use super::{date, files};
 use crate::calib::detect::Detected;
+use crate::calib::gate::PosesFrom;
 use crate::calib::hand_eye::{MIN_STATIONS, hand_eye};
 use crate::calib::turned::same_way_round;
 use crate::calib::{Arrangement, Board, BoardObservation, CalibError, HandEye, Station, gate, next_pose};
@@ -79,9 +80,14 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         false => None,
     };
     let rough = cell.as_ref().and_then(A::rough);
-    let judgement = gate::hand_eye(&found, second.as_ref(), rough.as_ref());
+    let poses = if args.live.live.is_some() { PosesFrom::Controller } else { PosesFrom::File };
+    let judgement = gate::hand_eye((&found, board.square_mm()), second.as_ref(), rough.as_ref(), poses);
     let mut outcome = Outcome::of(&judgement);
-    tell(&mut outcome, &found, &aside);
+    tell(&mut outcome, (&found, &board), &aside);
+    // The 3D camera's scans are taken by its points: its mount comes from them where there are any, and the pictures are the check.
+    let kept = second.as_ref().unwrap_or(&found);
+    outcome.put(A::TABLE, json!(pose_of(kept)));
+    outcome.put("uncertainty_mm", json!(kept.uncertainty_mm));
     if let Some(second) = &second {
         let apart_mm = gate::apart_mm(&found, second);
         outcome.put(
@@ -89,8 +95,9 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
             json!({(A::TABLE): pose_of(second), "apart_mm": apart_mm, "uncertainty_mm": second.uncertainty_mm}),
         );
         outcome.say(format!(
-            "from the 3D camera's own points: {} ({apart_mm:.3} mm apart at the panel)",
-            pose_of(second)
+            "from the 3D camera's own points, which is kept: {} ± {:.3} mm ({apart_mm:.3} mm apart at the panel)",
+            pose_of(second),
+            second.uncertainty_mm
         ));
     }
     if let Some(rough) = rough {
@@ -104,12 +111,12 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
             format!("one more pose would help most at {}: ± {:.3} mm", next.base_from_flange, next.uncertainty_mm);
         outcome.say(text);
     }
-    let mut mounted = MountedPose::<A>::of(pose_of(&found));
+    let mut mounted = MountedPose::<A>::of(pose_of(kept));
     mounted.date = date::today();
     mounted.serial = args.serial.clone();
     mounted.robot_correction = arm.map(|arm| arm.hash);
-    mounted.rms_mm = Some(found.rms_mm);
-    mounted.uncertainty_mm = Some(found.uncertainty_mm);
+    mounted.rms_mm = Some(kept.rms_mm);
+    mounted.uncertainty_mm = Some(kept.uncertainty_mm);
     let used = looks.iter().zip(&found.residuals).filter(|(_, residual)| residual.used);
     let (hashes, residuals) = used.map(|(look, residual)| (look.board_image.hash.clone(), residual.mm)).unzip();
     mounted.provenance = provenance(hashes, residuals);
@@ -189,7 +196,7 @@ fn looks(
     Ok((looks, aside))
 }
 
-fn tell<A: Arrangement>(outcome: &mut Outcome, found: &HandEye<A>, aside: &[(String, String)]) {
+fn tell<A: Arrangement>(outcome: &mut Outcome, (found, board): (&HandEye<A>, &Board), aside: &[(String, String)]) {
     let noise = &found.adjusted.noise;
     let turn_deg = noise.turn_rad.to_degrees();
     outcome.put(A::TABLE, json!(pose_of(found)));
@@ -207,6 +214,11 @@ fn tell<A: Arrangement>(outcome: &mut Outcome, found: &HandEye<A>, aside: &[(Str
     outcome.put("uncertainty_mm", json!(found.uncertainty_mm));
     let lens_mm = found.lens_uncertainty_mm();
     outcome.put("lens_uncertainty_mm", json!(lens_mm));
+    if let Some(size) = &found.square {
+        let (square_mm, known_mm) = (size.ratio * board.square_mm(), size.ratio_95() * board.square_mm());
+        outcome.put("square_mm", json!(square_mm));
+        outcome.put("square_uncertainty_mm", json!(known_mm));
+    }
     let (left_out_mm, left_out) = &found.leave_one_out;
     outcome.put("leave_one_out_mm", json!(left_out_mm));
     outcome.put("second_axis_deg", json!(found.second_axis_deg));
@@ -221,10 +233,20 @@ fn tell<A: Arrangement>(outcome: &mut Outcome, found: &HandEye<A>, aside: &[(Str
         "picture and robot disagree by {:.3} mm and {:.4}° rms; found noise: corners {:.3} px, robot {:.3} mm and {turn_deg:.4}°",
         found.rms_mm, found.rms_deg, noise.corner, noise.shift_mm
     ));
+    if let Some(size) = &found.square {
+        let (mm, known_mm) = (size.ratio * board.square_mm(), size.ratio_95() * board.square_mm());
+        outcome.say(format!(
+            "the board's squares by the robot's motions: {mm:.3} ± {known_mm:.3} mm, stated {} mm",
+            board.square_mm()
+        ));
+    }
     outcome.say(format!("without the worst picture, {left_out}, the result moves by {left_out_mm:.3} mm"));
     for residual in &found.residuals {
         let mark = if residual.used { "" } else { "  does not fit" };
         outcome.say(format!("  {}: {:.3} mm, {:.4}°{mark}", residual.name, residual.mm, residual.deg));
+    }
+    if gate::outliers_may_stay_out(found) {
+        found.suspects.iter().for_each(|suspect| outcome.say(format!("left out: {suspect}")));
     }
     for (file, reason) in aside {
         outcome.say(format!("set aside: {file}: {reason}"));

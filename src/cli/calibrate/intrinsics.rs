@@ -31,8 +31,8 @@ struct Picture {
 /// # Errors
 /// Where a picture cannot be read, or sizes differ.
 pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
-    let board = boards::board(&args.board)?;
-    let window = boards::window(&args.board);
+    let named = boards::named(&args.board)?;
+    let (board, window) = (boards::board(&named)?, boards::window(&named));
     let read = |file: &std::path::PathBuf| {
         let bytes = disk::read(file)?;
         let gray = files::read_gray(&bytes).map_err(|error| Fault::file(file, error))?;

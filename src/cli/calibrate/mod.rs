@@ -19,6 +19,7 @@ mod over_volume;
 pub mod removal;
 mod robot;
 mod robot_advice;
+mod scan_lens;
 mod scanner;
 mod target;
 mod taught_corner;
@@ -43,7 +44,10 @@ use args::{Calibrate, What};
 pub fn run(args: &Calibrate, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     match &args.what {
         What::Intrinsics(args) if args.live.live.is_some() => live::lens(args, common, progress),
-        What::Intrinsics(args) => intrinsics::run(args, progress),
+        What::Intrinsics(args) => match &args.from_scan {
+            Some(scan) => scan_lens::run(args, scan),
+            None => intrinsics::run(args, progress),
+        },
         What::HandEye(args) if args.live.live.is_some() => live::mount(args, common, progress),
         What::HandEye(args) if args.poses.is_some() => hand_eye::run(args, common, progress),
         What::HandEye(args) => three_points::run(args, common, progress),

@@ -215,6 +215,9 @@ fn start<A: Arrangement>(
         return Err(Fault::stage(error));
     }
     let found = mount_of::<A>(camera, &board, &stations, None).map_err(Fault::stage)?;
+    if let Some(words) = gate::no_start(&found, board.square_mm()) {
+        return Err(Fault::stage(CalibError::Points(words)));
+    }
     Ok(Rig {
         kind,
         mount: *found.adjusted.to_from_camera.isometry(),

@@ -14,9 +14,9 @@ use super::target::Target;
 use super::verification::{kept, verification};
 use super::{date, files, taught_corner, tips};
 use crate::calib::health::{self, BoardMeasurement};
-use crate::calib::{Board, BoardObservation, CalibError, board_pose};
+use crate::calib::{Board, BoardObservation, BoardPose, CalibError, board_pose};
 use crate::cell::{BoardSize, MountedPose, TargetMount};
-use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose};
+use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Rigid};
 use crate::report::{self, Left};
 use crate::store::calibration_hash;
 use crate::verdict::{Judgement, Reason};
@@ -26,6 +26,8 @@ use std::path::Path;
 /// What a picture of the board says, through the calibrations in use.
 struct Looked {
     look: BoardMeasurement,
+    /// The board by the 3D camera's own points, where it has them, and how much farther they put it than the picture does, mm.
+    by_points: Option<(Rigid<Base, crate::geometry::Board>, f64)>,
     /// Why nothing may be measured where it shows the board.
     outside: Option<Reason>,
     picture_hash: String,
@@ -55,15 +57,21 @@ fn look(
     };
     let board_image = BoardImage::read(image, &camera.value)?;
     let detected = board_image.detect_telling(board, window, progress).map_err(Fault::stage)?;
-    let measured_square_mm = board_image
-        .measured((&camera.value, &camera.scan_errors), &detected)
-        .and_then(|seen| seen.square_mm(board));
+    let measured = board_image.measured((&camera.value, &camera.scan_errors), &detected);
+    let measured_square_mm = measured.as_ref().and_then(|seen| seen.square_mm(board));
     let seen = detected.corners;
     let outside = health::outside_of_lens(&camera.extent, seen.iter().map(|(_, pixel)| *pixel));
+    let mut by_points = None;
     let (base_from_board, pnp_rms_px) = match base_from_flange {
         None => {
             let pose =
                 board_pose::<Camera>(&camera.value, &BoardObservation::Pixels(seen)).map_err(Fault::stage)?;
+            // Points that are too few for a pose say nothing.
+            if let Some(points) = measured.and_then(|points| board_pose(&camera.value, &points).ok()) {
+                let away_mm = |pose: &BoardPose<Camera>| (pose.camera_from_board * board.middle()).mm.coords.norm();
+                let base_from_board = files.base_from_camera()?.value * points.camera_from_board;
+                by_points = Some((base_from_board, away_mm(&points) - away_mm(&pose)));
+            }
             (files.base_from_camera()?.value * pose.camera_from_board, pose.rms)
         }
         Some(base_from_flange) => {
@@ -79,7 +87,7 @@ fn look(
         CameraName::FlangeCamera => files.hash_with_arm(&texts),
     };
     let look = BoardMeasurement { base_from_board, pnp_rms_px, measured_square_mm };
-    Ok(Looked { look, outside, picture_hash: board_image.hash, calibration_hash })
+    Ok(Looked { look, by_points, outside, picture_hash: board_image.hash, calibration_hash })
 }
 
 /// Looks at the target, a board or a taught corner, and compares; with `--learn`, writes where the board is.
@@ -102,15 +110,17 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
         };
         let board = boards::board(named)?;
         let seen = look(args, &files, (&board, window), progress)?;
-        return learn(file, &board, named, &seen);
+        return learn((file, files.cell.limits().verify_limit_mm()), &board, named, &seen);
     }
     let target = Target::read(file, named.as_ref())?;
     if let Some(poses) = &args.poses {
         return over_volume::run(args, (&files, poses), &target, progress);
     }
     let seen = look(args, &files, (&target.board, window), progress)?;
-    let error_mm =
-        health::distance_mm(&target.base_from_board, &seen.look.base_from_board, &target.board.corners());
+    let off_mm = |found| health::distance_mm(&target.base_from_board, found, &target.board.corners());
+    // The scans are measured by points: where the board has them, they must be right as well.
+    let points_mm = seen.by_points.as_ref().map(|(by_points, _)| off_mm(by_points));
+    let error_mm = off_mm(&seen.look.base_from_board).max(points_mm.unwrap_or(0.0));
     let implausible = health::no_look_at(&target.base_from_board, &seen.look, &target.board);
     let implausible = seen.outside.clone().or(implausible);
     let mut outcome = match implausible {
@@ -122,6 +132,14 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
     };
     outcome.put("pnp_rms_px", json!(seen.look.pnp_rms_px));
     outcome.put("base_from_board", json!(KukaPose::from_rigid(&seen.look.base_from_board)));
+    if let Some((_, farther_mm)) = seen.by_points {
+        outcome.put("points_error_mm", json!(points_mm));
+        outcome.put("points_farther_mm", json!(farther_mm));
+        outcome.say(format!(
+            "the 3D camera's own points put the board {farther_mm:+.3} mm farther away than its picture does; if that is much, measure the camera \
+             with panelprep calibrate scanner, and the board's squares"
+        ));
+    }
     Ok(outcome)
 }
 
@@ -140,8 +158,14 @@ fn subject(camera: CameraName) -> &'static str {
     }
 }
 
-fn learn(target: &Path, board: &Board, named: &BoardArgs, seen: &Looked) -> Result<Outcome, Fault> {
-    let refused = seen.outside.clone().or_else(|| health::no_such_board(&seen.look, board));
+fn learn(
+    (target, limit_mm): (&Path, f64),
+    board: &Board,
+    named: &BoardArgs,
+    seen: &Looked,
+) -> Result<Outcome, Fault> {
+    let apart = seen.by_points.as_ref().and_then(|(_, farther_mm)| health::depth_differs(*farther_mm, limit_mm));
+    let refused = seen.outside.clone().or_else(|| health::no_such_board(&seen.look, board)).or(apart);
     if let Some(reason) = refused {
         return Ok(Outcome::of(&Judgement::of(vec![reason], vec![])));
     }
@@ -171,6 +195,7 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
     let tool = files.tool_tip()?;
     tips::by_axes(&files, &tool.value, (file, &mut points))?;
     let mut errors_mm = Vec::with_capacity(points.touched.len());
+    let mut corners = Vec::with_capacity(points.touched.len());
     for touched in &points.touched {
         let (column, row) = touched.corner;
         let Some(corner) = board.corner(column, row) else {
@@ -178,6 +203,7 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
             return Err(Fault::file(file, CalibError::Points(message)));
         };
         errors_mm.push((known * corner).distance_mm(touched.place));
+        corners.push((corner, touched.place));
     }
     let error_mm = errors_mm.iter().copied().fold(0.0, f64::max);
     let verification = verification(&files, "tool", error_mm, files.hash_with_arm(&[&tool.text]));
@@ -198,5 +224,13 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
         outcome.say(format!("  corner [{column}, {row}]: {error_mm:.3} mm"));
     }
     outcome.put("errors_mm", json!(errors_mm));
+    if let Some(square_mm) = health::square_by_touches(&board, &corners) {
+        outcome.put("square_mm", json!(square_mm));
+        outcome.say(format!(
+            "  by the touched places the board's squares measure {square_mm:.2} mm, stated {} mm: if they differ, the board is to be measured \
+             before the tool is blamed",
+            board.square_mm()
+        ));
+    }
     Ok(outcome)
 }

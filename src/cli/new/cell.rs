@@ -29,8 +29,15 @@ const SERVICE_SOCKET: &str = "/run/panelprep/panelprep.sock";
 /// Tables of a real cell whose numbers are its own.
 const OF_THE_CELL: [&str; 5] = ["poses.park", "io.outputs", "io.off_after_s", "io.feedbacks", "limits"];
 /// Those that it can do without.
-const OPTIONAL: [&str; 6] =
-    ["poses.ready", "poses.verify", "poses.service", "rough.base_from_camera", "arm", "keep_out"];
+const OPTIONAL: [&str; 7] = [
+    "poses.ready",
+    "poses.verify",
+    "poses.service",
+    "rough.base_from_camera",
+    "rough.flange_from_camera",
+    "arm",
+    "keep_out",
+];
 /// A key whose number is a statement that only a person can make.
 const STATED: &str = "tool_error_mm";
 
@@ -95,6 +102,7 @@ pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
     if !to_check.is_empty() {
         let tables = to_check.join(", ");
         outcome.say(format!("hold the numbers of these tables against your cell before anything moves: {tables}"));
+        outcome.say("measure by tape where the cameras are, and state it in [rough]: without it a camera's mount ends in review");
         outcome.say(format!("the service reaches only the networks in {NETWORKS}: see the manual, network"));
     }
     outcome.put("file", json!(args.out));

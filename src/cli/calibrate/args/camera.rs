@@ -1,6 +1,6 @@
 //! Options of what calibrates a camera: its lens, its mount, the errors of a 3D camera.
 
-use super::board::BoardArgs;
+use super::board::{BoardArgs, NamedBoard};
 use crate::cli::args::Simulation;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -61,7 +61,10 @@ pub enum ModelName {
 pub struct Intrinsics {
     /// The board.
     #[command(flatten)]
-    pub board: BoardArgs,
+    pub board: NamedBoard,
+    /// Read the lens from a scan of the 3D camera itself: each of its points lies on the ray of its pixel. No board is needed.
+    #[arg(long, value_name = "SCAN", conflicts_with_all = ["live", "images", "board", "model", "keep_all", "subpix"], required_unless_present = "board")]
+    pub from_scan: Option<PathBuf>,
     /// The lens model; by default auto, and k1k2p1p2k3 where --keep-all and --subpix ask for what OpenCV does. Whatever it
     /// is, the lens has one ray for each pixel.
     #[arg(long, value_enum)]
@@ -79,7 +82,7 @@ pub struct Intrinsics {
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
     /// Pictures of the board.
-    #[arg(required_unless_present = "live", value_name = "IMAGE", conflicts_with = "live")]
+    #[arg(required_unless_present_any = ["live", "from_scan"], value_name = "IMAGE", conflicts_with = "live")]
     pub images: Vec<PathBuf>,
     /// With --live: the camera.
     #[arg(long, value_enum, requires = "live")]

@@ -1,6 +1,6 @@
 //! Where a camera is mounted: the points that were touched, or the poses at its pictures.
 
-use super::pose::{AXIS_DEG, CORNER, PLACE_MM, like_radians, pose};
+use super::pose::{AXIS_DEG, CORNER, PLACE_MM, like_radians, pose_of};
 use crate::calib::three_points::Touched;
 use crate::config::{self, Problems};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid};
@@ -39,8 +39,11 @@ pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
         let axes = |key| top.take::<Option<[f64; 6]>>(key, AXIS_DEG, Some(None));
         let joints: Option<Vec<Option<[f64; 6]>>> = AXES.into_iter().map(axes).collect();
         let flange_joints = axes("axes_deg");
-        let flange = top.section("base_from_flange");
-        let flange = if flange.is_present() { Some(pose(&flange)) } else { None };
+        let flange = top.has("base_from_flange").then(|| pose_of(top, "base_from_flange"));
+        if flange.is_none() {
+            // Known, and absent.
+            let _ = top.section("base_from_flange");
+        }
         top.done();
         if flange.flatten().is_some_and(|pose| like_radians(&pose)) {
             let message = "these angles look like radians; A, B, C are written in degrees";
@@ -94,7 +97,7 @@ pub fn picture_poses(
         let mut whole = true;
         for section in top.sections("poses") {
             let image = section.take::<String>("image", (), None);
-            let base_from_flange = pose(&section.section("base_from_flange"));
+            let base_from_flange = pose_of(&section, "base_from_flange");
             let axes_deg = section.take::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None));
             section.done();
             let (Some(image), Some(base_from_flange), Some(axes_deg)) = (image, base_from_flange, axes_deg) else {
@@ -151,6 +154,32 @@ mod tests {
             assert_eq!((read.len(), read[0].joints), (1, joints));
             let origin = Point::at(0.0, 0.0, 0.0);
             assert!(read[0].base_from_flange.distance_at_mm(base_from_flange.to_rigid(), origin) < 1e-9);
+        }
+    }
+
+    /// A pose as a pendant or KRL writes it, with its type and its turns.
+    #[test]
+    fn a_pose_of_krl_is_read() {
+        let read = |pose: &str| {
+            let text = format!("[[poses]]\nimage = \"1.png\"\nbase_from_flange = \"{pose}\"\n");
+            picture_poses("poses.toml", &text, &|_| true)
+        };
+        let expected = KukaPose { x_mm: 400.5, y_mm: -2.0, z_mm: 600.0, a_deg: 90.0, b_deg: 0.25, c_deg: -180.0 };
+        for text in [
+            "{X 400.5, Y -2, Z 600, A 90, B 0.25, C -180}",
+            "{FRAME: X 400.5,Y -2.0,Z 600.0,A 90.0,B 0.25,C -180.0}",
+            "{E6POS: X 400.5, Y -2, Z 600, A 90, B 0.25, C -180, S 2, T 35, E1 0.0}",
+        ] {
+            let poses = read(text).expect(text);
+            let off_mm = poses[0].base_from_flange.distance_at_mm(expected.to_rigid(), Point::at(100.0, 0.0, 0.0));
+            assert!(off_mm < 1e-9, "{text}: {off_mm}");
+        }
+        for text in [
+            "{X 400.5, Y -2, Z 600, A 90, B 0.25}",
+            "400.5 -2 600 90 0.25 -180",
+            "{X 1, X 2, Y 3, Z 4, A 5, B 6, C 7}",
+        ] {
+            assert!(problems(read(text)).contains("allowed is"), "{text}");
         }
     }
 

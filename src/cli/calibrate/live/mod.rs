@@ -47,7 +47,8 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
         return Err(CalibrationFault::NoLiveCamera.into());
     };
     let cell = CellFiles::read(common)?;
-    let board = boards::board(&args.board)?;
+    let named = boards::named(&args.board)?;
+    let board = boards::board(&named)?;
     let view = match camera {
         CameraName::Scanner => BoardView::FixedByHand,
         CameraName::FlangeCamera => BoardView::FlangeByHand,
@@ -58,7 +59,7 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
         CameraName::FlangeCamera => opening::lens(cell.flange_camera())?,
     };
     let mut view = View::open(&cell, (view, &board), (&args.live, known), progress)?;
-    let mut session = Session::new((folder, &args.live), &board, boards::window(&args.board))?;
+    let mut session = Session::new((folder, &args.live), &board, boards::window(&named))?;
     let on_files = |images: Vec<PathBuf>, out: PathBuf| Intrinsics { images, out, pictures: None, ..args.clone() };
     while session.taken() < MOST && session.ask()? == Choice::Take {
         let (picture, _) = view.take()?;

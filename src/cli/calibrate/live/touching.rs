@@ -116,7 +116,7 @@ pub fn touch((args, folder): (&Touch, &Path), common: &Common) -> Result<Outcome
     let flange_from_tool = cell.tool_tip()?.value;
     let poses = FlangePoses::of(&cell);
     let mut text = String::new();
-    for (index, (column, row)) in board.corners_to_touch().into_iter().enumerate() {
+    for (index, (column, row)) in board.outer_corners().into_iter().enumerate() {
         let Some(corner) = board.corner(column, row) else { continue };
         let place = (base_from_board * corner).mm;
         let [x, y, z] = [place.x, place.y, place.z].map(|mm| fixed(mm, 0));

@@ -1,0 +1,121 @@
+//! Is the board flat, and are its squares alike?
+//!
+//! A bent board, or one with unequal squares, leaves residuals that are the same at each of its corners in all pictures, which no lens and
+//! no pose takes up. Each corner's place on the board gets an offset δⱼ of its own, as OpenCV's `calibrateCameraRO` has it; lens and poses,
+//! and the offsets, are adjusted in turn. For lens and poses fixed each offset is
+//!     δⱼ = (Σᵢ JᵢⱼᵀJᵢⱼ)⁻¹ Σᵢ Jᵢⱼᵀ rᵢⱼ,                                                                           (1)
+//! with J the slope of the pixel by the corner's place. What offsets have in common with a motion or another scale of the whole board is
+//! the poses' and is taken out of what is stated.
+
+use super::detect::Corners;
+use super::lens_fit::{self, LensFit};
+use super::lens_model::LensModel;
+use crate::geometry::{Board, Point};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use std::collections::BTreeMap;
+
+/// Rounds of the adjustment in turn.
+const ROUNDS: usize = 6;
+/// Fewer pictures tell no shape from noise.
+const LEAST_VIEWS: usize = 6;
+/// A corner's place is asked for where so many pictures show it.
+const LEAST_SEEN: usize = 4;
+/// Corners that miss a flat board by less are good, px.
+const GOOD_PX: f64 = 0.08;
+/// With the board's own shape corners miss by this share, or less, of what they miss a flat one, or it is flat.
+const EXPLAINS: f64 = 0.8;
+
+/// A board that is not flat, or not square.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoardShape {
+    /// Root mean square of the corners' distances from a flat board's, px, by the redundancy of the fit.
+    pub flat_px: f64,
+    /// The same with the board's own shape.
+    pub own_px: f64,
+    /// How far the board bows, from its lowest to its highest corner, mm.
+    pub bow_mm: f64,
+    /// How far a corner lies beside its place in the plane, at most, mm.
+    pub beside_mm: f64,
+}
+
+/// A corner's place as a key: thousandths of a millimetre.
+fn key(q: &Point<Board>) -> [i64; 2] {
+    [q.mm.x, q.mm.y].map(|mm| (mm * 1e3).round() as i64)
+}
+
+/// The board's shape where it explains the residuals; `None` for a flat board, or where the pictures do not tell.
+pub(super) fn shape(model: LensModel, flat: &LensFit, corners: &[&Corners]) -> Option<BoardShape> {
+    let rms = |square: f64, free: f64| (2.0 * square / free).sqrt();
+    let own = model.count() as f64 + 6.0 * corners.len() as f64;
+    let flat_px = rms(flat.square, flat.rows - own);
+    if corners.len() < LEAST_VIEWS || flat_px.is_nan() || flat_px < GOOD_PX {
+        return None;
+    }
+    let mut offsets: BTreeMap<[i64; 2], Vector3<f64>> = BTreeMap::new();
+    let mut fit = flat.clone();
+    for _ in 0..ROUNDS {
+        offsets = moved(&fit, corners, &offsets)?;
+        let shaped: Vec<Corners> = corners.iter().map(|corners| with_offsets(corners, &offsets)).collect();
+        fit = lens_fit::fit(model, fit, &shaped.iter().collect::<Vec<_>>())?;
+    }
+    // Seven of the offsets' freedoms are the whole board's motion and scale.
+    let free = flat.rows - own - (3 * offsets.len()) as f64 + 7.0;
+    if free < 0.25 * flat.rows {
+        return None;
+    }
+    let own_px = rms(fit.square, free);
+    let [bow_mm, beside_mm] = stated(&offsets)?;
+    (own_px <= EXPLAINS * flat_px).then_some(BoardShape { flat_px, own_px, bow_mm, beside_mm })
+}
+
+fn with_offsets(corners: &Corners, offsets: &BTreeMap<[i64; 2], Vector3<f64>>) -> Corners {
+    let at = |q: &Point<Board>| Point::new(q.mm + offsets.get(&key(q)).copied().unwrap_or_default());
+    corners.iter().map(|(q, pixel)| (at(q), *pixel)).collect()
+}
+
+/// (1), added to the offsets so far.
+fn moved(
+    fit: &LensFit,
+    corners: &[&Corners],
+    before: &BTreeMap<[i64; 2], Vector3<f64>>,
+) -> Option<BTreeMap<[i64; 2], Vector3<f64>>> {
+    let mut sums: BTreeMap<[i64; 2], (Matrix3<f64>, Vector3<f64>, usize)> = BTreeMap::new();
+    for (corners, pose) in corners.iter().zip(&fit.poses) {
+        let turn = pose.rotation().into_inner();
+        for (q, pixel) in corners.iter() {
+            let place = Point::new(q.mm + before.get(&key(q)).copied().unwrap_or_default());
+            let (seen, slope) = fit.camera.project_with_slope(*pose * place)?;
+            let slope = slope * turn;
+            let sum = sums.entry(key(q)).or_insert((Matrix3::zeros(), Vector3::zeros(), 0));
+            sum.0 += slope.transpose() * slope;
+            sum.1 += slope.transpose() * nalgebra::Vector2::new(pixel.u - seen.u, pixel.v - seen.v);
+            sum.2 += 1;
+        }
+    }
+    let offset = |(at, (normal, pull, seen)): ([i64; 2], (Matrix3<f64>, Vector3<f64>, usize))| {
+        let step = if seen < LEAST_SEEN { Vector3::zeros() } else { normal.cholesky()?.solve(&pull) };
+        Some((at, before.get(&at).copied().unwrap_or_default() + step))
+    };
+    sums.into_iter().map(offset).collect()
+}
+
+/// Bow and the largest shift in the plane, without what is a motion or a scale of the whole board.
+fn stated(offsets: &BTreeMap<[i64; 2], Vector3<f64>>) -> Option<[f64; 2]> {
+    let count = offsets.len();
+    let place = |at: &[i64; 2]| [at[0] as f64 / 1e3, at[1] as f64 / 1e3];
+    let mut plane = DMatrix::zeros(count, 3);
+    let mut similar = DMatrix::zeros(2 * count, 4);
+    let (mut up, mut beside) = (DVector::zeros(count), DVector::zeros(2 * count));
+    for (row, (at, offset)) in offsets.iter().enumerate() {
+        let [x, y] = place(at);
+        plane.row_mut(row).copy_from_slice(&[1.0, x, y]);
+        similar.row_mut(2 * row).copy_from_slice(&[1.0, 0.0, x, -y]);
+        similar.row_mut(2 * row + 1).copy_from_slice(&[0.0, 1.0, y, x]);
+        up[row] = offset.z;
+        (beside[2 * row], beside[2 * row + 1]) = (offset.x, offset.y);
+    }
+    let up = &up - &plane * plane.clone().svd(true, true).solve(&up, 1e-9).ok()?;
+    let beside = &beside - &similar * similar.clone().svd(true, true).solve(&beside, 1e-9).ok()?;
+    let largest = beside.as_slice().chunks(2).map(|pair| pair[0].hypot(pair[1])).fold(0.0, f64::max);
+    Some([up.max() - up.min(), largest])
+}

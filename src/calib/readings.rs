@@ -1,0 +1,301 @@
+//! How poses were probably meant that fit no camera mount as they are read.
+//!
+//! Programs write a pose in many ways: inverted, with other angles, as a rotation vector, one picture late. Each of these readings is
+//! applied to all poses, and the closed-form mount of `consensus` is tried with it. The right reading leaves tenths of a millimetre, any
+//! other one centimetres, so that the one that fits can be named. Nothing is repaired: the person corrects the file.
+//!
+//! Some mistakes look alike and are named together. A mount of the other kind has the same equations as inverted poses. Axes of the other
+//! hand are a point reflection up to a turn of base and flange: each place is negated. A selected base frame or tool fits as well as none:
+//! only the rough mount of the cell's file shows it.
+//!
+//! With the ratio k of robot to board lengths as an unknown, the part of the closed form that is linear gives k too: of stations i, j
+//!     (Hᵢ − Hⱼ) x + k (Hᵢ X bᵢ − Hⱼ X bⱼ) = hⱼ − hᵢ,                                                                  (1)
+//! with the moved part (H, h) of the chain, the mount (X, x) and the board's place b.
+
+use super::arrangement::Arrangement;
+use super::board::Board;
+use super::chain::{BoardObservation, Station};
+use super::consensus::{MIN_TURN_RAD, second_axis_deg, triples};
+use super::foreign;
+use super::meaning::{Meaning, Reading};
+use super::pose::{BoardPose, board_pose};
+use crate::geometry::{Degrees, KukaPose, PinholeCamera, Pixel, Point, Rigid, median};
+use nalgebra::{Isometry3, Matrix4, Point3, Quaternion, Translation3, UnitQuaternion, Vector3, Vector4};
+use rayon::prelude::*;
+
+/// Triples that are tried of each reading.
+const MAX_TRIPLES: usize = 120;
+/// A reading that leaves more than this fits not, mm.
+const FITS_MM: f64 = 5.0;
+/// The reading that is named leaves this share of what the poses leave as they are, or less.
+const BETTER: f64 = 0.2;
+/// Readings that leave less than this many times the best are named with it.
+const ALIKE: f64 = 3.0;
+
+/// The readings in which these stations fit, best first; none where they fit as they are, or in no way.
+pub(super) fn fitting<A: Arrangement>(
+    camera: &PinholeCamera,
+    board: &Board,
+    stations: &[Station<A::From>],
+    poses: &[BoardPose<A::From>],
+) -> Vec<Reading> {
+    let flanges: Vec<Isometry3<f64>> =
+        stations.iter().map(|station| *station.base_from_flange.isometry()).collect();
+    let seen: Vec<Isometry3<f64>> = poses.iter().map(|pose| *pose.camera_from_board.isometry()).collect();
+    let rim: Vec<Point3<f64>> =
+        board.outer_corners().iter().filter_map(|&(column, row)| Some(board.corner(column, row)?.mm)).collect();
+    let leaves = |flanges: &[Isometry3<f64>], seen: &[Isometry3<f64>], free: bool| {
+        let moved: Vec<Isometry3<f64>> =
+            flanges.iter().map(|pose| *A::to_from_holder(&Rigid::claim(pose.inverse())).isometry()).collect();
+        // `to_from_holder` of the inverse is the inverse of `to_from_holder`: (1) asks for holder_from_to.
+        closed_form(&moved, seen, &rim, free)
+    };
+    let Some(as_read) = leaves(&flanges, &seen, false) else { return Vec::new() };
+    let mut tried: Vec<(Meaning, ClosedForm)> = ways()
+        .into_par_iter()
+        .filter_map(|(meaning, way)| {
+            let read: Vec<Isometry3<f64>> = flanges.iter().map(&way).collect();
+            Some((meaning, leaves(&read, &seen, false)?))
+        })
+        .collect();
+    if let Some((_, found)) = tried.iter().find(|(meaning, _)| matches!(meaning, Meaning::Inverted { .. })) {
+        // Of camera and board one is carried by the flange, within reach of a hand; the other stands in the cell.
+        let camera_nearer = found.mount.translation.vector.norm() < found.board.translation.vector.norm();
+        let other_mount = camera_nearer != A::EYE_IN_HAND;
+        if let Some((meaning, _)) =
+            tried.iter_mut().find(|(meaning, _)| matches!(meaning, Meaning::Inverted { .. }))
+        {
+            *meaning = Meaning::Inverted { other_mount };
+        }
+    }
+    for late in [true, false] {
+        let found = match late {
+            true => leaves(&flanges[..flanges.len() - 1], &seen[1..], false),
+            false => leaves(&flanges[1..], &seen[..seen.len() - 1], false),
+        };
+        tried.extend(found.map(|found| (Meaning::Shifted { late }, found)));
+    }
+    if let Some(mirrored) = mirrored(camera, board, stations) {
+        tried.extend(leaves(&flanges, &mirrored, false).map(|found| (Meaning::Mirrored, found)));
+    }
+    if let Some(found) = leaves(&flanges, &seen, true) {
+        tried.push((Meaning::Lengths { ratio: found.ratio, square_mm: board.square_mm() }, found));
+    }
+    named(as_read.median_mm, &tried)
+}
+
+/// The readings that fit, of those that were tried.
+fn named(as_read_mm: f64, tried: &[(Meaning, ClosedForm)]) -> Vec<Reading> {
+    let best = tried.iter().map(|(_, found)| found.median_mm).fold(f64::INFINITY, f64::min);
+    if !(best <= FITS_MM && best <= BETTER * as_read_mm) {
+        return Vec::new();
+    }
+    let fits = |found: &ClosedForm| found.median_mm <= (ALIKE * best).min(FITS_MM);
+    let others = tried.iter().filter(|(_, found)| !fits(found)).map(|(_, found)| found.median_mm);
+    let next_mm = others.fold(as_read_mm, f64::min);
+    let fitting = tried.iter().filter(|(_, found)| fits(found));
+    let mut readings: Vec<Reading> = fitting
+        .map(|(meaning, found)| Reading { meaning: *meaning, median_mm: found.median_mm, next_mm })
+        .collect();
+    readings.sort_by(|one, other| one.median_mm.total_cmp(&other.median_mm));
+    readings
+}
+
+type Way = Box<dyn Fn(&Isometry3<f64>) -> Isometry3<f64> + Send + Sync>;
+
+/// Each reading of one pose by itself.
+fn ways() -> Vec<(Meaning, Way)> {
+    let angles = |words: &'static str, turn: fn([f64; 3]) -> UnitQuaternion<f64>| -> (Meaning, Way) {
+        (Meaning::Angles(words), by_angles(turn))
+    };
+    let quaternion = |words: &'static str, order: fn([f64; 4]) -> [f64; 4]| -> (Meaning, Way) {
+        let way = move |pose: &Isometry3<f64>| {
+            let [x, y, z, w] = order(pose.rotation.coords.into());
+            let rotation = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+            Isometry3::from_parts(pose.translation, rotation)
+        };
+        (Meaning::Quaternion(words), Box::new(way))
+    };
+    vec![
+        (Meaning::Inverted { other_mount: false }, Box::new(|pose: &Isometry3<f64>| pose.inverse())),
+        (
+            Meaning::Transposed,
+            Box::new(|pose: &Isometry3<f64>| Isometry3::from_parts(pose.translation, pose.rotation.inverse())),
+        ),
+        (
+            Meaning::LeftHanded,
+            Box::new(|pose: &Isometry3<f64>| {
+                Isometry3::from_parts(Translation3::from(-pose.translation.vector), pose.rotation)
+            }),
+        ),
+        angles(
+            "A and C are exchanged, or they are roll, pitch, yaw (about fixed X, Y, Z in this order): KUKA's A turns about Z, C about X",
+            |[a, b, c]| turn_about('z', c) * turn_about('y', b) * turn_about('x', a),
+        ),
+        angles(
+            "the angles turn about X, then the new Y, then the new Z: KUKA's A, B, C turn about Z, the new Y, the new X",
+            |[a, b, c]| turn_about('x', a) * turn_about('y', b) * turn_about('z', c),
+        ),
+        angles(NEW_Z, |[a, b, c]| turn_about('z', a) * turn_about('y', b) * turn_about('z', c)),
+        angles(NEW_X_NEW_Z, |[a, b, c]| turn_about('z', a) * turn_about('x', b) * turn_about('z', c)),
+        // The second angle of these goes to 180°, and the rotation keeps the triple with the smaller one.
+        angles(NEW_Z, |angles| {
+            let [a, b, c] = other_triple(angles);
+            turn_about('z', a) * turn_about('y', b) * turn_about('z', c)
+        }),
+        angles(NEW_X_NEW_Z, |angles| {
+            let [a, b, c] = other_triple(angles);
+            turn_about('z', a) * turn_about('x', b) * turn_about('z', c)
+        }),
+        angles("A has the other sign", |[a, b, c]| kuka([-a, b, c])),
+        angles("B has the other sign", |[a, b, c]| kuka([a, -b, c])),
+        angles("C has the other sign", |[a, b, c]| kuka([a, b, -c])),
+        angles("A and B are exchanged", |[a, b, c]| kuka([b, a, c])),
+        angles("B and C are exchanged", |[a, b, c]| kuka([a, c, b])),
+        (
+            Meaning::RotationVector { radians: false },
+            by_angles(|angles| {
+                // The rotation keeps A, B, C up to the other triple of the same rotation; a rotation vector is half a turn at most.
+                let [written, other] = [angles, other_triple(angles)].map(Vector3::from);
+                UnitQuaternion::from_scaled_axis(if other.norm() < written.norm() { other } else { written })
+            }),
+        ),
+        (
+            Meaning::RotationVector { radians: true },
+            by_angles(|angles| UnitQuaternion::from_scaled_axis(Vector3::from(angles).map(f64::to_degrees))),
+        ),
+        (Meaning::Radians, by_angles(|angles| kuka(angles.map(f64::to_degrees)))),
+        // A library that takes x, y, z, w was given w, x, y, z, or the other way round.
+        quaternion("w, x, y, z were taken as x, y, z, w", |[x, y, z, w]| [y, z, w, x]),
+        quaternion("x, y, z, w were taken as w, x, y, z", |[x, y, z, w]| [w, x, y, z]),
+    ]
+}
+
+const NEW_Z: &str =
+    "the angles turn about Z, the new Y and the new Z: KUKA's A, B, C turn about Z, the new Y, the new X";
+const NEW_X_NEW_Z: &str =
+    "the angles turn about Z, the new X and the new Z: KUKA's A, B, C turn about Z, the new Y, the new X";
+
+/// The other A, B, C of the same rotation, rad, each within half a turn.
+fn other_triple([a, b, c]: [f64; 3]) -> [f64; 3] {
+    let half = |angle: f64| if angle > 0.0 { angle - std::f64::consts::PI } else { angle + std::f64::consts::PI };
+    [half(a), -half(b), half(c)]
+}
+
+fn turn_about(axis: char, angle: f64) -> UnitQuaternion<f64> {
+    let axis = match axis {
+        'x' => Vector3::x_axis(),
+        'y' => Vector3::y_axis(),
+        _ => Vector3::z_axis(),
+    };
+    UnitQuaternion::from_axis_angle(&axis, angle)
+}
+
+fn kuka([a, b, c]: [f64; 3]) -> UnitQuaternion<f64> {
+    turn_about('z', a) * turn_about('y', b) * turn_about('x', c)
+}
+
+/// The pose with the rotation that its A, B, C mean otherwise, given in rad.
+fn by_angles(turn: fn([f64; 3]) -> UnitQuaternion<f64>) -> Way {
+    Box::new(move |pose: &Isometry3<f64>| {
+        let written: KukaPose =
+            KukaPose::from_rigid(&Rigid::<crate::geometry::Base, crate::geometry::Flange>::claim(*pose));
+        let angles = [written.a_deg, written.b_deg, written.c_deg].map(|angle| Degrees(angle).rad());
+        Isometry3::from_parts(pose.translation, turn(angles))
+    })
+}
+
+/// Where the boards are in pictures that are mirrored left for right; `None` for points, or where a picture gives no pose.
+fn mirrored<C: crate::geometry::Frame>(
+    camera: &PinholeCamera,
+    board: &Board,
+    stations: &[Station<C>],
+) -> Option<Vec<Isometry3<f64>>> {
+    let far = board.corners().iter().fold(0.0, |far: f64, q| far.max(q.mm.x));
+    let pose = |station: &Station<C>| {
+        let BoardObservation::Pixels(corners) = &station.seen else { return None };
+        let last = camera.width_px as f64 - 1.0;
+        let turned = corners
+            .iter()
+            .map(|(q, pixel)| (Point::at(far - q.mm.x, q.mm.y, q.mm.z), Pixel::at(last - pixel.u, pixel.v)));
+        let seen = BoardObservation::<C>::Pixels(turned.collect());
+        Some(*board_pose(camera, &seen).ok()?.camera_from_board.isometry())
+    };
+    stations.iter().map(pose).collect()
+}
+
+/// A mount from three stations, held against all.
+struct ClosedForm {
+    median_mm: f64,
+    ratio: f64,
+    mount: Isometry3<f64>,
+    board: Isometry3<f64>,
+}
+
+/// The mount by the three stations that agree best with all; with `free`, lengths of board and robot differ by a factor.
+fn closed_form(
+    holder_from_to: &[Isometry3<f64>],
+    camera_from_board: &[Isometry3<f64>],
+    rim: &[Point3<f64>],
+    free: bool,
+) -> Option<ClosedForm> {
+    let all: Vec<[usize; 3]> = triples(holder_from_to.len()).collect();
+    let stride = all.len().div_ceil(MAX_TRIPLES).max(1);
+    let tried = all.into_iter().step_by(stride).filter_map(|triple| {
+        let moved = triple.map(|index| holder_from_to[index]);
+        if second_axis_deg(&moved).to_radians() < MIN_TURN_RAD {
+            return None;
+        }
+        let seen = triple.map(|index| camera_from_board[index]);
+        let mount = foreign::hand_eye(&moved, &seen)?;
+        let (ratio, mount) = if free { with_ratio(&moved, &seen, mount)? } else { (1.0, mount) };
+        let held = |index: usize| holder_from_to[index] * mount * grown(&camera_from_board[index], ratio);
+        let boards: Vec<Isometry3<f64>> = (0..holder_from_to.len()).map(held).collect();
+        let rim: Vec<Point3<f64>> = rim.iter().map(|place| place * ratio).collect();
+        let (board, median_mm) = medoid(&boards, &rim)?;
+        Some(ClosedForm { median_mm: median_mm / ratio, ratio, mount, board })
+    });
+    tried.fold(None, |best: Option<ClosedForm>, next| match best {
+        Some(best) if best.median_mm <= next.median_mm => Some(best),
+        _ => Some(next),
+    })
+}
+
+fn grown(pose: &Isometry3<f64>, ratio: f64) -> Isometry3<f64> {
+    Isometry3::from_parts(Translation3::from(pose.translation.vector * ratio), pose.rotation)
+}
+
+/// The board that agrees best with the others, and its median distance from them.
+fn medoid(boards: &[Isometry3<f64>], rim: &[Point3<f64>]) -> Option<(Isometry3<f64>, f64)> {
+    let distance = |one: &Isometry3<f64>, other: &Isometry3<f64>| {
+        rim.iter().map(|place| (one * place - other * place).norm()).sum::<f64>() / rim.len() as f64
+    };
+    let of = |(index, board): (usize, &Isometry3<f64>)| {
+        let others = boards.iter().enumerate().filter(|(other, _)| *other != index);
+        let mut distances: Vec<f64> = others.map(|(_, other)| distance(board, other)).collect();
+        Some((*board, median(&mut distances)?))
+    };
+    boards.iter().enumerate().filter_map(of).min_by(|one, other| one.1.total_cmp(&other.1))
+}
+
+/// The factor k and the mount by (1), the rotation as it is.
+fn with_ratio(
+    moved: &[Isometry3<f64>; 3],
+    seen: &[Isometry3<f64>; 3],
+    mount: Isometry3<f64>,
+) -> Option<(f64, Isometry3<f64>)> {
+    let (mut normal, mut pull) = (Matrix4::<f64>::zeros(), Vector4::<f64>::zeros());
+    for (i, j) in [(0, 1), (1, 2), (0, 2)] {
+        let [turn_i, turn_j] = [i, j].map(|at| moved[at].rotation.to_rotation_matrix().into_inner());
+        let place = |at: usize| moved[at].rotation * (mount.rotation * seen[at].translation.vector);
+        let mut rows = nalgebra::Matrix3x4::<f64>::zeros();
+        rows.fixed_columns_mut::<3>(0).copy_from(&(turn_i - turn_j));
+        rows.set_column(3, &(place(i) - place(j)));
+        normal += rows.transpose() * rows;
+        pull += rows.transpose() * (moved[j].translation.vector - moved[i].translation.vector);
+    }
+    let solved = super::adjust::scaled_inverse(&normal)? * pull;
+    let ratio = solved[3];
+    let mount = Isometry3::from_parts(Translation3::new(solved[0], solved[1], solved[2]), mount.rotation);
+    (ratio.is_finite() && (1e-5..1e5).contains(&ratio)).then_some((ratio, mount))
+}

@@ -1,0 +1,176 @@
+//! The size of the board's squares by the robot's motions, which are metric.
+//!
+//! A board whose squares are not what was stated appears farther away or nearer than it is, and the mount takes up the difference: its
+//! residuals stay small and its stated uncertainty too. With the size as one more unknown s of (1) in `adjust`,
+//!     p = X⁻¹ · Mᵢ(eᵢ) · Y · (1 + s) q,                                                                              (1)
+//! the data determine it. By Gauss–Newton: one step for s with mount, board and every eᵢ eliminated, then the adjustment again with
+//! squares of the new size, until s stays. A lens of covariance C adds its part, as in `influence`: a focal length that is off looks
+//! nearly like squares of another size. The focal length is tested in the same way: motions towards the camera determine it, while the
+//! ratio of the board's size to motions across the view determines the squares.
+
+use super::adjust::{self, Adjusted, prior, scaled_inverse};
+use super::arrangement::Arrangement;
+use super::chain::{BoardObservation, Chain, Factor, Station};
+use super::quantile::student_quantile;
+use crate::cell::LensCovariance;
+use crate::geometry::{Board, Frame, PinholeCamera, Point};
+use nalgebra::{Isometry3, SMatrix, SVector};
+
+const MAX_STEPS: usize = 8;
+/// The steps end when the size changes by less than this share.
+const SETTLED: f64 = 1e-7;
+/// A size that is right is called wrong in one calibration of a thousand.
+const FALSE_ALARM: f64 = 1e-3;
+
+/// The squares' size, or the focal length, as the robot's motions state it.
+#[derive(Debug, Clone)]
+pub struct SquareSize<A: Arrangement> {
+    /// What it is by what was stated; 1 where both agree.
+    pub ratio: f64,
+    of: Factor,
+    /// Its standard deviation, the lens's part included.
+    pub deviation: f64,
+    /// How well the deviation is known.
+    pub redundancy: f64,
+    /// Mount and board with this size.
+    pub adjusted: Adjusted<A>,
+}
+
+impl<A: Arrangement> SquareSize<A> {
+    /// The ratio's 95 % bound to both sides.
+    pub fn ratio_95(&self) -> f64 {
+        student_quantile(self.redundancy, 0.975) * self.deviation
+    }
+
+    /// How far this size in place of the stated one moves a point before the camera, mm.
+    pub(super) fn moves_mm(&self, stated: &Adjusted<A>, at: Point<A::From>) -> f64 {
+        stated.to_from_camera.distance_at_mm(self.adjusted.to_from_camera, at)
+    }
+
+    /// The same with a lens that is known to this covariance only.
+    pub(super) fn with_lens(
+        self,
+        camera: &PinholeCamera,
+        stations: &[&Station<A::From>],
+        lens: &LensCovariance,
+    ) -> Option<Self> {
+        let (camera, now) = with_factor(camera, stations, self.ratio, self.of);
+        let step = step(&camera, &now, &self.adjusted, (self.of, Some(lens)))?;
+        Some(SquareSize { deviation: step.deviation * self.ratio, ..self })
+    }
+
+    /// Do the data contradict the stated size?
+    pub fn contradicts(&self) -> bool {
+        let allowed = student_quantile(self.redundancy, 1.0 - FALSE_ALARM / 2.0) * self.deviation;
+        let off = (self.ratio - 1.0).abs();
+        off.is_nan() || allowed.is_nan() || off > allowed
+    }
+}
+
+/// A station's view with squares of another size.
+pub(super) fn scaled<C: Frame>(station: &Station<C>, ratio: f64) -> Station<C> {
+    let at = |q: &Point<Board>| Point::new(q.mm * ratio);
+    let seen = match &station.seen {
+        BoardObservation::Pixels(corners) => {
+            BoardObservation::Pixels(corners.iter().map(|(q, pixel)| (at(q), *pixel)).collect())
+        }
+        BoardObservation::Points(corners) => {
+            BoardObservation::Points(corners.iter().map(|(q, point)| (at(q), *point)).collect())
+        }
+    };
+    Station { seen, ..station.clone() }
+}
+
+/// Camera and stations with this factor.
+fn with_factor<C: Frame>(
+    camera: &PinholeCamera,
+    stations: &[&Station<C>],
+    ratio: f64,
+    of: Factor,
+) -> (PinholeCamera, Vec<Station<C>>) {
+    match of {
+        Factor::Square => (*camera, stations.iter().map(|station| scaled(station, ratio)).collect()),
+        Factor::Focal => {
+            let camera = PinholeCamera { fx_px: ratio * camera.fx_px, fy_px: ratio * camera.fy_px, ..*camera };
+            (camera, stations.iter().map(|station| (*station).clone()).collect())
+        }
+    }
+}
+
+/// The size by these stations, from an adjustment over them; `None` where they do not determine it.
+pub(super) fn measure<A: Arrangement>(
+    camera: &PinholeCamera,
+    stations: &[&Station<A::From>],
+    start: &Adjusted<A>,
+    of: Factor,
+) -> Option<SquareSize<A>> {
+    let (mut ratio, mut adjusted) = (1.0, start.clone());
+    for _ in 0..MAX_STEPS {
+        let (lens, now) = with_factor(camera, stations, ratio, of);
+        let step = step(&lens, &now, &adjusted, (of, None))?;
+        let grown = step.share.clamp(-0.3, 0.3).exp();
+        ratio *= grown;
+        let (lens, now) = with_factor(camera, stations, ratio, of);
+        let chosen: Vec<&Station<A::From>> = now.iter().collect();
+        let from = (&adjusted.to_from_camera, &adjusted.holder_from_board);
+        adjusted = adjust::adjust::<A>(&lens, &chosen, from, None).ok()?;
+        if (grown - 1.0).abs() < SETTLED.max(0.01 * step.deviation) {
+            let redundancy = (adjusted.redundancy - 1.0).max(1.0);
+            return Some(SquareSize { ratio, of, deviation: step.deviation * ratio, redundancy, adjusted });
+        }
+    }
+    None
+}
+
+struct Step {
+    share: f64,
+    deviation: f64,
+}
+
+/// One step of the size, to first order, with what else is unknown eliminated.
+fn step<A: Arrangement>(
+    camera: &PinholeCamera,
+    stations: &[Station<A::From>],
+    adjusted: &Adjusted<A>,
+    (of, lens): (Factor, Option<&LensCovariance>),
+) -> Option<Step> {
+    let (mount, board) = (adjusted.to_from_camera.isometry(), adjusted.holder_from_board.isometry());
+    let (mut normal, mut pull) = (SMatrix::<f64, 13, 13>::zeros(), SVector::<f64, 13>::zeros());
+    let mut of_lens = SMatrix::<f64, 13, 9>::zeros();
+    for station in stations {
+        let chain = Chain::new::<A>(mount, board, &station.base_from_flange, &Isometry3::identity());
+        let (gram, size) = (chain.gram(camera, &station.seen)?, chain.factor_gram(camera, &station.seen, of)?);
+        let lens_cross = chain.lens_cross(camera, &station.seen)?;
+        let inverse = (gram.flange() + prior(&adjusted.noise)).cholesky()?.inverse();
+        // Mount, board and size against the flange's deviation.
+        let mut cross = SMatrix::<f64, 13, 6>::zeros();
+        cross.fixed_rows_mut::<12>(0).copy_from(&gram.cross());
+        cross.row_mut(12).copy_from(&size.cross.fixed_rows::<6>(12).transpose());
+        let mut own = SMatrix::<f64, 13, 13>::zeros();
+        own.fixed_view_mut::<12, 12>(0, 0).copy_from(&gram.both());
+        own.fixed_view_mut::<12, 1>(0, 12).copy_from(&size.cross.fixed_rows::<12>(0));
+        own.fixed_view_mut::<1, 12>(12, 0).copy_from(&size.cross.fixed_rows::<12>(0).transpose());
+        own[(12, 12)] = size.square;
+        let mut gradient = SVector::<f64, 13>::zeros();
+        gradient.fixed_rows_mut::<12>(0).copy_from(&gram.gradient.fixed_rows::<12>(0));
+        gradient[12] = size.pull;
+        let mut by_lens = SMatrix::<f64, 13, 9>::zeros();
+        by_lens.fixed_rows_mut::<12>(0).copy_from(&lens_cross.fixed_rows::<12>(0));
+        by_lens.row_mut(12).copy_from(&size.lens);
+        normal += own - cross * inverse * cross.transpose();
+        pull += gradient - cross * inverse * gram.gradient.fixed_rows::<6>(12);
+        of_lens += by_lens - cross * inverse * lens_cross.fixed_rows::<6>(12);
+    }
+    let inverse = scaled_inverse(&normal)?;
+    let of_noise = inverse[(12, 12)] * adjusted.noise.corner.powi(2);
+    let of_lens = lens.map_or(0.0, |lens| {
+        if of == Factor::Focal {
+            // The factor is the lens's own error: what the lens's file states of it, and no more.
+            return lens[(0, 0)].max(lens[(1, 1)]) / camera.fx_px.powi(2);
+        }
+        let moved = inverse.row(12) * of_lens;
+        (moved * lens * moved.transpose())[(0, 0)]
+    });
+    let share = (inverse * pull)[12];
+    (share.is_finite() && of_noise > 0.0).then(|| Step { share, deviation: (of_noise + of_lens).sqrt() })
+}

@@ -1,0 +1,87 @@
+//! `panelprep calibrate intrinsics --from-scan`: the lens of a 3D camera from one of its scans, each point of which lies on the ray of its
+//! pixel.
+
+use super::super::disk;
+use super::super::fault::Fault;
+use super::super::outcome::Outcome;
+use super::args::Intrinsics as Args;
+use super::date;
+use super::keeping::{keep, provenance};
+use crate::cell::Intrinsics;
+use crate::files;
+use crate::geometry::{lens_of, sampled};
+use crate::verdict::{Judgement, Reason};
+use crate::words::apart;
+use serde_json::json;
+use std::path::Path;
+
+/// Half of the points lie nearer to the rays of the lens that is written, px: beyond the first a person must look, beyond the second it
+/// is no camera's cloud.
+const MEDIAN_PX: (f64, f64) = (0.1, 1.0);
+
+/// Reads the lens and writes the file.
+///
+/// # Errors
+/// Where the file is no organised cloud in a camera's frame.
+pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
+    let bytes = disk::read(scan)?;
+    let cloud = files::read_any_cloud(&bytes, None).map_err(|error| Fault::file(scan, error))?;
+    files::check_frame(&cloud).map_err(|error| Fault::file(scan, error))?;
+    let found = lens_of(&sampled(&cloud), (cloud.width(), cloud.height()));
+    let Some(found) = found else {
+        let message = format!(
+            "{} has too few points, or points on one line, to state a lens; scan the whole cell",
+            scan.display()
+        );
+        return Ok(Outcome::of(&Judgement::of(vec![Reason::new("not_a_lens", message)], vec![])));
+    };
+    let (mut reject, mut review) = (Vec::new(), Vec::new());
+    let beyond = |limit_px: f64| found.median_px.is_nan() || found.median_px > limit_px;
+    if beyond(MEDIAN_PX.0) {
+        let beyond = beyond(MEDIAN_PX.1);
+        let [off, allowed] = apart(found.median_px, if beyond { MEDIAN_PX.1 } else { MEDIAN_PX.0 }, 3);
+        let message = format!(
+            "half of the points lie {off} px and more off the rays of the lens that fits best, allowed are {allowed} px: was the scan \
+             smoothed or moved after it was taken?"
+        );
+        let reason = Reason::new("rms_px", message);
+        if beyond { reject.push(reason) } else { review.push(reason) }
+    }
+    let intrinsics = Intrinsics {
+        serial: args.serial.clone(),
+        date: date::today(),
+        rms_px: Some(found.median_px),
+        provenance: provenance(vec![files::content_hash(&bytes)], vec![]),
+        ..Intrinsics::of(found.camera)
+    };
+    let text = intrinsics.to_toml();
+    if let Err(problems) = Intrinsics::check(&args.out.display().to_string(), &text) {
+        reject.push(Reason::new("not_a_lens", format!("these numbers are no lens: {problems}")));
+    }
+    let judgement = Judgement::of(reject, review);
+    let mut outcome = Outcome::of(&judgement);
+    let lens = &found.camera;
+    let numbers = [
+        ("fx_px", lens.fx_px),
+        ("fy_px", lens.fy_px),
+        ("cx_px", lens.cx_px),
+        ("cy_px", lens.cy_px),
+        ("k1", lens.k1),
+        ("k2", lens.k2),
+        ("p1", lens.p1),
+        ("p2", lens.p2),
+        ("k3", lens.k3),
+        ("rms_px", found.median_px),
+    ];
+    for (key, number) in numbers {
+        outcome.put(key, json!(number));
+    }
+    outcome.put("width_px", json!(lens.width_px));
+    outcome.put("height_px", json!(lens.height_px));
+    outcome.say(format!(
+        "fx {:.2}, fy {:.2}, cx {:.2}, cy {:.2} px: half of the points lie within {:.4} px of its rays",
+        lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, found.median_px
+    ));
+    keep(&mut outcome, &judgement, &args.out, &text)?;
+    Ok(outcome)
+}
