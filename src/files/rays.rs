@@ -207,7 +207,7 @@ mod tests {
     /// The same points in other frames, units and orders, each by its name.
     #[test]
     fn other_frames_units_and_orders_are_named() {
-        let step = |index: usize| if (index / 10) % 2 == 0 { 1.0 } else { 1.3 };
+        let step = |index: usize| if (index / 10).is_multiple_of(2) { 1.0 } else { 1.3 };
         let with = |change: &dyn Fn(usize, [f32; 3]) -> [f32; 3]| {
             let plane = cloud(0.0, None);
             let points = (0..8_000).map(|index| {
