@@ -226,14 +226,18 @@ impl Lattice<'_> {
             median(&mut sites.clone().filter_map(|at| moves(at, nth)).collect::<Vec<_>>())
         });
         let is_still = |at: usize| {
-            (0..NEAREST).any(|nth| {
-                let Some(Moving { at_most, .. }) = near[at][nth] else { return false };
+            let [Some(first), Some(second)] = near[at] else { return false };
+            let both = [first, second];
+            // Of a wide bare place the film around it says nothing, that of the clip does.
+            let of_clip = (0..NEAREST).all(|nth| both[nth].at_most < LEAST_OF_FILM * of_clip[nth].unwrap_or(0.0));
+            // A small one has few sites, and the square around it others that only look alike.
+            let around: [f64; NEAREST] = std::array::from_fn(|nth| {
                 let mut around = Vec::new();
                 self.about(at, RADII[RADII.len() - 1], |near| around.extend(moves(near, nth)));
-                // Of a wide bare place the film around it says nothing, that of the clip does.
-                let film = median(&mut around).into_iter().chain(of_clip[nth]).fold(0.0, f64::max);
-                at_most < LEAST_OF_FILM * film
-            })
+                LEAST_OF_FILM * median(&mut around).unwrap_or(0.0)
+            });
+            let is_below = (0..NEAREST).all(|nth| both[nth].water < around[nth]);
+            of_clip || (is_below && (0..NEAREST).any(|nth| both[nth].at_most < around[nth]))
         };
         let is_still: Vec<bool> = sites.clone().into_par_iter().map(is_still).collect();
         // Drops that run over a bare place move as well, on part of it: the rest of it is still, and looks alike.

@@ -246,7 +246,7 @@ mod tests {
         assert_eq!(commands.sent[4].address(), ("Ack", Some("ErrId")));
         let state = ChannelFile::parse(include_str!("../../../config/kuka/CELLSTAT.xml")).expect("read");
         assert_eq!((state.limit_entries, state.port, state.sent.len()), (64, 54_601, 37));
-        assert_eq!(state.sent[35].address(), ("St/Tool", Some("C")));
+        assert_eq!(state.sent[36].address(), ("St/Tool", Some("C")));
     }
 
     #[test]
