@@ -138,7 +138,9 @@ pub fn check_files_for(files: &[(&str, &str)], checked_for: &CheckedFor<'_>) -> 
         reports[place] = report;
     }
     hold_recipes_against_the_cell(files, checked_for.read, &mut reports);
-    controller::hold_against_the_cell(files, &mut reports);
+    if let Some((place, cell)) = the_cell(files, &reports) {
+        controller::hold_against_the_cell(files, (place, &cell), &mut reports);
+    }
     for report in &mut reports {
         report.problems.sort_by_key(|problem| problem.line);
         report.warnings.sort_by_key(|warning| warning.line);

@@ -61,7 +61,7 @@ fn the_programs_that_ship_are_right_and_one_bad_file_hides_no_other() {
     let (exit, text) = run(&folder, &programs);
     assert!(exit == Some(0) && !text.contains("warning"), "{text}");
     assert!(
-        text.contains("cell_motion.src: ok\n  a program: routines that other files see: CELL_MOTION; 11 more"),
+        text.contains("cell_motion.src: ok\n  a program: routines that other files see: CELL_MOTION; 12 more"),
         "{text}"
     );
     assert!(text.contains("cell_data.dat: ok\n  a data list: "), "{text}");

@@ -125,7 +125,7 @@ fn own_programs_are_executed_or_the_line_that_is_not_is_named() {
     // What a controller would refuse is refused with its place, and a folder without programs by its name.
     replaced(&own.join("cell_config.dat"), &[("CELL_USER_N=3", "CELL_USER_N=")]);
     fs::create_dir(folder.join("empty")).expect("a folder");
-    for (of, words) in [("own", "own/cell_config.dat:105: "), ("empty", "empty: has no .src, .sub or .dat file")] {
+    for (of, words) in [("own", "own/cell_config.dat:118: "), ("empty", "empty: has no .src, .sub or .dat file")] {
         let output = panelprep(folder, &format!("mock-robot --cell cell.toml --programs {of}"));
         let told = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code() == Some(2) && told.contains(words), "{told}");

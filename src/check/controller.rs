@@ -1,16 +1,19 @@
 //! The controller's files beside a cell's file: what of them contradicts each other, and the sum by which the programs name
 //! themselves.
 
-use super::{FileReport, the_cell};
-use crate::cell::RobotKind;
+use super::report::FileReport;
+use crate::cell::{Cell, RobotKind};
 use crate::config::{Problem, line_of_key};
 use crate::controller::{
     COMMANDS, CONFIG, ControllerFiles, DATA, MOTION, STATES, SumError, base_name, differences, program_sum,
 };
 
 /// Where one cell with a controller is among the files, the controller's files among them are held against it.
-pub(super) fn hold_against_the_cell(files: &[(&str, &str)], reports: &mut [FileReport]) {
-    let Some((cell_place, cell)) = the_cell(files, reports) else { return };
+pub(super) fn hold_against_the_cell(
+    files: &[(&str, &str)],
+    (cell_place, cell): (usize, &Cell),
+    reports: &mut [FileReport],
+) {
     if cell.robot().kind() != RobotKind::Eki {
         return;
     }
@@ -22,7 +25,7 @@ pub(super) fn hold_against_the_cell(files: &[(&str, &str)], reports: &mut [FileR
         commands: text(COMMANDS),
         states: text(STATES),
     };
-    for difference in differences(&named, &cell) {
+    for difference in differences(&named, cell) {
         let Some(place) = place(difference.file) else { continue };
         let problems = &mut reports[place].problems;
         if !problems.contains(&difference.problem) {

@@ -2,12 +2,11 @@
 //! the key at which a person mends it; untouched files of a right cell give none.
 
 use super::data::Compared;
+use super::difference::{Difference, Found};
+use super::names::{COMMANDS, CONFIG, MOTION, STATES};
 use super::stated::DataList;
-use super::{COMMANDS, CONFIG, MOTION, STATES};
 use crate::cell::{Cell, RobotKind};
-use crate::config::Problem;
 use crate::eki::{CELLCMD, CELLSTAT, ChannelFile, Element};
-use std::net::IpAddr;
 
 /// Texts of the controller's files, as they are on the controller. What is `None` is not compared.
 #[derive(Debug, Clone, Copy, Default)]
@@ -20,15 +19,6 @@ pub struct ControllerFiles<'a> {
     pub commands: Option<&'a str>,
     /// `CELLSTAT.xml`.
     pub states: Option<&'a str>,
-}
-
-/// A place at which two files contradict each other.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Difference {
-    /// The controller's file, by its name without folder.
-    pub file: &'static str,
-    /// Line, key, and what was found, what is expected and what to do.
-    pub problem: Problem,
 }
 
 /// Everything at which these files contradict each other or the cell's file.
@@ -61,25 +51,7 @@ pub fn differences(files: &ControllerFiles<'_>, cell: &Cell) -> Vec<Difference> 
     found.0
 }
 
-/// What was found so far.
-#[derive(Default)]
-pub(super) struct Found(Vec<Difference>);
-
 impl Found {
-    pub(super) fn push(&mut self, difference: Difference) {
-        self.0.push(difference);
-    }
-
-    pub(super) fn note(
-        &mut self,
-        file: &'static str,
-        line: usize,
-        key: impl Into<String>,
-        message: impl Into<String>,
-    ) {
-        self.0.push(Difference { file, problem: Problem { line, key: key.into(), message: message.into() } });
-    }
-
     /// A channel's file and this program's own; a file that cannot be read is noted.
     fn channel(&mut self, file: &'static str, text: &str, ours: &str) -> Option<(ChannelFile, ChannelFile)> {
         match (ChannelFile::parse(text), ChannelFile::parse(ours)) {
@@ -192,12 +164,12 @@ impl Found {
     }
 
     fn address(&mut self, file: &'static str, text: &str, theirs: &ChannelFile, host: &str) {
-        let (Some(stated), Ok(host)) = (&theirs.address, host.parse::<IpAddr>()) else { return };
+        let (Some(stated), Some(address)) = (&theirs.address, ipv4(host)) else { return };
         // What is no address, `check` of the file by itself says.
-        let Ok(listens) = stated.parse::<IpAddr>() else { return };
-        if listens != host {
+        let Some(listens) = ipv4(stated) else { return };
+        if listens != address {
             let message = format!(
-                "is {listens}, and [robot] host of the cell's file is {host}: the controller listens at the one, the PC looks at the \
+                "is {stated}, and [robot] host of the cell's file is {host}: the controller listens at the one, the PC looks at the \
                  other"
             );
             self.note(file, line_of(text, "<IP>"), "CONFIGURATION/INTERNAL/IP", message);
@@ -251,4 +223,10 @@ impl Found {
 
 fn line_of(text: &str, what: &str) -> usize {
     text.lines().position(|line| line.contains(what)).map_or(1, |index| index + 1)
+}
+
+/// The four numbers of an IPv4 address; `None` of a name.
+fn ipv4(text: &str) -> Option<[u8; 4]> {
+    let numbers = text.trim().split('.').map(|number| number.parse().ok()).collect::<Option<Vec<u8>>>()?;
+    numbers.try_into().ok()
 }

@@ -1,8 +1,8 @@
 //! The data list that a cell engineer edits beside the cell's file: signals, what a stop switches off, flags, timers, axes, space
 //! and speeds.
 
-use super::CONFIG;
-use super::compare::{Difference, Found};
+use super::difference::{Difference, Found};
+use super::names::CONFIG;
 use super::stated::{DataList, Number};
 use crate::cell::{Cell, Output};
 use std::collections::{BTreeMap, BTreeSet};

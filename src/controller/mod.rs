@@ -7,24 +7,14 @@
 
 mod compare;
 mod data;
+mod difference;
+mod names;
 mod stated;
 mod sum;
 #[cfg(test)]
 mod tests;
 
-pub use compare::{ControllerFiles, Difference, differences};
+pub use compare::{ControllerFiles, differences};
+pub use difference::Difference;
+pub use names::{COMMANDS, CONFIG, DATA, MOTION, PROGRAMS, STATES};
 pub use sum::{SumError, base_name, program_sum};
-
-/// Name of the data list that a cell engineer edits.
-pub const CONFIG: &str = "cell_config.dat";
-/// Name of the data list of the protocol.
-pub const DATA: &str = "cell_data.dat";
-/// Name of the command channel's file.
-pub const COMMANDS: &str = "CELLCMD.xml";
-/// Name of the state channel's file.
-pub const STATES: &str = "CELLSTAT.xml";
-/// Name of the robot program, whose interrupts name flags and a timer by their numbers.
-pub const MOTION: &str = "cell_motion.src";
-/// Names of all files of the controller whose texts are compared or summed, in the order in which the sum takes them.
-pub const PROGRAMS: [&str; 6] =
-    [DATA, "cell_judge.src", "cell_link.src", MOTION, "cell_submit.src", "cell_tell.src"];

@@ -5,8 +5,8 @@
 //! shows a mix-up of files. It is no protection against somebody who wants to deceive: that is the controller's own checksum
 //! of its project and of its safety configuration.
 
+use super::names::{CONFIG, DATA, PROGRAMS};
 use super::stated::{DataList, Number};
-use super::{CONFIG, DATA, PROGRAMS};
 
 /// As the programs have it.
 const MODULUS: i64 = 1_000_003;

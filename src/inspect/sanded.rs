@@ -230,20 +230,29 @@ impl Lattice<'_> {
             let both = [first, second];
             // Of a wide bare place the film around it says nothing, that of the clip does.
             let of_clip = (0..NEAREST).all(|nth| both[nth].at_most < LEAST_OF_FILM * of_clip[nth].unwrap_or(0.0));
-            // A small one has few sites, and the square around it others that only look alike.
+            // A small one has few sites, and looks other than the film around it; a calm part of a film looks as the rest of it.
             let around: [f64; NEAREST] = std::array::from_fn(|nth| {
                 let mut around = Vec::new();
                 self.about(at, RADII[RADII.len() - 1], |near| around.extend(moves(near, nth)));
                 LEAST_OF_FILM * median(&mut around).unwrap_or(0.0)
             });
             let is_below = (0..NEAREST).all(|nth| both[nth].water < around[nth]);
-            of_clip || (is_below && (0..NEAREST).any(|nth| both[nth].at_most < around[nth]))
+            let is_surely = (0..NEAREST).any(|nth| both[nth].at_most < around[nth]);
+            of_clip || (is_below && is_surely && self.is_apart(at))
         };
         let is_still: Vec<bool> = sites.clone().into_par_iter().map(is_still).collect();
         // Drops that run over a bare place move as well, on part of it: the rest of it is still, and looks alike.
         let is_wet =
             |at: usize| water[at].is_some() && !is_still[at] && self.still_share(at, &is_still) <= MOST_STILL;
         sites.into_par_iter().map(is_wet).collect()
+    }
+
+    /// Do most of the sites near it look other than it does?
+    fn is_apart(&self, at: usize) -> bool {
+        let (mut alike, mut all) = (0, 0);
+        self.near_alike(at, RADII[NEAREST - 1], |_| alike += 1);
+        self.about(at, RADII[NEAREST - 1], |near| all += usize::from(self.sites[near].look > 0.0));
+        2 * alike < all
     }
 
     /// How much water moves on what lies nearest, in the first squares.

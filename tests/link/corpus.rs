@@ -130,7 +130,7 @@ fn corpus() -> Vec<(Vec<u8>, String)> {
     let is_field = |rest: &&str| rest.starts_with("Ack/") || rest.starts_with("St/");
     let fields: Vec<Field> =
         after("field ").filter(is_field).map(|rest| Field::read(&rest.split(' ').collect::<Vec<_>>())).collect();
-    assert_eq!(fields.len(), 42, "6 of the acknowledgement, 36 of the state");
+    assert_eq!(fields.len(), 43, "6 of the acknowledgement, 37 of the state");
     let document = |field: &Field| if field.tag.starts_with("Ack") { ack } else { state };
     let split = |rest: &'static str| rest.split_once(" => ").expect("an arrow");
 

@@ -32,7 +32,7 @@ fn walks_show_the_faults_of_before() {
             0,
             "RESUME with $ADVANCE",
         ),
-        ("$POS_ACT of a program that is gone", standard, 6, "$POS_ACT has no value"),
+        ("$POS_ACT of a program that is gone", standard, 8, "$POS_ACT has no value"),
     ];
     for (name, meaning, seed, words) in rows {
         let [before, ships] = both(meaning);
