@@ -73,7 +73,7 @@ impl Found {
                 file,
                 1,
                 "CONFIGURATION/EXTERNAL/TYPE",
-                format!("is {found:?}; the PC is the client, so it must be {expected:?}"),
+                format!("is {found}; the PC is the client, so it must be {expected}"),
             );
         }
         if theirs.environment != ours.environment {
@@ -85,7 +85,7 @@ impl Found {
         }
         if theirs.memory != ours.memory {
             let message = format!(
-                "{} entries in {:?} order and {} bytes; this program counts with {} entries in {:?} order and {} bytes",
+                "{} entries in {} order and {} bytes; this program counts with {} entries in {} order and {} bytes",
                 theirs.memory.entries,
                 theirs.memory.order,
                 theirs.memory.bytes,
@@ -115,7 +115,7 @@ impl Found {
         let place = place.unwrap_or(found.len().min(expected.len()));
         let word = |elements: &[Element]| {
             elements.get(place).map_or("nothing".to_owned(), |it| {
-                let kind = it.kind.map_or("no type".to_owned(), |kind| format!("{kind:?}"));
+                let kind = it.kind.map_or("no type".to_owned(), |kind| kind.to_string());
                 format!("{} ({kind})", it.tag)
             })
         };

@@ -8,7 +8,7 @@ use crate::cell::{Cell, Feedback, Output};
 use crate::cycle::{
     Act, Epoch, Extraction, Facts, Frames, Id, Lens, Motion, Path, Switch, Tool, Water, open_interlocks,
 };
-use crate::eki::State;
+use crate::eki::{CONTACT_OVERRIDE_PERCENT, State};
 use crate::geometry::Joints;
 use crate::verdict::{Judgement, Reason};
 
@@ -48,6 +48,7 @@ fn facts(state: &State, cell: &Cell) -> Facts {
     let parked = cell.park().is_some_and(|park| is_at(&state.joints, &park));
     Facts {
         standing: !state.moving,
+        full_override: state.override_percent == CONTACT_OVERRIDE_PERCENT,
         epoch: Epoch::Open,
         frames: Some(Frames::Camera),
         arm: parked.then_some(Path::Park),

@@ -98,12 +98,17 @@ impl Scanner for RecordedScanner {
     fn capture_3d(&mut self) -> Result<Shot, CameraError> {
         self.takes_clip = false;
         let file = self.clouds.next()?;
-        let cloud = match files::read_cloud(&read(&file)?, &self.camera) {
+        // What takes the scan holds it against the lens: here that may be one that nobody has calibrated.
+        let size_px = (self.camera.width_px, self.camera.height_px);
+        let cloud = match files::read_any_cloud(&read(&file)?, Some(size_px)) {
             Err(CloudFileError::Size { width, height, .. }) => {
                 return Err(wrong_size(Which::Scanner, [width, height], &self.camera));
             }
             other => named(&file, other)?,
         };
+        if (cloud.width(), cloud.height()) != size_px {
+            return Err(wrong_size(Which::Scanner, [cloud.width(), cloud.height()], &self.camera));
+        }
         Ok(Shot { cloud, time_s: self.clouds.count_s() })
     }
 

@@ -37,13 +37,13 @@ pub(super) const ALL: [Mutation; 18] = [
     change(
         "the tool is switched on without extraction",
         INTERLOCKS,
-        "vec![epoch, drained, extraction, at_approach],",
-        "vec![epoch, drained, at_approach],",
+        "vec![full_override, epoch, drained, extraction, at_approach],",
+        "vec![full_override, epoch, drained, at_approach],",
     )
     .and(
         INTERLOCKS,
-        "vec![epoch, drained, extraction, token, at_approach, pad, running]",
-        "vec![epoch, drained, token, at_approach, pad, running]",
+        "vec![full_override, epoch, drained, extraction, token, at_approach, pad, running]",
+        "vec![full_override, epoch, drained, token, at_approach, pad, running]",
     ),
     change(
         "water runs while the lens is open",
