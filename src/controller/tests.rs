@@ -182,9 +182,9 @@ const MISTAKES: [(&str, &str, &str, &str); 74] = [
         COMMANDS,
         "Tag=\"Cmd/@N1\" Type=\"INT\"",
         "Tag=\"Cmd/@N1\" Type=\"REAL\"",
-        "RECEIVE ELEMENT: place 4 is Cmd/@N1 (Real)",
+        "RECEIVE ELEMENT: place 4 is Cmd/@N1 (REAL)",
     ),
-    (STATES, "      <ELEMENT Tag=\"St/@Ov\" Type=\"INT\"/>\n", "", "SEND ELEMENT: place 13 is St/J/@A1 (Real)"),
+    (STATES, "      <ELEMENT Tag=\"St/@Ov\" Type=\"INT\"/>\n", "", "SEND ELEMENT: place 13 is St/J/@A1 (REAL)"),
     (COMMANDS, "<ENVIRONMENT>Submit</ENVIRONMENT>", "<ENVIRONMENT>Program</ENVIRONMENT>", "ENVIRONMENT: "),
     (COMMANDS, "Limit=\"512\"", "Limit=\"16\"", "BUFFERING: 16 entries"),
     // Axes, space and speeds.
