@@ -50,10 +50,6 @@ impl Watch {
             let Settled { broke_s, unsure } = self.settled(since_wet_s, &inside);
             since_wet_s = broke_s;
             unsure.into_iter().for_each(|index| is_unsure[index] = true);
-            // A place that began to look bare before the observation was over, and was not filmed for long enough after that, may have broken.
-            let began = |i: usize| self.model.looks_bare_since_s(i).filter(|_| since_wet_s[i] == NEVER);
-            let is_pending = |i: &usize| began(*i).is_some_and(|s| f64::from(s) <= self.demands.observation_s);
-            (0..inside.len()).filter(|i| inside[*i]).filter(is_pending).for_each(|i| is_unsure[i] = true);
             for index in self.wet_when_dry(&since_wet_s, &inside) {
                 (since_wet_s[index], was_wet[index]) = (NEVER, true);
             }

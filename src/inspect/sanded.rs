@@ -21,9 +21,8 @@ const MIN_SHIMMER: f64 = 1.35;
 const SURE_SIGMA: f64 = 4.5;
 /// … of still places the shimmer is below that by this many.
 const STILL_SIGMA: f64 = 3.0;
-/// A place that surely moves less than this share of the water that moves on the film around it, and on that of the clip, is still; of the
-/// places that look alike more than this share is still only if no film is there: on rendered films at most 0.023 of 99 % of all places
-/// was, on bare ones 0.31.
+/// A place that surely moves less than this share of the water that moves on a film of the clip is still; of the places that look alike
+/// more than this share is still only where no film is: on rendered films at most 0.023 of 99 % of all places was, on bare ones 0.31.
 const LEAST_OF_FILM: f64 = 0.2;
 const MOST_STILL: f64 = 0.05;
 /// This share of the differences may show a shadow or a glint that passes, and does not count; by fewer others nothing is said, nor by
@@ -197,14 +196,6 @@ fn opened(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
     Ok(opened.data_bytes()?.iter().map(|&byte| byte > 0).collect())
 }
 
-/// How much water moves on a place: the variance of its look over what noise has, in shares of the look.
-#[derive(Debug, Clone, Copy)]
-struct Moving {
-    water: f64,
-    /// It is surely no more.
-    at_most: f64,
-}
-
 /// All sites.
 struct Lattice<'a> {
     sites: Vec<Site>,
@@ -218,52 +209,13 @@ impl Lattice<'_> {
     fn wet(&self) -> Vec<bool> {
         let sites = 0..self.sites.len();
         let water: Vec<Option<f64>> = sites.clone().into_par_iter().map(|at| self.water(at)).collect();
-        let near: Vec<[Option<Moving>; NEAREST]> =
-            sites.clone().into_par_iter().map(|at| self.nearest(at)).collect();
-        let moves =
-            |at: usize, nth: usize| near[at][nth].filter(|_| water[at].is_some()).map(|moving| moving.water);
-        let of_clip: [Option<f64>; NEAREST] = std::array::from_fn(|nth| {
-            median(&mut sites.clone().filter_map(|at| moves(at, nth)).collect::<Vec<_>>())
-        });
-        let is_still = |at: usize| {
-            let [Some(first), Some(second)] = near[at] else { return false };
-            let both = [first, second];
-            // Of a wide bare place the film around it says nothing, that of the clip does.
-            let of_clip = (0..NEAREST).all(|nth| both[nth].at_most < LEAST_OF_FILM * of_clip[nth].unwrap_or(0.0));
-            // A small one has few sites, and looks other than the film around it; a calm part of a film looks as the rest of it.
-            let around: [f64; NEAREST] = std::array::from_fn(|nth| {
-                let mut around = Vec::new();
-                self.about(at, RADII[RADII.len() - 1], |near| around.extend(moves(near, nth)));
-                LEAST_OF_FILM * median(&mut around).unwrap_or(0.0)
-            });
-            let is_below = (0..NEAREST).all(|nth| both[nth].water < around[nth]);
-            let is_surely = (0..NEAREST).any(|nth| both[nth].at_most < around[nth]);
-            of_clip || (is_below && is_surely && self.is_apart(at))
-        };
-        let is_still: Vec<bool> = sites.clone().into_par_iter().map(is_still).collect();
+        let mut known: Vec<f64> = water.iter().flatten().copied().collect();
+        let Some(film) = median(&mut known) else { return vec![false; water.len()] };
+        let is_still: Vec<bool> = sites.clone().into_par_iter().map(|at| self.is_still(at, film)).collect();
         // Drops that run over a bare place move as well, on part of it: the rest of it is still, and looks alike.
         let is_wet =
             |at: usize| water[at].is_some() && !is_still[at] && self.still_share(at, &is_still) <= MOST_STILL;
         sites.into_par_iter().map(is_wet).collect()
-    }
-
-    /// Do most of the sites near it look other than it does?
-    fn is_apart(&self, at: usize) -> bool {
-        let (mut alike, mut all) = (0, 0);
-        self.near_alike(at, RADII[NEAREST - 1], |_| alike += 1);
-        self.about(at, RADII[NEAREST - 1], |near| all += usize::from(self.sites[near].look > 0.0));
-        2 * alike < all
-    }
-
-    /// How much water moves on what lies nearest, in the first squares.
-    fn nearest(&self, at: usize) -> [Option<Moving>; NEAREST] {
-        std::array::from_fn(|nth| {
-            let site = Some(&self.sites[at]).filter(|site| site.look > 0.0)?;
-            let (ratio, deviation) = self.alike(at, RADII[nth]).shimmer()?;
-            let noise = site.noise_share().powi(2);
-            let at_most = (ratio + STILL_SIGMA * deviation - 1.0) * noise;
-            Some(Moving { water: (ratio - 1.0) * noise, at_most })
-        })
     }
 
     /// How much water moves on a site: the variance of its look over what noise has, in shares of the look; `None` without evidence.
@@ -283,6 +235,19 @@ impl Lattice<'_> {
             }
         }
         None
+    }
+
+    /// Does a site surely move less than a film of this clip does, by what lies nearest?
+    fn is_still(&self, at: usize, film: f64) -> bool {
+        let site = &self.sites[at];
+        if site.look <= 0.0 {
+            return false;
+        }
+        let least = 1.0 + LEAST_OF_FILM * film / site.noise_share().powi(2);
+        RADII[..NEAREST].iter().all(|radius| {
+            let shown = self.alike(at, *radius).shimmer();
+            shown.is_some_and(|(ratio, deviation)| ratio + STILL_SIGMA * deviation < least)
+        })
     }
 
     /// Of the sites that look like this one and are not far, the share that is still.
@@ -306,22 +271,18 @@ impl Lattice<'_> {
     fn near_alike(&self, at: usize, radius: usize, mut takes: impl FnMut(usize)) {
         let own = &self.sites[at];
         let alike = (self.tolerance / 2.0 * own.look).max(ALIKE_SIGMA * own.noise);
-        self.about(at, radius, |near| {
-            let site = &self.sites[near];
-            if site.look > 0.0 && (site.look - own.look).abs() <= alike {
-                takes(near);
-            }
-        });
-    }
-
-    /// Calls for each site within a square about this one.
-    fn about(&self, at: usize, radius: usize, mut takes: impl FnMut(usize)) {
         let columns = self.shimmer.columns();
         let rows = self.sites.len() / columns;
         let (row, column) = (at / columns, at % columns);
-        let across = column.saturating_sub(radius)..(column + radius + 1).min(columns);
         for row in row.saturating_sub(radius)..(row + radius + 1).min(rows) {
-            across.clone().for_each(|column| takes(row * columns + column));
+            for near in
+                row * columns + column.saturating_sub(radius)..row * columns + (column + radius + 1).min(columns)
+            {
+                let site = &self.sites[near];
+                if site.look > 0.0 && (site.look - own.look).abs() <= alike {
+                    takes(near);
+                }
+            }
         }
     }
 }
