@@ -414,7 +414,7 @@ impl Compared<'_> {
                 self.array_number(array, index, |found| {
                     let expected = expected?;
                     let beyond = outwards * (found - expected);
-                    (!(beyond >= -ROUNDING && beyond <= BOX_SLACK_MM + ROUNDING)).then(|| {
+                    (!(-ROUNDING..=BOX_SLACK_MM + ROUNDING).contains(&beyond)).then(|| {
                         format!(
                             "is {found} mm; [limits] of the cell's file has {expected} mm, and the controller's box may reach 0 to \
                              {BOX_SLACK_MM} mm beyond it"

@@ -179,7 +179,7 @@ impl Running<'_> {
             .abrasion
             .plan(sent.motion.plan)
             .map_or(f64::INFINITY, |plan| off_path_mm(&waypoints(plan), done, tip.origin()));
-        (!(off_mm <= allowed_mm)).then_some((off_mm, allowed_mm))
+        (off_mm.is_nan() || off_mm > allowed_mm).then_some((off_mm, allowed_mm))
     }
 }
 

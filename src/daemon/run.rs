@@ -243,12 +243,12 @@ impl Running<'_> {
     /// A request: what happens by it, or what is done with it here.
     fn take_up(&mut self, Request { what, who, .. }: Request) -> Result<TakenUp, DaemonError> {
         self.requester = who;
-        if let Some(request) = what.of_table() {
-            if let Some(why) = self.control.refusal(request, self.requester.front, self.robot_state.as_ref()) {
-                self.ports.requests.tell(News::NotPermitted(vec![why.clone()]));
-                self.keep_asked(Wanted::For(request), self.requester.clone(), (Answer::Refused, vec![why]))?;
-                return Ok(TakenUp::Done);
-            }
+        if let Some(request) = what.of_table()
+            && let Some(why) = self.control.refusal(request, self.requester.front, self.robot_state.as_ref())
+        {
+            self.ports.requests.tell(News::NotPermitted(vec![why.clone()]));
+            self.keep_asked(Wanted::For(request), self.requester.clone(), (Answer::Refused, vec![why]))?;
+            return Ok(TakenUp::Done);
         }
         match what {
             What::Leave => return Ok(TakenUp::Leave),
