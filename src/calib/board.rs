@@ -109,16 +109,18 @@ impl Board {
         let dictionary = upper.strip_prefix("DICT_").unwrap_or(&upper).to_owned();
         let Some(held) = markers_of(&dictionary) else {
             return Err(format!(
-                "no dictionary is named {dictionary}; allowed are OpenCV's: 4X4_50 … 7X7_1000 (50, 100, 250, 1000), ARUCO_ORIGINAL, \
+                "no dictionary is named {dictionary}; known are OpenCV's: 4X4_50 … 7X7_1000 (50, 100, 250, 1000), ARUCO_ORIGINAL, \
                  APRILTAG_16H5, APRILTAG_25H9, APRILTAG_36H10, APRILTAG_36H11"
             ));
         };
+        let charuco = Charuco { marker_mm, dictionary: dictionary.clone(), legacy };
+        let board =
+            Self::of(columns.saturating_sub(1), rows.saturating_sub(1), square_mm, Pattern::Charuco(charuco))?;
         let needed = columns * rows / 2;
         if needed > held {
             return Err(format!("{columns}×{rows} squares hold {needed} markers, {dictionary} has {held}"));
         }
-        let charuco = Charuco { marker_mm, dictionary, legacy };
-        Self::of(columns.saturating_sub(1), rows.saturating_sub(1), square_mm, Pattern::Charuco(charuco))
+        Ok(board)
     }
 
     fn of(columns: usize, rows: usize, square_mm: f64, pattern: Pattern) -> Result<Self, String> {

@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 const ROUNDS: usize = 6;
 /// Fewer pictures tell no shape from noise.
 const LEAST_VIEWS: usize = 6;
-/// A corner's place is asked for where so many pictures show it.
+/// A corner's place is an unknown if at least this many pictures show it.
 const LEAST_SEEN: usize = 4;
 /// Corners that miss a flat board by less are good, px.
 const GOOD_PX: f64 = 0.08;

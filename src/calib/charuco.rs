@@ -80,9 +80,9 @@ pub(super) fn detect(
     Err(missing)
 }
 
-/// So many markers are a board's, not chance.
+/// This many markers are a board's, not chance.
 const SOME_MARKERS: usize = 4;
-/// … of a dictionary that nobody named.
+/// … of a dictionary that was not named.
 const SURE_MARKERS: usize = 6;
 /// The largest dictionary of each family holds the smaller ones' markers first.
 const DICTIONARIES: [&str; 9] = [

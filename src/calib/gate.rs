@@ -211,24 +211,25 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
 /// Who wrote the poses down.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PosesFrom {
-    /// Somebody: with which tool and base is not known.
+    /// From a file: with which tool and base is not known.
     File,
     /// This program, as the controller reported the flange in the robot's base.
     Controller,
 }
 
-/// Of so many pictures one may be left out.
+/// Of this many pictures one may be left out.
 const ONE_OUT_OF: usize = 10;
 
-/// Pictures that do not fit are named and left out. A few among many that agree change nothing: more poses, also poor ones, never make a
-/// verdict worse. Beyond that what is wrong is to be mended, not voted down.
+/// Pictures that do not fit are left out. A few among many that agree change nothing; beyond that what is wrong is to be mended, not voted
+/// down.
 pub fn outliers_may_stay_out<A: Arrangement>(found: &HandEye<A>) -> bool {
+    let left_out = found.residuals.iter().filter(|residual| !residual.used).count().max(found.suspects.len());
     let used = found.residuals.iter().filter(|residual| residual.used).count();
-    found.suspects.len() <= found.residuals.len() / ONE_OUT_OF && used >= FEW_POSES
+    left_out <= found.residuals.len() / ONE_OUT_OF && used >= FEW_POSES
 }
 
-/// Is the mount from many poses good enough? Pictures that do not fit reject it, but for a few among many. `second` is the result from the 3D camera's own points; `rough` is where the cell's file says that the
-/// camera is, by hand.
+/// Is the mount from many poses good enough? Pictures that do not fit reject it, but for a few among many. `second` is the result from the
+/// 3D camera's own points, which must be as good; `rough` is where the cell's file says that the camera is, by hand.
 pub fn hand_eye<A: Arrangement>(
     (found, square_mm): (&HandEye<A>, f64),
     second: Option<&HandEye<A>>,
@@ -248,29 +249,11 @@ pub fn hand_eye<A: Arrangement>(
     }
     reasons.square(found, square_mm);
     reasons.focal(found);
-    if !outliers_may_stay_out(found) {
-        for suspect in &found.suspects {
-            reasons.reject.push(Reason::new("does_not_fit", suspect.to_string()));
-        }
+    for (result, of_which) in [(Some(found), ""), (second, "by the 3D camera's own points ")] {
+        let Some(result) = result else { continue };
+        reasons.fits(result);
+        reasons.known(result, of_which);
     }
-    reasons.bound(
-        "uncertainty",
-        found.uncertainty_mm,
-        HAND_EYE_UNCERTAINTY_MM,
-        "the mount is uncertain by so many mm (95 %) at the panel",
-    );
-    reasons.bound("rms_mm", found.rms_mm, HAND_EYE_RMS_MM, "picture and robot disagree by so many mm rms");
-    let spread = found.second_axis_deg;
-    reasons.doubt("rotation", spread < SPREAD_DEG, || {
-        let [spread, needed] = apart(spread, SPREAD_DEG, 1);
-        format!("the poses turn by {spread}° about the second axis; {needed}° and more are wanted")
-    });
-    let used = found.residuals.iter().filter(|residual| residual.used).count();
-    reasons.doubt("few_poses", used < FEW_POSES, || format!("{used} poses were used; take {FEW_POSES} or more"));
-    let (left_out_mm, name) = &found.leave_one_out;
-    reasons.doubt("one_pose", *left_out_mm > found.uncertainty_mm.max(0.02), || {
-        format!("without {name} the result moves by {left_out_mm:.3} mm, more than its uncertainty; look at that picture")
-    });
     if let Some(second) = second {
         let away = apart_mm(found, second);
         let allowed = found.uncertainty_mm.hypot(second.uncertainty_mm);
@@ -286,6 +269,60 @@ pub fn hand_eye<A: Arrangement>(
         }
     }
     reasons.judgement()
+}
+
+impl Reasons {
+    /// Pictures that do not fit, but for a few among many. Where squares or focal length are refused, it is for them that pictures were left
+    /// out.
+    fn fits<A: Arrangement>(&mut self, found: &HandEye<A>) {
+        if outliers_may_stay_out(found) {
+            return;
+        }
+        for suspect in &found.suspects {
+            self.reject.push(Reason::new("does_not_fit", suspect.to_string()));
+        }
+        let left_out: Vec<&str> = found
+            .residuals
+            .iter()
+            .filter(|residual| !residual.used)
+            .map(|residual| residual.name.as_str())
+            .collect();
+        if found.suspects.is_empty() && self.reject.is_empty() && !left_out.is_empty() {
+            let (count, all) = (left_out.len(), found.residuals.len());
+            let message = format!(
+                "{count} of {all} pictures do not fit the others and were left out: {}; look at their poses, or take them again",
+                left_out.join(", ")
+            );
+            self.reject.push(Reason::new("does_not_fit", message));
+        }
+    }
+
+    /// How well a mount is known; `of_which` is put before each reason.
+    fn known<A: Arrangement>(&mut self, found: &HandEye<A>, of_which: &str) {
+        let words = |what: &str| format!("{of_which}{what}");
+        self.bound(
+            "uncertainty",
+            found.uncertainty_mm,
+            HAND_EYE_UNCERTAINTY_MM,
+            &words("the mount is uncertain by so many mm (95 %) at the panel"),
+        );
+        self.bound("rms_mm", found.rms_mm, HAND_EYE_RMS_MM, &words("picture and robot disagree by so many mm rms"));
+        let spread = found.second_axis_deg;
+        self.doubt("rotation", spread.is_nan() || spread < SPREAD_DEG, || {
+            let [spread, needed] = apart(spread, SPREAD_DEG, 1);
+            words(&format!("the poses turn by {spread}° about the second axis; {needed}° and more are wanted"))
+        });
+        let used = found.residuals.iter().filter(|residual| residual.used).count();
+        self.doubt("few_poses", used < FEW_POSES, || {
+            words(&format!("{used} poses were used; take {FEW_POSES} or more"))
+        });
+        let (left_out_mm, name) = &found.leave_one_out;
+        self.doubt("one_pose", *left_out_mm > found.uncertainty_mm.max(0.02), || {
+            words(&format!(
+                "without {name} the result moves by {left_out_mm:.3} mm, more than its uncertainty; look at that picture"
+            ))
+        });
+    }
 }
 
 /// An arm's own lengths are off by less than this share.
@@ -328,7 +365,7 @@ pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid
         "the board's corners miss its pose by so many px rms",
     );
     if let Some(check) = found.check_mm {
-        reasons.bound("check_point", check, CHECK_MM, "the fourth point is off by so many mm");
+        reasons.bound("check_point", check, CHECK_MM, "the fourth point is off, in mm, by");
     }
     let unseen = found.check_mm.is_none() || found.looks_alike;
     reasons.doubt("no_check_point", unseen && rough.is_none(), || match found.check_mm {

@@ -115,7 +115,7 @@ pub fn no_such_board(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
         let [share, allowed] = percent_apart(differs, MAX_SQUARE_SHARE, 1);
         implausible(format!(
             "the 3D camera measures squares of {} mm, the board's are said to be {square_mm} mm, a difference of {share} %, \
-             allowed are {allowed} %: measure the board, and correct its size.",
+             the limit is {allowed} %: measure the board, and correct its size.",
             fixed(measured_mm, 2)
         ))
     })
@@ -168,7 +168,7 @@ pub fn depth_differs(farther_mm: f64, limit_mm: f64) -> Option<Reason> {
         let [found, allowed] = apart(farther_mm.abs(), limit_mm, 2);
         let way = if farther_mm > 0.0 { "farther away" } else { "nearer" };
         let message = format!(
-            "the 3D camera's own points put the board {found} mm {way} than its picture does, allowed are {allowed} mm: measure the board's squares, \
+            "the 3D camera's own points put the board {found} mm {way} than its picture does, the limit is {allowed} mm: measure the board's squares, \
              and the camera's scale with panelprep calibrate scanner"
         );
         Reason::new("depth_differs", message)

@@ -15,7 +15,7 @@ use std::fmt::Write;
 
 /// Beyond this angle from its normal a board's corners are placed badly, degrees.
 const GRAZING_DEG: f64 = 65.0;
-/// Corners that miss the board's pose by so many times what others do make a picture doubtful.
+/// Corners that miss the board's pose by this many times what others do make a picture doubtful.
 const ROUGHER: f64 = 3.0;
 /// Corners that miss it by less are good in any company, px or mm.
 const LEAST_RMS: f64 = 0.05;

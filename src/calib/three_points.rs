@@ -5,7 +5,8 @@
 //!     base_from_board = base_from_frame · frame_from_board,   to_from_camera = to_from_board · board_from_camera.
 //! A wrong corner cannot show in the picture, since the chain cancels: it shows in the distances between the touched
 //! places, in a rough mount where one is known, and in a fourth touched corner, whose miss is the only true residual. Four corners
-//! of a rectangle look the same from its other end: the fourth shows this only where it breaks the symmetry.
+//! of a rectangle look the same from its other end: the fourth shows this only where it breaks the symmetry. If a person counts all four corners
+//! from the other end they still are at their distances: only a rough mount shows that.
 
 use super::arrangement::Arrangement;
 use super::error::CalibError;

@@ -102,7 +102,7 @@ impl Intrinsics {
         let within = SIZE_PX.contains(&camera.width_px) && SIZE_PX.contains(&camera.height_px);
         if !within || [camera.fx_px, camera.fy_px].iter().any(|focal| !FOCAL_PX.contains(focal)) {
             return Err(wrong(format!(
-                "a picture of {}×{} px with focal lengths of {} and {} px; allowed are {} to {} px and {} to {} px",
+                "a picture of {}×{} px with focal lengths of {} and {} px; the limits are {} to {} px and {} to {} px",
                 camera.width_px,
                 camera.height_px,
                 camera.fx_px,

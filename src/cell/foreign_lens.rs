@@ -61,15 +61,20 @@ pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
             height_px: height()?,
         });
     }
-    if let Some(model) =
-        get(top, &["distortion_model"]).and_then(Yaml::as_str).filter(|model| *model != "plumb_bob")
-    {
+    let model = get(top, &["distortion_model"]).and_then(Yaml::as_str);
+    if let Some(model) = model.filter(|model| *model != "plumb_bob") {
         return Err(format!("the lens model is {model}, allowed is plumb_bob: k1, k2, p1, p2, k3"));
     }
     let matrix = numbers(top, &["camera_matrix", "cameraMatrix", "Camera_Matrix", "K"]);
-    let [fx_px, skew, cx_px, _, fy_px, cy_px, ..] = matrix.as_slice() else {
+    let [fx_px, skew, cx_px, row_2, fy_px, cy_px, row_3 @ ..] = matrix.as_slice() else {
         return Err("the nine numbers of camera_matrix are missing".to_owned());
     };
+    if *row_2 != 0.0 || *row_3 != [0.0, 0.0, 1.0] {
+        return Err(format!(
+            "camera_matrix is {}; its nine numbers are fx 0 cx, 0 fy cy, 0 0 1, row by row",
+            matrix.iter().map(f64::to_string).collect::<Vec<_>>().join(" ")
+        ));
+    }
     if *skew != 0.0 {
         return Err(format!("the camera matrix has a skew of {skew}, allowed is 0"));
     }
@@ -82,12 +87,13 @@ pub(super) fn read(text: &str) -> Result<PinholeCamera, String> {
         "D",
     ];
     let coefficients = numbers(top, &names);
-    if !matches!(coefficients.len(), 4..) {
-        return Err("distortion_coefficients k1, k2, p1, p2 and k3 are missing".to_owned());
+    // Four of a fisheye's are no k1, k2, p1, p2, and its file may look the same.
+    if !matches!((coefficients.len(), model), (5.., _) | (4, Some(_))) {
+        return Err("distortion_coefficients k1, k2, p1, p2 and k3 are missing; of four alone, distortion_model plumb_bob too".to_owned());
     }
     if coefficients.iter().skip(5).any(|coefficient| *coefficient != 0.0) {
         return Err(format!(
-            "{} distortion coefficients are not zero, allowed are k1, k2, p1, p2, k3: calibrate without the rational model",
+            "{} distortion coefficients are not zero; known are k1, k2, p1, p2, k3: calibrate without the rational model",
             coefficients.len()
         ));
     }

@@ -141,6 +141,17 @@ pub enum CloudFileError {
         /// Farthest depth.
         to: String,
     },
+    /// Numbers in another unit.
+    #[error(
+        "the points' depths go from {from} to {to}, and a 3D camera measures parts between 150 and 5000 mm: are these cm, inches or µm? Export \
+         the cloud in mm"
+    )]
+    OtherUnit {
+        /// Nearest depth.
+        from: String,
+        /// Farthest depth.
+        to: String,
+    },
     /// Points behind the camera.
     #[error(
         "most points lie behind the camera (z from {from} to {to} mm): the cloud has OpenGL's axes (y up, z backwards), or is in another \

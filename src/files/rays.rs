@@ -22,6 +22,8 @@ const ELSEWHERE_PX: f64 = 20.0;
 const LEAST_POINTS: usize = 60;
 /// A 3D camera sees nothing nearer than this: such numbers are metres, mm.
 const NEAREST_MM: f64 = 20.0;
+/// It measures parts between these distances, mm: other numbers are of another unit.
+const MEASURES_MM: std::ops::Range<f64> = 150.0..5_000.0;
 /// A lens that describes a cloud leaves less than this, px.
 const OWN_LENS_PX: f64 = 0.5;
 
@@ -62,6 +64,9 @@ fn unit_and_side(sample: &Sample) -> Result<(), CloudFileError> {
     }
     if middle < 0.0 {
         return Err(CloudFileError::Behind { from, to });
+    }
+    if !MEASURES_MM.contains(&middle) {
+        return Err(CloudFileError::OtherUnit { from, to });
     }
     Ok(())
 }

@@ -41,6 +41,8 @@ struct Look {
     board_image: BoardImage,
     detected: Detected,
     base_from_flange: Rigid<Base, crate::geometry::Flange>,
+    /// The pose came with its axes: the controller reported it.
+    has_axes: bool,
 }
 
 fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
@@ -73,14 +75,18 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     if let Some(covariance) = &lens.covariance {
         found = found.with_lens(&camera, &stations, covariance).map_err(Fault::stage)?;
     }
-    let measured: Vec<Station<A::From>> =
-        looks.iter().filter_map(|look| Some(station(look, points_of::<A>(look, (&camera, &errors))?))).collect();
+    let (with_points, measured): (Vec<&Look>, Vec<Station<A::From>>) = looks
+        .iter()
+        .filter_map(|look| Some((look, station(look, points_of::<A>(look, (&camera, &errors))?))))
+        .unzip();
     let second = match measured.len() >= MIN_STATIONS {
         true => Some(calibrated(&measured, Some(found.at))?),
         false => None,
     };
     let rough = cell.as_ref().and_then(A::rough);
-    let poses = if args.live.live.is_some() { PosesFrom::Controller } else { PosesFrom::File };
+    // A pose that a person typed has no axes, also in a live session.
+    let is_reported = args.live.live.is_some() && looks.iter().all(|look| look.has_axes);
+    let poses = if is_reported { PosesFrom::Controller } else { PosesFrom::File };
     let judgement = gate::hand_eye((&found, board.square_mm()), second.as_ref(), rough.as_ref(), poses);
     let mut outcome = Outcome::of(&judgement);
     tell(&mut outcome, (&found, &board), &aside);
@@ -117,7 +123,8 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     mounted.robot_correction = arm.map(|arm| arm.hash);
     mounted.rms_mm = Some(kept.rms_mm);
     mounted.uncertainty_mm = Some(kept.uncertainty_mm);
-    let used = looks.iter().zip(&found.residuals).filter(|(_, residual)| residual.used);
+    let of_kept: Vec<&Look> = if second.is_some() { with_points } else { looks.iter().collect() };
+    let used = of_kept.into_iter().zip(&kept.residuals).filter(|(_, residual)| residual.used);
     let (hashes, residuals) = used.map(|(look, residual)| (look.board_image.hash.clone(), residual.mm)).unzip();
     mounted.provenance = provenance(hashes, residuals);
     let text = mounted.to_toml();
@@ -178,6 +185,7 @@ fn looks(
             board_image,
             detected,
             base_from_flange,
+            has_axes: pose.joints.is_some(),
         }))
     };
     let all: Vec<Result<Look, (String, String)>> = poses.par_iter().map(look).collect::<Result<_, Fault>>()?;

@@ -19,6 +19,9 @@ use std::path::Path;
 /// is no camera's cloud.
 const MEDIAN_PX: (f64, f64) = (0.1, 1.0);
 
+/// A flat scan lies on the rays of some lens wherever its frame is: the depths differ by this share of the distance at least.
+const LEAST_RELIEF: f64 = 0.05;
+
 /// Reads the lens and writes the file.
 ///
 /// # Errors
@@ -41,16 +44,31 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
         let beyond = beyond(MEDIAN_PX.1);
         let [off, allowed] = apart(found.median_px, if beyond { MEDIAN_PX.1 } else { MEDIAN_PX.0 }, 3);
         let message = format!(
-            "half of the points lie {off} px and more off the rays of the lens that fits best, allowed are {allowed} px: was the scan \
+            "half of the points lie {off} px and more off the rays of the lens that fits best, the limit is {allowed} px: was the scan \
              smoothed or moved after it was taken?"
         );
-        let reason = Reason::new("rms_px", message);
+        let reason = Reason::new("off_rays", message);
         if beyond { reject.push(reason) } else { review.push(reason) }
+    }
+    let mut depths_mm: Vec<f64> = sampled(&cloud).iter().map(|(_, point)| point.mm.z).collect();
+    depths_mm.sort_by(f64::total_cmp);
+    let depth = |share: f64| depths_mm[((depths_mm.len() - 1) as f64 * share) as usize];
+    let relief = (depth(0.95) - depth(0.05)) / depth(0.5);
+    if relief.is_nan() || relief < LEAST_RELIEF {
+        let [found, wanted] = apart(100.0 * relief, 100.0 * LEAST_RELIEF, 1);
+        review.push(Reason::new(
+            "flat",
+            format!(
+                "the depths of the scan differ by {found} % of the distance, {wanted} % are wanted: a flat scan in another frame has a lens of \
+                 its own, and it would be wrong; scan a cell with things at several distances"
+            ),
+        ));
     }
     let intrinsics = Intrinsics {
         serial: args.serial.clone(),
         date: date::today(),
-        rms_px: Some(found.median_px),
+        // Half of the points are hidden in a median, which is no root mean square.
+        rms_px: None,
         provenance: provenance(vec![files::content_hash(&bytes)], vec![]),
         ..Intrinsics::of(found.camera)
     };
@@ -71,7 +89,7 @@ pub fn run(args: &Args, scan: &Path) -> Result<Outcome, Fault> {
         ("p1", lens.p1),
         ("p2", lens.p2),
         ("k3", lens.k3),
-        ("rms_px", found.median_px),
+        ("median_px", found.median_px),
     ];
     for (key, number) in numbers {
         outcome.put(key, json!(number));

@@ -28,10 +28,21 @@ struct Looked {
     look: BoardMeasurement,
     /// The board by the 3D camera's own points, where it has them, and how much farther they put it than the picture does, mm.
     by_points: Option<(Rigid<Base, crate::geometry::Board>, f64)>,
+    /// It was taken with points, which should show the board, too.
+    has_cloud: bool,
     /// Why nothing may be measured where it shows the board.
     outside: Option<Reason>,
     picture_hash: String,
     calibration_hash: String,
+}
+
+impl Looked {
+    /// A scan by whose points the board is not found says nothing of how panels are located.
+    fn without_points(&self) -> Option<Reason> {
+        let message = "the scan has too few points on the board to find it by them, and panels are located by points: light it evenly, clean \
+                       it, or bring it nearer, then take the scan again";
+        (self.has_cloud && self.by_points.is_none()).then(|| Reason::new("no_points", message))
+    }
 }
 
 fn look(
@@ -61,12 +72,11 @@ fn look(
     let measured_square_mm = measured.as_ref().and_then(|seen| seen.square_mm(board));
     let seen = detected.corners;
     let outside = health::outside_of_lens(&camera.extent, seen.iter().map(|(_, pixel)| *pixel));
-    let mut by_points = None;
+    let (mut by_points, has_cloud) = (None, board_image.cloud().is_some());
     let (base_from_board, pnp_rms_px) = match base_from_flange {
         None => {
             let pose =
                 board_pose::<Camera>(&camera.value, &BoardObservation::Pixels(seen)).map_err(Fault::stage)?;
-            // Points that are too few for a pose say nothing.
             if let Some(points) = measured.and_then(|points| board_pose(&camera.value, &points).ok()) {
                 let away_mm = |pose: &BoardPose<Camera>| (pose.camera_from_board * board.middle()).mm.coords.norm();
                 let base_from_board = files.base_from_camera()?.value * points.camera_from_board;
@@ -87,7 +97,7 @@ fn look(
         CameraName::FlangeCamera => files.hash_with_arm(&texts),
     };
     let look = BoardMeasurement { base_from_board, pnp_rms_px, measured_square_mm };
-    Ok(Looked { look, by_points, outside, picture_hash: board_image.hash, calibration_hash })
+    Ok(Looked { look, by_points, has_cloud, outside, picture_hash: board_image.hash, calibration_hash })
 }
 
 /// Looks at the target, a board or a taught corner, and compares; with `--learn`, writes where the board is.
@@ -118,11 +128,13 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
     }
     let seen = look(args, &files, (&target.board, window), progress)?;
     let off_mm = |found| health::distance_mm(&target.base_from_board, found, &target.board.corners());
-    // The scans are measured by points: where the board has them, they must be right as well.
+    // The panel is located by points: those of the board must be right as well.
     let points_mm = seen.by_points.as_ref().map(|(by_points, _)| off_mm(by_points));
-    let error_mm = off_mm(&seen.look.base_from_board).max(points_mm.unwrap_or(0.0));
+    let by_picture_mm = off_mm(&seen.look.base_from_board);
+    let error_mm =
+        points_mm.map_or(by_picture_mm, |mm| if mm > by_picture_mm || mm.is_nan() { mm } else { by_picture_mm });
     let implausible = health::no_look_at(&target.base_from_board, &seen.look, &target.board);
-    let implausible = seen.outside.clone().or(implausible);
+    let implausible = seen.outside.clone().or(implausible).or_else(|| seen.without_points());
     let mut outcome = match implausible {
         Some(reason) => refused(reason, error_mm, files.cell.limits().verify_limit_mm()),
         None => {
@@ -166,6 +178,7 @@ fn learn(
 ) -> Result<Outcome, Fault> {
     let apart = seen.by_points.as_ref().and_then(|(_, farther_mm)| health::depth_differs(*farther_mm, limit_mm));
     let refused = seen.outside.clone().or_else(|| health::no_such_board(&seen.look, board)).or(apart);
+    let refused = refused.or_else(|| seen.without_points());
     if let Some(reason) = refused {
         return Ok(Outcome::of(&Judgement::of(vec![reason], vec![])));
     }

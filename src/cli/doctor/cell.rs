@@ -251,7 +251,7 @@ fn kept_sum(sum: i32, kept: Option<i32>) -> Check {
         ),
         None => Check::wrong(
             name,
-            format!("sum {sum}, and the cell's file keeps none: nobody would notice other programs"),
+            format!("sum {sum}, and the cell's file keeps none: other programs would not be noticed"),
             format!("once the cell is accepted with these files, set programs_sum = {sum} in [robot]"),
         ),
     }
