@@ -8,9 +8,10 @@
 //! at the edges. With all six freedoms, of which those in the plane add to σ but hardly to the largest error, Monte Carlo of the localization's
 //! covariance gives 95 % at 2.34 on panels of 250 × 180 to 600 × 400 mm. One freedom alone would give 1.96.
 
-/// An error in one direction lies within so many standard deviations with 95 %.
+/// An error in one direction lies within this many standard deviations with 95 %.
 pub const WITHIN_95: f64 = 1.96;
-/// The largest error over a panel lies within so many standard deviations of its worst point with 95 %.
+/// The largest error over a panel lies within this many standard deviations of its worst point with 95 % by the localization's covariance, and
+/// with 94 % by (1).
 pub const WHOLE_PANEL_95: f64 = 2.35;
 
 #[cfg(test)]

@@ -85,8 +85,10 @@ impl ScanErrors {
             correlation_mm: measured.correlation_mm,
             between_scans_mm: SQRT_2 * measured.smooth_mm,
             of_taught_mm: POINT * measured.smooth_mm,
-            // What is known of the scale is taken off; what is left is the board's own, and the measurement's.
-            scale: BOARD_SHARE
+            // The scale that is taken off is that of the board's stated squares, which nothing here proves: it is counted whole, beside the
+            // board's own length and the measurement.
+            scale: (measured.scale_percent / 100.0)
+                .hypot(BOARD_SHARE)
                 .hypot(measured.scale_deviation_percent / 100.0 / (measured.places.max(1) as f64).sqrt()),
             scale_between_scans: measured.scale_deviation_percent / 100.0,
             is_measured: true,
@@ -134,8 +136,8 @@ mod tests {
         let point = errors.corrected(cloud).point_at(0).expect("there").mm;
         assert!((point.z - 700.0).abs() < 1e-3 && (point.x - 10.0).abs() < 1e-3, "{point}");
         assert!((errors.corrected_point(Point::at(0.0, 0.0, 701.4)).mm.z - 700.0).abs() < 1e-9);
-        // 0.04 % over sixteen places is 0.01 %, beside the board's own 0.025 %.
-        assert!((errors.range.scale - 0.000_25_f64.hypot(0.000_1)).abs() < 1e-12);
+        // 0.04 % over sixteen places is 0.01 %, beside the board's own 0.025 % and the 0.2 % that were taken off.
+        assert!((errors.range.scale - 0.002_f64.hypot(0.000_25).hypot(0.000_1)).abs() < 1e-12);
         assert_eq!(ScanErrors::default().scale_off, 0.0);
     }
 }

@@ -10,7 +10,7 @@ use crate::words::{apart, fixed, percent_apart};
 /// A camera that has moved the panel by this much is another camera, mm.
 pub const MAX_CAMERA_MOVED_MM: f64 = 0.25;
 /// A camera that moves must be noticed where it puts the panel this far off, mm, by a fixture that shows it.
-pub const MAX_CAMERA_NOTICED_MM: f64 = 0.6;
+pub const MAX_CAMERA_NOTICED_MM: f64 = 0.55;
 /// Fixture that still lies where it lay: things come and go, the fixture stays.
 pub const MIN_FIXTURE_SAME: f64 = 0.4;
 /// From how far on a camera that moved is noticed, by a fixture that determines its pose with this uncertainty, 95 %, mm.
