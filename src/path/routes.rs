@@ -276,7 +276,7 @@ impl Standing<'_> {
     }
 }
 
-/// Whether the tip stands by the axes and the cell's arm where the controller says that it stands. Another arm, axes in another unit
+/// Whether the tip is, by the axes and the cell's arm, where the controller says that it is. Another arm, axes in another unit
 /// or another root of the robot do not.
 ///
 /// # Errors
@@ -289,7 +289,7 @@ pub fn is_the_arm(
 ) -> Result<(), Reason> {
     let by_model = arm.base_from_flange(joints).map(|flange| flange * flange_from_tool);
     let unknown =
-        || Reason::new("arm_model", "the axes told by the controller are no numbers; look at its messages");
+        || Reason::new("arm_model", "the axes that the controller reports are no numbers; look at its messages");
     let by_model = by_model.ok_or_else(unknown)?;
     let (off_mm, off) = (by_model.origin().distance_mm(reported.origin()), (by_model.inverse() * reported).turn());
     if off_mm <= MODEL_MM && off.0 <= MODEL.0 {
@@ -298,7 +298,7 @@ pub fn is_the_arm(
     let [mm, allowed_mm] = apart(off_mm, MODEL_MM, 1);
     let [deg, allowed_deg] = apart(off.0, MODEL.0, 3);
     let message = format!(
-        "by its axes and [arm] the tip stands {mm} mm and {deg}° from where the controller says, allowed are \
+        "by its axes and [arm] the tip is {mm} mm and {deg}° from where the controller says, the limits are \
          {allowed_mm} mm and {allowed_deg}°; is the arm in the cell's file this one?"
     );
     Err(Reason::new("arm_model", message))

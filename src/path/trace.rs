@@ -93,12 +93,12 @@ const MOST_MISSED: usize = 2;
 /// Lines before and after the one under way that a report may lie on: it and the count are not of one instant.
 const BESIDE: usize = 3;
 
-/// The waypoint that the arm goes to once so many are executed.
+/// The waypoint that the arm goes to once this many are executed.
 fn towards(all: &[Waypoint], done: u32) -> usize {
     (done as usize + 1).min(all.len().saturating_sub(1)).max(1)
 }
 
-/// Distance of a point from the planned lines around the one that the arm is on once so many waypoints are executed, mm; infinite
+/// Distance of a point from the planned lines around the one that the arm is on once this many waypoints are executed, mm; infinite
 /// where no line is planned.
 pub fn off_path_mm(all: &[Waypoint], done: u32, point: Point<Panel>) -> f64 {
     let towards = towards(all, done);

@@ -106,6 +106,8 @@ pub struct Today {
     pub fit: Fit,
     /// How far it lies from the taught one, and how well it is known.
     pub checks: Vec<Check>,
+    /// Root mean square of the scan's points from it, mm; `None` if it is the taught one.
+    pub rms_mm: Option<f64>,
     /// How far it lies from the taught one, pixel by pixel.
     pub drawing: Option<Drawing>,
 }
@@ -113,36 +115,41 @@ pub struct Today {
 /// Corrects the taught surface by the scan in which the panel was located. The thesis's surface is taken as it was taught.
 pub fn today((panel, taught): (&TaughtPanel, &Fit), points: &[TodaysPoint], limits: &recipe::Surface) -> Today {
     if limits.method() == FitMethod::Thesis {
-        return Today { fit: taught.clone(), checks: vec![], drawing: None };
+        // It is not compared, which the record says.
+        let unknown = Check::new(name::DEVIATION, "mm", None);
+        return Today { fit: taught.clone(), checks: vec![unknown], rms_mm: None, drawing: None };
     }
-    match surface::todays(&taught.surface, panel, &taught.map, points) {
+    match surface::todays(&taught.surface, panel, &taught.map, (points, limits.max_hole_mm())) {
         Ok(todays) => {
             let checks = deviations(&todays, limits).into();
             let picture = today_map(&todays.map, limits.max_deviation_mm());
             let caption = "How far the panel lies today in front of the taught one, or behind it";
             let drawing = Some(Drawing::new("deviation", caption, picture));
-            Today { fit: Fit { surface: todays.surface, ..taught.clone() }, checks, drawing }
+            let rms_mm = Some(todays.rms_mm);
+            Today { fit: Fit { surface: todays.surface, ..taught.clone() }, checks, rms_mm, drawing }
         }
         Err(error) => {
             let unknown = Check::new(name::DEVIATION, "mm", None);
             let unknown = unknown.broken(true, Severity::Review, "no_surface_today", || error.to_string());
-            Today { fit: taught.clone(), checks: vec![unknown], drawing: None }
+            Today { fit: taught.clone(), checks: vec![unknown], rms_mm: None, drawing: None }
         }
     }
 }
 
 /// How today's surface differs from the taught one, with its limits.
-fn deviations(todays: &Todays, limits: &recipe::Surface) -> [Check; 3] {
+fn deviations(todays: &Todays, limits: &recipe::Surface) -> [Check; 4] {
     let (deviation_mm, limit_mm) = (todays.largest_mm, limits.max_deviation_mm());
     let (rms_mm, limit_rms_mm) = (todays.rms_mm, limits.max_rms_mm());
     let (percent, limit_percent) = (todays.missing_percent, limits.max_missing_percent());
+    let (hole_mm, limit_hole_mm) = (todays.largest_hole_mm, limits.max_hole_mm());
     [
         Check::new(name::DEVIATION, "mm", deviation_mm)
             .at_most(limit_mm, SetBy::recipe("surface.max_deviation_mm"))
             .reviews("deviates", || {
                 let [mm, limit_mm] = apart(deviation_mm, limit_mm, 2);
                 format!(
-                    "the panel lies up to {mm} mm from the taught one, the limit is {limit_mm} mm: look at the map of its deviation;                      is it this panel, and is it clamped as it was taught?"
+                    "the panel lies up to {mm} mm from the taught one, the limit is {limit_mm} mm: look at the map of its deviation; is it \
+                     this panel, and is it clamped as it was taught?"
                 )
             }),
         Check::new("residual of today's surface, rms", "mm", rms_mm)
@@ -159,8 +166,17 @@ fn deviations(todays: &Todays, limits: &recipe::Surface) -> [Check; 3] {
             .reviews("hidden_today", || {
                 let [percent, limit_percent] = apart(percent, limit_percent, 1);
                 format!(
-                    "the scan does not show {percent} % of the region, the limit is {limit_percent} %: there the taught surface is used; \
-                     remove what hides it, then locate again"
+                    "{percent} % of the region is hidden in the scan or has something on it, the limit is {limit_percent} %; the surface is \
+                     not known there: remove what hides it, then locate again"
+                )
+            }),
+        Check::new("largest square that today's scan does not show", "mm", hole_mm)
+            .at_most(limit_hole_mm, SetBy::recipe("surface.max_hole_mm"))
+            .reviews("hidden_today", || {
+                let [mm, limit_mm] = apart(hole_mm, limit_hole_mm, 1);
+                format!(
+                    "a square of {mm} mm of the region is hidden, or something lies on it, the limit is {limit_mm} mm: look at the map of the \
+                     deviation, remove what lies there, then locate again"
                 )
             }),
     ]

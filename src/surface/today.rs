@@ -11,9 +11,10 @@
 use super::basis::{DEGREE, KnotVector};
 use super::bspline::{BSplineSurface, SurfaceError};
 use super::derivatives::Parameter;
-use super::fit::{SIGMA_OF_MEDIAN, tukey};
+use super::fit::{SIGMA_OF_MEDIAN, TUKEY, tukey};
 use super::map::{DeviationMap, MapPixel};
-use crate::geometry::{Camera, OrganizedCloud, Panel, Rigid, Vector, median};
+use super::net::sides_mm;
+use crate::geometry::{Camera, OrganizedCloud, Panel, Raster, Rigid, Vector, median};
 use crate::panel::TaughtPanel;
 use nalgebra::{DMatrix, DVector, Point2};
 use rayon::prelude::*;
@@ -23,8 +24,10 @@ const SPAN_MM: f64 = 70.0;
 /// λ and μ of (1). Between points that are there they bend and shrink the correction by less than a hundredth.
 const SMOOTH: f64 = 1e-3;
 const FADE: f64 = 1e-4;
-/// Points that are used, about: they determine a hundred coefficients to a hundredth of the noise of one point.
-const MOST_POINTS: usize = 20_000;
+/// Points of the region that are kept, about: four to a square of 6 mm of a region of 600 × 900 mm.
+const MOST_POINTS: usize = 60_000;
+/// Points that the correction is fitted to, about: they determine a hundred coefficients to a hundredth of the noise of one point.
+const MOST_FITTED: usize = 20_000;
 /// A point farther from the taught surface is not the panel's, mm.
 const FARTHEST_MM: f64 = 20.0;
 /// σ is no smaller, mm: a scan without noise.
@@ -33,8 +36,8 @@ const MIN_SCALE_MM: f64 = 0.01;
 const ROUNDS: usize = 4;
 /// What lies farther from the region's best single patch is not the panel's, mm: a wave of it does not.
 const OFF_PATCH_MM: f64 = 1.5;
-/// Cells along each side of the region in which a point must be seen.
-const CELLS: usize = 32;
+/// Places along each side of the region at which the deviation is looked at.
+const PLACES: usize = 32;
 /// Steps by which control points are moved until the surface is.
 const STEPS: usize = 6;
 
@@ -56,8 +59,10 @@ pub struct Todays {
     pub largest_mm: f64,
     /// Root mean square of the points from it, mm.
     pub rms_mm: f64,
-    /// Of the region's cells those in which no point was seen, percent.
+    /// The share of the region in which most points are not of it, or none was seen, percent.
     pub missing_percent: f64,
+    /// Side of the largest such square, mm.
+    pub largest_hole_mm: f64,
     /// How far it lies in front of the taught surface, pixel by pixel; missing where no point was seen.
     pub map: DeviationMap,
 }
@@ -91,7 +96,8 @@ pub fn todays_points(
         is_inside.then_some(TodaysPoint { at: Parameter { u: unit.x, v: unit.y }, point })
     };
     // The region takes a sixteenth of the picture or more.
-    let every = ((scan.width() * scan.height()) as f64 / (16 * MOST_POINTS) as f64).sqrt().ceil().max(1.0) as usize;
+    let every =
+        ((scan.width() * scan.height()) as f64 / (16 * MOST_POINTS) as f64).sqrt().floor().max(1.0) as usize;
     let rows: Vec<usize> = (0..scan.height()).step_by(every).collect();
     let of_row = |row: usize| (0..scan.width()).step_by(every).map(move |column| row * scan.width() + column);
     let all: Vec<TodaysPoint> = rows.into_par_iter().flat_map_iter(|row| of_row(row).filter_map(&seen)).collect();
@@ -107,54 +113,90 @@ pub fn todays(
     taught: &BSplineSurface,
     panel: &TaughtPanel,
     map: &DeviationMap,
-    points: &[TodaysPoint],
+    (points, max_hole_mm): (&[TodaysPoint], f64),
 ) -> Result<Todays, TodayError> {
     let in_front = |point: &TodaysPoint| {
         let there = taught.tangents(point.at);
-        let mm = taught.normal_of(&there)?.mm.dot(&(point.point.mm - there.point.mm.coords));
-        (mm.abs() <= FARTHEST_MM).then_some((point.at, mm))
+        Some((point.at, taught.normal_of(&there)?.mm.dot(&(point.point.mm - there.point.mm.coords))))
     };
     let seen: Vec<(Parameter, f64)> = points.iter().filter_map(in_front).collect();
-    if seen.is_empty() {
+    let near: Vec<(Parameter, f64)> = seen.iter().copied().filter(|(_, mm)| mm.abs() <= FARTHEST_MM).collect();
+    if near.is_empty() {
         return Err(TodayError::NoPoints);
     }
-    let (correction, weights) = Correction::robust(lengths_mm(taught), &seen)?;
+    let fitted: Vec<(Parameter, f64)> = near.iter().copied().step_by(near.len().div_ceil(MOST_FITTED)).collect();
+    let sides_mm = sides_mm(taught);
+    let (correction, limit_mm) = Correction::robust(sides_mm, &fitted)?;
     let surface = correction.applied(taught, panel)?;
-    let left = seen.iter().zip(&weights).filter(|(_, weight)| **weight > 0.0);
-    let squares: Vec<f64> = left.map(|((at, mm), _)| (mm - correction.at(*at)).powi(2)).collect();
-    let mut is_seen = vec![false; CELLS * CELLS];
-    for ((at, _), _) in seen.iter().zip(&weights).filter(|(_, weight)| **weight > 0.0) {
-        is_seen[cell(*at)] = true;
-    }
-    let missing = is_seen.iter().filter(|is_seen| !**is_seen).count();
+    let off_mm = |(at, mm): &(Parameter, f64)| mm - correction.at(*at);
+    let squares: Vec<f64> =
+        near.iter().map(off_mm).filter(|off_mm| off_mm.abs() < limit_mm).map(|off_mm| off_mm.powi(2)).collect();
+    let mut cells = Cells::new(sides_mm, max_hole_mm / 2.0);
+    // Also what lies far from the taught surface is there, and is not it.
+    seen.iter().for_each(|point| cells.count(point.0, off_mm(point).abs() < limit_mm));
     let map = map.filled(|pixel| {
         let unit: Point2<f64> = panel.region.unit(pixel);
         let at = Parameter { u: unit.x.clamp(0.0, 1.0), v: unit.y.clamp(0.0, 1.0) };
-        if is_seen[cell(at)] { MapPixel::Fits { mm: correction.at(at) as f32 } } else { MapPixel::Missing }
+        if cells.shows(cells.index(at)) {
+            MapPixel::Fits { mm: correction.at(at) as f32 }
+        } else {
+            MapPixel::Missing
+        }
     });
-    let corner = |index: usize| (index as f64 + 0.5) / CELLS as f64;
-    let middles = (0..CELLS * CELLS).map(|n| Parameter { u: corner(n % CELLS), v: corner(n / CELLS) });
+    let middle = |index: usize| (index as f64 + 0.5) / PLACES as f64;
+    let middles = (0..PLACES * PLACES).map(|n| Parameter { u: middle(n % PLACES), v: middle(n / PLACES) });
     Ok(Todays {
         surface,
         largest_mm: middles.map(|at| correction.at(at).abs()).fold(0.0, f64::max),
         rms_mm: (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt(),
-        missing_percent: 100.0 * missing as f64 / is_seen.len() as f64,
+        missing_percent: cells.missing_percent(),
+        largest_hole_mm: cells.largest_hole_mm(),
         map,
     })
 }
 
-fn cell(at: Parameter) -> usize {
-    let along = |share: f64| ((share * CELLS as f64) as usize).min(CELLS - 1);
-    along(at.v) * CELLS + along(at.u)
+/// The region in cells: in which today's surface was seen.
+struct Cells {
+    raster: Raster,
+    side_mm: f64,
+    /// The points in each, and those of them that are of the surface.
+    counts: Vec<[u32; 2]>,
 }
 
-/// How long the surface is along u and along v through its middle, mm.
-fn lengths_mm(surface: &BSplineSurface) -> [f64; 2] {
-    let length = |at: &dyn Fn(f64) -> Parameter| -> f64 {
-        let points: Vec<_> = (0..=CELLS).map(|n| surface.point(at(n as f64 / CELLS as f64))).collect();
-        points.windows(2).map(|pair| pair[0].distance_mm(pair[1])).sum()
-    };
-    [length(&|u| Parameter { u, v: 0.5 }), length(&|v| Parameter { u: 0.5, v })]
+impl Cells {
+    /// Cells of about this side.
+    fn new(sides_mm: [f64; 2], cell_mm: f64) -> Self {
+        let [width, height] = sides_mm.map(|mm| ((mm / cell_mm).round() as usize).max(1));
+        let side_mm = (sides_mm[0] / width as f64).min(sides_mm[1] / height as f64);
+        Cells { raster: Raster { width, height }, side_mm, counts: vec![[0; 2]; width * height] }
+    }
+
+    fn index(&self, at: Parameter) -> usize {
+        let along = |share: f64, count: usize| ((share * count as f64) as usize).min(count - 1);
+        along(at.v, self.raster.height) * self.raster.width + along(at.u, self.raster.width)
+    }
+
+    fn count(&mut self, at: Parameter, is_of_surface: bool) {
+        let index = self.index(at);
+        self.counts[index][0] += 1;
+        self.counts[index][1] += u32::from(is_of_surface);
+    }
+
+    /// Are most points of a cell of the surface? A cell without any shows nothing.
+    fn shows(&self, index: usize) -> bool {
+        let [all, of_surface] = self.counts[index];
+        2 * of_surface > all
+    }
+
+    fn missing_percent(&self) -> f64 {
+        let missing = (0..self.counts.len()).filter(|index| !self.shows(*index)).count();
+        100.0 * missing as f64 / self.counts.len() as f64
+    }
+
+    fn largest_hole_mm(&self) -> f64 {
+        let squares = self.raster.largest_squares(|index| !self.shows(index));
+        f64::from(squares.into_iter().max().unwrap_or(0)) * self.side_mm
+    }
 }
 
 /// c(u, v): a spline with one coefficient, mm, for each pair of functions, v running fastest.
@@ -165,8 +207,8 @@ struct Correction {
 }
 
 impl Correction {
-    /// The correction by these deviations, and the weight of each.
-    fn robust(lengths_mm: [f64; 2], seen: &[(Parameter, f64)]) -> Result<(Self, Vec<f64>), TodayError> {
+    /// The correction by these deviations, and how far from it a point is not of the surface any more, mm.
+    fn robust(sides_mm: [f64; 2], seen: &[(Parameter, f64)]) -> Result<(Self, f64), TodayError> {
         let knots = |spans: [usize; 2]| -> Result<[KnotVector; 2], TodayError> {
             let along = |spans| KnotVector::uniform(DEGREE, spans, 0.0..=1.0).map_err(|_| TodayError::Undetermined);
             Ok([along(spans[0])?, along(spans[1])?])
@@ -174,25 +216,27 @@ impl Correction {
         // A single patch cannot follow a clamp; a fine correction would, if it began with one.
         let (patch, _) = Correction::weighted(&knots([1, 1])?, seen, vec![1.0; seen.len()])?;
         let weights = seen.iter().map(|(at, mm)| f64::from((mm - patch.at(*at)).abs() <= OFF_PATCH_MM)).collect();
-        let spans = lengths_mm.map(|length_mm| (length_mm / SPAN_MM).ceil().max(1.0) as usize);
+        let spans = sides_mm.map(|mm| (mm / SPAN_MM).ceil().max(1.0) as usize);
         Correction::weighted(&knots(spans)?, seen, weights)
     }
 
-    /// The correction with these knots, begun with these weights, and the weights that it ends with.
+    /// The correction with these knots, begun with these weights, and Tukey's limit, mm.
     fn weighted(
         knots: &[KnotVector; 2],
         seen: &[(Parameter, f64)],
-        mut weights: Vec<f64>,
-    ) -> Result<(Self, Vec<f64>), TodayError> {
+        weights: Vec<f64>,
+    ) -> Result<(Self, f64), TodayError> {
         let mut correction = Correction::fitted(knots, seen, &weights)?;
+        let mut limit_mm = f64::INFINITY;
         for _ in 0..ROUNDS {
             let off_mm: Vec<f64> = seen.iter().map(|(at, mm)| mm - correction.at(*at)).collect();
             let mut sizes: Vec<f64> = off_mm.iter().map(|mm| mm.abs()).collect();
             let scale_mm = (SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)).max(MIN_SCALE_MM);
-            weights = off_mm.iter().map(|mm| tukey(mm / scale_mm)).collect();
+            limit_mm = TUKEY * scale_mm;
+            let weights: Vec<f64> = off_mm.iter().map(|mm| tukey(mm / scale_mm)).collect();
             correction = Correction::fitted(knots, seen, &weights)?;
         }
-        Ok((correction, weights))
+        Ok((correction, limit_mm))
     }
 
     /// Minimises (1) for these weights.
@@ -330,19 +374,24 @@ mod tests {
     #[test]
     fn a_panel_that_bows_is_found_as_it_is() {
         let (panel, fit) = learnt();
-        let todays = todays(&fit.surface, &panel, &fit.map, &points(&fit, bent)).expect("a surface");
+        let todays = todays(&fit.surface, &panel, &fit.map, (&points(&fit, bent), 12.0)).expect("a surface");
         let error_mm = error_mm(&fit, &todays, bent);
         assert!(error_mm < 0.06, "{error_mm}");
         // By hand: at u = 0.3 the bow is 1.5 (1 − 0.16) = 1.26 mm and the wave 0.3 · sin(0.42 · 2π) = 0.145 mm.
         assert!((todays.largest_mm - 1.405).abs() < 0.03, "{}", todays.largest_mm);
-        assert!((todays.rms_mm / 0.06 - 1.0).abs() < 0.1 && todays.missing_percent == 0.0, "{todays:?}");
+        assert!(
+            (todays.rms_mm / 0.06 - 1.0).abs() < 0.1
+                && todays.missing_percent == 0.0
+                && todays.largest_hole_mm == 0.0,
+            "{todays:?}"
+        );
     }
 
     /// The taught surface itself stays within the noise.
     #[test]
     fn a_panel_as_it_was_taught_stays() {
         let (panel, fit) = learnt();
-        let todays = todays(&fit.surface, &panel, &fit.map, &points(&fit, |_| 0.0)).expect("a surface");
+        let todays = todays(&fit.surface, &panel, &fit.map, (&points(&fit, |_| 0.0), 12.0)).expect("a surface");
         let error_mm = error_mm(&fit, &todays, |_| 0.0);
         assert!(error_mm < 0.03 && todays.largest_mm < 0.02, "{error_mm} {}", todays.largest_mm);
     }
@@ -353,18 +402,30 @@ mod tests {
         let (panel, fit) = learnt();
         let is_clamped = |at: Parameter| at.u < 0.15 && at.v < 0.2;
         let todays_points = points(&fit, |at| if is_clamped(at) { 8.0 } else { bent(at) });
-        let todays = todays(&fit.surface, &panel, &fit.map, &todays_points).expect("a surface");
+        let todays = todays(&fit.surface, &panel, &fit.map, (&todays_points, 12.0)).expect("a surface");
         let beside = |at: Parameter| if is_clamped(at) { f64::NAN } else { bent(at) };
         let error_mm = error_mm(&fit, &todays, beside);
         assert!(error_mm < 0.1, "{error_mm}");
-        // By hand: 5 of 32 by 7 of 32 cells.
-        assert!((todays.missing_percent - 100.0 * 35.0 / 1_024.0).abs() < 1.5, "{}", todays.missing_percent);
+        // By hand: 15 % of the length by 20 % of the width, 42 × 34 mm, in whole cells of 6 mm.
+        assert!((todays.missing_percent - 3.0).abs() < 1.0, "{}", todays.missing_percent);
+        assert!((24.0..=42.0).contains(&todays.largest_hole_mm), "{}", todays.largest_hole_mm);
+    }
+
+    /// A patch of 30 mm that lies 3 mm higher is not followed, as if it were a clamp: it is a hole of today's surface.
+    #[test]
+    fn what_is_not_followed_is_a_hole() {
+        let (panel, fit) = learnt();
+        let is_patch = |at: Parameter| (at.u - 0.5).abs() < 15.0 / 280.0 && (at.v - 0.5).abs() < 15.0 / 168.0;
+        let patched = points(&fit, |at| if is_patch(at) { 3.0 } else { 0.0 });
+        let todays = todays(&fit.surface, &panel, &fit.map, (&patched, 12.0)).expect("a surface");
+        assert!((18.0..=36.0).contains(&todays.largest_hole_mm), "{todays:?}");
+        assert!(todays.missing_percent < 4.0 && todays.largest_mm < 0.1, "{todays:?}");
     }
 
     #[test]
     fn a_scan_without_the_region_is_refused() {
         let (panel, fit) = learnt();
         let far = points(&fit, |_| 60.0);
-        assert_eq!(todays(&fit.surface, &panel, &fit.map, &far).expect_err("none"), TodayError::NoPoints);
+        assert_eq!(todays(&fit.surface, &panel, &fit.map, (&far, 12.0)).expect_err("none"), TodayError::NoPoints);
     }
 }
