@@ -33,12 +33,12 @@ pub(super) fn hold_against_the_cell(
         }
     }
     let not_named: Vec<&str> =
-        [CONFIG, COMMANDS, STATES].into_iter().filter(|name| place(name).is_none()).collect();
+        [CONFIG, MOTION, COMMANDS, STATES].into_iter().filter(|name| place(name).is_none()).collect();
     let cell_text = files[cell_place].1;
     if !not_named.is_empty() {
         let message = format!(
-            "not compared with {}: whether a stop switches tool and water off, and whether signals and ports are the same on both \
-             sides, is not known; name the controller's files beside this one",
+            "not compared with {}: whether a stop is heard and switches tool and water off, and whether signals and ports are the same on \
+             both sides, is not known; name the controller's files beside this one",
             not_named.join(", ")
         );
         reports[cell_place].says.push(message);
@@ -60,12 +60,15 @@ pub(super) fn hold_against_the_cell(
                 reports[place].says.push(message);
             }
         }
-        (Err(SumError::Edited { line, .. }), _) if place(DATA).is_some() => {
-            if let (Some(place), Err(error)) = (place(DATA), program_sum(files)) {
+        (Err(error @ SumError::Edited { line, .. }), _) => {
+            if let Some(place) = place(DATA) {
                 let problem = Problem { line, key: "CELL_PROGRAM_SUM".to_owned(), message: error.to_string() };
                 reports[place].problems.push(problem);
             }
         }
-        (Err(_), _) => {}
+        (Err(error), Some(kept)) => {
+            reports[cell_place].says.push(format!("programs_sum {kept} is not compared: {error}"));
+        }
+        (Err(_), None) => {}
     }
 }

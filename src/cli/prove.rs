@@ -18,6 +18,7 @@ use crate::verdict::{Judgement, Reason, Verdict};
 use proof::{Assumption, Finding, Proof};
 use serde_json::json;
 use std::io::BufRead;
+use tries::ControllerKind;
 
 /// The installation page, whose table of assumptions is gone through.
 const INSTALLATION: &str = include_str!("../../config/kuka/README.md");
@@ -37,11 +38,11 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     let _store = files.settled_store()?;
     let (robot, _) = live::robot_alone(&files.cell)?;
     drop(robot);
-    let is_mock = tries::is_mock(&files.cell)?;
-    let page = |proofs: &[Proof]| page::of(proofs, &args.by, (files.cell.robot(), is_mock));
+    let mut controller = tries::controller(&files.cell)?;
+    let page = |proofs: &[Proof], controller| page::of(proofs, &args.by, (files.cell.robot(), controller));
     // Before the first question: answers that took a day at the controller are not asked for where they cannot be kept.
-    super::disk::write_new(&args.out, page(&[]))?;
-    if is_mock {
+    super::disk::write_new(&args.out, page(&[], controller))?;
+    if controller == ControllerKind::Mock {
         tell(
             "a MOCK controller answers: this is a rehearsal, proves nothing of a real one and gives no page to sign",
         );
@@ -59,9 +60,13 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
         };
         tell(&format!("   {}: {}", proof.finding.word(), proof.evidence));
         proofs.push(proof);
-        super::disk::write(&args.out, page(&proofs))?;
+        super::disk::write(&args.out, page(&proofs, controller))?;
     }
-    let mut outcome = Outcome::of(&judgement(&proofs, is_mock));
+    // What was tried was tried on what answers now, too: a controller that did not answer at first, or gave way to another one.
+    controller = controller.and(tries::controller(&files.cell)?);
+    super::disk::write(&args.out, page(&proofs, controller))?;
+    let is_mock = controller == ControllerKind::Mock;
+    let mut outcome = Outcome::of(&judgement(&proofs, controller != ControllerKind::Real));
     let rows: Vec<_> = proofs
         .iter()
         .map(|proof| {
@@ -74,10 +79,15 @@ pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outco
     outcome.put("proofs", json!(rows));
     outcome.put("mock", json!(is_mock));
     outcome.put("page", json!(args.out.display().to_string()));
-    outcome.say(if is_mock {
-        format!("page: {}; of a rehearsal on a mock controller, nothing to sign", args.out.display())
-    } else {
-        format!("page: {}; print it, sign it, and keep it with the cell's file", args.out.display())
+    let page = args.out.display();
+    outcome.say(match controller {
+        ControllerKind::Mock => format!("page: {page}; of a rehearsal on a mock controller, nothing to sign"),
+        ControllerKind::Unknown => {
+            format!(
+                "page: {page}; no controller answered at the beginning or at the end: nothing to sign; prove again"
+            )
+        }
+        ControllerKind::Real => format!("page: {page}; print it, sign it, and keep it with the cell's file"),
     });
     Ok(outcome)
 }

@@ -105,7 +105,10 @@ impl Found {
 
     /// The elements of one direction, in their order.
     fn elements(&mut self, file: &'static str, section: &str, (theirs, ours): (&[Element], &[Element])) {
-        let what = |element: &Element| (element.tag.clone(), element.kind, element.order, element.set_out);
+        let what = |element: &Element| {
+            let flags = (element.set_out, element.set_flag.is_some());
+            (element.tag.clone(), element.kind, element.order, flags)
+        };
         let (found, expected): (Vec<_>, Vec<_>) =
             (theirs.iter().map(what).collect(), ours.iter().map(what).collect());
         if found == expected {

@@ -19,7 +19,7 @@ const MOST_BITS: i32 = 31;
 const MOST_MAPPED: i32 = 8;
 /// Outputs by which a line is told.
 const LINE_OUTPUTS: i32 = 6;
-/// So many times, at most, the controller's highest speed and longest step may be the cell's.
+/// This many times, at most, the controller's highest speed and longest step may be the cell's.
 const SLACK: f64 = 1.25;
 /// So far, at most, the controller's box may reach beyond the cell's, mm.
 const BOX_SLACK_MM: f64 = 50.0;
@@ -380,7 +380,7 @@ impl Compared<'_> {
                 self.note(number.line, "CELL_VEL_MAX", message);
             } else if found > SLACK * cell_m_s + ROUNDING {
                 let message = format!(
-                    "is {found} m/s, allowed are {SLACK} times [limits] max_speed_mm_s of the cell's file, {} m/s: the controller is \
+                    "is {found} m/s, the limit is {SLACK} times [limits] max_speed_mm_s of the cell's file, {} m/s: the controller is \
                      the second line behind the PC",
                     SLACK * cell_m_s
                 );
@@ -428,7 +428,7 @@ impl Compared<'_> {
             && !(number.value >= step_mm - ROUNDING && number.value <= SLACK * step_mm + ROUNDING)
         {
             let message = format!(
-                "is {} mm; [limits] max_step_mm of the cell's file is {step_mm} mm, allowed are 1 to {SLACK} times as much",
+                "is {} mm; [limits] max_step_mm of the cell's file is {step_mm} mm, the limits are 1 to {SLACK} times as much",
                 number.value
             );
             self.note(number.line, "CELL_STEP_MM", message);

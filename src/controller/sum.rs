@@ -2,11 +2,11 @@
 //!
 //! `CELL_CHECKSUM` of `cell_tell.src` computes it on the controller. The programs' part is a constant there, so an edit of a program at
 //! the pendant does not change what the controller reports; it changes what is computed here from the edited files. The sum
-//! shows a mix-up of files. It is no protection against somebody who wants to deceive: that is the controller's own checksum
+//! shows a mix-up of files. It is no protection against a person who wants to deceive: that is the controller's own checksum
 //! of its project and of its safety configuration.
 
 use super::names::{CONFIG, DATA, PROGRAMS};
-use super::stated::{DataList, Number};
+use super::stated::DataList;
 
 /// As the programs have it.
 const MODULUS: i64 = 1_000_003;
@@ -18,8 +18,13 @@ pub enum SumError {
     #[error("{0} is missing, which is part of the sum")]
     Missing(&'static str),
     /// A value is not stated, or is no number of its kind.
-    #[error("{CONFIG}: {0} is not stated as a number, which is part of the sum")]
-    Value(String),
+    #[error("{file}: {name} is not stated as a number, which is part of the sum")]
+    Value {
+        /// The file.
+        file: &'static str,
+        /// The value's name.
+        name: String,
+    },
     /// The constant in the data list is not the sum of the programs' texts.
     #[error(
         "{DATA}:{line}: CELL_PROGRAM_SUM is {stated}, and the texts of the programs sum up to {computed}: a program was \
@@ -80,7 +85,8 @@ pub fn program_sum(files: &[(&str, &str)]) -> Result<i32, SumError> {
     let texts = PROGRAMS.iter().map(|name| find(name)).collect::<Result<Vec<_>, _>>()?;
     let data = DataList::parse(DATA, find(DATA)?);
     let computed = of_texts(&texts);
-    let stated = data.get("CELL_PROGRAM_SUM").unwrap_or(Number { value: -1.0, line: 1 });
+    let stated = data.get("CELL_PROGRAM_SUM");
+    let stated = stated.ok_or_else(|| SumError::Value { file: DATA, name: "CELL_PROGRAM_SUM".to_owned() })?;
     if stated.value != computed as f64 {
         return Err(SumError::Edited { line: stated.line, stated: stated.value as i64, computed });
     }
@@ -105,7 +111,7 @@ fn of_texts(texts: &[&str]) -> i64 {
 }
 
 fn of_values(programs: i64, config: &DataList) -> Result<i32, SumError> {
-    let lacks = |name: &str| SumError::Value(name.to_owned());
+    let lacks = |name: &str| SumError::Value { file: CONFIG, name: name.to_owned() };
     let single = |name: &str| config.get(name).ok_or_else(|| lacks(name));
     let whole = |name: &str| single(name)?.whole().ok_or_else(|| lacks(name));
     let at = |name: &str, index: i32| config.at(name, index).ok_or_else(|| lacks(&format!("{name}[{index}]")));

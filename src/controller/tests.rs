@@ -50,7 +50,7 @@ fn untouched_files_give_no_difference() {
     assert_eq!(found(&texts()), []);
 }
 
-/// File, what stands there, what stands there instead, and what the message names.
+/// File, the text that ships, the text in its place, and what the message names.
 const MISTAKES: [(&str, &str, &str, &str); 74] = [
     // Outputs: numbers, order, counts.
     (CONFIG, "CELL_OUT[1]=17", "CELL_OUT[1]=1", "CELL_OUT[1]: is 1, which [io.outputs] lacks"),
@@ -195,7 +195,7 @@ const MISTAKES: [(&str, &str, &str, &str); 74] = [
         "CELL_AXIS_MAX[3]: is 165°; [arm] of the cell's file has 156°",
     ),
     (CONFIG, "CELL_AXIS_MIN[5]=-120.0", "CELL_AXIS_MIN[5]=120.0", "CELL_AXIS_MIN[5]: is 120°"),
-    (CONFIG, "CELL_VEL_MAX=0.25", "CELL_VEL_MAX=2.0", "CELL_VEL_MAX: is 2 m/s, allowed are 1.25 times"),
+    (CONFIG, "CELL_VEL_MAX=0.25", "CELL_VEL_MAX=2.0", "CELL_VEL_MAX: is 2 m/s, the limit is 1.25 times"),
     (CONFIG, "CELL_VEL_MAX=0.25", "CELL_VEL_MAX=0.1", "CELL_VEL_MAX: is 0.1 m/s"),
     (CONFIG, "CELL_BOX_MAX[1]=760.0", "CELL_BOX_MAX[1]=1760.0", "CELL_BOX_MAX[1]: is 1760 mm"),
     (CONFIG, "CELL_STEP_MM=110.0", "CELL_STEP_MM=1000.0", "CELL_STEP_MM: is 1000 mm"),

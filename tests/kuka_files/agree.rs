@@ -262,7 +262,7 @@ fn the_mapped_signals_are_those_of_the_example_cell() {
     }
 }
 
-/// Sum times 31 plus the byte, modulo 1000003, over the programs that nobody edits, without their headers.
+/// Sum times 31 plus the byte, modulo 1000003, over the programs that are not edited, without their headers.
 #[test]
 fn the_checksum_is_of_these_programs() {
     let files = files();

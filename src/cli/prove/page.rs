@@ -2,6 +2,7 @@
 
 use super::super::calibrate::now_unix_s;
 use super::proof::{Finding, Proof};
+use super::tries::ControllerKind;
 use crate::cell::Robot;
 use crate::words::utc;
 use maud::{DOCTYPE, PreEscaped, html};
@@ -12,12 +13,12 @@ td,th{border:1px solid #999;padding:4px 6px;text-align:left;vertical-align:top}\
 
 /// All proofs, who did them, when, on which controller.
 ///
-/// Of a mock controller nothing is proven, and the page cannot be signed.
-pub(super) fn of(proofs: &[Proof], by: &str, (robot, is_mock): (&Robot, bool)) -> String {
-    let title = if is_mock {
-        "Rehearsed on a mock controller: proves nothing of a real one"
-    } else {
-        "Proven on the controller"
+/// Of a mock controller, and of one that did not answer, nothing is proven, and the page cannot be signed.
+pub(super) fn of(proofs: &[Proof], by: &str, (robot, controller): (&Robot, ControllerKind)) -> String {
+    let title = match controller {
+        ControllerKind::Mock => "Rehearsed on a mock controller: proves nothing of a real one",
+        ControllerKind::Unknown => "No controller answered: proves nothing",
+        ControllerKind::Real => "Proven on the controller",
     };
     let count = |finding: Finding| proofs.iter().filter(|proof| proof.finding == finding).count();
     let page = html! {
@@ -52,7 +53,7 @@ pub(super) fn of(proofs: &[Proof], by: &str, (robot, is_mock): (&Robot, bool)) -
                         }
                     }
                 }
-                @if !is_mock {
+                @if controller == ControllerKind::Real {
                     p.sign { "Date, name, signature: ____________________________________________________" }
                 }
             }

@@ -97,10 +97,36 @@ fn attribute<'t>(state: &'t str, name: &str) -> Option<&'t str> {
     state.split(&format!(" {name}=\"")).nth(1)?.split('"').next()
 }
 
-/// Whether what answers is a mock controller, by its boot id. One that says nothing is none: the tries tell that.
-pub(super) fn is_mock(cell: &Cell) -> Result<bool, Fault> {
+/// What answers as the controller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum ControllerKind {
+    /// A controller, by its boot id.
+    Real,
+    /// A mock controller: it proves nothing.
+    Mock,
+    /// Nothing answers: what it is, is not known.
+    Unknown,
+}
+
+impl ControllerKind {
+    /// Of two looks the one that permits less.
+    pub fn and(self, other: Self) -> Self {
+        match (self, other) {
+            (ControllerKind::Mock, _) | (_, ControllerKind::Mock) => ControllerKind::Mock,
+            (ControllerKind::Real, ControllerKind::Real) => ControllerKind::Real,
+            _ => ControllerKind::Unknown,
+        }
+    }
+}
+
+/// What answers as the controller now.
+pub(super) fn controller(cell: &Cell) -> Result<ControllerKind, Fault> {
     let (mut robot, _) = live::robot_alone(cell)?;
-    Ok(Single::connect(&mut robot, cell.arm()).is_ok_and(|single| single.state().is_of_mock()))
+    Ok(match Single::connect(&mut robot, cell.arm()) {
+        Ok(single) if single.state().is_of_mock() => ControllerKind::Mock,
+        Ok(_) => ControllerKind::Real,
+        Err(_) => ControllerKind::Unknown,
+    })
 }
 
 const SILENT: &str = "no state within 10 s; is the submit interpreter running, and is no other client connected?";
