@@ -330,7 +330,7 @@ pub enum LinkLoss {
     /// Closed before a word: the channel has another client.
     #[error(
         "the controller closed the {channel} before it said anything: another client has it (another PC, or a program that hangs) and a \
-         second one is refused, or the one before is not yet let go"
+         second one is refused, the one before is not yet let go, or its XML files are of another version (`panelprep check`)"
     )]
     Occupied {
         /// Which connection.

@@ -137,6 +137,11 @@ impl State {
         BOOTS_OF_MOCKS.contains(&self.boot)
     }
 
+    /// Whether the controller does not know the tip: before its program was started it says 0 of every number.
+    pub fn tip_is_unknown(&self) -> bool {
+        self.base_from_tcp == KukaPose::default()
+    }
+
     /// From the values of [`STATE`], which are in range and whole where they must be.
     pub(super) fn from_values(values: &[f64]) -> Option<Self> {
         let (whole, poses) = values.split_at_checked(WHOLE)?;

@@ -98,7 +98,7 @@ impl Scanner for RecordedScanner {
     fn capture_3d(&mut self) -> Result<Shot, CameraError> {
         self.takes_clip = false;
         let file = self.clouds.next()?;
-        // What takes the scan holds it against the lens: here that may be one that nobody has calibrated.
+        // What takes the scan holds it against the lens: here that may be one that was not calibrated.
         let size_px = (self.camera.width_px, self.camera.height_px);
         let cloud = match files::read_any_cloud(&read(&file)?, Some(size_px)) {
             Err(CloudFileError::Size { width, height, .. }) => {

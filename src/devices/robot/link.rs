@@ -74,7 +74,7 @@ impl LineOutputs {
 pub struct StopLine(mpsc::WeakUnboundedSender<LinkRequest>);
 
 impl StopLine {
-    /// Ends the epoch, as [`RobotLink::abort`] does, and waits for nothing.
+    /// Ends the epoch that is open, as [`RobotLink::abort`] does, and waits for nothing. At rest it sends nothing.
     pub fn stop(&self) {
         // It keeps no link alive.
         let Some(orders) = self.0.upgrade() else { return };

@@ -14,7 +14,7 @@ pub(super) enum LinkRequest {
     Permit(Option<CommandId>, Reply<()>),
     OpenEpoch(Epoch, Reply<Epoch>),
     Abort(Reply<()>),
-    /// The same, for which nobody waits.
+    /// An abort of what is at work; there is no answer.
     Stop,
     /// What a line is told; nobody waits for it.
     Line(u32),

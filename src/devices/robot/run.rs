@@ -251,7 +251,7 @@ impl Link {
             LinkRequest::Line(bits) => self.session.tell_line(bits),
             LinkRequest::Abort(reply) => drop(reply.send(self.session.abort())),
             // Without a connection the controller has stopped by itself.
-            LinkRequest::Stop => drop(self.session.abort()),
+            LinkRequest::Stop => self.session.stop_now(),
             // With an answer under way, or a report that the asker has not seen, no more time may pass.
             LinkRequest::Grant { told } if told == self.reports.told() && !self.session.awaits_answer() => {
                 self.session.heartbeat(self.now());

@@ -85,6 +85,15 @@ impl Session {
         Ok(())
     }
 
+    /// Ends the epoch at once, if one is open or being opened or the robot moves. Otherwise nothing is at stake, and no number is used up by
+    /// stops that are pressed again and again.
+    pub fn stop_now(&mut self) {
+        let is_at_work = self.moving || matches!(self.phase, Phase::Open(_) | Phase::Opening { .. });
+        if is_at_work && self.is_connected() {
+            self.stop();
+        }
+    }
+
     /// Puts an abort on the wire, whatever is going on; where one is under way already it stays at that.
     pub(super) fn stop(&mut self) {
         if matches!(self.phase, Phase::Stopping(_) | Phase::Greeting { abort: Some(_) }) {

@@ -50,7 +50,7 @@ pub enum Fault {
     WrongBase,
     /// `refuse`: the next command is refused with this `Err`, 1 to 12.
     Refuse(u8),
-    /// `override`: somebody sets the override to this, 1 to 100 %, and back to 100 % after a while.
+    /// `override`: a person sets the override to this, 1 to 100 %, and back to 100 % after a while.
     Override {
         /// Override, %.
         percent: u8,

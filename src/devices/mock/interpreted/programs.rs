@@ -2,6 +2,7 @@
 
 use super::super::error::MockError;
 use crate::config::Problem;
+use crate::controller::base_name;
 use crate::krl::{Kss, Meaning, Program, analyse, parse};
 use std::sync::Arc;
 
@@ -105,9 +106,4 @@ impl Programs {
     pub fn program(&self) -> &Program {
         &self.program
     }
-}
-
-/// A file's name without its folder.
-fn base_name(name: &str) -> &str {
-    name.rsplit(['/', '\\']).next().unwrap_or(name)
 }

@@ -184,7 +184,7 @@ pub(super) fn read(
     }
 }
 
-/// CSEC, SEC, MIN, HOUR, DAY, MONTH, YEAR: a second later at each start, on a day that no clock shows, so that nobody takes a mock
+/// CSEC, SEC, MIN, HOUR, DAY, MONTH, YEAR: a second later at each start, on a day that no clock shows, so that a log does not take a mock
 /// controller for a real one.
 fn date(boot: i64, component: usize) -> i64 {
     match component {

@@ -306,7 +306,7 @@ fn done_is_what_was_executed() {
     assert_eq!(rig.state("Done"), *ids.last().expect("some"));
 }
 
-/// Somebody sets the override to 90 % in contact: tool off, retract, and the reason is named.
+/// A person sets the override to 90 % in contact: tool off, retract, and the reason is named.
 #[test]
 fn a_changed_override_in_contact_retracts() {
     let mut rig = sanding(Clock::LockStep);
