@@ -8,7 +8,7 @@ pub const TRIES: u32 = 5;
 /// How long an account pauses after them, s; twice as long after each further row of them, up to an hour.
 pub const PAUSE_S: f64 = 60.0;
 const LONGEST_S: f64 = 3_600.0;
-/// Names without an account are not remembered: all of them share so many counts, by a hash of the name. So made-up names pause as
+/// Names without an account are not remembered: all of them share a fixed number of counts, by a hash of the name. So made-up names pause as
 /// accounts do, take no room, and end no account's pause.
 const BUCKETS: u64 = 256;
 

@@ -106,8 +106,6 @@ impl Requester for Clears {
     }
 
     fn hear(&mut self, news: News) {
-        if let News::Refused(request, refusal) = news {
-            self.refused = Some(daemon::refusal(request, refusal, &self.state));
-        }
+        self.refused = news.why_refused(&self.state).or(self.refused.take());
     }
 }

@@ -35,8 +35,8 @@ pub struct Ran {
     pub ended: LoopOutcome,
     /// What the store keeps of it.
     pub kept: Kept,
-    /// What was asked and not done.
-    pub refused: Option<(cycle::Request, Refusal)>,
+    /// Why what was asked was not done.
+    pub refused: Option<Reason>,
     /// What is around a mock robot, as the cycle left it.
     pub simulated: Option<Simulated>,
     /// How pictures of the flange camera came, where it is to be told.
@@ -232,8 +232,8 @@ impl Ran {
         let (ended, cycle) = (&self.ended, self.kept.record.id);
         let mut outcome = Outcome::of(&judgement);
         outcome.say(format!("cycle {cycle}: {}", ended.state.at.word()));
-        if let Some((request, refusal)) = self.refused {
-            outcome.say(format!("refused: {}", daemon::refusal(request, refusal, &ended.state).message));
+        if let Some(why) = &self.refused {
+            outcome.say(format!("refused: {}", why.message));
         }
         let passes = work_done::abraded(&self.kept.record);
         if self.kept.record.is_air_run() {
@@ -269,7 +269,9 @@ struct Once<'a> {
     asked: u8,
     /// The table took the start: from then on it concludes the cycle.
     is_begun: bool,
-    refused: Option<(cycle::Request, Refusal)>,
+    refused: Option<Reason>,
+    /// The state that was shown last.
+    state: State,
     told: Option<At>,
     interrupts: Interrupts,
     /// For how many of the signals the table was asked.
@@ -279,7 +281,8 @@ struct Once<'a> {
 
 impl<'a> Once<'a> {
     fn new(start: cycle::Request, interrupts: Interrupts, progress: &'a dyn Fn(&str)) -> Self {
-        Once { start, asked: 0, is_begun: false, refused: None, told: None, interrupts, obeyed: 0, progress }
+        let state = State::NEW;
+        Once { start, asked: 0, is_begun: false, refused: None, state, told: None, interrupts, obeyed: 0, progress }
     }
 
     /// What the signals so far ask for: the first one a stop, the second one an abort, and to leave where the cell rests.
@@ -308,11 +311,11 @@ impl<'a> Once<'a> {
         if self.is_begun {
             return None;
         }
-        Some(match self.refused {
+        Some(match &self.refused {
             _ if self.interrupts.count() > 0 => {
                 Reason::new("stopped", "stopped by a signal before the cycle began")
             }
-            Some((request, refusal)) => daemon::refusal(request, refusal, state),
+            Some(why) => why.clone(),
             None => daemon::refusal(self.start, Refusal::Robot(state.facts.robot), state),
         })
     }
@@ -323,6 +326,7 @@ impl Requester for Once<'_> {
         if self.told.replace(state.at) != Some(state.at) {
             (self.progress)(&words(state.at));
         }
+        self.state = *state;
         self.is_begun |= state.job.running;
         if let Some(what) = self.interrupted(state.at) {
             return Ok(what.map(|what| Request::new(what, Who::by(Front::Signal))));
@@ -335,6 +339,7 @@ impl Requester for Once<'_> {
         let what = match (state.at, asked) {
             (At::Stopped, 0) if state.facts.robot == Robot::Ready => ask(cycle::Request::Reset),
             (At::Idle, 1) => ask(self.start),
+            (At::Idle, 2) if self.refused.is_some() => ask(cycle::Request::Stop),
             // A result for a person ends there; so does what a person must mend.
             (At::Held(_), 2) => ask(cycle::Request::Stop),
             (At::Stopped, 0) if state.facts.robot == Robot::Unknown => None,
@@ -345,9 +350,7 @@ impl Requester for Once<'_> {
     }
 
     fn hear(&mut self, news: News) {
-        if let News::Refused(request, refusal) = news {
-            self.refused = Some((request, refusal));
-        }
+        self.refused = news.why_refused(&self.state).or(self.refused.take());
     }
 }
 
@@ -420,6 +423,32 @@ mod tests {
         assert!(matches!(next(&mut once, &ready), Some(What::Leave)), "no reset, no start");
         let why = once.why_not_begun(&ready).expect("it has an end");
         assert_eq!((&*why.code, once.asked), ("stopped", 0));
+    }
+
+    /// The selector switch is at remote: the start is not permitted, the cell is stopped, and the reason is kept.
+    #[test]
+    fn a_start_that_is_not_permitted_ends_with_its_reason() {
+        let start = cycle::Request::Start { max_passes: 1, max_moves: 1, dries: false };
+        let mut once = Once::new(start, Interrupts::default(), &|_| {});
+        let ready = step(State::NEW, Event::Told(Report::Robot(Robot::Ready))).0;
+        let idle = State { at: At::Idle, ..ready };
+        let mut asks = |state: &State, refused: Option<&'static str>| {
+            let what = next(&mut once, state);
+            if let Some(code) = refused {
+                once.hear(News::NotPermitted(vec![Reason::new(code, "set the switch to local")]));
+            }
+            (what, once.why_not_begun(state).map(|why| why.code.to_string()))
+        };
+        assert!(matches!(asks(&ready, None).0, Some(What::Table(cycle::Request::Reset))));
+        let (what, why) = asks(&idle, Some("local_control"));
+        assert!(matches!(what, Some(What::Table(asked)) if asked == start));
+        assert_eq!(why.as_deref(), Some("local_control"));
+        assert!(
+            matches!(asks(&idle, None).0, Some(What::Table(cycle::Request::Stop))),
+            "it does not wait for ever"
+        );
+        let (what, why) = asks(&ready, None);
+        assert!(matches!(what, Some(What::Leave)) && why.as_deref() == Some("local_control"));
     }
 
     #[test]

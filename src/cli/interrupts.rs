@@ -35,7 +35,7 @@ impl Interrupts {
         Ok(interrupts)
     }
 
-    /// So many came.
+    /// How many came.
     pub fn count(&self) -> usize {
         self.count.load(Ordering::Relaxed)
     }

@@ -131,6 +131,8 @@ impl RobotAction {
         match self {
             // Of an arm that moves, axes and tip need not be of one moment.
             RobotAction::State if single.state().moving => Ok(()),
+            // Before its program was started the controller does not know the tip, and says 0 of everything.
+            RobotAction::State if single.state().tip_is_unknown() => Ok(()),
             RobotAction::State => single.is_the_cells_arm(cell).map_err(not_this_arm),
             RobotAction::MoveJ(joints, percent) => single.move_joints(*joints, *percent, cell),
             RobotAction::MoveLin(line) => single.move_line(line, cell),

@@ -9,6 +9,7 @@ use super::setup::CycleSetup;
 use crate::cycle::{Answer, Grade, Trouble};
 use crate::files::content_hash;
 use crate::geometry::Mask;
+use crate::geometry::statistics::WITHIN_95;
 use crate::panel::GridId;
 use crate::path::approach::Approach;
 use crate::path::disc::DiscUse;
@@ -152,7 +153,9 @@ impl Abrasion {
         let found_reach = surveyed.finding(pass, &fit.deviation, (&cycle.panel, &cycle.recipe));
         let own = grade(&found_reach.judgement);
         record.finding(&found_reach)?;
-        record.budget(&Budget { fit_mm: Some(fit.deviation.p95_mm), ..Budget::default() })?;
+        let fit_mm =
+            today.rms_mm.map_or(fit.deviation.p95_mm, |rms_mm| fit.deviation.p95_mm.max(WITHIN_95 * rms_mm));
+        record.budget(&Budget { fit_mm: Some(fit_mm), ..Budget::default() })?;
         let both = if own == Grade::Accept { found } else { own };
         Ok(Answer::Graded(both))
     }

@@ -223,9 +223,9 @@ impl Running<'_> {
             Waits::Feedback { last, proof } if state.done >= last && proof.is_told(state) => {
                 self.answer(id, Answer::Done);
             }
-            Waits::Warned { until } if self.ports.robot.now() >= until => {
+            Waits::Warned { last, until } => {
                 if let Act::Move(motion) = act {
-                    self.warned(id, motion)?;
+                    self.warning((id, motion), (last, until), state)?;
                 }
             }
             Waits::Ready(last) if state.done >= last && stands => {

@@ -8,7 +8,7 @@ use super::running::Running;
 use super::sent::{End, Sent};
 use super::setup::CycleSetup;
 use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
-use crate::eki::{Command, CommandId, MoveJ, MoveLin, QueueError, SetAccSpeed, Signal, State};
+use crate::eki::{Command, CommandId, MoveJ, MoveLin, QueueError, SetAccSpeed, Signal, State, Time};
 use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use crate::panel::panel_from_base_at_teaching;
 use crate::path::reach::{self, Infeasibility, Obstacles};
@@ -52,6 +52,7 @@ impl Running<'_> {
                 return Ok(());
             }
             let sent = self.ports.robot.send(move_j(ready));
+            self.stood = None;
             return self.waits_or_fails(id, Act::Move(motion), sent.map(Waits::Ready));
         }
         self.by_lines(id, motion)
@@ -59,17 +60,28 @@ impl Running<'_> {
 
     /// Whether the cell first warns of this motion: horn or lamp are on for a time before the first motion after a rest.
     fn warns(&mut self, id: Id, motion: Motion) -> Result<bool, DaemonError> {
-        let Some(number) = self.cell.warning_output.filter(|_| !self.has_warned) else { return Ok(false) };
+        let Some((number, _)) = self.cell.warning_output.filter(|_| !self.has_warned) else { return Ok(false) };
         let sent = self.ports.robot.send(Command::SetDigout(Signal { number, on: true }));
-        let until = self.ports.robot.now() + seconds(self.cell.limits.warning_s());
-        self.waits_or_fails(id, Act::Move(motion), sent.map(|_| Waits::Warned { until }))?;
+        self.waits_or_fails(id, Act::Move(motion), sent.map(|last| Waits::Warned { last, until: None }))?;
         Ok(true)
     }
 
-    /// The cell has warned: the motion begins.
-    pub(super) fn warned(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
+    /// While the cell warns: the time counts from the first state that reports the output on, and the motion begins when it is over.
+    pub(super) fn warning(
+        &mut self,
+        (id, motion): (Id, Motion),
+        (last, until): (CommandId, Option<Time>),
+        state: &State,
+    ) -> Result<(), DaemonError> {
+        let Some((number, bit)) = self.cell.warning_output else { return self.begin_move(id, motion) };
+        let now = self.ports.robot.now();
+        let is_on = state.done >= last && state.outputs >> bit & 1 == 1;
+        if until.is_none_or(|until| now < until) {
+            let until = until.or_else(|| is_on.then(|| now + seconds(self.cell.limits.warning_s())));
+            self.wait(id, Act::Move(motion), Waits::Warned { last, until });
+            return Ok(());
+        }
         self.has_warned = true;
-        let Some(number) = self.cell.warning_output else { return self.begin_move(id, motion) };
         match self.ports.robot.send(Command::SetDigout(Signal { number, on: false })) {
             Ok(_) => self.begin_move(id, motion),
             failed => self.waits_or_fails(id, Act::Move(motion), failed.map(Waits::Ready)),
@@ -255,6 +267,7 @@ impl Running<'_> {
         sent: Result<CommandId, QueueError>,
         (count, end): (u32, Option<End>),
     ) -> Result<(), DaemonError> {
+        self.stood = None;
         if let (Ok(last), Some(end)) = (&sent, end) {
             self.trace = Trace::default();
             let first = CommandId((last.0 + 1).saturating_sub(count));
@@ -279,6 +292,7 @@ impl Running<'_> {
 
     /// The epoch is over and the robot stands; in it these commands were executed.
     pub(super) fn stood_still(&mut self, done: CommandId) {
+        self.stood = None;
         if let Some(sent) = self.sent.take() {
             self.left_at = sent.waypoints(done).max(sent.told);
         }
@@ -296,6 +310,7 @@ impl Running<'_> {
         self.executed(state.done)?;
         let off = self.deviation(sent, state);
         if off.is_empty() {
+            self.stood = Some(sent.motion.path);
             self.answer(id, Answer::Stands { done: sent.motion.waypoints });
         } else {
             self.note(Kind::Robot, off)?;

@@ -25,10 +25,12 @@ pub(super) enum Waits {
     Frames(CommandId),
     /// Outputs that are set, and the feedback.
     Feedback { last: CommandId, proof: Proof },
-    /// That the cell has warned of the motion for long enough.
+    /// That the cell has warned of the motion for long enough, from the first state on in which the output is on.
     Warned {
-        /// Until then.
-        until: Time,
+        /// The command that switches it on.
+        last: CommandId,
+        /// Until then; `None` before it is on.
+        until: Option<Time>,
     },
     /// The pose from which a line may begin.
     Ready(CommandId),

@@ -98,7 +98,7 @@ impl People {
         }
     }
 
-    /// Keeps a line about a wrong log-in, or counts it where there are many: nobody fills the disk by trying. On the calling thread.
+    /// Keeps a line about a wrong log-in, or counts it if there are many, so that attempts do not fill the disk. On the calling thread.
     pub fn audit_wrong_log_in(&self, entry: &AuditEntry) {
         let now_ms = (self.now_s() * 1_000.0) as u64;
         let (left_out, is_kept) = {

@@ -177,7 +177,7 @@ impl Perception {
         if let Some(place) = place {
             let panel_from_camera = place.inverse() * base_from_camera;
             self.todays_points = Arc::new(surface::todays_points(&cycle.panel, &scan, &panel_from_camera));
-            record.scanned(&scan, &(place.inverse() * base_from_camera));
+            record.scanned(&scan, &panel_from_camera);
         }
         (self.located, self.place, self.located_mm, self.obstacles) = (place, place, located_mm, obstacles);
         Ok(Answer::Graded(grade(&found.judgement)))

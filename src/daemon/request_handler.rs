@@ -66,7 +66,7 @@ const REST: Duration = Duration::from_millis(20);
 /// So many requests for the state are answered in one round of the loop.
 const MOST_ANSWERED: usize = 64;
 
-/// Of so many steps of the table it is known what they showed: more than a cycle has between two holds.
+/// Of this many steps of the table it is known what they showed: more than a cycle has between two holds.
 const MOST_STEPS: usize = 64;
 
 /// What a start that the loop has taken is for.
@@ -260,10 +260,10 @@ impl RequestHandler {
     fn hand_over(&mut self, mut request: Request) -> Request {
         self.waiting = request.reply.take();
         self.waits_for_reset = matches!(request.what, What::Table(cycle::Request::Reset));
+        // A refusal brings it back.
+        self.set_aside = self.noted.clone();
         match &request.what {
             What::Table(asked) => {
-                // A refusal brings it back.
-                self.set_aside = self.noted.clone();
                 use cycle::Request::{Accept, Clear, Reset, Unhold};
                 if matches!(asked, Reset | Clear | Unhold { .. } | Accept) {
                     self.noted.clear();

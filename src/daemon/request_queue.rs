@@ -209,7 +209,7 @@ mod tests {
         (0..100).any(|_| link.next(Duration::from_secs(5)).is_some_and(|report| is_it(&report)))
     }
 
-    /// Nobody takes the request, as if the loop waited for its disk: the robot is stopped all the same. A hold waits for the loop.
+    /// The request is not taken, as if the loop waited for its disk: the robot is stopped all the same. A hold waits for the loop.
     #[test]
     fn a_stop_goes_to_the_robot_before_the_loop_sees_it() {
         let (_server, mut link) = linked();

@@ -17,7 +17,7 @@ use crate::stages::abrade::off_limit_mm;
 use crate::verdict::Reason;
 use crate::words::apart;
 
-/// So many times the distance for which a person must look ends a path in contact at once.
+/// This many times the distance for which a person must look ends a path in contact at once.
 const FAR_OFF_LIMITS: f64 = 4.0;
 
 impl Running<'_> {
@@ -27,12 +27,12 @@ impl Running<'_> {
         match report {
             R::Connected { state } | R::State(state) => self.hear_state(&state)?,
             R::Rebooted { state } => {
-                self.full_override = None;
+                (self.full_override, self.stood) = (None, None);
                 self.becomes(cycle::Robot::Restarted);
                 self.hear_state(&state)?;
             }
             R::LinkLost { why } => {
-                (self.robot_state, self.full_override) = (None, None);
+                (self.robot_state, self.full_override, self.stood) = (None, None, None);
                 self.becomes(cycle::Robot::LinkLost);
                 self.note(Kind::Robot, vec![reason("link_lost", &why)])?;
             }
@@ -161,7 +161,7 @@ impl Running<'_> {
         let Some((off_mm, allowed_mm)) = self.far_off_path(sent, done, state) else { return Ok(()) };
         let [off, allowed] = apart(off_mm, allowed_mm, 2);
         let message = format!(
-            "in contact the tip was measured {off} mm off the planned path, allowed are {allowed} mm: an axis slips, or something pushes \
+            "in contact the tip was measured {off} mm off the planned path, the limit is {allowed} mm: an axis slips, or something pushes \
              the arm; the path is left"
         );
         self.note(Kind::Robot, vec![Reason::new("deviation", message)])?;

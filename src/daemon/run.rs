@@ -135,7 +135,6 @@ impl Running<'_> {
         }
         let (before, (state, effects)) = (self.state, step(self.state, event));
         self.has_warned &= !before.at.rests();
-        self.stood = before.facts.arm;
         if state.at != before.at {
             tracing::info!("{}", words::place(state.at));
         }

@@ -60,8 +60,7 @@ pub(super) struct Running<'p> {
     pub sent: Option<Sent>,
     /// Where the panel of the cycles before stood last, as far as it is known.
     pub last_place: Option<KukaPose>,
-    /// The path at whose end the arm stood before the event that is taken now. After a stop, an abort, a lost robot and a start of the
-    /// program there is none.
+    /// The path at whose end the arm is. After a stop, an abort, a lost robot and a start of the program, and on the way, there is none.
     pub stood: Option<Path>,
     /// What the record says of the start that was taken up last.
     pub remarks: Vec<Reason>,
@@ -69,7 +68,7 @@ pub(super) struct Running<'p> {
     pub left_at: u32,
     pub robot_state: Option<eki::State>,
     pub condition: cycle::Robot,
-    /// What the table was told of the override; `None` before it was.
+    /// What was reported to the table of the override; `None` before that.
     pub full_override: Option<bool>,
     /// What a state told otherwise than it was proven.
     pub contrary: Contrary,

@@ -49,8 +49,8 @@ pub struct CellSetup {
     pub wiring: Wiring,
     /// The bit of the state message's `In` that is the selector switch, on at local.
     pub control_bit: Option<u32>,
-    /// The output that warns before the first motion.
-    pub warning_output: Option<u16>,
+    /// The output that warns before the first motion, with its bit of the state message's `Out`.
+    pub warning_output: Option<(u16, u32)>,
     /// The compliant tool, where the sanding tool is one.
     pub tool: Option<CompliantTool>,
     /// The sum of the controller's programs with which the cell was accepted, where one was kept.
@@ -73,7 +73,11 @@ impl CellSetup {
             arm: cell.arm().clone(),
             wiring: Wiring::of(cell.io())?,
             control_bit: cell.io().input_bit(LOCAL_CONTROL),
-            warning_output: cell.io().outputs().get(WARNING).copied(),
+            warning_output: cell
+                .io()
+                .outputs()
+                .get(WARNING)
+                .and_then(|&number| Some((number, cell.io().output_bit(number)?))),
             programs_sum: cell.robot().programs_sum(),
             tool: cell.tool().compliant().cloned(),
             park: cell.park().ok_or(DaemonError::NotStated { key: "poses.park" })?,

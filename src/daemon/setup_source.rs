@@ -3,6 +3,7 @@
 use crate::files::content_hash;
 use crate::geometry::ColorPicture;
 use crate::office::RecipeOffer;
+use crate::packml::RecipeHash;
 use crate::verdict::{Reason, Verdict};
 
 /// A recipe's file.
@@ -107,4 +108,17 @@ pub trait SetupSource: Send + Sync {
     /// # Errors
     /// Where a file cannot be read, in words.
     fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String>;
+}
+
+/// The recipes with their hashes, so that a start is by the one that was offered. One that cannot be read cannot be started by, and is left
+/// out.
+///
+/// # Errors
+/// If the folder cannot be read.
+pub(super) fn recipe_hashes(source: &dyn SetupSource) -> Result<Vec<RecipeHash>, String> {
+    let hash = |name: String| {
+        let sha256 = source.recipe(&name).ok()?.sha256();
+        Some(RecipeHash { name, sha256 })
+    };
+    Ok(source.recipes()?.into_iter().filter_map(hash).collect())
 }

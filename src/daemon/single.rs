@@ -9,7 +9,8 @@ use super::corrected::Corrected;
 use super::moves::{self, move_lin};
 use super::ports::RobotPort;
 use super::single_interlocks;
-use crate::cell::{Arm, Cell, InputsOutputs};
+use super::wiring::reads;
+use crate::cell::{Arm, Cell, InputsOutputs, LOCAL_CONTROL};
 use crate::cycle::{Act, Path};
 use crate::eki::{
     Command, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp, Signal, State, Time,
@@ -159,7 +160,7 @@ impl<'r> Single<'r> {
     /// # Errors
     /// As [`Single::set`], and where the gate refuses.
     pub fn call(&mut self, index: u16, cell: &Cell) -> Result<(), SingleError> {
-        self.may_move()?;
+        self.may_move(cell)?;
         self.is_the_cells_arm(cell).map_err(gate)?;
         self.open_epoch()?;
         self.held_to_interlocks("a subroutine", single_interlocks::motion(Path::Park), cell)?;
@@ -172,7 +173,7 @@ impl<'r> Single<'r> {
     /// # Errors
     /// As [`Single::set`], and where the gate refuses.
     pub fn move_joints(&mut self, joints: Joints, axis_speed_percent: u8, cell: &Cell) -> Result<(), SingleError> {
-        self.may_move()?;
+        self.may_move(cell)?;
         accepted(judge_joints(&joints))?;
         self.is_the_cells_arm(cell).map_err(gate)?;
         let (arm, tool) = (Kinematics::new(cell.arm()), self.state.flange_from_tool.to_rigid());
@@ -193,7 +194,7 @@ impl<'r> Single<'r> {
     /// # Errors
     /// As [`Single::move_joints`].
     pub fn move_line(&mut self, line: &Line, cell: &Cell) -> Result<(), SingleError> {
-        self.may_move()?;
+        self.may_move(cell)?;
         let limits = cell.limits();
         let fastest_mm_s = limits.max_speed_mm_s();
         if line.speed_mm_s.is_nan() || line.speed_mm_s > fastest_mm_s {
@@ -264,10 +265,23 @@ impl<'r> Single<'r> {
     }
 
     /// A person, or nobody, must be able to let it move.
-    fn may_move(&self) -> Result<(), SingleError> {
+    fn may_move(&self, cell: &Cell) -> Result<(), SingleError> {
         let state = &self.state;
+        let is_accepted = cell.robot().programs_sum().is_none_or(|accepted| accepted == state.programs_checksum);
+        let is_local = cell.io().input_bit(LOCAL_CONTROL).is_none_or(|bit| reads(state, bit));
         let by_hand = matches!(state.mode, Mode::T1 | Mode::T2);
         let checks = [
+            (
+                !is_accepted,
+                "other_programs",
+                "the controller's programs are others than those with which the cell was accepted ([robot] programs_sum); find out \
+                 who changed them, then `panelprep doctor --kuka DIR`",
+            ),
+            (
+                !is_local,
+                "local_control",
+                "the selector switch is at remote, and a person at the cell asks for this; set it to local",
+            ),
             (state.mode == Mode::T2, "mode", "the mode is T2; use T1, AUT or EXT"),
             (state.emergency_stop, "emergency_stop", "an emergency stop is pressed; release and acknowledge it"),
             (!by_hand && !state.guard_closed, "guard", "the guard is open; close it, or work in T1"),

@@ -63,7 +63,7 @@ pub struct Abraded {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Longer {
     id: GridId,
-    /// Executed time over planned time; infinite for a grid that was not planned.
+    /// Executed time over planned time; infinite where none was planned, or it is no number.
     ratio: f64,
 }
 
@@ -163,7 +163,7 @@ impl Abraded {
             || {
                 let [found, allowed] = apart(ratio, LONGER_REVIEW, 2);
                 format!(
-                    "{id} was under the disc for {found} times as long as planned, allowed are {allowed} times (from \
+                    "{id} was under the disc for {found} times as long as planned, the limit is {allowed} times (from \
                      {LONGER_REJECT} on the part is rejected); was the override below 100 %, or is the robot slower than the feed?"
                 )
             },
@@ -235,7 +235,10 @@ fn longest_beside(executed: &[GridDwell], planned: &[GridDwell]) -> Option<Longe
             .iter()
             .find(|plan| plan.id == grid.id)
             .map_or([0.0; 2], |plan| [plan.mean_dwell_s(), high_s(plan)]);
-        let ratio = |(found, plan): (f64, f64)| if plan > 0.0 { found / plan } else { f64::INFINITY };
+        let ratio = |(found, plan): (f64, f64)| {
+            let is_known = plan > 0.0 && found.is_finite();
+            if is_known { found / plan } else { f64::INFINITY }
+        };
         let ratio = found.into_iter().zip(plan).map(ratio).fold(0.0, f64::max);
         Longer { id: grid.id, ratio }
     };

@@ -6,7 +6,7 @@ use super::certificates::{self, Rejected, Trusted};
 use super::door::Door;
 use crate::accounts::AuditEntry;
 use crate::daemon::front_parts::FrontParts;
-use crate::daemon::setup_source::SetupSource;
+use crate::daemon::setup_source::recipe_hashes;
 use crate::history::{Alarm, Priority, grid_states};
 use crate::packml::{CycleCounts, GridState, RecipeHash, Verified};
 use crate::record::{CycleId, PartNames};
@@ -103,7 +103,7 @@ impl Reader {
             }
             Err(problem) => (now.may_start, now.calibration_reasons) = (Some(false), vec![problem]),
         }
-        now.recipes = recipe_hashes(&*self.front.setup);
+        now.recipes = recipe_hashes(&*self.front.setup).unwrap_or_default();
     }
 
     /// Connections and certificates that were turned away since, for the audit trail.
@@ -137,16 +137,6 @@ impl Reader {
         let line = AuditEntry::done(None, None, self.access.addresses(), "connect");
         self.access.people().audit(&AuditEntry { subject, refused: Some(refused), ..line });
     }
-}
-
-/// The recipes with their hashes; one that cannot be read cannot be started by, and is left out.
-fn recipe_hashes(setup: &dyn SetupSource) -> Vec<RecipeHash> {
-    let names = setup.recipes().unwrap_or_default().into_iter();
-    let hash = |name: String| {
-        let sha256 = setup.recipe(&name).ok()?.sha256();
-        Some(RecipeHash { name, sha256 })
-    };
-    names.filter_map(hash).collect()
 }
 
 fn of_store(store: &Store, cycle: Option<CycleId>, now: &mut Depth) -> Result<(), StoreError> {

@@ -3,6 +3,7 @@
 use super::port::{Command, Port};
 use crate::cycle::{self, Id, Refusal, State};
 use crate::daemon::request::Request;
+use crate::daemon::words;
 use crate::record::CycleId;
 use crate::supervision::ThreadFault;
 use crate::tape::Begin;
@@ -38,6 +39,17 @@ pub enum News {
     DiscMounted,
     /// What was found last is not as it should be, for these reasons, or for none.
     Noted(Vec<Reason>),
+}
+
+impl News {
+    /// Why what was requested in this state is not done, if this says so.
+    pub fn why_refused(self, state: &State) -> Option<Reason> {
+        match self {
+            News::Refused(request, refused) => Some(words::refusal(request, refused, state)),
+            News::NotPermitted(reasons) | News::Unable(reasons) => reasons.into_iter().next(),
+            _ => None,
+        }
+    }
 }
 
 /// What is answered.

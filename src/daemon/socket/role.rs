@@ -134,7 +134,7 @@ mod tests {
         assert_eq!(Role::VARIANTS.len(), 5);
     }
 
-    /// An operator, and whoever may do less, starts by recipes of the folder.
+    /// An operator, and a role that may do less, starts by recipes of the folder.
     #[test]
     fn a_text_of_ones_own_needs_who_may_change_the_folder() {
         let own = |role, uid| Rule { role, service_uid: SERVICE }.own_text(&who(uid));
@@ -143,6 +143,6 @@ mod tests {
             assert_eq!(own(Some(role), 1_001), expected, "{role:?}");
             assert_eq!(own(Some(role), 0), OwnText::Allowed, "root can do it without the socket");
         }
-        assert_eq!(own(None, 1_001), OwnText::Allowed, "the cell's file limits nobody");
+        assert_eq!(own(None, 1_001), OwnText::Allowed, "the cell's file sets no limit");
     }
 }

@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::cell::CorrectionNumbers;
-use crate::geometry::{Base, Flange, Joints, Rigid};
+use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use crate::path::approach::Approach;
 use crate::path::reach::Obstacles;
 use crate::path::routes::{self, Standing};
@@ -79,30 +79,44 @@ fn each_line_brings_its_feed_and_rounding() {
     assert_eq!(stops % 2, 1, "{stops}");
 }
 
+/// A plan over the grid r2c3 of the panel at its taught place, and the axes at each of its waypoints.
+struct OnOneGrid {
+    setup: CycleSetup,
+    place: Rigid<Base, Panel>,
+    flange_from_tool: Rigid<Flange, Tool>,
+    plan: Plan,
+    joints: Vec<Joints>,
+}
+
+impl OnOneGrid {
+    fn of(fake: &Fake) -> Self {
+        let (cell, recipe, taught, calibrations) = fake.files();
+        let setup = fake::setup(&cell, &recipe, &taught, calibrations);
+        let (panel, place) = (&taught.0, crate::panel::panel_from_base_at_teaching().inverse());
+        let fit = crate::surface::fit(panel, recipe.surface()).expect("a surface");
+        let grids = ["r2c3".parse().expect("a grid")];
+        let plan = path::plan(&fit.surface, &panel.region, &grids, &panel.outline, recipe.path()).expect("a plan");
+        let (arm, flange_from_tool) = (Kinematics::new(cell.arm()), calibrations.flange_from_tool);
+        let stand = panel_reach::Stand { arm: &arm, flange_from_tool, base_from_panel: place, from: None };
+        let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).expect("in reach");
+        let plan = panel_reach::turned(&plan, reached.spin);
+        OnOneGrid { setup, place, flange_from_tool, plan, joints: reached.travel.joints }
+    }
+}
+
 /// Whatever a person accepted, a plan that its own gate rejects is not sent; one about which a person was asked is.
 #[test]
 fn no_plan_is_sent_that_its_gate_rejects() {
-    let fake = Fake::new(Scene::Good);
-    let (cell, recipe, taught, calibrations) = fake.files();
-    let setup = fake::setup(&cell, &recipe, &taught, calibrations);
-    let (job, (panel, _)) = (&setup, taught);
-    let (arm, place) = (Kinematics::new(cell.arm()), crate::panel::panel_from_base_at_teaching().inverse());
-    let fit = crate::surface::fit(&panel, recipe.surface()).expect("a surface");
-    let grids = ["r2c3".parse().expect("a grid")];
-    let plan = path::plan(&fit.surface, &panel.region, &grids, &panel.outline, recipe.path()).expect("a plan");
-    let flange_from_tool = calibrations.flange_from_tool;
-    let stand = panel_reach::Stand { arm: &arm, flange_from_tool, base_from_panel: place, from: None };
-    let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).expect("in reach");
-    let plan = panel_reach::turned(&plan, reached.spin);
-    let joints = reached.travel.joints[0];
+    let OnOneGrid { setup, place, flange_from_tool, plan, joints } = OnOneGrid::of(&Fake::new(Scene::Good));
+    let (job, joints) = (&setup, joints[0]);
     let standing =
         Standing { limits: &job.cell.limits, arm: &job.cell.arm, flange_from_tool, joints, obstacles: None };
     let first = plan.paths[0].waypoints[0].as_sent();
-    let gated = |plan: &Plan| routes::contact(&standing, place, (first, plan), recipe.path());
+    let gated = |plan: &Plan| routes::contact(&standing, place, (first, plan), job.recipe.path());
     assert!(gated(&plan).is_good(), "{:?}", gated(&plan).judgement());
     let mut doubtful = plan.clone();
     doubtful.grid_dwell[0].1.low_s *= 0.1;
-    assert_eq!(path::judge(&doubtful, recipe.path()).verdict, Verdict::Review);
+    assert_eq!(path::judge(&doubtful, job.recipe.path()).verdict, Verdict::Review);
     assert!(gated(&doubtful).is_good(), "a person was asked before");
     for (spoil, code) in [
         ((|plan| plan.paths[0].waypoints[0].contact = true) as fn(&mut Plan), "no_air"),
@@ -116,21 +130,13 @@ fn no_plan_is_sent_that_its_gate_rejects() {
     }
 }
 
-/// Where the flange is at a waypoint of contact, with the tool lifted off by so much along its axis, and about how the axes stand there.
+/// Where the flange is at a waypoint of contact, with the tool lifted off by this much along its axis, and about what the axes are there.
 fn standing_over_the_panel(fake: &Fake, lifted_mm: f64) -> (Rigid<Base, Flange>, Joints) {
-    let (cell, recipe, (panel, _), calibrations) = fake.files();
-    let (arm, place) = (Kinematics::new(cell.arm()), crate::panel::panel_from_base_at_teaching().inverse());
-    let fit = crate::surface::fit(&panel, recipe.surface()).expect("a surface");
-    let grids = ["r2c3".parse().expect("a grid")];
-    let plan = path::plan(&fit.surface, &panel.region, &grids, &panel.outline, recipe.path()).expect("a plan");
-    let flange_from_tool = calibrations.flange_from_tool;
-    let stand = panel_reach::Stand { arm: &arm, flange_from_tool, base_from_panel: place, from: None };
-    let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).expect("in reach");
-    let plan = panel_reach::turned(&plan, reached.spin);
+    let OnOneGrid { place, flange_from_tool, plan, joints, .. } = OnOneGrid::of(fake);
     let lifted = routes::lifted(&plan, lifted_mm);
     let at = routes::waypoints(&plan).iter().position(|waypoint| waypoint.contact).expect("contact") + 3;
     let base_from_flange = place * routes::waypoints(&lifted)[at].as_sent() * flange_from_tool.inverse();
-    (base_from_flange, reached.travel.joints[at])
+    (base_from_flange, joints[at])
 }
 
 /// After a stop in contact the tool touches: the axes do not move from there. Jogged 80 mm off, the arm goes on by itself.

@@ -8,7 +8,7 @@ use super::scene;
 use super::state::{Web, blocking};
 use super::visitor::Visitor;
 use crate::accounts::Permission;
-use crate::daemon::setup_source::SetupSource;
+use crate::daemon::setup_source::recipe_hashes;
 use crate::history::grid_states;
 use crate::packml::RecipeHash;
 use crate::record::{CycleId, Finding};
@@ -31,7 +31,7 @@ const PHASES: [&str; 11] =
 pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) -> Response {
     let source = web.front.setup.clone();
     let recipes = match visitor.may(Permission::Operate) {
-        true => blocking(move || offered(&*source)).await.unwrap_or_else(|| Ok(vec![])),
+        true => blocking(move || recipe_hashes(&*source)).await.unwrap_or_else(|| Ok(vec![])),
         false => Ok(vec![]),
     };
     let words = visitor.language();
@@ -95,12 +95,6 @@ pub(super) async fn page(State(web): State<Arc<Web>>, Extension(visitor): By) ->
         scripts: &[Script::Run, Script::Forms, Script::Scene],
     }
     .page(&body)
-}
-
-/// The recipes with their hashes, so that a start is by the recipe that the page offered.
-fn offered(source: &dyn SetupSource) -> Result<Vec<RecipeHash>, String> {
-    let names = source.recipes()?.into_iter();
-    names.map(|name| Ok(RecipeHash { sha256: source.recipe(&name)?.sha256(), name })).collect()
 }
 
 fn actions(visitor: &Visitor) -> Markup {

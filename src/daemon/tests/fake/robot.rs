@@ -91,7 +91,7 @@ impl World {
                 | is_on(1) << 4
                 | u32::from(self.is_local) << 5)
                 & !self.dead_feedbacks(),
-            outputs: (1..=5).fold(0, |bits, output| bits | is_on(output) << (output - 1)),
+            outputs: (1..=6).fold(0, |bits, output| bits | is_on(output) << (output - 1)),
             done: CommandId(self.done),
             joints: self.joints,
             base_from_tcp: KukaPose::from_rigid(&tip),
