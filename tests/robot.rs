@@ -243,7 +243,7 @@ fn what_is_to_be_proven_is_gone_through() {
     let page = std::fs::read_to_string(folder.join("proven.html")).expect("the page");
     assert!(page.contains("trace 1") && page.contains("old entries came") && page.contains("By Ada"), "{page}");
     assert_eq!(page.matches("<tr class=").count(), proofs.len());
-    // It was a mock controller, which proves nothing: the page says so, and nobody can sign it.
+    // It was a mock controller, which proves nothing: the page says so, and cannot be signed.
     assert!(page.contains("proves nothing of a real one") && !page.contains("signature"), "{page}");
     assert!(told["mock"] == true && told["reasons"][0]["code"] == "mock_controller", "{told}");
 }

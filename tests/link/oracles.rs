@@ -429,12 +429,12 @@ impl Watch for Oracles {
     }
 }
 
-/// What a good client's commands are refused for: the robot does not move, it has stopped, it was told to refuse, or its override is another one.
+/// What a good client's commands are refused for: the robot does not move, it has stopped, it was set to refuse, or its override is another one.
 const MAY_BE_REFUSED: [Refusal; 5] = [
     Refusal::NoMotionMode,
     Refusal::Stopped,
     Refusal::WrongEpoch,
     Refusal::NotReachable,
-    // Somebody changed the override.
+    // The override was changed.
     Refusal::Override,
 ];

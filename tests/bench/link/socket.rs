@@ -7,8 +7,8 @@ use panelprep::cell::{self, Cell};
 use panelprep::daemon::{
     self, Alarms, CellSetup, Computing, DaemonError, Equipment, Examined, FrontParts, Gateway, LinkedRobot,
     LiveView, LoopStart, NoCameras, OperatorPage, PageParts, People, Port, Ports, RecipeText, RecordAnswer,
-    RecordCommand, RecordPdf, RecordSource, RecordingSwitch, Request, RequestHandler, RequestSender, ServiceParts,
-    SetupSource, Socket, StoreRecord, WrittenPage,
+    RecordCommand, RecordError, RecordPdf, RecordSource, RecordingSwitch, Request, RequestHandler, RequestSender,
+    ServiceParts, SetupSource, Socket, StoreRecord, WrittenPage,
 };
 use panelprep::devices::robot::{Address, BlockingLink, link_limits};
 use panelprep::eki::Pace;
@@ -72,7 +72,7 @@ struct Hanging<'s> {
 pub const HANGS: Duration = Duration::from_secs(5);
 
 impl Port<RecordCommand> for Hanging<'_> {
-    fn perform(&mut self, command: RecordCommand) -> RecordAnswer {
+    fn perform(&mut self, command: RecordCommand) -> Result<RecordAnswer, RecordError> {
         if matches!(command, RecordCommand::Event(_)) && self.hangs.swap(false, Ordering::Relaxed) {
             std::thread::sleep(HANGS);
         }
