@@ -384,7 +384,7 @@ mod tests {
                 "calibration files named: none",
                 "limits: the tool stays in [0, 0, 0] … [1, 2, 3] mm",
                 "store in c/store",
-                "not compared with cell_config.dat, CELLCMD.xml, CELLSTAT.xml: whether a stop switches tool and water off, and whether signals and \
+                "not compared with cell_config.dat, cell_motion.src, CELLCMD.xml, CELLSTAT.xml: whether a stop is heard and switches tool and water off, and whether signals and \
                  ports are the same on both sides, is not known; name the controller's files beside this one",
             ]
         );

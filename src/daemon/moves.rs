@@ -145,8 +145,9 @@ impl Running<'_> {
     /// there only if the whole way keeps clear of the panel with the cell's own tool; else a person brings the arm away.
     fn leaves_an_unknown_place(&mut self, poses: &[Joints]) -> Result<bool, DaemonError> {
         let (Some(state), Some(cycle)) = (self.robot_state, self.cycle.clone()) else { return Ok(true) };
-        let at_a_pose = poses.iter().any(|pose| state.joints.farthest_deg(pose) <= AXIS_DEVIATION_DEG);
-        if self.stood.is_some() || at_a_pose {
+        // A person may have jogged it since the end of the path: the axes say if it is still there.
+        let is_there = |pose: &Joints| state.joints.farthest_deg(pose) <= AXIS_DEVIATION_DEG;
+        if self.stood.iter().chain(poses).any(is_there) {
             return Ok(true);
         }
         let obstacles = self.perception.obstacles().cloned().unwrap_or_else(|| self.last_known_panel(&cycle));
@@ -292,7 +293,6 @@ impl Running<'_> {
 
     /// The epoch is over and the robot stands; in it these commands were executed.
     pub(super) fn stood_still(&mut self, done: CommandId) {
-        self.stood = None;
         if let Some(sent) = self.sent.take() {
             self.left_at = sent.waypoints(done).max(sent.told);
         }
@@ -310,7 +310,7 @@ impl Running<'_> {
         self.executed(state.done)?;
         let off = self.deviation(sent, state);
         if off.is_empty() {
-            self.stood = Some(sent.motion.path);
+            self.stood = Some(state.joints);
             self.answer(id, Answer::Stands { done: sent.motion.waypoints });
         } else {
             self.note(Kind::Robot, off)?;

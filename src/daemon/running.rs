@@ -13,9 +13,9 @@ use super::pressing::Pressing;
 use super::sent::Sent;
 use super::setup::{CellSetup, CycleSetup};
 use super::underway::Underway;
-use crate::cycle::{self, Event, Path, Report, State};
+use crate::cycle::{self, Event, Report, State};
 use crate::eki::{self, Time};
-use crate::geometry::KukaPose;
+use crate::geometry::{Joints, KukaPose};
 use crate::path::trace::Trace;
 use crate::record::{Front, Who};
 use crate::tape::Begin;
@@ -60,8 +60,8 @@ pub(super) struct Running<'p> {
     pub sent: Option<Sent>,
     /// Where the panel of the cycles before stood last, as far as it is known.
     pub last_place: Option<KukaPose>,
-    /// The path at whose end the arm is. After a stop, an abort, a lost robot and a start of the program, and on the way, there is none.
-    pub stood: Option<Path>,
+    /// The axes at the end of the last path. After a stop, an abort, a lost robot and a start of the program, and on the way, there are none.
+    pub stood: Option<Joints>,
     /// What the record says of the start that was taken up last.
     pub remarks: Vec<Reason>,
     /// Waypoints of the path whose epoch was ended last, until the next motion: an answer that tells them may be given up for something else.
