@@ -8,10 +8,14 @@ use super::gate::{Judged, judge};
 use super::observed::{GridInspection, Observation, Reference};
 use super::pieces::{Break, breaks};
 use super::sanded::Sanded;
-use super::settle::{OfModel, Settled, Sizes, settled};
+use super::settle::{OfModel, Settled, Sizes, break_to_film, settled};
 use super::watch::Watch;
 use crate::geometry::Mask;
 use crate::verdict::{Check, Judgement};
+use std::f64::consts::PI;
+
+/// No disc that sands is smaller, mm²: 25 mm in diameter.
+const LEAST_DISC_MM2: f64 = PI * 12.5 * 12.5;
 
 /// What a test found, with its verdict.
 #[derive(Debug, Clone)]
@@ -55,8 +59,14 @@ impl Watch {
             }
         }
         // By either method: what was sanded needs evidence that it was wet.
-        let sanded =
-            Sanded { model: &self.model, window: self.footprint.window(), inside: &inside, broke_s: &since_wet_s };
+        let sanded = Sanded {
+            model: &self.model,
+            window: self.footprint.window(),
+            inside: &inside,
+            broke_s: &since_wet_s,
+            disc_px: (self.footprint.pixels_of(LEAST_DISC_MM2) as f64 / PI).sqrt().floor() as usize,
+            break_to_film: break_to_film(&self.model),
+        };
         let without = sanded.without_evidence()?;
         is_unsure.iter_mut().zip(without).for_each(|(is_unsure, without)| *is_unsure |= without);
         let model = &self.model;

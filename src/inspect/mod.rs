@@ -21,6 +21,7 @@ mod film;
 mod film_advice;
 mod footprint;
 mod gate;
+mod looks;
 mod model;
 mod observed;
 mod pieces;

@@ -5,9 +5,13 @@
 //! more than the sensor's noise ([`Shimmer`]). A place was wet if the places near it that look alike shimmer. They are looked at in squares
 //! that grow, until there are enough of them; a bare place is not alike the film around it, and it is still, or most of it if drops run over a part.
 //!
+//! Water that runs over a bare place moves as a film does. So what is narrower than any disc and differs from the looks around it as a break
+//! differs from its film has no evidence either: no disc made it, and a break did ([`Looks::narrow`]).
+//!
 //! A film that does not move at all leaves its sanded places unseen: a new dry picture helps, taken after they dried.
 
 use super::footprint::Window;
+use super::looks::Looks;
 use super::model::{DIFFERENCES, Model, Shimmer};
 use crate::geometry::median;
 use crate::imaging::{ImagingError, named};
@@ -47,6 +51,10 @@ pub struct Sanded<'a> {
     pub inside: &'a [bool],
     /// When each pixel broke, s; infinite if it did not.
     pub broke_s: &'a [f32],
+    /// The least radius of a disc, px.
+    pub disc_px: usize,
+    /// The least and the largest look of a break, as a share of its film's look; `None` if that is not known.
+    pub break_to_film: Option<[f32; 2]>,
 }
 
 /// One place of the lattice.
@@ -116,9 +124,11 @@ impl Sanded<'_> {
             };
             shimmer.sites_about(row, column).any(is_like_wet_site) || self.is_like_film_beside(row, column, look)
         };
+        let looks = Looks { window: self.window, levels: self.looks(), disc_px: self.disc_px };
+        let is_narrow = named("looking for places narrower than a disc", looks.narrow(self.break_to_film))?;
         let is_without = |i: usize| {
             let is_whole = self.inside[i] && self.model.is_without_dry(i) && self.broke_s[i].is_infinite();
-            is_whole && !has_evidence(i)
+            is_whole && (is_narrow[i] || !has_evidence(i))
         };
         let without: Vec<bool> = (0..self.inside.len()).into_par_iter().map(is_without).collect();
         self.wide(&without)
@@ -159,6 +169,12 @@ impl Sanded<'_> {
     /// The look of a pixel's film, levels: a place that left its wet look and became film has that of the end.
     fn look_levels(&self, i: usize) -> f64 {
         if self.model.is_open(i) { f64::from(self.model.levels(i)[0]) } else { self.model.wet_look_levels(i) }
+    }
+
+    /// The looks of what holds, levels; 0 elsewhere.
+    fn looks(&self) -> Vec<f32> {
+        let holds = |i: usize| self.inside[i] && self.broke_s[i].is_infinite() && self.model.saw(i);
+        (0..self.inside.len()).map(|i| if holds(i) { self.look_levels(i) as f32 } else { 0.0 }).collect()
     }
 
     fn sites(&self, shimmer: &Shimmer) -> Vec<Site> {
@@ -332,7 +348,14 @@ mod tests {
         }
         model.end();
         let broke_s = vec![f32::INFINITY; 64 * 64];
-        let sanded = Sanded { model: &model, window: &WINDOW, inside: &inside, broke_s: &broke_s };
+        let sanded = Sanded {
+            model: &model,
+            window: &WINDOW,
+            inside: &inside,
+            broke_s: &broke_s,
+            disc_px: 12,
+            break_to_film: Some([1.25, 2.0]),
+        };
         let found = sanded.without_evidence().expect("a mask");
         let (left, right): (Vec<usize>, Vec<usize>) =
             (0..64 * 64).filter(|i| found[*i]).partition(|i| *i % 64 < 32);

@@ -30,8 +30,10 @@ const ALONG_REFLECTION: f64 = 0.25;
 /// Of the film around a break this share must be told from a bare place; around it is this far from it, px: beyond the wedge of
 /// water at a rim.
 const TOLD_AROUND: f64 = 0.6;
-/// So much of the film around it looks like a place that became film.
+/// This share of the film around it looks like a pixel of a place that became film …
 const ALIKE_AROUND: f64 = 0.35;
+/// … and this share of its pixels is alike: the rest is its blurred rim.
+const MOST_ALIKE: f64 = 0.6;
 /// A place without a dry look broke if it changed by this share of what the faintest break changes; less is not sure.
 const FAINTEST_SHARE: f64 = 0.7;
 const AWAY_PX: usize = 3;
@@ -63,6 +65,8 @@ pub trait Observed {
     fn has_contrast(&self, index: usize) -> bool;
     /// How long a place must look bare to have broken, s.
     fn persist_s(&self) -> f32;
+    /// The longest time between two pictures, s.
+    fn longest_step_s(&self) -> f32;
     /// Does it belong to the region?
     fn is_inside(&self, index: usize) -> bool;
     /// Has it no dry look of its own?
@@ -164,8 +168,9 @@ impl Place<'_> {
         let Some(mut until_s) = until_s.filter(|until_s| !until_s.is_empty()) else { return false };
         since_s.sort_by(f32::total_cmp);
         until_s.sort_by(f32::total_cmp);
-        // Closing is noticed as late as opening: a run has to go back.
-        since_s[since_s.len() - 1 - since_s.len() / 10] > until_s[until_s.len() / 10] - seen.persist_s()
+        // Closing is noticed as late as opening: a run has to go back. It may have closed up to a picture later than that.
+        let closed_s = until_s[until_s.len() / 10] - seen.persist_s() + seen.longest_step_s();
+        since_s[since_s.len() - 1 - since_s.len() / 10] > closed_s
     }
 
     /// Has a place without a dry look of its own become like the film around it? A glint lay on it while its wet look was learnt, or the
@@ -177,10 +182,14 @@ impl Place<'_> {
         if !own.iter().all(|&i| seen.is_without_dry(i)) || around.len() < MIN_CORE_PX {
             return false;
         }
-        let look = own.iter().map(|&i| seen.levels(i)[0]).sum::<f32>() / own.len().max(1) as f32;
-        let is_alike = |film: f32| (look - film).abs() <= seen.alike_share() * film;
-        let film = around.iter().map(|&i| seen.levels(i)[1]).sum::<f32>() / around.len() as f32;
-        is_alike(film) || share(&around, |i| is_alike(seen.levels(i)[1])) >= ALIKE_AROUND
+        let films: Vec<f32> = around.iter().map(|&i| seen.levels(i)[1]).collect();
+        // Each pixel by itself: the mean of a break over two kinds of film is the look of neither.
+        let is_film = |i: usize| {
+            let look = seen.levels(i)[0];
+            let alike = films.iter().filter(|&&film| (look - film).abs() <= seen.alike_share() * film).count();
+            alike as f64 >= ALIKE_AROUND * films.len() as f64
+        };
+        share(&own, is_film) >= MOST_ALIKE
     }
 
     /// Does it differ from its own film as a break does, as far as it has no dry look?
@@ -274,9 +283,10 @@ impl<'a> OfModel<'a> {
     }
 }
 
-/// By the film on the places that have a dry look, or by the assumed one if there are none. A film that is darker than the dry panel
+/// The least and the largest look of a break on a place without a dry look, as a share of its film's look:
+/// by the film on the places that have a dry look, or by the assumed one if there are none. A film that is darker than the dry panel
 /// here and brighter there leaves it open.
-fn break_to_film(model: &Model) -> Option<[f32; 2]> {
+pub fn break_to_film(model: &Model) -> Option<[f32; 2]> {
     let [low, high] = model.film_range().unwrap_or([FILM_ASSUMED; 2]);
     let away = FAINTEST_SHARE * 2.0 * model.away_share();
     if high < model.damp() {
@@ -319,6 +329,10 @@ impl Observed for OfModel<'_> {
 
     fn persist_s(&self) -> f32 {
         self.model.persist_s()
+    }
+
+    fn longest_step_s(&self) -> f32 {
+        self.model.longest_step_s()
     }
 
     fn is_inside(&self, index: usize) -> bool {

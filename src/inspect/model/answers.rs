@@ -45,6 +45,11 @@ impl Model {
         self.terms.persist_s as f32
     }
 
+    /// The longest time between two pictures that were judged, s.
+    pub fn longest_step_s(&self) -> f32 {
+        self.times_s.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f32::max)
+    }
+
     /// The clip's noise, grey levels.
     pub fn noise_levels(&self) -> f64 {
         self.noise.levels()

@@ -1,0 +1,115 @@
+//! Which places differ from what lies around them and are narrower than a disc.
+//!
+//! An opening by reconstruction (Vincent, IEEE T-IP 2, 1993) with a disc takes away what is brighter than its surroundings and holds no such
+//! disc, whatever its shape, and leaves all else as it is, its corners, too. A closing does the same for what is darker.
+
+use super::footprint::Window;
+use opencv::core::{self, Mat, MatTraitConstManual, Point, Scalar, Size};
+use opencv::imgproc;
+
+/// The looks of a window's pixels.
+pub struct Looks<'a> {
+    pub window: &'a Window,
+    /// Levels; 0 of a pixel whose look is not known.
+    pub levels: Vec<f32>,
+    /// The radius of the disc, px.
+    pub disc_px: usize,
+}
+
+/// More than any look, levels.
+const MOST_LEVELS: f32 = 1024.0;
+
+impl Looks<'_> {
+    /// The pixels that no disc covers within their look and that differ from what lies around as a break does from its film: by these
+    /// shares at least, of which 1 is no difference. If it is not known if breaks are brighter or darker, no pixel.
+    ///
+    /// # Errors
+    /// If OpenCV refuses the picture.
+    pub fn narrow(&self, break_to_film: Option<[f32; 2]>) -> opencv::Result<Vec<bool>> {
+        let Some([least, most]) = break_to_film else { return Ok(vec![false; self.levels.len()]) };
+        if least > 1.0 {
+            let bright = |look: f32, around: f32| look >= least * around;
+            return self.apart(&self.levels, bright);
+        }
+        // Darker places are the brighter ones of the negative.
+        let negative: Vec<f32> =
+            self.levels.iter().map(|&look| if look > 0.0 { MOST_LEVELS - look } else { 0.0 }).collect();
+        self.apart(&negative, |look, around| MOST_LEVELS - look <= most * (MOST_LEVELS - around))
+    }
+
+    /// The known pixels of a picture that are apart from what its opening leaves.
+    fn apart(&self, picture: &[f32], is_apart: impl Fn(f32, f32) -> bool) -> opencv::Result<Vec<bool>> {
+        let (rows, columns) = (self.window.height as i32, self.window.width as i32);
+        // What is not known hides no edge of a place: it is as bright as all for the erosion, and dark for the reconstruction.
+        let open: Vec<f32> = picture.iter().map(|&look| if look > 0.0 { look } else { MOST_LEVELS }).collect();
+        let open = Mat::new_rows_cols_with_data(rows, columns, &open)?;
+        let picture_mat = Mat::new_rows_cols_with_data(rows, columns, picture)?;
+        let side = 2 * self.disc_px as i32 + 1;
+        let disc =
+            imgproc::get_structuring_element(imgproc::MORPH_ELLIPSE, Size::new(side, side), Point::new(-1, -1))?;
+        let (border, outside) = (core::BORDER_CONSTANT, Scalar::all(f64::from(MOST_LEVELS)));
+        let (mut eroded, mut opened) = (Mat::default(), Mat::default());
+        imgproc::erode(&open, &mut eroded, &disc, Point::new(-1, -1), 1, border, outside)?;
+        core::min(&eroded, &picture_mat, &mut opened)?;
+        let square = imgproc::get_structuring_element(imgproc::MORPH_RECT, Size::new(3, 3), Point::new(-1, -1))?;
+        // Each step goes one pixel farther; it ends when nothing changes, after as many steps as the window has pixels at most.
+        for _ in 0..picture.len() {
+            let (mut wider, mut next) = (Mat::default(), Mat::default());
+            imgproc::dilate(&opened, &mut wider, &square, Point::new(-1, -1), 1, border, Scalar::all(0.0))?;
+            core::min(&wider, &picture_mat, &mut next)?;
+            let changed = core::norm2(&next, &opened, core::NORM_INF, &core::no_array())?;
+            opened = next;
+            if changed == 0.0 {
+                break;
+            }
+        }
+        let around = opened.data_typed::<f32>()?;
+        Ok(picture.iter().zip(around).map(|(&look, &around)| look > 0.0 && is_apart(look, around)).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIDE: usize = 60;
+    const WINDOW: Window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
+
+    /// How many pixels of a picture of these looks are narrow, for breaks within these shares of their film.
+    fn narrow(break_to_film: Option<[f32; 2]>, look: impl Fn(usize, usize) -> f32) -> usize {
+        let levels = (0..SIDE * SIDE).map(|i| look(i % SIDE, i / SIDE)).collect();
+        let looks = Looks { window: &WINDOW, levels, disc_px: 6 };
+        looks.narrow(break_to_film).expect("a picture").iter().filter(|narrow| **narrow).count()
+    }
+
+    /// By hand: film of 30 levels and a square of 45, 1.5 times as bright. One of 8 px holds no disc of 13 px and counts, with its 64 px; one of
+    /// 20 px holds it, and counts nowhere, its corners included. One that is 1.2 times as bright is no break.
+    #[test]
+    fn a_place_that_no_disc_made_is_narrow() {
+        let square = |side: usize, bright: f32| {
+            move |column: usize, row: usize| {
+                if (20..20 + side).contains(&column) && (20..20 + side).contains(&row) { bright } else { 30.0 }
+            }
+        };
+        let darker_film = Some([1.29, 2.0]);
+        assert_eq!(narrow(darker_film, square(8, 45.0)), 64);
+        assert_eq!(narrow(darker_film, square(20, 45.0)), 0);
+        assert_eq!(narrow(darker_film, square(8, 36.0)), 0);
+        assert_eq!(narrow(None, square(8, 45.0)), 0);
+        // The film is brighter than the dry panel: 18 of 30 levels is a break, 45 is none.
+        assert_eq!(narrow(Some([0.4, 0.7]), square(8, 18.0)), 64);
+        assert_eq!(narrow(Some([0.4, 0.7]), square(8, 45.0)), 0);
+    }
+
+    /// The edge of a brighter region is as narrow as it is drawn, and belongs to the region; beside what is not known nothing is narrow.
+    #[test]
+    fn an_edge_of_a_region_is_not_narrow() {
+        let region = |column: usize, _: usize| match column {
+            0..28 => 30.0,
+            28..32 => 44.0,
+            _ => 46.0,
+        };
+        assert_eq!(narrow(Some([1.29, 2.0]), region), 0);
+        assert_eq!(narrow(Some([1.29, 2.0]), |column, _| if column < 56 { 0.0 } else { 45.0 }), 0);
+    }
+}
