@@ -15,6 +15,9 @@ use crate::geometry::KukaPose;
 use crate::record::Kind;
 use crate::verdict::{Judgement, Reason, Verdict};
 
+/// A stop that waits in the queue is taken before this many states of the robot: the loop takes a request at least between every second pair.
+const STOP_TAKEN_WITHIN: u8 = 3;
+
 impl Running<'_> {
     /// Begins an act; what needs no waiting is answered at once.
     pub(super) fn begin(&mut self, id: Id, act: Act) -> Result<(), DaemonError> {
@@ -149,11 +152,16 @@ impl Running<'_> {
     ) -> Result<(), DaemonError> {
         match waits {
             Ok(waits) => self.wait(id, act, waits),
-            Err(error) => {
-                self.note(Kind::Robot, vec![reason("not_sent", &error)])?;
-                self.answer(id, Answer::Failed(Trouble::Refused));
-            }
+            // A stop goes to the wire before the table takes it: then the table stops, and nothing has failed.
+            Err(QueueError::NoEpoch) => self.wait(id, act, Waits::NoEpoch { states: STOP_TAKEN_WITHIN }),
+            Err(error) => self.not_sent(id, &error)?,
         }
+        Ok(())
+    }
+
+    fn not_sent(&mut self, id: Id, error: &QueueError) -> Result<(), DaemonError> {
+        self.note(Kind::Robot, vec![reason("not_sent", error)])?;
+        self.answer(id, Answer::Failed(Trouble::Refused));
         Ok(())
     }
 
@@ -228,6 +236,8 @@ impl Running<'_> {
                     self.warning((id, motion), (last, until), state)?;
                 }
             }
+            Waits::NoEpoch { states: 0 } => self.not_sent(id, &QueueError::NoEpoch)?,
+            Waits::NoEpoch { states } => self.wait(id, act, Waits::NoEpoch { states: states - 1 }),
             Waits::Ready(last) if state.done >= last && stands => {
                 if let Act::Move(motion) = act {
                     self.by_lines(id, motion)?;

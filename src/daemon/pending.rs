@@ -32,6 +32,11 @@ pub(super) enum Waits {
         /// Until then; `None` before it is on.
         until: Option<Time>,
     },
+    /// The stop that ended the epoch before the command could be sent; without one the act has failed.
+    NoEpoch {
+        /// States of the robot until then.
+        states: u8,
+    },
     /// The pose from which a line may begin.
     Ready(CommandId),
     /// The end of a path.

@@ -120,6 +120,38 @@ fn the_cell_warns_before_it_moves() {
     assert_eq!(silent.warning_ms.0, [], "a cell without the output");
 }
 
+/// A stop is on the wire before the loop takes it: a command that comes between them is no fault, and the table stops.
+#[test]
+fn a_command_after_a_stop_on_the_wire_is_no_fault() {
+    let cell = Fake::new(Scene::Clean);
+    let mut is_stopped = cell.stops_before_a_command();
+    let mut script = Script::default()
+        .reset()
+        .start(&cell)
+        .when(
+            move |state| matches!(state.at, At::Execute(cycle::Phase::Locate)) && is_stopped(),
+            What::Table(cycle::Request::Stop),
+        )
+        .leave_when(|state| state.at.rests());
+    cell.serve(|cameras| cameras, vec![], &mut script);
+    let codes: Vec<&str> = script.noted.iter().map(|reason| &*reason.code).collect();
+    assert!(codes.contains(&"stopped") && !codes.contains(&"not_sent"), "{codes:?}");
+    assert_eq!((script.refusals, script.verdicts), (vec![], vec![Verdict::Aborted]));
+}
+
+/// Without a stop that ended it, an epoch that is not open is a fault.
+#[test]
+fn a_command_without_an_epoch_is_a_fault() {
+    let cell = Fake::new(Scene::Clean);
+    let mut is_stopped = cell.stops_before_a_command();
+    let mut script = Script::default().reset().start(&cell).leave_when(move |state| {
+        let ends = matches!(state.at, At::Execute(cycle::Phase::Locate)) && is_stopped();
+        !ends && matches!(state.at, At::Aborted { .. })
+    });
+    cell.serve(|cameras| cameras, vec![], &mut script);
+    assert!(script.noted.iter().any(|reason| reason.code == "not_sent"), "{:?}", script.noted);
+}
+
 /// The first start needs the switch at local; it is turned, and the same start is taken.
 #[test]
 fn a_start_is_taken_from_the_selected_side() {

@@ -257,6 +257,19 @@ impl Cell {
         }
     }
 
+    /// Ends the epoch, as a stop does that is on the wire before the loop has taken it; true once a command came after that.
+    pub fn stops_before_a_command(&self) -> impl FnMut() -> bool + use<> {
+        let world = self.world.clone();
+        let mut has_stopped = false;
+        move || {
+            let mut world = world.borrow_mut();
+            if !std::mem::replace(&mut has_stopped, true) {
+                world.end_epoch();
+            }
+            world.unsent > 0
+        }
+    }
+
     pub fn light(&self, on: bool) {
         self.world.borrow_mut().outputs.insert(1, on);
     }

@@ -78,6 +78,8 @@ pub(super) struct World {
     pub(super) contact_off_mm: Vec<f64>,
     /// Input 6, the selector switch.
     pub(super) is_local: bool,
+    /// Commands that came when no epoch was open.
+    pub(super) unsent: u32,
     pub(super) films_began_s: Vec<f64>,
 }
 
@@ -129,6 +131,7 @@ impl World {
             first_move_ms: None,
             contact_off_mm: Vec::new(),
             is_local: true,
+            unsent: 0,
             films_began_s: Vec::new(),
         }
     }
