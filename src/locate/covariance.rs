@@ -1,34 +1,53 @@
 //! The covariance of a pose, and what it means on the panel.
 //!
-//! About the panel's centre it is the inverse of the fit's information,
-//!     C = (Σ_k Σᵢ wᵢ JᵢᵀJᵢ / f_k)⁻¹,   f_k = max(1, (ν + Σ_c m_c²/s_c²) / (ν + n)),                            (1)
-//! over the kinds k of residuals. A kind's noise is stated in `fit` for the mean m of a cell whose members share one error;
-//! f_k is how much larger the n cells' means are than that, which ν cells' worth of trust in the stated noise steadies:
-//! a small panel has few cells. A point x of the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
+//! A fit with the information N = Σ wᵢ JᵢᵀJᵢ turns errors eᵢ of its residuals into a twist about the panel's centre of −N⁻¹ Σ wᵢ Jᵢᵀ eᵢ = −Σ Bᵢ eᵢ,
+//! whose covariance is
+//!     C = N⁻¹ (Σ_k f_k N_k) N⁻¹ + f σ² Σᵢⱼ κ(xᵢ − xⱼ) Bᵢ Bⱼᵀ + v Σᵢⱼ κ(xᵢ − xⱼ) B⊥ᵢ B⊥ⱼᵀ,   κ(x) = exp(−π x²/ℓ²),          (1)
+//! with the edges and marks k, whose cells err independently, in the first term, and the surface in the others. The second is the scan's own
+//! smooth error, of the stated size σ. Over which length ℓ it is alike nobody knows for sure, and over a longer one than the panel it is a shift
+//! that no residual shows: (1) is evaluated for ℓ of 30 to 400 mm, and the largest is what is stated. The third is the panel's own
+//! deviation d (`deviation`), of the mean square v that was found: B⊥ is B without what a shift and two tilts along the normal take off, so that it
+//! counts only as far as a bend slides a curved panel in its plane.
+//!     f = max(1, (ν + Σ_c m_c²/s_c²) / (ν + n))                                                             (2)
+//! A kind's noise is stated in `fit` for the mean m of a cell whose members share one error; f is how much larger the n cells' means are than
+//! that, which ν cells' worth of trust in the stated noise steadies: a small panel has few cells. The surface's are taken about the deviation. A
+//! point x of the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
 //!
 //! A camera whose distances are all too long by the share s puts the panel's centre c, seen from it, at (1 + s) c, which no
 //! residual shows. The share that all scans have in common shifts the camera's mount as well, if the mount was measured with the same
 //! camera near the taught place, so that it cancels there. What differs between the two scans does not cancel:
-//!     C_vv += σ_s² (c − c₀)(c − c₀)ᵀ + σ_d² (c cᵀ + (R c₀)(R c₀)ᵀ),                                           (2)
+//!     C_vv += σ_s² (c − c₀)(c − c₀)ᵀ + σ_d² (c cᵀ + (R c₀)(R c₀)ᵀ),                                           (3)
 //! c₀ the taught centre, R the turn from the taught place to this one, σ_s and σ_d the deviations of s in all scans alike and from scan to
-//! scan. (2) does not count that the panel itself is too large by s, which over half a panel is a fraction of that, nor a mount that was
+//! scan. (3) does not count that the panel itself is too large by s, which over half a panel is a fraction of that, nor a mount that was
 //! measured elsewhere.
 
+use super::deviation::{Deviation, PanelPlane};
 use super::fit::{EDGE_CORRELATION_MM, KINDS, Residuals};
 use super::grid::Motion;
 use super::model::Model;
+use super::sampling::spread_over;
 use super::scan_errors::RangeErrors;
 use super::solve::{Constraint, ResidualWeighting, Sums};
 use crate::geometry::statistics::WITHIN_95;
-use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix3x6, Matrix6, Matrix6x3, Vector3, Vector6};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 
-/// ν of (1).
+/// ℓ of (1), mm: from a little below the lattices that scans were found to have to beyond the largest of trial panels.
+const ALIKE_MM: [f64; 4] = [30.0, 85.0, 200.0, 400.0];
+/// Places of the surface over which (1) is summed, about: 15 mm apart on a panel of 330 × 220 mm.
+const MOST_PLACES: usize = 300;
+/// So much of a field's variance is left at least where a shift and two tilts are taken off, so that it divides nothing by zero.
+const LEAST_LEFT: f64 = 1e-3;
+/// ν of (2).
 const TRUST_CELLS: f64 = 12.0;
+/// The surface among the kinds of residuals.
+const SURFACE: usize = 0;
 /// A cell needs this share of the points of a full one.
 const CELL_FILLED: f64 = 0.3;
 
-/// What (2) adds to the shifts, for the panel's centre as taught and now and the turn between: for a scale that all scans share, and for
+/// What (3) adds to the shifts, for the panel's centre as taught and now and the turn between: for a scale that all scans share, and for
 /// one that differs from scan to scan.
 fn of_scale([taught, now]: [&Vector3<f64>; 2], turn: &Matrix3<f64>, range: RangeErrors) -> [Matrix3<f64>; 2] {
     let (moved, turned) = (now - taught, turn * taught);
@@ -69,34 +88,29 @@ impl Weakest {
 
 /// How well a pose is known.
 pub(super) struct PoseCovariance {
-    /// (1) and (2), of a twist (ω, v) about the panel's centre, rad and mm.
+    /// (1) and (3), of a twist (ω, v) about the panel's centre, rad and mm.
     pub covariance: Matrix6<f64>,
     /// The direction in which it is largest.
     pub weakest: Weakest,
     /// 95 % of the errors along that direction are smaller, mm; a rotation counts by its mean displacement.
     pub weakest_mm: f64,
-    /// The same without what (2) adds for a scale that all scans share, as at the taught place.
+    /// The same without what (3) adds for a scale that all scans share, as at the taught place.
     pub at_taught_place: Matrix6<f64>,
     /// (1) alone.
     pub without_scale: Matrix6<f64>,
 }
 
-/// (1) and (2); `None` where the residuals leave a direction open.
+/// (1) and (3); `None` where the residuals leave a direction open. The model is the panel as it is bent at this pose.
 pub(super) fn covariance(
     residuals: &Residuals,
     weighing: &[ResidualWeighting; KINDS],
     model: &Model,
-    motion: &Motion,
+    (motion, deviation): (&Motion, Option<&Deviation>),
 ) -> Option<PoseCovariance> {
-    let across = {
-        let first = model.outline.first()?.point - model.centre;
-        (first - model.normal * model.normal.dot(&first)).try_normalize(1e-9)?
-    };
-    let up = model.normal.cross(&across);
+    let plane = PanelPlane::of(model)?;
     let cell = |point: &Vector3<f64>, side_mm: f64| {
-        let offset = point - model.centre;
-        let number = |along: &Vector3<f64>| (offset.dot(along) / side_mm).floor() as i64;
-        (number(&across), number(&up))
+        let [x, y] = plane.place(point).map(|mm| (mm / side_mm).floor() as i64);
+        (x, y)
     };
     let square = |sample: usize| cell(&model.points[sample], model.range.correlation_mm);
     let mark_square = |sample: usize| cell(&model.marks.points[sample].point, model.range.correlation_mm);
@@ -114,12 +128,22 @@ pub(super) fn covariance(
         inflation(&residuals.depth, &weighing[2], stretch),
         inflation(&residuals.marks, &weighing[3], mark_square),
     ];
-    let kinds = residuals.kinds();
-    let mut information = Matrix6::zeros();
-    for ((kind, weighing), factor) in kinds.iter().zip(weighing).zip(factors) {
-        information += Sums::over(kind, weighing, &residuals.centre).information / factor;
+    let (mut information, mut of_edges) = (Matrix6::zeros(), Matrix6::zeros());
+    for (k, kind) in residuals.kinds().iter().enumerate() {
+        let of_kind = Sums::over(kind, &weighing[k], &residuals.centre).information;
+        information += of_kind;
+        of_edges += if k == SURFACE { Matrix6::zeros() } else { of_kind * factors[k] };
     }
-    let without_scale = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
+    let inverse = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
+    let surface = SurfaceMoves::of(residuals, &weighing[SURFACE], (model, plane), &inverse);
+    let of_edges = inverse * of_edges * inverse;
+    let variances = [factors[SURFACE] * weighing[SURFACE].sigma.powi(2), deviation.map_or(0.0, |it| it.rms_mm.powi(2))];
+    let at_lengths: Vec<Matrix6<f64>> =
+        ALIKE_MM.par_iter().map(|&alike_mm| of_edges + surface.covariance(alike_mm, variances)).collect();
+    let without_scale = at_lengths
+        .into_iter()
+        .max_by(|a, b| worst_mm(a, model, motion).total_cmp(&worst_mm(b, model, motion)))
+        .filter(|covariance| covariance.iter().all(|value| value.is_finite()))?;
     let taught_place = Motion::of(&model.camera_from_panel);
     let (taught, turn) = (taught_place.point(&model.centre), motion.turn * taught_place.turn.transpose());
     let [shared, between_scans] = of_scale([&taught, &residuals.centre], &turn, model.range);
@@ -146,6 +170,69 @@ pub(super) fn covariance(
     })
 }
 
+/// How errors of the surface's residuals move the panel.
+struct SurfaceMoves {
+    /// Places of the surface in the panel's plane, mm.
+    places_mm: Vec<[f64; 2]>,
+    /// B of (1) at each.
+    moves: Vec<Vector6<f64>>,
+    /// B⊥.
+    bent: Vec<Vector6<f64>>,
+    /// F of `deviation` at each, and (FᵀF)⁻¹.
+    rigid: Vec<Vector3<f64>>,
+    inverse: Matrix3<f64>,
+}
+
+impl SurfaceMoves {
+    fn of(
+        residuals: &Residuals,
+        weighing: &ResidualWeighting,
+        (model, plane): (&Model, PanelPlane),
+        inverse: &Matrix6<f64>,
+    ) -> SurfaceMoves {
+        let chosen = spread_over(residuals.surface.len(), MOST_PLACES);
+        let each_for = residuals.surface.len() as f64 / chosen.len().max(1) as f64;
+        let constraints = || chosen.iter().map(|&index| &residuals.surface[index]);
+        let moves: Vec<Vector6<f64>> = constraints()
+            .map(|it| inverse * it.jacobian(&residuals.centre) * (weighing.weight(it.residual) * each_for))
+            .collect();
+        let of_sample = |sample: usize| (&model.points[sample], &model.normals[sample]);
+        let rigid: Vec<Vector3<f64>> = constraints()
+            .map(|it| of_sample(it.sample))
+            .map(|(point, normal)| plane.motions(point, normal))
+            .collect();
+        let squares: Matrix3<f64> = rigid.iter().map(|row| row * row.transpose()).sum();
+        let of_rigid = squares.try_inverse().unwrap_or_else(Matrix3::zeros);
+        let taken_off: Matrix6x3<f64> = moves.iter().zip(&rigid).map(|(moves, row)| moves * row.transpose()).sum();
+        let bent = moves.iter().zip(&rigid).map(|(moves, row)| moves - taken_off * (of_rigid * row)).collect();
+        let places_mm = constraints().map(|it| plane.place(&model.points[it.sample])).collect();
+        SurfaceMoves { places_mm, moves, bent, rigid, inverse: of_rigid }
+    }
+
+    /// The last two terms of (1), for this length and these variances of the scan's error and of the deviation, mm².
+    fn covariance(&self, alike_mm: f64, [of_scan, of_panel]: [f64; 2]) -> Matrix6<f64> {
+        let count = self.places_mm.len();
+        let (mut noise, mut bend, mut rigid) = (Matrix6::zeros(), Matrix6::zeros(), Matrix3::zeros());
+        for i in 0..count {
+            let (mut noise_with, mut bend_with, mut rigid_with) =
+                (Vector6::zeros(), Vector6::zeros(), Vector3::zeros());
+            for j in 0..count {
+                let [dx, dy] = [0, 1].map(|axis| (self.places_mm[i][axis] - self.places_mm[j][axis]) / alike_mm);
+                let alike = (-PI * (dx * dx + dy * dy)).exp();
+                noise_with += self.moves[j] * alike;
+                bend_with += self.bent[j] * alike;
+                rigid_with += self.rigid[j] * alike;
+            }
+            noise += self.moves[i] * noise_with.transpose();
+            bend += self.bent[i] * bend_with.transpose();
+            rigid += self.rigid[i] * rigid_with.transpose();
+        }
+        // A field of variance 1 from which a shift and two tilts were taken off has a smaller one left: the one that was found.
+        let left = 1.0 - (self.inverse * rigid).trace() / count.max(1) as f64;
+        noise * of_scan + bend * (of_panel / left.max(LEAST_LEFT))
+    }
+}
+
 /// One standard deviation along the direction in which a pose is held least.
 pub(super) struct WeakestDirection {
     /// As a twist (ω, v) about the panel's centre, rad and mm.
@@ -167,7 +254,7 @@ pub(super) fn weakest(covariance: &Matrix6<f64>, model: &Model) -> WeakestDirect
     WeakestDirection { twist: moves_mm.component_div(&to_mm), moves_mm }
 }
 
-/// f of (1).
+/// f of (2).
 fn inflation(constraints: &[Constraint], weighing: &ResidualWeighting, cell: impl Fn(usize) -> (i64, i64)) -> f64 {
     let mut cells: BTreeMap<(i64, i64), (f64, f64)> = BTreeMap::new();
     for constraint in constraints {

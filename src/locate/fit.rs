@@ -75,6 +75,11 @@ impl Samples {
         }
     }
 
+    /// The surface alone.
+    pub fn of_surface(model: &Model) -> Samples {
+        Samples { surface: (0..model.points.len()).collect(), outline: Vec::new(), marks: Vec::new() }
+    }
+
     /// About this number of the surface, and an eighth as many of the outline and of the marks.
     pub fn some(model: &Model, wanted: usize) -> Samples {
         Samples {

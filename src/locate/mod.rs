@@ -14,6 +14,7 @@ mod consistency;
 pub mod corner;
 mod correspond;
 mod covariance;
+mod deviation;
 mod edges;
 mod error;
 mod evidence;
@@ -54,6 +55,7 @@ use crate::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamera, Rigid}
 use crate::panel::TaughtPanel;
 use crate::recipe;
 use consistency::ConsistencyScore;
+use deviation::BentFit;
 use evidence::FurtherEvidence;
 use fit::{FitInputs, Fitted, Samples};
 use grid::{Grid, Motion};
@@ -147,13 +149,15 @@ impl<'a> Prepared<'a> {
             .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
         let fitted = fit::fit(&best, inputs, &Samples::all(model))
             .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
+        let BentFit { fitted, deviation, model: bent } = deviation::follow(fitted, inputs);
+        let inputs = FitInputs { model: bent.as_ref().unwrap_or(model), ..inputs };
         let (agreement_mm, camera) = rayon::join(
             || agreement_mm(&fitted, inputs),
             || camera_check::check(taught, self.taught_model, (grid, view.scan), inside, &fitted.camera_from_panel),
         );
         let is_watched = gate::is_watched(camera.map(|camera| camera.uncertainty_mm));
         let asked = (!is_watched).then(|| camera_check::at_teaching_mm(taught, self.taught_model, self.settings));
-        let beside = FurtherEvidence { agreement_mm, rival, camera, camera_at_teaching_mm: asked.flatten() };
+        let beside = FurtherEvidence { agreement_mm, rival, camera, camera_at_teaching_mm: asked.flatten(), deviation };
         evidence::weigh(&fitted, inputs, pieces, view.base_from_camera, beside)
     }
 }

@@ -60,5 +60,6 @@ pub use scene::{CornerView, Scene};
 pub use spots::{Grease, Spot, SpotKind};
 pub use target::Target;
 pub use timing::{Phase, SPRAY_FROM_S, WET_FROM_S};
+pub use shape::Bend;
 pub use trial::{TRIAL_BOX_MM, Trial, Wrong};
 pub use truth::{CornerNumbers, PlacementError, SpotNumbers, TrueSpot, Truth, TruthNumbers};

@@ -1,6 +1,6 @@
 //! Localization against the renderer's truth: panels of many shapes anywhere in a search box, scenes that must not be
 //! accepted, wet verifications, and some of the scans through the libraries that others use. All at full size and with the
-//! true calibration. `cargo bench --bench locate -- [good|bad|held|teach|correlated|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate`
+//! true calibration. `cargo bench --bench locate -- [good|bad|bows|held|teach|correlated|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate`
 //! sets up the peers and names their Python in `PANELPREP_PEERS`.
 
 use panelprep::geometry::{Base, Camera, Rigid};
@@ -13,6 +13,8 @@ use std::ops::RangeInclusive;
 use std::process::ExitCode;
 use std::time::Instant;
 
+#[path = "locate/bows.rs"]
+mod bows;
 #[path = "locate/correlated.rs"]
 mod correlated;
 #[path = "locate/held.rs"]
@@ -31,6 +33,7 @@ mod wet;
 /// Seeds of a part unless the command line says otherwise.
 const GOOD_SEEDS: u64 = 200;
 const BAD_SCENES: u64 = 714;
+const BOW_SEEDS: u64 = 40;
 const HELD_SEEDS: u64 = 25;
 const CORRELATED_SEEDS: u64 = 25;
 const WET_SEEDS: u64 = 100;
@@ -66,6 +69,9 @@ fn main() -> ExitCode {
     }
     if asked("bad") {
         missed += bad(seeds(BAD_SCENES));
+    }
+    if asked("bows") {
+        missed += bows::panels(seeds(BOW_SEEDS));
     }
     if asked("held") {
         missed += held::scenes(seeds(HELD_SEEDS));
@@ -166,7 +172,7 @@ fn located_with(
     let model = model.as_ref().map_err(LocateError::clone);
     let found = model.and_then(|model| Prepared::new((&panel, model), &view, recipe.locate()).locate());
     let judgement = match &found {
-        Ok(fit) => gate::judge(fit, recipe.locate()),
+        Ok(fit) => gate::judge(fit, &recipe),
         Err(error) => gate::refusal(error),
     };
     let elapsed_ms = begun.elapsed().as_secs_f64() * 1e3;
