@@ -1,6 +1,6 @@
 //! A smooth field over a rectangle: heights seen at some of its places, followed as a panel bends and no faster.
 //!
-//! c(u, v) over the unit square is a bicubic spline with uniform knots and spans of 70 mm at most that minimises
+//! c(u, v) over the unit square is a bicubic spline with spans of 70 mm at most that minimises
 //!     Σ_q w_q (c(u_q, v_q) − r_q)² + n̄ (λ Σ |Δ²c|² + μ Σ c²),                                              (1)
 //! n̄ being the mean number of heights r_q to a coefficient and Δ² second differences of the coefficients along u and along v: where
 //! heights are missing the field goes on smoothly and fades to 0. Heights have Tukey's weights (Beaton & Tukey, Technometrics 16, 1974), and
@@ -167,7 +167,7 @@ fn functions(spans: [usize; 2], at: [f64; 2]) -> [Function; ORDER * ORDER] {
     let along = |axis: usize| {
         let way = at[axis].clamp(0.0, 1.0) * spans[axis] as f64;
         let first = (way as usize).min(spans[axis] - 1);
-        (first, cubic(way - first as f64))
+        (first, cubic(spans[axis], first, way))
     };
     let columns = spans[1] + ORDER - 1;
     let ((row, of_row), (column, of_column)) = (along(0), along(1));
@@ -177,15 +177,23 @@ fn functions(spans: [usize; 2], at: [f64; 2]) -> [Function; ORDER * ORDER] {
     })
 }
 
-/// The four uniform cubic functions at a share of a span.
-fn cubic(share: f64) -> [f64; ORDER] {
-    let rest = 1.0 - share;
-    [
-        rest.powi(3) / 6.0,
-        (3.0 * share.powi(3) - 6.0 * share.powi(2) + 4.0) / 6.0,
-        (3.0 * rest.powi(3) - 6.0 * rest.powi(2) + 4.0) / 6.0,
-        share.powi(3) / 6.0,
-    ]
+/// The four cubic functions that are not 0 in the span that begins at `first`, at a way from the axis's beginning in spans: their knots are the
+/// whole numbers, and both ends four times (Cox and de Boor; Piegl & Tiller, The NURBS Book, A2.2).
+fn cubic(spans: usize, first: usize, way: f64) -> [f64; ORDER] {
+    // Of the span's own beginning this is 0.
+    let knot = |from_here: isize| (first as isize + from_here).clamp(0, spans as isize) as f64;
+    let mut values = [1.0, 0.0, 0.0, 0.0];
+    for degree in 1..ORDER {
+        let mut saved = 0.0;
+        for r in 0..degree {
+            let (after, before) = (knot(r as isize + 1), knot(r as isize + 1 - degree as isize));
+            let share = values[r] / (after - before);
+            values[r] = saved + (after - way) * share;
+            saved = (way - before) * share;
+        }
+        values[degree] = saved;
+    }
+    values
 }
 
 /// Where second differences of the coefficients begin, and the step from one coefficient to the next.
@@ -206,13 +214,15 @@ mod tests {
         places.map(|at| Height { at, mm: mm(at) }).collect()
     }
 
-    /// By hand: at the knots 1/6, 4/6, 1/6; in the middle of a span 1/48, 23/48, 23/48, 1/48.
+    /// By hand: far from the ends at a knot 1/6, 4/6, 1/6 and in the middle of a span 1/48, 23/48, 23/48, 1/48; one span alone has Bernstein's
+    /// polynomials, and at both ends the first or the last function is 1.
     #[test]
-    fn the_functions_are_the_uniform_cubic_ones() {
+    fn the_functions_are_the_cubic_ones_of_clamped_knots() {
         let near = |found: [f64; 4], wanted: [f64; 4]| found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-12);
-        assert!(near(cubic(0.0), [1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0, 0.0]));
-        assert!(near(cubic(1.0), [0.0, 1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0]));
-        assert!(near(cubic(0.5), [1.0 / 48.0, 23.0 / 48.0, 23.0 / 48.0, 1.0 / 48.0]));
+        assert!(near(cubic(7, 3, 3.0), [1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0, 0.0]));
+        assert!(near(cubic(7, 3, 3.5), [1.0 / 48.0, 23.0 / 48.0, 23.0 / 48.0, 1.0 / 48.0]));
+        assert!(near(cubic(1, 0, 0.5), [0.125, 0.375, 0.375, 0.125]));
+        assert!(near(cubic(7, 0, 0.0), [1.0, 0.0, 0.0, 0.0]) && near(cubic(7, 6, 7.0), [0.0, 0.0, 0.0, 1.0]));
     }
 
     /// A bow of 1.5 mm with a wave of 200 mm is followed to a hundredth; a step of 3 mm over a corner of 30 mm is not.

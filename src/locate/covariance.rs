@@ -135,9 +135,10 @@ pub(super) fn covariance(
         of_edges += if k == SURFACE { Matrix6::zeros() } else { of_kind * factors[k] };
     }
     let inverse = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
-    let surface = SurfaceMoves::of(residuals, &weighing[SURFACE], (model, plane), &inverse);
+    let surface = SurfaceMoves::of(places(residuals, &weighing[SURFACE], (model, plane)), &inverse);
     let of_edges = inverse * of_edges * inverse;
-    let variances = [factors[SURFACE] * weighing[SURFACE].sigma.powi(2), deviation.map_or(0.0, |it| it.rms_mm.powi(2))];
+    let variances =
+        [factors[SURFACE] * weighing[SURFACE].sigma.powi(2), deviation.map_or(0.0, |it| it.rms_mm.powi(2))];
     let at_lengths: Vec<Matrix6<f64>> =
         ALIKE_MM.par_iter().map(|&alike_mm| of_edges + surface.covariance(alike_mm, variances)).collect();
     let without_scale = at_lengths
@@ -170,65 +171,80 @@ pub(super) fn covariance(
     })
 }
 
+/// A place of the surface, as the fit's information has it.
+struct SurfacePlace {
+    /// In the panel's plane, mm.
+    at_mm: [f64; 2],
+    /// w Jᵀ of (1).
+    pull: Vector6<f64>,
+    /// Its row of F of `deviation`.
+    rigid: Vector3<f64>,
+}
+
 /// How errors of the surface's residuals move the panel.
 struct SurfaceMoves {
-    /// Places of the surface in the panel's plane, mm.
-    places_mm: Vec<[f64; 2]>,
+    places: Vec<SurfacePlace>,
     /// B of (1) at each.
     moves: Vec<Vector6<f64>>,
     /// B⊥.
     bent: Vec<Vector6<f64>>,
-    /// F of `deviation` at each, and (FᵀF)⁻¹.
-    rigid: Vec<Vector3<f64>>,
-    inverse: Matrix3<f64>,
+    /// (FᵀF)⁻¹.
+    of_rigid: Matrix3<f64>,
+}
+
+/// Places of the surface that stand for all of its residuals.
+fn places(
+    residuals: &Residuals,
+    weighing: &ResidualWeighting,
+    (model, plane): (&Model, PanelPlane),
+) -> Vec<SurfacePlace> {
+    let chosen = spread_over(residuals.surface.len(), MOST_PLACES);
+    let each_for = residuals.surface.len() as f64 / chosen.len().max(1) as f64;
+    let place = |index: usize| {
+        let constraint = &residuals.surface[index];
+        let (point, normal) = (&model.points[constraint.sample], &model.normals[constraint.sample]);
+        SurfacePlace {
+            at_mm: plane.place(point),
+            pull: constraint.jacobian(&residuals.centre) * (weighing.weight(constraint.residual) * each_for),
+            rigid: plane.motions(point, normal),
+        }
+    };
+    chosen.into_iter().map(place).collect()
 }
 
 impl SurfaceMoves {
-    fn of(
-        residuals: &Residuals,
-        weighing: &ResidualWeighting,
-        (model, plane): (&Model, PanelPlane),
-        inverse: &Matrix6<f64>,
-    ) -> SurfaceMoves {
-        let chosen = spread_over(residuals.surface.len(), MOST_PLACES);
-        let each_for = residuals.surface.len() as f64 / chosen.len().max(1) as f64;
-        let constraints = || chosen.iter().map(|&index| &residuals.surface[index]);
-        let moves: Vec<Vector6<f64>> = constraints()
-            .map(|it| inverse * it.jacobian(&residuals.centre) * (weighing.weight(it.residual) * each_for))
-            .collect();
-        let of_sample = |sample: usize| (&model.points[sample], &model.normals[sample]);
-        let rigid: Vec<Vector3<f64>> = constraints()
-            .map(|it| of_sample(it.sample))
-            .map(|(point, normal)| plane.motions(point, normal))
-            .collect();
-        let squares: Matrix3<f64> = rigid.iter().map(|row| row * row.transpose()).sum();
+    /// Of a fit whose information has this inverse.
+    fn of(places: Vec<SurfacePlace>, inverse: &Matrix6<f64>) -> SurfaceMoves {
+        let moves: Vec<Vector6<f64>> = places.iter().map(|place| inverse * place.pull).collect();
+        let squares: Matrix3<f64> = places.iter().map(|place| place.rigid * place.rigid.transpose()).sum();
         let of_rigid = squares.try_inverse().unwrap_or_else(Matrix3::zeros);
-        let taken_off: Matrix6x3<f64> = moves.iter().zip(&rigid).map(|(moves, row)| moves * row.transpose()).sum();
-        let bent = moves.iter().zip(&rigid).map(|(moves, row)| moves - taken_off * (of_rigid * row)).collect();
-        let places_mm = constraints().map(|it| plane.place(&model.points[it.sample])).collect();
-        SurfaceMoves { places_mm, moves, bent, rigid, inverse: of_rigid }
+        let both = || moves.iter().zip(&places);
+        let taken_off: Matrix6x3<f64> = both().map(|(moves, place)| moves * place.rigid.transpose()).sum();
+        let bent = both().map(|(moves, place)| moves - taken_off * (of_rigid * place.rigid)).collect();
+        SurfaceMoves { places, moves, bent, of_rigid }
     }
 
     /// The last two terms of (1), for this length and these variances of the scan's error and of the deviation, mm².
     fn covariance(&self, alike_mm: f64, [of_scan, of_panel]: [f64; 2]) -> Matrix6<f64> {
-        let count = self.places_mm.len();
+        let count = self.places.len();
         let (mut noise, mut bend, mut rigid) = (Matrix6::zeros(), Matrix6::zeros(), Matrix3::zeros());
         for i in 0..count {
             let (mut noise_with, mut bend_with, mut rigid_with) =
                 (Vector6::zeros(), Vector6::zeros(), Vector3::zeros());
             for j in 0..count {
-                let [dx, dy] = [0, 1].map(|axis| (self.places_mm[i][axis] - self.places_mm[j][axis]) / alike_mm);
+                let [from, to] = [i, j].map(|place| self.places[place].at_mm);
+                let [dx, dy] = [0, 1].map(|axis| (from[axis] - to[axis]) / alike_mm);
                 let alike = (-PI * (dx * dx + dy * dy)).exp();
                 noise_with += self.moves[j] * alike;
                 bend_with += self.bent[j] * alike;
-                rigid_with += self.rigid[j] * alike;
+                rigid_with += self.places[j].rigid * alike;
             }
             noise += self.moves[i] * noise_with.transpose();
             bend += self.bent[i] * bend_with.transpose();
-            rigid += self.rigid[i] * rigid_with.transpose();
+            rigid += self.places[i].rigid * rigid_with.transpose();
         }
         // A field of variance 1 from which a shift and two tilts were taken off has a smaller one left: the one that was found.
-        let left = 1.0 - (self.inverse * rigid).trace() / count.max(1) as f64;
+        let left = 1.0 - (self.of_rigid * rigid).trace() / count.max(1) as f64;
         noise * of_scan + bend * (of_panel / left.max(LEAST_LEFT))
     }
 }
@@ -287,6 +303,55 @@ pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &Motion
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A panel of 300 × 200 mm with 25 × 17 places whose slope along x at its ends is this, and grows with the square of x: a parabola that
+    /// slides only tilts, this one bows. And the moves of a fit whose information is that of its surface, and so much per mm² against a slide
+    /// along x and y and a turn.
+    fn moves(slope: f64, of_outline: f64) -> SurfaceMoves {
+        let place = |n: usize| {
+            let [x, y] = [(n % 25) as f64 * 12.5 - 150.0, (n / 25) as f64 * 12.5 - 100.0];
+            let (point, normal) = (
+                Vector3::new(x, y, -slope * x.powi(3) / (3.0 * 150.0 * 150.0)),
+                Vector3::new(slope * (x / 150.0).powi(2), 0.0, 1.0).normalize(),
+            );
+            let arm = point.cross(&normal);
+            let rigid = Vector3::new(normal.z, arm.x, arm.y);
+            SurfacePlace {
+                at_mm: [x, y],
+                pull: Vector6::new(arm.x, arm.y, arm.z, normal.x, normal.y, normal.z),
+                rigid,
+            }
+        };
+        let places: Vec<SurfacePlace> = (0..25 * 17).map(place).collect();
+        let of_surface: Matrix6<f64> = places.iter().map(|place| place.pull * place.pull.transpose()).sum();
+        let outline = Matrix6::from_diagonal(&Vector6::new(0.0, 0.0, 1e4, 1.0, 1.0, 0.0)) * of_outline;
+        SurfaceMoves::of(places, &(of_surface + outline).try_inverse().expect("held"))
+    }
+
+    /// By hand: an error that is the same all over the panel shifts it by just that and tilts it by nothing; one that is alike over much less
+    /// than the panel is averaged away, as n cells of ℓ² would: 0.1 mm over 60000 / 30² = 67 cells is 0.012 mm.
+    #[test]
+    fn a_scan_error_longer_than_the_panel_is_a_shift_that_no_residual_shows() {
+        let flat = moves(0.0, 1.0);
+        let long = flat.covariance(1e6, [0.01, 0.0]);
+        assert!((long[(5, 5)].sqrt() - 0.1).abs() < 1e-6, "{}", long[(5, 5)].sqrt());
+        assert!(long[(0, 0)].sqrt() * 100.0 < 1e-3 && long[(1, 1)].sqrt() * 150.0 < 1e-3, "{long}");
+        let short = flat.covariance(30.0, [0.01, 0.0])[(5, 5)].sqrt();
+        assert!((0.011..0.0135).contains(&short), "{short}");
+    }
+
+    /// A bend of 0.5 mm rms shifts and tilts nothing along the normal, since that is how a pose is defined, and slides a flat panel nowhere. A
+    /// curved one that its outline holds hardly is slid by it, the more the less the outline holds.
+    #[test]
+    fn a_bend_slides_a_curved_panel_that_its_outline_does_not_hold() {
+        let bent = |slope: f64, of_outline: f64| moves(slope, of_outline).covariance(200.0, [0.0, 0.25]);
+        let flat = bent(0.0, 1.0);
+        assert!(flat.iter().all(|value| value.abs() < 1e-9), "{flat}");
+        let sideways = |of_outline: f64| bent(0.3, of_outline)[(3, 3)].sqrt();
+        assert!(sideways(1e6) < 0.01, "{}", sideways(1e6));
+        assert!(sideways(1.0) > 0.3 && sideways(1.0) > 2.0 * sideways(1e2), "{} {}", sideways(1.0), sideways(1e2));
+        assert!(bent(0.3, 1e6)[(5, 5)].sqrt() < 0.02);
+    }
 
     /// By hand: 700 mm away and moved by 20 mm along the view, 0.1 % in all scans alike is 0.02 mm; 0.01 % from scan to scan is 0.07 mm
     /// in each of the two, along the view.

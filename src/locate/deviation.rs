@@ -158,3 +158,73 @@ impl Deviation {
         bent
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::taught;
+    use super::super::{Fit, RangeErrors, View, gate, locate};
+    use crate::geometry::{Camera, OrganizedCloud};
+    use crate::sim::{Cell, Scene};
+    use crate::verdict::{Judgement, Verdict};
+
+    /// The panel of a cell located in a scan of it, and the verdict.
+    fn located(cell: &Cell, scan: &OrganizedCloud<Camera>) -> (Fit, Judgement) {
+        let (panel, recipe) = taught(cell);
+        let (camera, base_from_camera) = (cell.scanner(), cell.calibrated_base_from_camera());
+        let view = View { scan, camera, base_from_camera, range: RangeErrors::default() };
+        let fit = locate(&panel, &view, recipe.locate()).expect("a panel");
+        let judgement = gate::judge(&fit, &recipe);
+        (fit, judgement)
+    }
+
+    fn codes(judgement: &Judgement) -> Vec<&str> {
+        judgement.reasons.iter().map(|reason| &*reason.code).collect()
+    }
+
+    /// By hand: a parabola of 2 mm over ±165 mm lies 2/3 mm behind its mean in the middle of its ends, or 4/3 mm before it; what is left beside it
+    /// is the scans' noise, less than 0.12 mm. The panel has parts farther out than its straight ends, so that the deviation may be a little more.
+    #[test]
+    fn a_panel_that_bows_by_2_mm_is_the_panel() {
+        for bow_mm in [2.0, -2.0] {
+            let cell = Cell::new(4, Scene::Good, 4).bowed(bow_mm);
+            let (fit, judgement) = located(&cell, &cell.scan());
+            assert_eq!(judgement.verdict, Verdict::Accept, "{bow_mm}: {judgement:?}");
+            assert!(fit.rms_mm < 0.12 && (1.1..1.7).contains(&fit.deviation_mm), "{bow_mm}: {fit:?}");
+        }
+    }
+
+    /// A panel of this outline whose curvature is another one by 6 mm is for a person at least.
+    #[test]
+    fn another_curvature_is_not_accepted() {
+        for bow_mm in [6.0, -6.0] {
+            let cell = Cell::new(4, Scene::Good, 4).bowed(bow_mm);
+            let (fit, judgement) = located(&cell, &cell.scan());
+            assert_ne!(judgement.verdict, Verdict::Accept, "{bow_mm}: {fit:?}");
+        }
+    }
+
+    /// A plate 2 mm thick on a quarter of the panel, and waves of 50 mm that are 0.5 mm high: no smooth bend explains either.
+    #[test]
+    fn what_no_smooth_bend_explains_is_a_poor_fit() {
+        let cell = Cell::new(4, Scene::Good, 4);
+        let scan = cell.scan();
+        let nearer = |before_mm: &dyn Fn([f64; 3]) -> f64| {
+            let base_from_camera = cell.calibrated_base_from_camera();
+            let points = scan.raw_points_mm().iter().map(|point| {
+                let [x, y, z] = point.map(f64::from);
+                let place = (base_from_camera * crate::geometry::Point::<Camera>::at(x, y, z)).mm;
+                let way_mm = x.hypot(y).hypot(z);
+                point.map(|n| (f64::from(n) * (1.0 - before_mm([place.x, place.y, place.z]) / way_mm)) as f32)
+            });
+            let cloud = OrganizedCloud::new(scan.width(), scan.height(), points.collect(), scan.picture().rgb);
+            cloud.expect("organised")
+        };
+        let is_covered = |[_, y, z]: [f64; 3]| (-120.0..20.0).contains(&y) && (330.0..430.0).contains(&z);
+        let covered = nearer(&|place| if is_covered(place) { 2.0 } else { 0.0 });
+        let (fit, judgement) = located(&cell, &covered);
+        assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Reject, vec!["poor_fit"]), "{fit:?}");
+        let waves = nearer(&|[_, y, _]| 0.5 * (std::f64::consts::TAU * y / 50.0).sin());
+        let (fit, judgement) = located(&cell, &waves);
+        assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Reject, vec!["poor_fit"]), "{fit:?}");
+    }
+}

@@ -152,10 +152,12 @@ pub(super) fn weigh(
     let residuals = Residuals::at(&placed, inputs, &samples);
     let weighing = residuals.weighing(model, &samples);
     let PoseCovariance { covariance, weakest, weakest_mm, at_taught_place, without_scale } =
-        covariance(&residuals, &weighing, model, (&motion, beside.deviation.as_ref())).ok_or(LocateError::Degenerate {
-            surface: residuals.surface.len(),
-            outline: residuals.colour.len() + residuals.depth.len(),
-        })?;
+        covariance(&residuals, &weighing, model, (&motion, beside.deviation.as_ref())).ok_or(
+            LocateError::Degenerate {
+                surface: residuals.surface.len(),
+                outline: residuals.colour.len() + residuals.depth.len(),
+            },
+        )?;
     let at_worst_mm = |covariance| WHOLE_PANEL_95 * worst_mm(covariance, model, &motion);
     let surface = SurfaceShares::of(&motion, inputs);
     let outline = OutlineShares::of(&residuals, model);

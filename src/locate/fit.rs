@@ -77,7 +77,12 @@ impl Samples {
 
     /// The surface alone.
     pub fn of_surface(model: &Model) -> Samples {
-        Samples { surface: (0..model.points.len()).collect(), outline: Vec::new(), marks: Vec::new() }
+        Samples::some_of_surface(model, model.points.len())
+    }
+
+    /// About this number of the surface, and nothing else.
+    pub fn some_of_surface(model: &Model, wanted: usize) -> Samples {
+        Samples { surface: spread_over(model.points.len(), wanted), outline: Vec::new(), marks: Vec::new() }
     }
 
     /// About this number of the surface, and an eighth as many of the outline and of the marks.

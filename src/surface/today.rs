@@ -111,8 +111,7 @@ pub fn todays(
     }
     let fitted: Vec<Height> = near.iter().copied().step_by(near.len().div_ceil(MOST_FITTED)).collect();
     let sides_mm = sides_mm(taught);
-    let RobustField { field, limit_mm } =
-        SmoothField::robust(sides_mm, &fitted).ok_or(TodayError::Undetermined)?;
+    let RobustField { field, limit_mm } = SmoothField::robust(sides_mm, &fitted).ok_or(TodayError::Undetermined)?;
     let surface = corrected(taught, &field, panel)?;
     // Also what lies far from the taught surface is there, and is not it.
     let off_mm: Vec<f64> = seen.par_iter().map(|height| (height.mm - field.at(height.at)).abs()).collect();
@@ -122,11 +121,7 @@ pub fn todays(
     let map = map.filled(|pixel| {
         let unit: Point2<f64> = panel.region.unit(pixel);
         let at = [unit.x, unit.y].map(|share| share.clamp(0.0, 1.0));
-        if cells.shows(cells.index(at)) {
-            MapPixel::Fits { mm: field.at(at) as f32 }
-        } else {
-            MapPixel::Missing
-        }
+        if cells.shows(cells.index(at)) { MapPixel::Fits { mm: field.at(at) as f32 } } else { MapPixel::Missing }
     });
     let middle = |index: usize| (index as f64 + 0.5) / PLACES as f64;
     let middles = (0..PLACES * PLACES).map(|n| [middle(n % PLACES), middle(n / PLACES)]);
@@ -185,7 +180,11 @@ impl Cells {
 }
 
 /// The surface moved by c along its normals. A place with no normal, or beyond the region, moves as the border does.
-fn corrected(taught: &BSplineSurface, correction: &SmoothField, panel: &TaughtPanel) -> Result<BSplineSurface, SurfaceError> {
+fn corrected(
+    taught: &BSplineSurface,
+    correction: &SmoothField,
+    panel: &TaughtPanel,
+) -> Result<BSplineSurface, SurfaceError> {
     let (along_u, along_v) = (taught.knots_u().greville(), taught.knots_v().greville());
     let places: Vec<Parameter> =
         along_u.iter().flat_map(|u| along_v.iter().map(|v| Parameter { u: *u, v: *v })).collect();

@@ -46,7 +46,9 @@ struct Found {
 
 /// The panels of these seeds; how many floors were missed.
 pub fn panels(seeds: RangeInclusive<u64>) -> usize {
-    println!("seed  bow mm  wave mm  length mm  scale  verdict  bend mm  rms mm  outline px  contact mm  aside mm  stated mm  ms");
+    println!(
+        "seed  bow mm  wave mm  length mm  scale  verdict  bend mm  rms mm  outline px  contact mm  aside mm  stated mm  ms"
+    );
     let mut all = Vec::new();
     for seed in seeds {
         let mut random = Pcg64::seed_from_u64(seed);
@@ -95,10 +97,12 @@ fn taught(trial: &Trial, scale: f64) -> (TaughtPanel, Recipe, Rigid<Base, Camera
          [region]\ncorners_px = {corners:?}\nrows = 2\ncolumns = 3\n"
     );
     let recipe = Recipe::check("bench.toml", &text).expect("a valid recipe");
-    let learnt = |mount| TaughtPanel::learn(&trial.taught_scan(), *trial.camera(), mount, &recipe).expect("a panel");
+    let learnt =
+        |mount| TaughtPanel::learn(&trial.taught_scan(), *trial.camera(), mount, &recipe).expect("a panel");
     let panel = learnt(trial.base_from_camera());
     let centre = panel.panel_from_camera.inverse() * panel.centre();
-    let shift: Rigid<Camera, Camera> = Rigid::claim(Translation3::from(-scale / (1.0 + scale) * centre.mm.coords).into());
+    let shift: Rigid<Camera, Camera> =
+        Rigid::claim(Translation3::from(-scale / (1.0 + scale) * centre.mm.coords).into());
     let mount = trial.base_from_camera() * shift;
     (learnt(mount), recipe, mount)
 }
@@ -172,7 +176,11 @@ fn judged(all: &[Found]) -> usize {
     let contact_mm = quantile(&mut worst, 0.5);
     row(
         share(accepted, of) >= ACCEPTED,
-        &format!("{accepted} of {of} panels that bow by {ACCEPTED_TO_MM} mm at most are accepted, and {} of all {}", used.len(), all.len()),
+        &format!(
+            "{accepted} of {of} panels that bow by {ACCEPTED_TO_MM} mm at most are accepted, and {} of all {}",
+            used.len(),
+            all.len()
+        ),
     ) + row(
         share(within, used.len()) >= STATED,
         &format!(
@@ -187,9 +195,14 @@ fn judged(all: &[Found]) -> usize {
             "contact error of accepted ones {contact_mm:.3} mm in the middle, the largest in the region; {:.3} mm on average over it",
             quantile(&mut means, 0.5)
         ),
-    ) + row(wrong == 0, &format!("{wrong} of {} accepted ones are more than {RIGHT_MM} mm off and beyond what is stated", used.len()))
-        + row(
-            locate_ms + fit_ms <= BOTH_MS,
-            &format!("localization {locate_ms:.0} ms and today's surface {fit_ms:.0} ms, medians"),
-        )
+    ) + row(
+        wrong == 0,
+        &format!(
+            "{wrong} of {} accepted ones are more than {RIGHT_MM} mm off and beyond what is stated",
+            used.len()
+        ),
+    ) + row(
+        locate_ms + fit_ms <= BOTH_MS,
+        &format!("localization {locate_ms:.0} ms and today's surface {fit_ms:.0} ms, medians"),
+    )
 }
