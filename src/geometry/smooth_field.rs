@@ -180,15 +180,14 @@ fn functions(spans: [usize; 2], at: [f64; 2]) -> [Function; ORDER * ORDER] {
 /// The four cubic functions that are not 0 in the span that begins at `first`, at a way from the axis's beginning in spans: their knots are the
 /// whole numbers, and both ends four times (Cox and de Boor; Piegl & Tiller, The NURBS Book, A2.2).
 fn cubic(spans: usize, first: usize, way: f64) -> [f64; ORDER] {
-    // Of the span's own beginning this is 0.
     let knot = |from_here: isize| (first as isize + from_here).clamp(0, spans as isize) as f64;
     let mut values = [1.0, 0.0, 0.0, 0.0];
     for degree in 1..ORDER {
         let mut saved = 0.0;
-        for r in 0..degree {
+        for (r, value) in values.iter_mut().enumerate().take(degree) {
             let (after, before) = (knot(r as isize + 1), knot(r as isize + 1 - degree as isize));
-            let share = values[r] / (after - before);
-            values[r] = saved + (after - way) * share;
+            let share = *value / (after - before);
+            *value = saved + (after - way) * share;
             saved = (way - before) * share;
         }
         values[degree] = saved;
