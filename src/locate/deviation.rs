@@ -14,8 +14,9 @@ use super::sampling::spread_over;
 use crate::geometry::{Height, RobustField, SmoothField};
 use nalgebra::{Matrix3, Vector3};
 
-/// Samples to which the field is fitted, about: two hundred for each of its coefficients on the largest of trial panels.
-const MOST_FITTED: usize = 6_000;
+/// Samples to which the field is fitted, about: forty for each coefficient of a panel of 330 × 220 mm, which is then known to a sixth of a sample's
+/// noise.
+const MOST_FITTED: usize = 2_500;
 /// A sample farther from the taught surface is not the panel's, mm: as for today's surface.
 const FARTHEST_MM: f64 = 20.0;
 /// Fewer samples determine no field: then none is assumed.

@@ -322,7 +322,7 @@ mod tests {
         review(Fit { saturated: 0.3, ..good() }, "overexposed");
         review(Fit { deviation_mm: 2.01, ..good() }, "bent");
         review(Fit { deviation_mm: f64::NAN, ..good() }, "bent");
-        review(Fit { uncertainty_mm: 0.31, ..good() }, "uncertain");
+        review(Fit { uncertainty_mm: 0.37, ..good() }, "uncertain");
         review(Fit { agreement_mm: f64::INFINITY, ..good() }, "starts_disagree");
     }
 

@@ -16,8 +16,8 @@ use rayon::prelude::*;
 
 /// Points of the region that are kept, about: four to a square of 6 mm of a region of 600 × 900 mm.
 const MOST_POINTS: usize = 60_000;
-/// Points that the correction is fitted to, about: they determine a hundred coefficients to a hundredth of the noise of one point.
-const MOST_FITTED: usize = 20_000;
+/// Points that the correction is fitted to, about: they determine each of a hundred coefficients to a tenth of the noise of one point.
+const MOST_FITTED: usize = 8_000;
 /// A point farther from the taught surface is not the panel's, mm.
 const FARTHEST_MM: f64 = 20.0;
 /// Places along each side of the region at which the deviation is looked at.
