@@ -115,7 +115,7 @@ impl Bench {
 
 fn verdict(bench: &Bench, scan: &OrganizedCloud<Camera>) -> Judgement {
     match bench.locate(scan) {
-        Ok(fit) => gate::judge(&fit, bench.recipe.locate()),
+        Ok(fit) => gate::judge(&fit, &bench.recipe),
         Err(error) => gate::refusal(&error),
     }
 }
@@ -125,7 +125,7 @@ fn verdict(bench: &Bench, scan: &OrganizedCloud<Camera>) -> Judgement {
 fn a_displaced_panel_is_found_and_its_corner_corrects_it() {
     let bench = Bench::new(1, Scene::Good, 2);
     let fit = bench.locate(&bench.cell.scan()).expect("a panel");
-    assert_eq!(gate::judge(&fit, bench.recipe.locate()), Judgement::of(vec![], vec![]));
+    assert_eq!(gate::judge(&fit, &bench.recipe), Judgement::of(vec![], vec![]));
     let error = bench.error(&fit.base_from_panel);
     assert!(error.max_mm < 0.3 && error.max_mm < fit.uncertainty_mm, "{error:?}, {fit:?}");
     let corners = bench.corners();
@@ -217,7 +217,7 @@ fn tried(trial: &Trial) -> (Judgement, Option<Fit>) {
         &View { scan: &trial.scan(), camera, base_from_camera, range: range() },
         recipe.locate(),
     ) {
-        Ok(fit) => (gate::judge(&fit, recipe.locate()), Some(fit)),
+        Ok(fit) => (gate::judge(&fit, &recipe), Some(fit)),
         Err(error) => (gate::refusal(&error), None),
     }
 }
@@ -275,7 +275,7 @@ fn a_holder_in_the_panels_plane_is_left_out_where_it_is_named() {
         let located = |keys: &str| {
             let (taught, recipe) = learnt_with(&alone, keys);
             let fit = locate::locate(&taught, &view, recipe.locate()).expect("found");
-            (gate::judge(&fit, recipe.locate()), fit)
+            (gate::judge(&fit, &recipe), fit)
         };
         let (judgement, fit) = located(&format!(", held_px = {place:?}"));
         let error = held.error_mm(&fit.base_from_panel);
@@ -368,7 +368,7 @@ fn what_a_camera_is_off_in_its_scale_is_in_the_stated_error() {
     let [with_mm, at_taught_place_mm, without_scale_mm] = told(&of_all_scans);
     assert!(with_mm > 2.0 * stated_mm, "{with_mm} {stated_mm}");
     assert_eq!([at_taught_place_mm, without_scale_mm], [stated_mm; 2]);
-    let judgement = gate::judge(&of_all_scans, recipe.locate());
+    let judgement = gate::judge(&of_all_scans, &recipe);
     assert!(judgement.reasons.iter().any(|reason| reason.message.contains("calibrate scanner")), "{judgement:?}");
 }
 
@@ -382,7 +382,8 @@ fn a_camera_that_moved_is_found_by_the_fixture() {
     assert!(moved.same < 0.4 || moved.moved_mm - moved.uncertainty_mm > 0.25, "{moved:?}");
 }
 
-/// One scene of each kind that must not be accepted, at a quarter of the size; each of its reasons has a picture.
+/// One scene of each kind that must not be accepted, at a quarter of the size; each of its reasons has a picture. A panel whose warp has grown by
+/// less than the recipe's 2 mm is the panel, where its outline lies on its edges.
 #[test]
 fn bad_scenes_are_never_accepted() {
     for &wrong in Wrong::ALL {
@@ -391,6 +392,11 @@ fn bad_scenes_are_never_accepted() {
         let pictures = pictures(&trial, &judgement, fit.as_ref());
         assert_eq!(pictures, judgement.reasons.len(), "{wrong:?}: {judgement:?}");
         let found = fit.map(|fit| fit.base_from_panel);
+        if wrong == Wrong::Warped && judgement.verdict == Verdict::Accept {
+            let aside_mm = found.and_then(|found| trial.aside_mm(&found));
+            assert!(aside_mm.is_some_and(|mm| mm < 0.3), "{aside_mm:?}");
+            continue;
+        }
         assert_ne!(judgement.verdict, Verdict::Accept, "{wrong:?}: {found:?}");
         assert!(!judgement.reasons.is_empty(), "{wrong:?}");
     }

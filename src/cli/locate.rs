@@ -28,7 +28,7 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     let begin = Instant::now();
     let scan = errors.corrected(scan);
     let view = View { scan: &scan, camera: &camera, base_from_camera, range: errors.range };
-    let located = locate((&taught.panel, &model), view, recipe.locate());
+    let located = locate((&taught.panel, &model), view, &recipe);
     let elapsed_ms = begin.elapsed().as_secs_f64() * 1e3;
     if let Some(folder) = &args.pictures {
         let picture = scan.picture();
@@ -48,6 +48,7 @@ fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
     let pose = fit.map(|fit| KukaPose::from_rigid(&fit.base_from_panel));
     outcome.put("base_from_panel", json!(pose));
     outcome.put("rms_mm", json!(fit.map(|fit| fit.rms_mm)));
+    outcome.put("deviation_mm", json!(fit.map(|fit| fit.deviation_mm)));
     outcome.put("overlap", json!(fit.map(Fit::overlap)));
     outcome.put("outline_rms_px", json!(fit.map(|fit| fit.outline_rms_px)));
     outcome.put("uncertainty_mm", json!(fit.map(|fit| fit.uncertainty_mm)));
@@ -57,8 +58,9 @@ fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
     if let (Some(fit), Some(pose)) = (fit, pose) {
         outcome.say(format!("base from panel: {pose}"));
         outcome.say(format!(
-            "rms {:.3} mm, outline {:.2} px, overlap {:.3}, within {:.2} mm (95 %); weakest {}, {:.2} mm",
+            "rms {:.3} mm about a bend of {:.2} mm at most, outline {:.2} px, overlap {:.3}, within {:.2} mm (95 %); weakest {}, {:.2} mm",
             fit.rms_mm,
+            fit.deviation_mm,
             fit.outline_rms_px,
             fit.overlap(),
             fit.uncertainty_mm,

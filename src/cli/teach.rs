@@ -183,7 +183,7 @@ fn say_how_it_is_held(
             outcome.put("uncertainty_mm", json!(fit.uncertainty_mm));
             outcome.put("weakest_mm", json!(fit.weakest_mm));
             outcome.put("weakest", json!(weakest));
-            warnings.extend(gate::judge(&fit, recipe.locate()).reasons.into_iter().map(|reason| reason.message));
+            warnings.extend(gate::judge(&fit, recipe).reasons.into_iter().map(|reason| reason.message));
         }
         Err(error) => warnings.push(format!("the panel is not found in its own scan: {error}")),
     }

@@ -151,7 +151,7 @@ impl Perception {
         let scan = errors.corrected(scan);
         let (camera, base_from_camera) = (&cycle.calibrations.scanner, cycle.calibrations.base_from_camera);
         let view = locate::View { scan: &scan, camera, base_from_camera, range: errors.range };
-        let located = stages::locate::locate((&cycle.panel, cycle.taught_model()), view, cycle.recipe.locate());
+        let located = stages::locate::locate((&cycle.panel, cycle.taught_model()), view, &cycle.recipe);
         let obstacles = located.obstacles().map(Arc::new);
         let elapsed_ms = elapsed_ms(begun);
         let nowhere = || Drawing {

@@ -16,6 +16,7 @@ mod plane;
 pub mod polygon;
 mod raster;
 mod rigid;
+mod smooth_field;
 pub mod statistics;
 mod units;
 
@@ -31,4 +32,5 @@ pub use picture::{ColorPicture, GrayPicture, Mask};
 pub use plane::{Plane, local_plane, local_plane_of};
 pub use raster::{AROUND, BESIDE, Raster};
 pub use rigid::{Point, Rigid, Vector};
+pub use smooth_field::{Height, RobustField, SIGMA_OF_MEDIAN, SmoothField, TUKEY, tukey};
 pub use units::{Degrees, Pixel, STANDARD_GRAVITY_M_S2};

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 /// An edge within this is where the outline says, px.
 const EDGE_NEAR_PX: f64 = 1.2;
 /// A surface within this is the taught one, mm.
-const SURFACE_NEAR_MM: f64 = 0.35;
+pub(super) const SURFACE_NEAR_MM: f64 = 0.35;
 /// Side of the square that a point of the surface stands for, mm.
 const SQUARE_MM: f64 = 8.0;
 

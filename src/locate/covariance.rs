@@ -1,34 +1,53 @@
 //! The covariance of a pose, and what it means on the panel.
 //!
-//! About the panel's centre it is the inverse of the fit's information,
-//!     C = (Σ_k Σᵢ wᵢ JᵢᵀJᵢ / f_k)⁻¹,   f_k = max(1, (ν + Σ_c m_c²/s_c²) / (ν + n)),                            (1)
-//! over the kinds k of residuals. A kind's noise is stated in `fit` for the mean m of a cell whose members share one error;
-//! f_k is how much larger the n cells' means are than that, which ν cells' worth of trust in the stated noise steadies:
-//! a small panel has few cells. A point x of the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
+//! A fit with the information N = Σ wᵢ JᵢᵀJᵢ turns errors eᵢ of its residuals into a twist about the panel's centre of −N⁻¹ Σ wᵢ Jᵢᵀ eᵢ = −Σ Bᵢ eᵢ,
+//! whose covariance is
+//!     C = N⁻¹ (Σ_k f_k N_k) N⁻¹ + f σ² Σᵢⱼ κ(xᵢ − xⱼ) Bᵢ Bⱼᵀ + v Σᵢⱼ κ(xᵢ − xⱼ) B⊥ᵢ B⊥ⱼᵀ,   κ(x) = exp(−π x²/ℓ²),          (1)
+//! with the edges and marks k, whose cells err independently, in the first term, and the surface in the others. The second is the scan's own
+//! smooth error, of the stated size σ. Over which length ℓ it is alike nobody knows for sure, and over a longer one than the panel it is a shift
+//! that no residual shows: (1) is evaluated for ℓ of 30 to 400 mm, and the largest is what is stated. The third is the panel's own
+//! deviation d (`deviation`), of the mean square v that was found: B⊥ is B without what a shift and two tilts along the normal take off, so that it
+//! counts only as far as a bend slides a curved panel in its plane.
+//!     f = max(1, (ν + Σ_c m_c²/s_c²) / (ν + n))                                                             (2)
+//! A kind's noise is stated in `fit` for the mean m of a cell whose members share one error; f is how much larger the n cells' means are than
+//! that, which ν cells' worth of trust in the stated noise steadies: a small panel has few cells. The surface's are taken about the deviation. A
+//! point x of the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
 //!
 //! A camera whose distances are all too long by the share s puts the panel's centre c, seen from it, at (1 + s) c, which no
 //! residual shows. The share that all scans have in common shifts the camera's mount as well, if the mount was measured with the same
 //! camera near the taught place, so that it cancels there. What differs between the two scans does not cancel:
-//!     C_vv += σ_s² (c − c₀)(c − c₀)ᵀ + σ_d² (c cᵀ + (R c₀)(R c₀)ᵀ),                                           (2)
+//!     C_vv += σ_s² (c − c₀)(c − c₀)ᵀ + σ_d² (c cᵀ + (R c₀)(R c₀)ᵀ),                                           (3)
 //! c₀ the taught centre, R the turn from the taught place to this one, σ_s and σ_d the deviations of s in all scans alike and from scan to
-//! scan. (2) does not count that the panel itself is too large by s, which over half a panel is a fraction of that, nor a mount that was
+//! scan. (3) does not count that the panel itself is too large by s, which over half a panel is a fraction of that, nor a mount that was
 //! measured elsewhere.
 
+use super::deviation::{Deviation, PanelPlane};
 use super::fit::{EDGE_CORRELATION_MM, KINDS, Residuals};
 use super::grid::Motion;
 use super::model::Model;
+use super::sampling::spread_over;
 use super::scan_errors::RangeErrors;
 use super::solve::{Constraint, ResidualWeighting, Sums};
 use crate::geometry::statistics::WITHIN_95;
-use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix3x6, Matrix6, Matrix6x3, Vector3, Vector6};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 
-/// ν of (1).
+/// ℓ of (1), mm: from a little below the lattices that scans were found to have to beyond the largest of trial panels.
+const ALIKE_MM: [f64; 4] = [30.0, 85.0, 200.0, 400.0];
+/// Places of the surface over which (1) is summed, about: 15 mm apart on a panel of 330 × 220 mm.
+const MOST_PLACES: usize = 300;
+/// So much of a field's variance is left at least where a shift and two tilts are taken off, so that it divides nothing by zero.
+const LEAST_LEFT: f64 = 1e-3;
+/// ν of (2).
 const TRUST_CELLS: f64 = 12.0;
+/// The surface among the kinds of residuals.
+const SURFACE: usize = 0;
 /// A cell needs this share of the points of a full one.
 const CELL_FILLED: f64 = 0.3;
 
-/// What (2) adds to the shifts, for the panel's centre as taught and now and the turn between: for a scale that all scans share, and for
+/// What (3) adds to the shifts, for the panel's centre as taught and now and the turn between: for a scale that all scans share, and for
 /// one that differs from scan to scan.
 fn of_scale([taught, now]: [&Vector3<f64>; 2], turn: &Matrix3<f64>, range: RangeErrors) -> [Matrix3<f64>; 2] {
     let (moved, turned) = (now - taught, turn * taught);
@@ -69,34 +88,29 @@ impl Weakest {
 
 /// How well a pose is known.
 pub(super) struct PoseCovariance {
-    /// (1) and (2), of a twist (ω, v) about the panel's centre, rad and mm.
+    /// (1) and (3), of a twist (ω, v) about the panel's centre, rad and mm.
     pub covariance: Matrix6<f64>,
     /// The direction in which it is largest.
     pub weakest: Weakest,
     /// 95 % of the errors along that direction are smaller, mm; a rotation counts by its mean displacement.
     pub weakest_mm: f64,
-    /// The same without what (2) adds for a scale that all scans share, as at the taught place.
+    /// The same without what (3) adds for a scale that all scans share, as at the taught place.
     pub at_taught_place: Matrix6<f64>,
     /// (1) alone.
     pub without_scale: Matrix6<f64>,
 }
 
-/// (1) and (2); `None` where the residuals leave a direction open.
+/// (1) and (3); `None` where the residuals leave a direction open. The model is the panel as it is bent at this pose.
 pub(super) fn covariance(
     residuals: &Residuals,
     weighing: &[ResidualWeighting; KINDS],
     model: &Model,
-    motion: &Motion,
+    (motion, deviation): (&Motion, Option<&Deviation>),
 ) -> Option<PoseCovariance> {
-    let across = {
-        let first = model.outline.first()?.point - model.centre;
-        (first - model.normal * model.normal.dot(&first)).try_normalize(1e-9)?
-    };
-    let up = model.normal.cross(&across);
+    let plane = PanelPlane::of(model)?;
     let cell = |point: &Vector3<f64>, side_mm: f64| {
-        let offset = point - model.centre;
-        let number = |along: &Vector3<f64>| (offset.dot(along) / side_mm).floor() as i64;
-        (number(&across), number(&up))
+        let [x, y] = plane.place(point).map(|mm| (mm / side_mm).floor() as i64);
+        (x, y)
     };
     let square = |sample: usize| cell(&model.points[sample], model.range.correlation_mm);
     let mark_square = |sample: usize| cell(&model.marks.points[sample].point, model.range.correlation_mm);
@@ -114,12 +128,23 @@ pub(super) fn covariance(
         inflation(&residuals.depth, &weighing[2], stretch),
         inflation(&residuals.marks, &weighing[3], mark_square),
     ];
-    let kinds = residuals.kinds();
-    let mut information = Matrix6::zeros();
-    for ((kind, weighing), factor) in kinds.iter().zip(weighing).zip(factors) {
-        information += Sums::over(kind, weighing, &residuals.centre).information / factor;
+    let (mut information, mut of_edges) = (Matrix6::zeros(), Matrix6::zeros());
+    for (k, kind) in residuals.kinds().iter().enumerate() {
+        let of_kind = Sums::over(kind, &weighing[k], &residuals.centre).information;
+        information += of_kind;
+        of_edges += if k == SURFACE { Matrix6::zeros() } else { of_kind * factors[k] };
     }
-    let without_scale = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
+    let inverse = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
+    let surface = SurfaceMoves::of(places(residuals, &weighing[SURFACE], (model, plane)), &inverse);
+    let of_edges = inverse * of_edges * inverse;
+    let variances =
+        [factors[SURFACE] * weighing[SURFACE].sigma.powi(2), deviation.map_or(0.0, |it| it.rms_mm.powi(2))];
+    let at_lengths: Vec<Matrix6<f64>> =
+        ALIKE_MM.par_iter().map(|&alike_mm| of_edges + surface.covariance(alike_mm, variances)).collect();
+    let without_scale = at_lengths
+        .into_iter()
+        .max_by(|a, b| worst_mm(a, model, motion).total_cmp(&worst_mm(b, model, motion)))
+        .filter(|covariance| covariance.iter().all(|value| value.is_finite()))?;
     let taught_place = Motion::of(&model.camera_from_panel);
     let (taught, turn) = (taught_place.point(&model.centre), motion.turn * taught_place.turn.transpose());
     let [shared, between_scans] = of_scale([&taught, &residuals.centre], &turn, model.range);
@@ -146,6 +171,84 @@ pub(super) fn covariance(
     })
 }
 
+/// A place of the surface, as the fit's information has it.
+struct SurfacePlace {
+    /// In the panel's plane, mm.
+    at_mm: [f64; 2],
+    /// w Jᵀ of (1).
+    pull: Vector6<f64>,
+    /// Its row of F of `deviation`.
+    rigid: Vector3<f64>,
+}
+
+/// How errors of the surface's residuals move the panel.
+struct SurfaceMoves {
+    places: Vec<SurfacePlace>,
+    /// B of (1) at each.
+    moves: Vec<Vector6<f64>>,
+    /// B⊥.
+    bent: Vec<Vector6<f64>>,
+    /// (FᵀF)⁻¹.
+    of_rigid: Matrix3<f64>,
+}
+
+/// Places of the surface that stand for all of its residuals.
+fn places(
+    residuals: &Residuals,
+    weighing: &ResidualWeighting,
+    (model, plane): (&Model, PanelPlane),
+) -> Vec<SurfacePlace> {
+    let chosen = spread_over(residuals.surface.len(), MOST_PLACES);
+    let each_for = residuals.surface.len() as f64 / chosen.len().max(1) as f64;
+    let place = |index: usize| {
+        let constraint = &residuals.surface[index];
+        let (point, normal) = (&model.points[constraint.sample], &model.normals[constraint.sample]);
+        SurfacePlace {
+            at_mm: plane.place(point),
+            pull: constraint.jacobian(&residuals.centre) * (weighing.weight(constraint.residual) * each_for),
+            rigid: plane.motions(point, normal),
+        }
+    };
+    chosen.into_iter().map(place).collect()
+}
+
+impl SurfaceMoves {
+    /// Of a fit whose information has this inverse.
+    fn of(places: Vec<SurfacePlace>, inverse: &Matrix6<f64>) -> SurfaceMoves {
+        let moves: Vec<Vector6<f64>> = places.iter().map(|place| inverse * place.pull).collect();
+        let squares: Matrix3<f64> = places.iter().map(|place| place.rigid * place.rigid.transpose()).sum();
+        let of_rigid = squares.try_inverse().unwrap_or_else(Matrix3::zeros);
+        let both = || moves.iter().zip(&places);
+        let taken_off: Matrix6x3<f64> = both().map(|(moves, place)| moves * place.rigid.transpose()).sum();
+        let bent = both().map(|(moves, place)| moves - taken_off * (of_rigid * place.rigid)).collect();
+        SurfaceMoves { places, moves, bent, of_rigid }
+    }
+
+    /// The last two terms of (1), for this length and these variances of the scan's error and of the deviation, mm².
+    fn covariance(&self, alike_mm: f64, [of_scan, of_panel]: [f64; 2]) -> Matrix6<f64> {
+        let count = self.places.len();
+        let (mut noise, mut bend, mut rigid) = (Matrix6::zeros(), Matrix6::zeros(), Matrix3::zeros());
+        for i in 0..count {
+            let (mut noise_with, mut bend_with, mut rigid_with) =
+                (Vector6::zeros(), Vector6::zeros(), Vector3::zeros());
+            for j in 0..count {
+                let [from, to] = [i, j].map(|place| self.places[place].at_mm);
+                let [dx, dy] = [0, 1].map(|axis| (from[axis] - to[axis]) / alike_mm);
+                let alike = (-PI * (dx * dx + dy * dy)).exp();
+                noise_with += self.moves[j] * alike;
+                bend_with += self.bent[j] * alike;
+                rigid_with += self.places[j].rigid * alike;
+            }
+            noise += self.moves[i] * noise_with.transpose();
+            bend += self.bent[i] * bend_with.transpose();
+            rigid += self.places[i].rigid * rigid_with.transpose();
+        }
+        // A field of variance 1 from which a shift and two tilts were taken off has a smaller one left: the one that was found.
+        let left = 1.0 - (self.of_rigid * rigid).trace() / count.max(1) as f64;
+        noise * of_scan + bend * (of_panel / left.max(LEAST_LEFT))
+    }
+}
+
 /// One standard deviation along the direction in which a pose is held least.
 pub(super) struct WeakestDirection {
     /// As a twist (ω, v) about the panel's centre, rad and mm.
@@ -167,7 +270,7 @@ pub(super) fn weakest(covariance: &Matrix6<f64>, model: &Model) -> WeakestDirect
     WeakestDirection { twist: moves_mm.component_div(&to_mm), moves_mm }
 }
 
-/// f of (1).
+/// f of (2).
 fn inflation(constraints: &[Constraint], weighing: &ResidualWeighting, cell: impl Fn(usize) -> (i64, i64)) -> f64 {
     let mut cells: BTreeMap<(i64, i64), (f64, f64)> = BTreeMap::new();
     for constraint in constraints {
@@ -200,6 +303,55 @@ pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &Motion
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A panel of 300 × 200 mm with 25 × 17 places whose slope along x at its ends is this, and grows with the square of x: a parabola that
+    /// slides only tilts, this one bows. And the moves of a fit whose information is that of its surface, and so much per mm² against a slide
+    /// along x and y and a turn.
+    fn moves(slope: f64, of_outline: f64) -> SurfaceMoves {
+        let place = |n: usize| {
+            let [x, y] = [(n % 25) as f64 * 12.5 - 150.0, (n / 25) as f64 * 12.5 - 100.0];
+            let (point, normal) = (
+                Vector3::new(x, y, -slope * x.powi(3) / (3.0 * 150.0 * 150.0)),
+                Vector3::new(slope * (x / 150.0).powi(2), 0.0, 1.0).normalize(),
+            );
+            let arm = point.cross(&normal);
+            let rigid = Vector3::new(normal.z, arm.x, arm.y);
+            SurfacePlace {
+                at_mm: [x, y],
+                pull: Vector6::new(arm.x, arm.y, arm.z, normal.x, normal.y, normal.z),
+                rigid,
+            }
+        };
+        let places: Vec<SurfacePlace> = (0..25 * 17).map(place).collect();
+        let of_surface: Matrix6<f64> = places.iter().map(|place| place.pull * place.pull.transpose()).sum();
+        let outline = Matrix6::from_diagonal(&Vector6::new(0.0, 0.0, 1e4, 1.0, 1.0, 0.0)) * of_outline;
+        SurfaceMoves::of(places, &(of_surface + outline).try_inverse().expect("held"))
+    }
+
+    /// By hand: an error that is the same all over the panel shifts it by just that and tilts it by nothing; one that is alike over much less
+    /// than the panel is averaged away, as n cells of ℓ² would: 0.1 mm over 60000 / 30² = 67 cells is 0.012 mm.
+    #[test]
+    fn a_scan_error_longer_than_the_panel_is_a_shift_that_no_residual_shows() {
+        let flat = moves(0.0, 1.0);
+        let long = flat.covariance(1e6, [0.01, 0.0]);
+        assert!((long[(5, 5)].sqrt() - 0.1).abs() < 1e-6, "{}", long[(5, 5)].sqrt());
+        assert!(long[(0, 0)].sqrt() * 100.0 < 1e-3 && long[(1, 1)].sqrt() * 150.0 < 1e-3, "{long}");
+        let short = flat.covariance(30.0, [0.01, 0.0])[(5, 5)].sqrt();
+        assert!((0.011..0.0135).contains(&short), "{short}");
+    }
+
+    /// A bend of 0.5 mm rms shifts and tilts nothing along the normal, since that is how a pose is defined, and slides a flat panel nowhere. A
+    /// curved one that its outline holds hardly is slid by it, the more the less the outline holds.
+    #[test]
+    fn a_bend_slides_a_curved_panel_that_its_outline_does_not_hold() {
+        let bent = |slope: f64, of_outline: f64| moves(slope, of_outline).covariance(200.0, [0.0, 0.25]);
+        let flat = bent(0.0, 1.0);
+        assert!(flat.iter().all(|value| value.abs() < 1e-9), "{flat}");
+        let sideways = |of_outline: f64| bent(0.3, of_outline)[(3, 3)].sqrt();
+        assert!(sideways(1e6) < 0.01, "{}", sideways(1e6));
+        assert!(sideways(1.0) > 0.3 && sideways(1.0) > 2.0 * sideways(1e2), "{} {}", sideways(1.0), sideways(1e2));
+        assert!(bent(0.3, 1e6)[(5, 5)].sqrt() < 0.02);
+    }
 
     /// By hand: 700 mm away and moved by 20 mm along the view, 0.1 % in all scans alike is 0.02 mm; 0.01 % from scan to scan is 0.07 mm
     /// in each of the two, along the view.

@@ -7,6 +7,7 @@
 use super::LocateError;
 use super::camera_check::CameraCheck;
 use super::covariance::{PoseCovariance, Weakest, covariance, worst_mm};
+use super::deviation::Deviation;
 use super::fit::{FitInputs, Fitted, Residuals, Samples};
 use super::grid::Motion;
 use super::model::Model;
@@ -22,8 +23,10 @@ use nalgebra::Matrix6;
 pub struct Fit {
     /// The panel's pose.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// Root mean square of the point-to-plane residuals, mm.
+    /// Root mean square of the scan's distances from the taught surface with its smooth deviation, mm: what no bow or wave explains.
     pub rms_mm: f64,
+    /// How far the panel lies at most from the taught one by that deviation, mm; 0 where too little of it is seen to say so.
+    pub deviation_mm: f64,
     /// Root mean square of the distances across the outline, mm.
     pub outline_rms_mm: f64,
     /// The same in pixels of the 3D camera.
@@ -130,6 +133,8 @@ pub(super) struct FurtherEvidence {
     pub rival: Option<CompetingPose>,
     pub camera: Option<CameraCheck>,
     pub camera_at_teaching_mm: Option<f64>,
+    /// How the panel is bent; the model of the fit's inputs is the panel so bent.
+    pub deviation: Option<Deviation>,
 }
 
 /// Weighs the end of a fit.
@@ -147,10 +152,12 @@ pub(super) fn weigh(
     let residuals = Residuals::at(&placed, inputs, &samples);
     let weighing = residuals.weighing(model, &samples);
     let PoseCovariance { covariance, weakest, weakest_mm, at_taught_place, without_scale } =
-        covariance(&residuals, &weighing, model, &motion).ok_or(LocateError::Degenerate {
-            surface: residuals.surface.len(),
-            outline: residuals.colour.len() + residuals.depth.len(),
-        })?;
+        covariance(&residuals, &weighing, model, (&motion, beside.deviation.as_ref())).ok_or(
+            LocateError::Degenerate {
+                surface: residuals.surface.len(),
+                outline: residuals.colour.len() + residuals.depth.len(),
+            },
+        )?;
     let at_worst_mm = |covariance| WHOLE_PANEL_95 * worst_mm(covariance, model, &motion);
     let surface = SurfaceShares::of(&motion, inputs);
     let outline = OutlineShares::of(&residuals, model);
@@ -162,6 +169,7 @@ pub(super) fn weigh(
     Ok(Fit {
         base_from_panel,
         rms_mm: surface.rms_mm,
+        deviation_mm: beside.deviation.as_ref().map_or(0.0, |deviation| deviation.largest_mm),
         outline_rms_mm: outline.rms_px / px_per_mm,
         outline_rms_px: outline.rms_px,
         taught_found: of_expected(surface.found),

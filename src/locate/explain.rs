@@ -3,6 +3,7 @@
 //! Every sample is evaluated once more at the located pose, as `evidence` counted it. Nothing is decided here.
 
 use super::camera_check::{self, FixtureEdge};
+use super::deviation::Deviation;
 use super::edges::Edge;
 use super::evidence::Fit;
 use super::fit::{FitInputs, Residuals, Samples};
@@ -92,7 +93,13 @@ impl Prepared<'_> {
         };
         let Some(fit) = fit else { return explained };
         let placed: Rigid<Camera, Panel> = self.view.base_from_camera.inverse() * fit.base_from_panel;
-        explained.surface = surface(&placed, inputs);
+        let deviation =
+            Deviation::of(&Residuals::at(&placed, inputs, &Samples::of_surface(inputs.model)), inputs.model, None);
+        let bent = deviation.as_ref().map(|deviation| deviation.bent(inputs.model));
+        let taught = inputs.model;
+        let inputs = FitInputs { model: bent.as_ref().unwrap_or(taught), ..inputs };
+        let bend_mm = |i: usize| deviation.as_ref().map_or(0.0, |it| it.mm(&taught.points[i], &taught.normals[i]));
+        explained.surface = surface(&placed, inputs, bend_mm);
         let residuals = Residuals::at(&placed, inputs, &Samples::all(inputs.model));
         (explained.outline, explained.widest) = outline(&placed, inputs, &residuals);
         explained.marks = marks(&placed, inputs, &residuals);
@@ -109,13 +116,18 @@ impl Prepared<'_> {
     }
 }
 
-fn surface(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> Vec<(Pixel, SurfaceMark)> {
+/// What the scan shows of the panel as it is bent, beside the panel as it was taught: `bend_mm` is how far a point lies before its taught place.
+fn surface(
+    placed: &Rigid<Camera, Panel>,
+    inputs: FitInputs<'_>,
+    bend_mm: impl Fn(usize) -> f64,
+) -> Vec<(Pixel, SurfaceMark)> {
     let motion = Motion::of(placed);
     let mark = |i: usize| {
         let pixel = inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.points[i])))?;
         let mark = match observe_point(&motion, inputs.model, inputs.grid, i) {
             // The residual is the distance of the taught point before the scan.
-            PointObservation::On(residual_mm) => SurfaceMark::On(-residual_mm),
+            PointObservation::On(residual_mm) => SurfaceMark::On(bend_mm(i) - residual_mm),
             PointObservation::Near => SurfaceMark::Near,
             PointObservation::Through => SurfaceMark::Through,
             PointObservation::Hidden => SurfaceMark::Hidden,

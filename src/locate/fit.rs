@@ -75,6 +75,16 @@ impl Samples {
         }
     }
 
+    /// The surface alone.
+    pub fn of_surface(model: &Model) -> Samples {
+        Samples::some_of_surface(model, model.points.len())
+    }
+
+    /// About this number of the surface, and nothing else.
+    pub fn some_of_surface(model: &Model, wanted: usize) -> Samples {
+        Samples { surface: spread_over(model.points.len(), wanted), outline: Vec::new(), marks: Vec::new() }
+    }
+
     /// About this number of the surface, and an eighth as many of the outline and of the marks.
     pub fn some(model: &Model, wanted: usize) -> Samples {
         Samples {

@@ -1,6 +1,7 @@
 //! The gate of the localization: turns evidence into accept, review or reject, each with reasons in words.
 //!
-//! It asks three questions in this order. Is it this panel, complete and dry, and has the camera not moved? Is its pose known
+//! It asks three questions in this order. Is it this panel, complete and dry, and has the camera not moved? A panel that is bent is this panel
+//! as long as a smooth deviation explains its surface; how far it may be bent is the recipe's word. Is its pose known
 //! well enough, and is it unique? Is the pose within its limits? Shift, rotation and tilt are judged
 //! at the panel's centre and never at the base's origin: a small rotation moves a distant origin far, which says nothing about
 //! the panel. Evidence against the panel itself leads to reject; what a person can judge better leads to review.
@@ -15,7 +16,7 @@ use super::LocateError;
 use super::OutlineSeen;
 use super::evidence::Fit;
 use super::fit::CONVERGED_MM;
-use crate::recipe;
+use crate::recipe::{self, Recipe};
 use crate::record::name;
 use crate::verdict::{Check, Judgement, Reason, SetBy, Severity, Verdict};
 use crate::words::{apart, percent_apart};
@@ -50,15 +51,17 @@ pub fn min_outline_found(limits: &recipe::Locate) -> f64 {
 }
 
 /// Judges a fit by the recipe's limits.
-pub fn judge(fit: &Fit, limits: &recipe::Locate) -> Judgement {
-    Judgement::of_checks(&checks(fit, limits))
+pub fn judge(fit: &Fit, recipe: &Recipe) -> Judgement {
+    Judgement::of_checks(&checks(fit, recipe))
 }
 
 /// Every number of a fit with its limit, in the order in which they are judged.
-pub fn checks(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
+pub fn checks(fit: &Fit, recipe: &Recipe) -> Vec<Check> {
+    let limits = recipe.locate();
     let of_panel = [panel(fit, limits), picture(fit), camera::camera(fit)].concat();
     let is_rejected = Judgement::of_checks(&of_panel).verdict == Verdict::Reject;
-    let of_pose = [camera::watch(fit), pose::knowledge(fit), pose::motion(fit, limits)].concat();
+    let bend = vec![bend(fit, recipe.surface())];
+    let of_pose = [bend, camera::watch(fit), pose::knowledge(fit), pose::motion(fit, limits)].concat();
     // Where something that is not the panel ended up is no reason for anything.
     let of_pose = of_pose.into_iter().map(|check| if is_rejected { check.without_consequence() } else { check });
     of_panel.into_iter().chain(of_pose).collect()
@@ -87,8 +90,8 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
             .rejects("poor_fit", || {
                 let [rms, allowed] = apart(fit.rms_mm, limits.max_rms_mm(), 3);
                 format!(
-                    "the scan differs from the taught panel by {rms} mm rms, allowed are {allowed} mm; is it the right \
-                     panel, dry and clean?"
+                    "the scan differs from the taught panel by {rms} mm rms beside every smooth bend of it, allowed are {allowed} mm; is \
+                     it the right panel, dry and clean, and does nothing lie on it?"
                 )
             }),
         Check::new("taught surface that is seen through", "", fit.seen_through)
@@ -110,6 +113,20 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
     checks.extend(overlap(fit, limits));
     checks.extend(fit.marks_found.map(marks));
     checks
+}
+
+/// Is it bent so little that it may be the taught panel, and that its path may follow it without a person's word?
+fn bend(fit: &Fit, limits: &recipe::Surface) -> Check {
+    let limit_mm = limits.max_deviation_mm();
+    Check::new(name::BEND, "mm", fit.deviation_mm)
+        .at_most(limit_mm, SetBy::recipe("surface.max_deviation_mm"))
+        .reviews("bent", || {
+            let [mm, limit_mm] = apart(fit.deviation_mm, limit_mm, 2);
+            format!(
+                "the panel is bent by up to {mm} mm against the taught one, the limit is {limit_mm} mm; is it this panel, and is it clamped \
+                 as it was taught?"
+            )
+        })
 }
 
 /// Does it have the taught marks?
@@ -231,6 +248,7 @@ mod tests {
         Fit {
             base_from_panel,
             rms_mm: 0.08,
+            deviation_mm: 0.3,
             outline_rms_mm: 0.1,
             outline_rms_px: 0.25,
             taught_found: 0.99,
@@ -266,7 +284,7 @@ mod tests {
         let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
                     [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
         let recipe = recipe::Recipe::check("test.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
-        let judgement = judge(fit, recipe.locate());
+        let judgement = judge(fit, &recipe);
         (judgement.verdict, judgement.reasons.into_iter().map(|reason| reason.code).collect())
     }
 
@@ -302,7 +320,9 @@ mod tests {
         assert_eq!(judged(&Fit { marks_found: Some(0.5), ..good() }).0, Verdict::Accept);
         review(Fit { edge_width_px: Some(2.3), ..good() }, "blurred");
         review(Fit { saturated: 0.3, ..good() }, "overexposed");
-        review(Fit { uncertainty_mm: 0.31, ..good() }, "uncertain");
+        review(Fit { deviation_mm: 2.01, ..good() }, "bent");
+        review(Fit { deviation_mm: f64::NAN, ..good() }, "bent");
+        review(Fit { uncertainty_mm: 0.37, ..good() }, "uncertain");
         review(Fit { agreement_mm: f64::INFINITY, ..good() }, "starts_disagree");
     }
 

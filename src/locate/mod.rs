@@ -14,6 +14,7 @@ mod consistency;
 pub mod corner;
 mod correspond;
 mod covariance;
+mod deviation;
 mod edges;
 mod error;
 mod evidence;
@@ -53,9 +54,10 @@ pub use taught_outline::OutlineSeen;
 use crate::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamera, Rigid};
 use crate::panel::TaughtPanel;
 use crate::recipe;
-use consistency::ConsistencyScore;
+use consistency::{ConsistencyScore, SURFACE_NEAR_MM};
+use deviation::{BentFit, Deviation};
 use evidence::FurtherEvidence;
-use fit::{FitInputs, Fitted, Samples};
+use fit::{FitInputs, Fitted, Residuals, Samples};
 use grid::{Grid, Motion};
 use model::Model;
 use nalgebra::{Rotation3, Vector3, Vector6};
@@ -143,26 +145,53 @@ impl<'a> Prepared<'a> {
         }
         let hypotheses = search::search(model, (grid, view.scan), &candidates);
         let inputs = self.inputs();
-        let (best, rival) = choose(&hypotheses, inputs, view.base_from_camera)
+        let hypotheses = (hypotheses.as_slice(), view.base_from_camera);
+        let (best, rival) = choose(hypotheses, inputs, Panels::AsTaught)
+            .filter(|(best, _)| !is_bent(best, inputs))
+            .or_else(|| choose(hypotheses, inputs, Panels::AsBent))
             .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
         let fitted = fit::fit(&best, inputs, &Samples::all(model))
             .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
+        let BentFit { fitted, deviation, model: bent } = deviation::follow(fitted, inputs);
+        let inputs = FitInputs { model: bent.as_ref().unwrap_or(model), ..inputs };
         let (agreement_mm, camera) = rayon::join(
             || agreement_mm(&fitted, inputs),
             || camera_check::check(taught, self.taught_model, (grid, view.scan), inside, &fitted.camera_from_panel),
         );
         let is_watched = gate::is_watched(camera.map(|camera| camera.uncertainty_mm));
         let asked = (!is_watched).then(|| camera_check::at_teaching_mm(taught, self.taught_model, self.settings));
-        let beside = FurtherEvidence { agreement_mm, rival, camera, camera_at_teaching_mm: asked.flatten() };
+        let beside =
+            FurtherEvidence { agreement_mm, rival, camera, camera_at_teaching_mm: asked.flatten(), deviation };
         evidence::weigh(&fitted, inputs, pieces, view.base_from_camera, beside)
     }
 }
 
+/// As what the panel is compared with the scan at the poses of two hypotheses.
+#[derive(Clone, Copy, PartialEq)]
+enum Panels {
+    /// As it was taught.
+    AsTaught,
+    /// As it would have to be bent at each of the two: of a panel that is bent, the surface as it was taught says little for any pose, and what
+    /// speaks for one is what no bend explains, above all the outline.
+    AsBent,
+}
+
+/// The panel as it would have to be bent at a pose.
+fn bent_at(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> Option<Deviation> {
+    let residuals = Residuals::at(placed, inputs, &Samples::some_of_surface(inputs.model, WEIGHING_SAMPLES));
+    Deviation::of(&residuals, inputs.model, None)
+}
+
+/// Is the panel bent there by more than what lies on the taught surface?
+fn is_bent(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> bool {
+    bent_at(placed, inputs).is_some_and(|deviation| deviation.largest_mm > SURFACE_NEAR_MM)
+}
+
 /// Fits the hypotheses and finds the one that no other beats, with its closest competitor.
 fn choose(
-    hypotheses: &[PoseHypothesis],
+    (hypotheses, base_from_camera): (&[PoseHypothesis], Rigid<Base, Camera>),
     inputs: FitInputs<'_>,
-    base_from_camera: Rigid<Base, Camera>,
+    panels: Panels,
 ) -> Option<(Rigid<Camera, Panel>, Option<CompetingPose>)> {
     let samples = Samples::some(inputs.model, WEIGHING_SAMPLES);
     let fitted: Vec<Option<(Rigid<Camera, Panel>, ConsistencyScore)>> = hypotheses
@@ -170,7 +199,11 @@ fn choose(
         .take(search::kept(inputs.model) - 1)
         .map(|hypothesis| {
             let end = fit::fit(&hypothesis.camera_from_panel, inputs, &samples)?.camera_from_panel;
-            Some((end, ConsistencyScore::of(&end, inputs)))
+            let deviation = (panels == Panels::AsBent).then(|| bent_at(&end, inputs)).flatten();
+            let bent = deviation.map(|deviation| deviation.bent(inputs.model));
+            let score =
+                ConsistencyScore::of(&end, FitInputs { model: bent.as_ref().unwrap_or(inputs.model), ..inputs });
+            Some((end, score))
         })
         .collect();
     let mut fitted: Vec<(Rigid<Camera, Panel>, ConsistencyScore)> = fitted.into_iter().flatten().collect();

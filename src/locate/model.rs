@@ -12,6 +12,7 @@ use super::taught_surface::Surface;
 use crate::geometry::{Camera, Panel, Pixel, Point, Rigid, Vector};
 use crate::panel::TaughtPanel;
 use nalgebra::Vector3;
+use std::sync::Arc;
 
 /// A panel is complete if at least this share of it gave points.
 const WHOLE: f64 = 0.9;
@@ -19,6 +20,7 @@ const WHOLE: f64 = 0.9;
 const MIN_SURFACE: usize = 200;
 
 /// The taught panel.
+#[derive(Clone)]
 pub(super) struct Model {
     /// Points of the surface, in the panel's frame, mm.
     pub points: Vec<Vector3<f64>>,
@@ -35,7 +37,7 @@ pub(super) struct Model {
     /// Area of the surface, mm².
     pub area_mm2: f64,
     /// The panel's own depths and where its camera stood.
-    pub grid: Grid,
+    pub grid: Arc<Grid>,
     /// Where that camera stood.
     pub camera_from_panel: Rigid<Camera, Panel>,
     /// How many pixels a step of brightness at the outline took, median.
@@ -94,7 +96,7 @@ impl Model {
             normal: if axis.dot(&towards) < 0.0 { -axis } else { axis },
             area_mm2: surface.samples.iter().map(|sample| sample.area_mm2).sum(),
             points,
-            grid,
+            grid: Arc::new(grid),
             camera_from_panel,
             edge_width_px,
             given: panel.given(),

@@ -83,8 +83,10 @@ pub mod name {
     pub const BEGUN: &str = "grids that were not covered as planned";
     /// Moves of the corner loop.
     pub const MOVES: &str = "moves after the first picture";
-    /// Localization: residual along the surface's normals, rms, mm.
+    /// Localization: residual along the surface's normals, about the smooth deviation, rms, mm.
     pub const RESIDUAL: &str = "residual, point to plane, rms";
+    /// Localization: the panel's smooth deviation from the taught one, at most, mm.
+    pub const BEND: &str = "smooth deviation from the taught panel, at most";
     /// Localization: residual of the outline, rms, px.
     pub const OUTLINE_RESIDUAL: &str = "residual of the outline, rms";
     /// Localization: the stated error at the panel's worst place, 95 %, mm.

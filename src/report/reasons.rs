@@ -33,7 +33,7 @@ struct Dots {
 
 const DOTS: [Dots; 4] = [
     Dots {
-        codes: &["poor_fit", "not_converged"],
+        codes: &["poor_fit", "bent", "not_converged"],
         caption: "How far the scan lies from the taught surface",
         ink: residual_ink,
         legend: &[

@@ -57,6 +57,7 @@ pub use sanding::{SandedLook, Sanding};
 pub use scanner::{NoiseFigures, noise_in_force};
 pub use scanner_distortion::ScannerDistortion;
 pub use scene::{CornerView, Scene};
+pub use shape::Bend;
 pub use spots::{Grease, Spot, SpotKind};
 pub use target::Target;
 pub use timing::{Phase, SPRAY_FROM_S, WET_FROM_S};

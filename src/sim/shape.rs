@@ -78,10 +78,52 @@ impl Relief {
     }
 }
 
+/// How a panel is bent since it was taught: its middle lies in front of both its ends, and a wave runs over it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Bend {
+    /// How far the middle lies in front of the ends, mm.
+    pub bow_mm: f64,
+    /// From the middle to the ends, mm.
+    pub half_mm: f64,
+    /// The direction from end to end on the sheet, from its s axis, rad.
+    pub along_rad: f64,
+    /// Half the wave's height, mm.
+    pub wave_mm: f64,
+    /// From crest to crest, mm.
+    pub length_mm: f64,
+    /// The direction in which it runs, from the s axis, rad.
+    pub runs_rad: f64,
+    /// The wave's phase at the panel's centre, rad.
+    pub phase_rad: f64,
+}
+
+impl Bend {
+    /// Height and its two slopes at a place of the sheet.
+    fn height(&self, [s, t]: [f64; 2]) -> [f64; 3] {
+        let (mut height, mut slope_s, mut slope_t) = (0.0, 0.0, 0.0);
+        if self.half_mm > 0.0 {
+            let (sin, cos) = self.along_rad.sin_cos();
+            let way = (s * cos + t * sin) / self.half_mm;
+            let slope = -2.0 * self.bow_mm * way / self.half_mm;
+            (height, slope_s, slope_t) = (self.bow_mm * (1.0 - way * way), slope * cos, slope * sin);
+        }
+        if self.length_mm > 0.0 {
+            let (sin, cos) = self.runs_rad.sin_cos();
+            let number = std::f64::consts::TAU / self.length_mm;
+            let phase = number * (s * cos + t * sin) + self.phase_rad;
+            let slope = self.wave_mm * number * phase.cos();
+            height += self.wave_mm * phase.sin();
+            (slope_s, slope_t) = (slope_s + slope * cos, slope_t + slope * sin);
+        }
+        [height, slope_s, slope_t]
+    }
+}
+
 /// A panel: surface and outline.
 #[derive(Debug, Clone)]
 pub(super) struct Shape {
     relief: Relief,
+    bend: Option<Bend>,
     outline: Outline,
     panel_from_sheet: Isometry3<f64>,
 }
@@ -113,6 +155,11 @@ impl Shape {
         let bend_ss = self.relief.bend_ss - 2.0 * bow_mm / HALF_LENGTH_MM.powi(2);
         let relief = Relief { bend_ss, lift_mm: self.relief.lift_mm + bow_mm, ..self.relief };
         Shape { relief, ..self }
+    }
+
+    /// The same panel bent since it was taught.
+    pub fn bent_by(self, bend: Bend) -> Self {
+        Shape { bend: Some(bend), ..self }
     }
 
     /// Another panel: other outline, other curvatures.
@@ -149,7 +196,7 @@ impl Shape {
         let axes = Rotation3::from_basis_unchecked(&[-Vector3::y(), Vector3::z(), -Vector3::x()]);
         let panel_from_sheet =
             Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_rotation_matrix(&axes));
-        Shape { relief, outline, panel_from_sheet }
+        Shape { relief, bend: None, outline, panel_from_sheet }
     }
 
     /// The outline on the sheet.
@@ -165,9 +212,10 @@ impl Shape {
     /// Height above the sheet and its two slopes ∂h/∂s, ∂h/∂t.
     pub fn height(&self, s: f64, t: f64) -> [f64; 3] {
         let r = &self.relief;
+        let bent = self.bend.map_or([0.0; 3], |bend| bend.height([s, t]));
         let (sin_s, cos_s) = (r.wave_s * s + r.phase_s_rad).sin_cos();
         let (sin_t, cos_t) = (r.wave_t * t + r.phase_t_rad).sin_cos();
-        [
+        let taught = [
             r.lift_mm
                 + s * s * (r.bend_ss / 2.0 + r.cubic_sss * s / 6.0)
                 + t * (r.twist_st * s + t * (r.bend_tt + r.cubic_stt * s) / 2.0)
@@ -176,7 +224,8 @@ impl Shape {
                 + t * (r.twist_st + r.cubic_stt * t / 2.0)
                 + r.wave_mm * r.wave_s * cos_s * cos_t,
             r.twist_st * s + t * (r.bend_tt + r.cubic_stt * s) - r.wave_mm * r.wave_t * sin_s * sin_t,
-        ]
+        ];
+        std::array::from_fn(|n| taught[n] + bent[n])
     }
 
     /// The place on the surface above a place of the sheet.
@@ -219,7 +268,16 @@ mod tests {
 
     #[test]
     fn slopes_are_the_derivatives_of_the_height() {
-        let shape = Shape::taught(Seed(3));
+        let bend = Bend {
+            bow_mm: 2.0,
+            half_mm: 160.0,
+            along_rad: 0.4,
+            wave_mm: 0.3,
+            length_mm: 200.0,
+            runs_rad: 1.1,
+            phase_rad: 0.5,
+        };
+        let shape = Shape::taught(Seed(3)).bent_by(bend);
         for (s, t) in [(0.0, 0.0), (-120.0, 80.0), (150.0, -90.0)] {
             let [_, slope_s, slope_t] = shape.height(s, t);
             let step = 1e-4;

@@ -6,7 +6,7 @@ use crate::geometry::{ColorPicture, KukaPose};
 use crate::locate::{Fit, LocateError, Prepared, RangeErrors, TaughtModel, View, gate};
 use crate::panel::TaughtPanel;
 use crate::path::reach::Obstacles;
-use crate::recipe;
+use crate::recipe::Recipe;
 use crate::record::{Check, Finding, Kind, name};
 use crate::report::{self, reason_pictures};
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -30,16 +30,16 @@ pub struct Located<'a> {
 pub fn locate<'a>(
     (panel, model): (&'a TaughtPanel, &'a Result<TaughtModel, LocateError>),
     view: View<'a>,
-    settings: &'a recipe::Locate,
+    recipe: &'a Recipe,
 ) -> Located<'a> {
     // Only depths and the lens's rays count in what follows: a scan of another lens or frame would give a place all the same.
     if let Err(error) = files::check_lens(view.scan, view.camera) {
         let judgement = Judgement::of(vec![Reason::new("other_scan", error.to_string())], vec![]);
         return Located { fit: None, checks: vec![], judgement, panel, view, prepared: None };
     }
-    let prepared = model.as_ref().map(|model| Prepared::new((panel, model), &view, settings));
+    let prepared = model.as_ref().map(|model| Prepared::new((panel, model), &view, recipe.locate()));
     let found = prepared.as_ref().map_err(|&error| error.clone()).and_then(Prepared::locate);
-    let checks = found.as_ref().map_or(Vec::new(), |fit| gate::checks(fit, settings));
+    let checks = found.as_ref().map_or(Vec::new(), |fit| gate::checks(fit, recipe));
     let judgement = match &found {
         Ok(_) => Judgement::of_checks(&checks),
         Err(error) => gate::refusal(error),

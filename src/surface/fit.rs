@@ -19,16 +19,12 @@ use super::error::{FitError, MIN_PIXELS};
 use super::map::{DeviationMap, MapPixel};
 use super::samples::{Sample, Samples, knots, sides_mm};
 use super::thesis;
-use crate::geometry::{Panel, Pixel, Point, median};
+use crate::geometry::{Panel, Pixel, Point, SIGMA_OF_MEDIAN, TUKEY, median, tukey};
 use crate::panel::{Region, TaughtPanel};
 use crate::recipe::{self, FitMethod};
 use nalgebra::{Point2, Vector3};
 use rayon::prelude::*;
 
-/// Tukey's constant: 95 % as efficient as plain least squares on normal noise.
-pub(super) const TUKEY: f64 = 4.685;
-/// Median of |x| to σ of normal noise.
-pub(super) const SIGMA_OF_MEDIAN: f64 = 1.4826;
 /// No 3D camera is more exact than this, mm: keeps σ from zero on data without noise.
 const MIN_SCALE_MM: f64 = 0.001;
 /// Weighted fits at most; two are the rule.
@@ -291,11 +287,6 @@ fn noise_mm(samples: &Samples, residuals: &[Vec<f64>]) -> f64 {
 fn scale_mm(residuals: &[Vec<f64>]) -> f64 {
     let mut sizes: Vec<f64> = residuals.iter().flatten().map(|r| r.abs()).collect();
     (SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)).max(MIN_SCALE_MM)
-}
-
-pub(super) fn tukey(deviation_in_sigma: f64) -> f64 {
-    let inner = 1.0 - (deviation_in_sigma / TUKEY).powi(2);
-    if inner > 0.0 { inner * inner } else { 0.0 }
 }
 
 /// The value below which this share of the values lies; 0 of none. Reorders them.

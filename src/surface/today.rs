@@ -2,40 +2,24 @@
 //!
 //! A point of that scan, moved into the panel's frame by the place that was found, is seen by the taught camera in a pixel, which is its
 //! parameter (u, v); r = N(u, v) · (P − S(u, v)) is how far today's panel lies in front of the taught one there. The correction
-//! c(u, v) is a bicubic spline with spans of 70 mm at most that minimises
-//!     Σ_q w_q (c(u_q, v_q) − r_q)² + n̄ (λ Σ |Δ²c|² + μ Σ c²),                                              (1)
-//! n̄ being the mean number of points to a coefficient and Δ² second differences of the coefficients along u and along v: where points
-//! are missing the correction goes on smoothly and fades to 0. Points have Tukey's weights (see `fit`), so that a clamp or a flying point
-//! has no say. Each control point of the surface is moved along the normal at its Greville abscissa, until the surface there is moved by c.
+//! c(u, v) is the smooth field that follows r (`geometry/smooth_field`). Each control point of the surface is moved along the normal at its
+//! Greville abscissa, until the surface there is moved by c.
 
-use super::basis::{DEGREE, KnotVector};
 use super::bspline::{BSplineSurface, SurfaceError};
 use super::derivatives::Parameter;
-use super::fit::{SIGMA_OF_MEDIAN, TUKEY, tukey};
 use super::map::{DeviationMap, MapPixel};
 use super::net::sides_mm;
-use crate::geometry::{Camera, OrganizedCloud, Panel, Raster, Rigid, Vector, median};
+use crate::geometry::{Camera, Height, OrganizedCloud, Panel, Raster, Rigid, RobustField, SmoothField, Vector};
 use crate::panel::TaughtPanel;
-use nalgebra::{DMatrix, DVector, Point2};
+use nalgebra::Point2;
 use rayon::prelude::*;
 
-/// A span of the correction, mm, at most: longer than a weave, a seam or the camera's noise, shorter than how a panel bends.
-const SPAN_MM: f64 = 70.0;
-/// λ and μ of (1). Between points that are there they bend and shrink the correction by less than a hundredth.
-const SMOOTH: f64 = 1e-3;
-const FADE: f64 = 1e-4;
 /// Points of the region that are kept, about: four to a square of 6 mm of a region of 600 × 900 mm.
 const MOST_POINTS: usize = 60_000;
-/// Points that the correction is fitted to, about: they determine a hundred coefficients to a hundredth of the noise of one point.
-const MOST_FITTED: usize = 20_000;
+/// Points that the correction is fitted to, about: they determine each of a hundred coefficients to a tenth of the noise of one point.
+const MOST_FITTED: usize = 8_000;
 /// A point farther from the taught surface is not the panel's, mm.
 const FARTHEST_MM: f64 = 20.0;
-/// σ is no smaller, mm: a scan without noise.
-const MIN_SCALE_MM: f64 = 0.01;
-/// Fits with Tukey's weights.
-const ROUNDS: usize = 4;
-/// What lies farther from the region's best single patch is not the panel's, mm: a wave of it does not.
-const OFF_PATCH_MM: f64 = 1.5;
 /// Places along each side of the region at which the deviation is looked at.
 const PLACES: usize = 32;
 /// Steps by which control points are moved until the surface is.
@@ -117,37 +101,33 @@ pub fn todays(
 ) -> Result<Todays, TodayError> {
     let in_front = |point: &TodaysPoint| {
         let there = taught.tangents(point.at);
-        Some((point.at, taught.normal_of(&there)?.mm.dot(&(point.point.mm - there.point.mm.coords))))
+        let mm = taught.normal_of(&there)?.mm.dot(&(point.point.mm - there.point.mm.coords));
+        Some(Height { at: [point.at.u, point.at.v], mm })
     };
-    let seen: Vec<(Parameter, f64)> = points.iter().filter_map(in_front).collect();
-    let near: Vec<(Parameter, f64)> = seen.iter().copied().filter(|(_, mm)| mm.abs() <= FARTHEST_MM).collect();
+    let seen: Vec<Height> = points.par_iter().filter_map(in_front).collect();
+    let near: Vec<Height> = seen.iter().copied().filter(|height| height.mm.abs() <= FARTHEST_MM).collect();
     if near.is_empty() {
         return Err(TodayError::NoPoints);
     }
-    let fitted: Vec<(Parameter, f64)> = near.iter().copied().step_by(near.len().div_ceil(MOST_FITTED)).collect();
+    let fitted: Vec<Height> = near.iter().copied().step_by(near.len().div_ceil(MOST_FITTED)).collect();
     let sides_mm = sides_mm(taught);
-    let (correction, limit_mm) = Correction::robust(sides_mm, &fitted)?;
-    let surface = correction.applied(taught, panel)?;
-    let off_mm = |(at, mm): &(Parameter, f64)| mm - correction.at(*at);
-    let squares: Vec<f64> =
-        near.iter().map(off_mm).filter(|off_mm| off_mm.abs() < limit_mm).map(|off_mm| off_mm.powi(2)).collect();
-    let mut cells = Cells::new(sides_mm, max_hole_mm / 2.0);
+    let RobustField { field, limit_mm } = SmoothField::robust(sides_mm, &fitted).ok_or(TodayError::Undetermined)?;
+    let surface = corrected(taught, &field, panel)?;
     // Also what lies far from the taught surface is there, and is not it.
-    seen.iter().for_each(|point| cells.count(point.0, off_mm(point).abs() < limit_mm));
+    let off_mm: Vec<f64> = seen.par_iter().map(|height| (height.mm - field.at(height.at)).abs()).collect();
+    let squares: Vec<f64> = off_mm.iter().filter(|off_mm| **off_mm < limit_mm).map(|mm| mm.powi(2)).collect();
+    let mut cells = Cells::new(sides_mm, max_hole_mm / 2.0);
+    seen.iter().zip(&off_mm).for_each(|(height, off_mm)| cells.count(height.at, *off_mm < limit_mm));
     let map = map.filled(|pixel| {
         let unit: Point2<f64> = panel.region.unit(pixel);
-        let at = Parameter { u: unit.x.clamp(0.0, 1.0), v: unit.y.clamp(0.0, 1.0) };
-        if cells.shows(cells.index(at)) {
-            MapPixel::Fits { mm: correction.at(at) as f32 }
-        } else {
-            MapPixel::Missing
-        }
+        let at = [unit.x, unit.y].map(|share| share.clamp(0.0, 1.0));
+        if cells.shows(cells.index(at)) { MapPixel::Fits { mm: field.at(at) as f32 } } else { MapPixel::Missing }
     });
     let middle = |index: usize| (index as f64 + 0.5) / PLACES as f64;
-    let middles = (0..PLACES * PLACES).map(|n| Parameter { u: middle(n % PLACES), v: middle(n / PLACES) });
+    let middles = (0..PLACES * PLACES).map(|n| [middle(n % PLACES), middle(n / PLACES)]);
     Ok(Todays {
         surface,
-        largest_mm: middles.map(|at| correction.at(at).abs()).fold(0.0, f64::max),
+        largest_mm: middles.map(|at| field.at(at).abs()).fold(0.0, f64::max),
         rms_mm: (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt(),
         missing_percent: cells.missing_percent(),
         largest_hole_mm: cells.largest_hole_mm(),
@@ -171,12 +151,12 @@ impl Cells {
         Cells { raster: Raster { width, height }, side_mm, counts: vec![[0; 2]; width * height] }
     }
 
-    fn index(&self, at: Parameter) -> usize {
+    fn index(&self, [u, v]: [f64; 2]) -> usize {
         let along = |share: f64, count: usize| ((share * count as f64) as usize).min(count - 1);
-        along(at.v, self.raster.height) * self.raster.width + along(at.u, self.raster.width)
+        along(v, self.raster.height) * self.raster.width + along(u, self.raster.width)
     }
 
-    fn count(&mut self, at: Parameter, is_of_surface: bool) {
+    fn count(&mut self, at: [f64; 2], is_of_surface: bool) {
         let index = self.index(at);
         self.counts[index][0] += 1;
         self.counts[index][1] += u32::from(is_of_surface);
@@ -199,129 +179,30 @@ impl Cells {
     }
 }
 
-/// c(u, v): a spline with one coefficient, mm, for each pair of functions, v running fastest.
-#[derive(Debug, Clone)]
-struct Correction {
-    knots: [KnotVector; 2],
-    mm: DVector<f64>,
-}
-
-impl Correction {
-    /// The correction by these deviations, and how far from it a point is not of the surface any more, mm.
-    fn robust(sides_mm: [f64; 2], seen: &[(Parameter, f64)]) -> Result<(Self, f64), TodayError> {
-        let knots = |spans: [usize; 2]| -> Result<[KnotVector; 2], TodayError> {
-            let along = |spans| KnotVector::uniform(DEGREE, spans, 0.0..=1.0).map_err(|_| TodayError::Undetermined);
-            Ok([along(spans[0])?, along(spans[1])?])
-        };
-        // A single patch cannot follow a clamp; a fine correction would, if it began with one.
-        let (patch, _) = Correction::weighted(&knots([1, 1])?, seen, vec![1.0; seen.len()])?;
-        let weights = seen.iter().map(|(at, mm)| f64::from((mm - patch.at(*at)).abs() <= OFF_PATCH_MM)).collect();
-        let spans = sides_mm.map(|mm| (mm / SPAN_MM).ceil().max(1.0) as usize);
-        Correction::weighted(&knots(spans)?, seen, weights)
+/// The surface moved by c along its normals. A place with no normal, or beyond the region, moves as the border does.
+fn corrected(
+    taught: &BSplineSurface,
+    correction: &SmoothField,
+    panel: &TaughtPanel,
+) -> Result<BSplineSurface, SurfaceError> {
+    let (along_u, along_v) = (taught.knots_u().greville(), taught.knots_v().greville());
+    let places: Vec<Parameter> =
+        along_u.iter().flat_map(|u| along_v.iter().map(|v| Parameter { u: *u, v: *v })).collect();
+    let wanted: Vec<f64> = places.iter().map(|at| correction.at([at.u, at.v])).collect();
+    let normals: Vec<_> =
+        places.iter().map(|at| taught.normal(*at).map_or_else(Default::default, |n| n.mm)).collect();
+    let knots = || [taught.knots_u().clone(), taught.knots_v().clone()];
+    let viewer = panel.panel_from_camera.origin();
+    let mut surface = taught.clone();
+    for _ in 0..STEPS {
+        let moved = places.iter().zip(&wanted).zip(&normals).zip(surface.controls());
+        let controls = moved.map(|(((at, wanted), normal), control)| {
+            let is = normal.dot(&(surface.point(*at) - taught.point(*at)).mm);
+            *control + Vector::new(*normal * (wanted - is))
+        });
+        surface = BSplineSurface::new(knots(), controls.collect(), viewer)?;
     }
-
-    /// The correction with these knots, begun with these weights, and Tukey's limit, mm.
-    fn weighted(
-        knots: &[KnotVector; 2],
-        seen: &[(Parameter, f64)],
-        weights: Vec<f64>,
-    ) -> Result<(Self, f64), TodayError> {
-        let mut correction = Correction::fitted(knots, seen, &weights)?;
-        let mut limit_mm = f64::INFINITY;
-        for _ in 0..ROUNDS {
-            let off_mm: Vec<f64> = seen.iter().map(|(at, mm)| mm - correction.at(*at)).collect();
-            let mut sizes: Vec<f64> = off_mm.iter().map(|mm| mm.abs()).collect();
-            let scale_mm = (SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)).max(MIN_SCALE_MM);
-            limit_mm = TUKEY * scale_mm;
-            let weights: Vec<f64> = off_mm.iter().map(|mm| tukey(mm / scale_mm)).collect();
-            correction = Correction::fitted(knots, seen, &weights)?;
-        }
-        Ok((correction, limit_mm))
-    }
-
-    /// Minimises (1) for these weights.
-    fn fitted(knots: &[KnotVector; 2], seen: &[(Parameter, f64)], weights: &[f64]) -> Result<Self, TodayError> {
-        let [rows, columns] = [knots[0].controls(), knots[1].controls()];
-        let count = rows * columns;
-        let (mut normal, mut right) = (DMatrix::<f64>::zeros(count, count), DVector::<f64>::zeros(count));
-        for ((at, mm), weight) in seen.iter().zip(weights).filter(|(_, weight)| **weight > 0.0) {
-            let functions = functions(knots, columns, *at);
-            for (i, value) in functions {
-                right[i] += weight * value * mm;
-                // Cholesky's decomposition reads the lower half alone.
-                for (j, other) in functions.iter().filter(|(j, _)| *j <= i) {
-                    normal[(i, *j)] += weight * value * other;
-                }
-            }
-        }
-        let mean = weights.iter().sum::<f64>() / count as f64;
-        for index in 0..count {
-            normal[(index, index)] += mean * FADE;
-        }
-        for (index, step) in second_differences(rows, columns) {
-            let difference = [(index, 1.0), (index + step, -2.0), (index + 2 * step, 1.0)];
-            for (i, value) in difference {
-                for (j, other) in difference {
-                    normal[(i, j)] += mean * SMOOTH * value * other;
-                }
-            }
-        }
-        let solved = normal.cholesky().ok_or(TodayError::Undetermined)?;
-        Ok(Correction { knots: knots.clone(), mm: solved.solve(&right) })
-    }
-
-    /// c there, mm.
-    fn at(&self, at: Parameter) -> f64 {
-        functions(&self.knots, self.knots[1].controls(), at)
-            .iter()
-            .map(|(index, value)| self.mm[*index] * value)
-            .sum()
-    }
-
-    /// The surface moved by c along its normals. A place with no normal, or beyond the region, moves as the border does.
-    fn applied(&self, taught: &BSplineSurface, panel: &TaughtPanel) -> Result<BSplineSurface, SurfaceError> {
-        let (along_u, along_v) = (taught.knots_u().greville(), taught.knots_v().greville());
-        let inside = |share: f64| share.clamp(0.0, 1.0);
-        let places: Vec<Parameter> =
-            along_u.iter().flat_map(|u| along_v.iter().map(|v| Parameter { u: *u, v: *v })).collect();
-        let wanted: Vec<f64> =
-            places.iter().map(|at| self.at(Parameter { u: inside(at.u), v: inside(at.v) })).collect();
-        let normals: Vec<_> =
-            places.iter().map(|at| taught.normal(*at).map_or_else(Default::default, |n| n.mm)).collect();
-        let knots = || [taught.knots_u().clone(), taught.knots_v().clone()];
-        let viewer = panel.panel_from_camera.origin();
-        let mut surface = taught.clone();
-        for _ in 0..STEPS {
-            let moved = places.iter().zip(&wanted).zip(&normals).zip(surface.controls());
-            let controls = moved.map(|(((at, wanted), normal), control)| {
-                let is = normal.dot(&(surface.point(*at) - taught.point(*at)).mm);
-                *control + Vector::new(*normal * (wanted - is))
-            });
-            surface = BSplineSurface::new(knots(), controls.collect(), viewer)?;
-        }
-        Ok(surface)
-    }
-}
-
-/// The functions that are not 0 there: the index of each, and its value.
-fn functions(
-    knots: &[KnotVector; 2],
-    columns: usize,
-    at: Parameter,
-) -> [(usize, f64); (DEGREE + 1) * (DEGREE + 1)] {
-    let [u, v] = [(&knots[0], at.u), (&knots[1], at.v)].map(|(knots, at)| (knots.span(at), knots.values(at)));
-    std::array::from_fn(|n| {
-        let (i, j) = (n / (DEGREE + 1), n % (DEGREE + 1));
-        ((u.0 + i) * columns + v.0 + j, u.1[i] * v.1[j])
-    })
-}
-
-/// Where second differences of the coefficients begin, and the step from one coefficient to the next.
-fn second_differences(rows: usize, columns: usize) -> impl Iterator<Item = (usize, usize)> {
-    let along_u = (0..rows.saturating_sub(2) * columns).map(move |index| (index, columns));
-    let along_v =
-        (0..rows).flat_map(move |row| (0..columns.saturating_sub(2)).map(move |j| (row * columns + j, 1)));
-    along_u.chain(along_v)
+    Ok(surface)
 }
 
 #[cfg(test)]

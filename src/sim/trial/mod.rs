@@ -5,6 +5,7 @@
 //! at most 20 % without points: occluded, in shadow, or outside of the camera's or the projector's field of view. Glints remove points and
 //! overexpose the picture.
 
+mod bends;
 mod capture;
 mod contents;
 mod held;
@@ -155,11 +156,7 @@ impl Trial {
 
     /// A region in the middle of the taught scan's picture: top left, top right, bottom right, bottom left.
     pub fn region_px(&self) -> [Pixel; 4] {
-        let [s, t] = self.size_mm.map(|mm| 0.2 * mm);
-        [[-s, t], [s, t], [s, -t], [-s, -t]].map(|at| {
-            let seen = scene::base_from_camera().inverse() * (scene::nominal() * self.taught.point(at));
-            self.camera.project(seen).unwrap_or_default()
-        })
+        self.middle_px(0.4)
     }
 
     /// How far a found place puts the panel's surface from where it is.

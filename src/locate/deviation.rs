@@ -1,0 +1,231 @@
+//! How today's panel is bent beside the taught one: a smooth field along the normals.
+//!
+//! A pose is rigid, and a panel is not: it bows by its own weight, by moisture, by how it is clamped. So a pose is the best one in this sense:
+//! along the normal it is the rigid place nearest to the surface, in the panel's plane the one that puts the outline, of the panel so bent,
+//! on its edges. What is left is the deviation
+//!     d = c − F (FᵀF)⁻¹Fᵀ c,                                                                             (1)
+//! c the smooth field that follows the surface's residuals (`geometry/smooth_field`), and F the three motions along the normal, a shift and two
+//! tilts, at the samples. A bow therefore never counts as a shift or a tilt, nor the other way round. A slide of a curved panel in its plane
+//! looks like a deviation: only outline and marks hold a bent panel there (`covariance`).
+
+use super::fit::{FitInputs, Fitted, Residuals, Samples, fit};
+use super::model::Model;
+use super::sampling::spread_over;
+use crate::geometry::{Height, RobustField, SmoothField};
+use nalgebra::{Matrix3, Vector3};
+
+/// Samples to which the field is fitted, about: forty for each coefficient of a panel of 330 × 220 mm, which is then known to a sixth of a sample's
+/// noise.
+const MOST_FITTED: usize = 2_500;
+/// A sample farther from the taught surface is not the panel's, mm: as for today's surface.
+const FARTHEST_MM: f64 = 20.0;
+/// Fewer samples determine no field: then none is assumed.
+const MIN_FITTED: usize = 200;
+
+/// Times the deviation is looked at and the pose fitted to the panel so bent: the second one moves it by less than the noise.
+const ROUNDS: usize = 2;
+
+/// The end of a fit, with the panel as it is bent there.
+pub(super) struct BentFit {
+    pub fitted: Fitted,
+    /// `None` where too little of the surface is seen: the panel is taken as it was taught.
+    pub deviation: Option<Deviation>,
+    /// The taught panel, so bent.
+    pub model: Option<Model>,
+}
+
+/// Goes on from the end of a fit of the taught panel.
+pub(super) fn follow(fitted: Fitted, inputs: FitInputs<'_>) -> BentFit {
+    let (of_surface, all) = (Samples::of_surface(inputs.model), Samples::all(inputs.model));
+    let mut bent = BentFit { fitted, deviation: None, model: None };
+    for _ in 0..ROUNDS {
+        let now = FitInputs { model: bent.model.as_ref().unwrap_or(inputs.model), ..inputs };
+        let residuals = Residuals::at(&bent.fitted.camera_from_panel, now, &of_surface);
+        let Some(deviation) = Deviation::of(&residuals, inputs.model, bent.deviation.as_ref()) else { break };
+        let model = deviation.bent(inputs.model);
+        let Some(fitted) = fit(&bent.fitted.camera_from_panel, FitInputs { model: &model, ..inputs }, &all) else {
+            break;
+        };
+        bent = BentFit { fitted, deviation: Some(deviation), model: Some(model) };
+    }
+    bent
+}
+
+/// The plane of a panel, in which a place of it has two coordinates.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PanelPlane {
+    centre: Vector3<f64>,
+    /// Two directions in it, and its normal.
+    axes: [Vector3<f64>; 3],
+}
+
+impl PanelPlane {
+    /// Through the middle of the panel, across its mean normal; `None` of a panel without outline.
+    pub fn of(model: &Model) -> Option<Self> {
+        let first = model.outline.first()?.point - model.centre;
+        let across = (first - model.normal * model.normal.dot(&first)).try_normalize(1e-9)?;
+        Some(PanelPlane { centre: model.centre, axes: [across, model.normal.cross(&across), model.normal] })
+    }
+
+    /// Where a point of the panel lies in it, mm from its middle.
+    pub fn place(&self, point: &Vector3<f64>) -> [f64; 2] {
+        let arm = point - self.centre;
+        [arm.dot(&self.axes[0]), arm.dot(&self.axes[1])]
+    }
+
+    /// How far along its own normal a point with that normal moves by a shift along the panel's mean normal, and by a turn of one radian about
+    /// either axis: a row of F.
+    pub fn motions(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
+        let about = (point - self.centre).cross(normal);
+        Vector3::new(normal.dot(&self.axes[2]), about.dot(&self.axes[0]), about.dot(&self.axes[1]))
+    }
+}
+
+/// d of (1).
+#[derive(Debug, Clone)]
+pub(super) struct Deviation {
+    plane: PanelPlane,
+    field: SmoothField,
+    /// The corner and the sides of the rectangle in the plane on which the field is.
+    low_mm: [f64; 2],
+    sides_mm: [f64; 2],
+    /// The shift and the turns of c that (1) takes off.
+    rigid: Vector3<f64>,
+    /// The largest over the samples that were seen, mm.
+    pub largest_mm: f64,
+    /// Root mean square over them, mm.
+    pub rms_mm: f64,
+}
+
+impl Deviation {
+    /// By the surface's residuals, of a panel that is bent by `bent` already; `None` where too little of the surface is seen.
+    pub fn of(residuals: &Residuals, model: &Model, bent: Option<&Deviation>) -> Option<Self> {
+        let plane = PanelPlane::of(model)?;
+        let places: Vec<[f64; 2]> = model.points.iter().map(|point| plane.place(point)).collect();
+        let [low_mm, high_mm] = [f64::min, f64::max].map(|of: fn(f64, f64) -> f64| {
+            places.iter().copied().reduce(|a, b| [of(a[0], b[0]), of(a[1], b[1])]).unwrap_or_default()
+        });
+        let sides_mm = [0, 1].map(|axis| (high_mm[axis] - low_mm[axis]).max(1.0));
+        // The residual is the distance of the model before the scan.
+        let seen = |index: usize| {
+            let constraint = &residuals.surface[index];
+            let sample = constraint.sample;
+            let before_mm = bent.map_or(0.0, |bent| bent.mm(&model.points[sample], &model.normals[sample]));
+            let at = [0, 1].map(|axis| (places[sample][axis] - low_mm[axis]) / sides_mm[axis]);
+            let height = Height { at, mm: before_mm - constraint.residual };
+            (height.mm.abs() <= FARTHEST_MM).then_some((sample, height))
+        };
+        let seen: Vec<(usize, Height)> =
+            spread_over(residuals.surface.len(), MOST_FITTED).into_iter().filter_map(seen).collect();
+        if seen.len() < MIN_FITTED {
+            return None;
+        }
+        let heights: Vec<Height> = seen.iter().map(|(_, height)| *height).collect();
+        let RobustField { field, limit_mm } = SmoothField::robust(sides_mm, &heights)?;
+        // What had no say, a clamp, is not of the panel.
+        let of_panel: Vec<(Vector3<f64>, f64)> = seen
+            .iter()
+            .map(|(sample, height)| (sample, height, field.at(height.at)))
+            .filter(|(_, height, there_mm)| (height.mm - there_mm).abs() < limit_mm)
+            .map(|(sample, _, there_mm)| (plane.motions(&model.points[*sample], &model.normals[*sample]), there_mm))
+            .collect();
+        let (mut squares, mut sums) = (Matrix3::zeros(), Vector3::zeros());
+        for (row, there_mm) in &of_panel {
+            squares += row * row.transpose();
+            sums += row * *there_mm;
+        }
+        let rigid = squares.cholesky()?.solve(&sums);
+        let sizes: Vec<f64> = of_panel.iter().map(|(row, there_mm)| there_mm - rigid.dot(row)).collect();
+        let mut deviation = Deviation { plane, field, low_mm, sides_mm, rigid, largest_mm: 0.0, rms_mm: 0.0 };
+        deviation.largest_mm = sizes.iter().fold(0.0, |largest, mm| mm.abs().max(largest));
+        deviation.rms_mm = (sizes.iter().map(|mm| mm * mm).sum::<f64>() / sizes.len().max(1) as f64).sqrt();
+        Some(deviation)
+    }
+
+    /// How far today's panel lies in front of the taught one at a point of the taught one with that normal, mm.
+    pub fn mm(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> f64 {
+        let place = self.plane.place(point);
+        let at = [0, 1].map(|axis| (place[axis] - self.low_mm[axis]) / self.sides_mm[axis]);
+        self.field.at(at) - self.rigid.dot(&self.plane.motions(point, normal))
+    }
+
+    /// The taught panel bent so.
+    pub fn bent(&self, model: &Model) -> Model {
+        let moved = |point: &Vector3<f64>, normal: &Vector3<f64>| point + normal * self.mm(point, normal);
+        let mut bent = model.clone();
+        bent.points = model.points.iter().zip(&model.normals).map(|(point, normal)| moved(point, normal)).collect();
+        bent.outline.iter_mut().for_each(|sample| sample.point = moved(&sample.point, &sample.normal));
+        bent.marks.points.iter_mut().for_each(|mark| mark.point = moved(&mark.point, &mark.normal));
+        bent
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::taught;
+    use super::super::{Fit, RangeErrors, View, gate, locate};
+    use crate::geometry::{Camera, OrganizedCloud};
+    use crate::sim::{Cell, Scene};
+    use crate::verdict::{Judgement, Verdict};
+
+    /// The panel of a cell located in a scan of it, and the verdict.
+    fn located(cell: &Cell, scan: &OrganizedCloud<Camera>) -> (Fit, Judgement) {
+        let (panel, recipe) = taught(cell);
+        let (camera, base_from_camera) = (cell.scanner(), cell.calibrated_base_from_camera());
+        let view = View { scan, camera, base_from_camera, range: RangeErrors::default() };
+        let fit = locate(&panel, &view, recipe.locate()).expect("a panel");
+        let judgement = gate::judge(&fit, &recipe);
+        (fit, judgement)
+    }
+
+    fn codes(judgement: &Judgement) -> Vec<&str> {
+        judgement.reasons.iter().map(|reason| &*reason.code).collect()
+    }
+
+    /// By hand: a parabola of 2 mm over ±165 mm lies 2/3 mm behind its mean in the middle of its ends, or 4/3 mm before it; what is left beside it
+    /// is the scans' noise, less than 0.12 mm. The panel has parts farther out than its straight ends, so that the deviation may be a little more.
+    #[test]
+    fn a_panel_that_bows_by_2_mm_is_the_panel() {
+        for bow_mm in [2.0, -2.0] {
+            let cell = Cell::new(4, Scene::Good, 4).bowed(bow_mm);
+            let (fit, judgement) = located(&cell, &cell.scan());
+            assert_eq!(judgement.verdict, Verdict::Accept, "{bow_mm}: {judgement:?}");
+            assert!(fit.rms_mm < 0.12 && (1.1..1.7).contains(&fit.deviation_mm), "{bow_mm}: {fit:?}");
+        }
+    }
+
+    /// A panel of this outline whose curvature is another one by 6 mm is for a person at least.
+    #[test]
+    fn another_curvature_is_not_accepted() {
+        for bow_mm in [6.0, -6.0] {
+            let cell = Cell::new(4, Scene::Good, 4).bowed(bow_mm);
+            let (fit, judgement) = located(&cell, &cell.scan());
+            assert_ne!(judgement.verdict, Verdict::Accept, "{bow_mm}: {fit:?}");
+        }
+    }
+
+    /// A plate 2 mm thick on a quarter of the panel, and waves of 50 mm that are 0.5 mm high: no smooth bend explains either.
+    #[test]
+    fn what_no_smooth_bend_explains_is_a_poor_fit() {
+        let cell = Cell::new(4, Scene::Good, 4);
+        let scan = cell.scan();
+        let nearer = |before_mm: &dyn Fn([f64; 3]) -> f64| {
+            let base_from_camera = cell.calibrated_base_from_camera();
+            let points = scan.raw_points_mm().iter().map(|point| {
+                let [x, y, z] = point.map(f64::from);
+                let place = (base_from_camera * crate::geometry::Point::<Camera>::at(x, y, z)).mm;
+                let way_mm = x.hypot(y).hypot(z);
+                point.map(|n| (f64::from(n) * (1.0 - before_mm([place.x, place.y, place.z]) / way_mm)) as f32)
+            });
+            let cloud = OrganizedCloud::new(scan.width(), scan.height(), points.collect(), scan.picture().rgb);
+            cloud.expect("organised")
+        };
+        let is_covered = |[_, y, z]: [f64; 3]| (-120.0..20.0).contains(&y) && (330.0..430.0).contains(&z);
+        let covered = nearer(&|place| if is_covered(place) { 2.0 } else { 0.0 });
+        let (fit, judgement) = located(&cell, &covered);
+        assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Reject, vec!["poor_fit"]), "{fit:?}");
+        let waves = nearer(&|[_, y, _]| 0.5 * (std::f64::consts::TAU * y / 50.0).sin());
+        let (fit, judgement) = located(&cell, &waves);
+        assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Reject, vec!["poor_fit"]), "{fit:?}");
+    }
+}

@@ -1,0 +1,213 @@
+//! Panels that bow and wave since they were taught: is a panel that is right but bent accepted, does the path on today's surface lie on the true
+//! one, and within what is stated? One of three has a camera whose distances are too long or too short, of which the maker's figure alone is known;
+//! far from the taught place such a pose is for a person, bent or not.
+
+use super::{RIGHT_MM, Tried, located_with, quantile, range_errors, reduction, row, share};
+use nalgebra::Translation3;
+use panelprep::geometry::{Base, Camera, Rigid};
+use panelprep::locate::RangeErrors;
+use panelprep::panel::TaughtPanel;
+use panelprep::recipe::Recipe;
+use panelprep::sim::{Bend, TRIAL_BOX_MM, Trial};
+use panelprep::surface::{self, Parameter};
+use panelprep::verdict::Verdict;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use std::ops::RangeInclusive;
+use std::time::Instant;
+
+/// Bent panels of each seed.
+const PANELS: usize = 3;
+/// Depth of a bow over the panel's length, half the height of a wave and its length, mm; the camera's scale.
+const BOW_MM: [f64; 2] = [0.2, 3.0];
+const WAVE_MM: [f64; 2] = [0.05, 0.3];
+const LENGTH_MM: [f64; 2] = [100.0, 800.0];
+const SCALE: [f64; 2] = [0.999, 1.002];
+/// The region takes this share of the panel's length and width.
+const REGION: f64 = 0.54;
+/// Places along each side of it at which the path's surface is held against the true one.
+const PLACES: usize = 25;
+/// What must be reached: of those that bow no more than this, accepted; accepted ones whose path lies within what is stated; their error.
+const ACCEPTED_TO_MM: f64 = 2.0;
+const ACCEPTED: f64 = 0.95;
+const STATED: f64 = 0.9;
+const CONTACT_MM: f64 = 0.15;
+const BOTH_MS: f64 = 120.0;
+
+/// What was found of a bent panel.
+struct Found {
+    bend: Bend,
+    /// The camera's scale is off.
+    is_scaled: bool,
+    tried: Tried,
+    /// The surface of the path from the true one, mean size and largest, mm; `None` without a surface.
+    contact_mm: Option<[f64; 2]>,
+    /// The pose in the panel's plane, mm.
+    aside_mm: Option<f64>,
+    fit_ms: f64,
+}
+
+/// The panels of these seeds; how many floors were missed.
+pub fn panels(seeds: RangeInclusive<u64>) -> usize {
+    println!(
+        "seed  bow mm  wave mm  length mm  scale  verdict  bend mm  rms mm  outline px  contact mm  aside mm  stated mm  ms"
+    );
+    let mut all = Vec::new();
+    for seed in seeds {
+        let mut random = Pcg64::seed_from_u64(seed);
+        let scaled = between(&mut random, SCALE) - 1.0;
+        for (scale, range, count) in [(0.0, range_errors(), PANELS - 1), (scaled, RangeErrors::default(), 1)] {
+            let trial = Trial::good(seed, reduction()).with_scale([scale; 2]);
+            let (panel, recipe, mount) = taught(&trial, scale);
+            let Ok(fit) = surface::fit(&panel, recipe.surface()) else {
+                println!("{seed:4}  no surface was taught");
+                continue;
+            };
+            for _ in 0..count {
+                let bend = drawn(&mut random, &trial);
+                let found = found(&trial.clone().bent_by(bend), bend, (&panel, &recipe, &fit), (range, mount));
+                println!("{seed:4}  {scale:+.4}  {}", words(&found));
+                all.push(found);
+            }
+        }
+    }
+    judged(&all)
+}
+
+fn between(random: &mut Pcg64, [low, high]: [f64; 2]) -> f64 {
+    random.random_range(low..high)
+}
+
+fn drawn(random: &mut Pcg64, trial: &Trial) -> Bend {
+    let sign = if random.random::<bool>() { 1.0 } else { -1.0 };
+    let turn = [0.0, std::f64::consts::TAU];
+    Bend {
+        bow_mm: sign * between(random, BOW_MM),
+        half_mm: trial.size_mm()[0] / 2.0,
+        along_rad: between(random, turn),
+        wave_mm: between(random, WAVE_MM),
+        length_mm: between(random, LENGTH_MM),
+        runs_rad: between(random, turn),
+        phase_rad: between(random, turn),
+    }
+}
+
+/// The panel taught by a camera whose distances are too long by this share, and the mount that was measured with it where the panel was taught.
+fn taught(trial: &Trial, scale: f64) -> (TaughtPanel, Recipe, Rigid<Base, Camera>) {
+    let corners = trial.middle_px(REGION).map(|pixel| [pixel.u, pixel.v]);
+    let [low, high] = TRIAL_BOX_MM;
+    let text = format!(
+        "panel = \"trial\"\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\nmax_shift_mm = 900.0\n\
+         turn_limit_deg = 180.0\nmax_tilt_deg = 35.0\n\
+         [region]\ncorners_px = {corners:?}\nrows = 2\ncolumns = 3\n"
+    );
+    let recipe = Recipe::check("bench.toml", &text).expect("a valid recipe");
+    let learnt =
+        |mount| TaughtPanel::learn(&trial.taught_scan(), *trial.camera(), mount, &recipe).expect("a panel");
+    let panel = learnt(trial.base_from_camera());
+    let centre = panel.panel_from_camera.inverse() * panel.centre();
+    let shift: Rigid<Camera, Camera> =
+        Rigid::claim(Translation3::from(-scale / (1.0 + scale) * centre.mm.coords).into());
+    let mount = trial.base_from_camera() * shift;
+    (learnt(mount), recipe, mount)
+}
+
+fn found(
+    trial: &Trial,
+    bend: Bend,
+    (panel, recipe, taught): (&TaughtPanel, &Recipe, &surface::Fit),
+    (range, mount): (RangeErrors, Rigid<Base, Camera>),
+) -> Found {
+    let is_scaled = range.scale > 0.0;
+    let tried = located_with(trial, (panel.clone(), recipe.clone()), (range, mount));
+    let Some(pose) = tried.fit.as_ref().map(|fit| fit.base_from_panel) else {
+        return Found { bend, is_scaled, tried, contact_mm: None, aside_mm: None, fit_ms: 0.0 };
+    };
+    let scan = trial.scan();
+    let begun = Instant::now();
+    let points = surface::todays_points(panel, &scan, &(pose.inverse() * mount));
+    let today = surface::todays(&taught.surface, panel, &taught.map, (&points, recipe.surface().max_hole_mm()));
+    let fit_ms = begun.elapsed().as_secs_f64() * 1e3;
+    let contact_mm = today.ok().map(|today| {
+        let middle = |n: usize| (n as f64 + 0.5) / PLACES as f64;
+        let places = (0..PLACES * PLACES).map(|n| Parameter { u: middle(n % PLACES), v: middle(n / PLACES) });
+        let off = |at| trial.before_surface_mm(pose * today.surface.point(at)).expect("a panel").abs();
+        let off_mm: Vec<f64> = places.map(off).collect();
+        [off_mm.iter().sum::<f64>() / off_mm.len() as f64, off_mm.iter().copied().fold(0.0, f64::max)]
+    });
+    let aside_mm = trial.aside_mm(&pose);
+    Found { bend, is_scaled, tried, contact_mm, aside_mm, fit_ms }
+}
+
+fn words(found: &Found) -> String {
+    let Found { bend, tried, contact_mm, aside_mm, fit_ms, .. } = found;
+    let shape = format!("{:+.2}  {:.2}  {:3.0}", bend.bow_mm, bend.wave_mm, bend.length_mm);
+    let reasons: Vec<&str> = tried.judgement.reasons.iter().map(|reason| reason.code.as_ref()).collect();
+    let Some(fit) = &tried.fit else { return format!("{shape}  not found: {}", reasons.join(", ")) };
+    let [mean_mm, largest_mm] = contact_mm.unwrap_or([f64::NAN; 2]);
+    format!(
+        "{shape}  {:6}  {:.2}  {:.3}  {:.2}  {mean_mm:.3} {largest_mm:.3}  {:.3}  {:.3}  {:.0} + {fit_ms:.0}  {}",
+        tried.judgement.verdict.word(),
+        fit.deviation_mm,
+        fit.rms_mm,
+        fit.outline_rms_px,
+        aside_mm.unwrap_or(f64::NAN),
+        fit.uncertainty_mm,
+        tried.elapsed_ms,
+        reasons.join(", ")
+    )
+}
+
+fn judged(all: &[Found]) -> usize {
+    let is_accepted = |found: &&Found| found.tried.judgement.verdict == Verdict::Accept;
+    let little = || all.iter().filter(|found| found.bend.bow_mm.abs() <= ACCEPTED_TO_MM && !found.is_scaled);
+    let (of, accepted) = (little().count(), little().filter(is_accepted).count());
+    let used: Vec<&Found> = all.iter().filter(is_accepted).collect();
+    let largest = |found: &&Found| found.contact_mm.map_or(f64::INFINITY, |[_, largest_mm]| largest_mm);
+    let stated = |found: &&Found| found.tried.fit.as_ref().map_or(0.0, |fit| fit.uncertainty_mm);
+    let within = used.iter().filter(|found| largest(found) <= stated(found)).count();
+    let placed = used.iter().filter(|found| found.aside_mm.is_some_and(|mm| mm <= stated(found))).count();
+    let is_wrong = |found: &&&Found| {
+        let far = |mm: f64| mm > RIGHT_MM && mm > stated(found);
+        far(largest(found)) || found.aside_mm.is_none_or(far)
+    };
+    let wrong = used.iter().filter(is_wrong).count();
+    let mut means: Vec<f64> = used.iter().filter_map(|found| found.contact_mm).map(|[mean, _]| mean).collect();
+    let mut worst: Vec<f64> = used.iter().map(largest).collect();
+    let mut bounds: Vec<f64> = used.iter().map(stated).collect();
+    let mut locate_ms: Vec<f64> = all.iter().map(|found| found.tried.elapsed_ms).collect();
+    let mut fit_ms: Vec<f64> = all.iter().map(|found| found.fit_ms).collect();
+    let (locate_ms, fit_ms) = (quantile(&mut locate_ms, 0.5), quantile(&mut fit_ms, 0.5));
+    let contact_mm = quantile(&mut worst, 0.5);
+    row(
+        share(accepted, of) >= ACCEPTED,
+        &format!(
+            "{accepted} of {of} panels that bow by {ACCEPTED_TO_MM} mm at most, scanned with the right scale, are accepted, and {} of all {}",
+            used.len(),
+            all.len()
+        ),
+    ) + row(
+        share(within, used.len()) >= STATED,
+        &format!(
+            "{within} of {} accepted paths lie within what is stated anywhere in the region, which is {:.3} mm in the middle; {placed} poses in the \
+             panel's plane",
+            used.len(),
+            quantile(&mut bounds, 0.5)
+        ),
+    ) + row(
+        contact_mm <= CONTACT_MM,
+        &format!(
+            "contact error of accepted ones {contact_mm:.3} mm in the middle, the largest in the region; {:.3} mm on average over it",
+            quantile(&mut means, 0.5)
+        ),
+    ) + row(
+        wrong == 0,
+        &format!(
+            "{wrong} of {} accepted ones are more than {RIGHT_MM} mm off and beyond what is stated",
+            used.len()
+        ),
+    ) + row(
+        locate_ms + fit_ms <= BOTH_MS,
+        &format!("localization {locate_ms:.0} ms and today's surface {fit_ms:.0} ms, medians"),
+    )
+}
