@@ -167,9 +167,15 @@ impl Desk {
         }
         let request = self.handler.next_request(state)?;
         self.waiting.iter_mut().for_each(|waiting| waiting.rounds += 1);
+        let outdated = request.as_ref().filter(|request| matches!(request.what, What::Outdated { .. }));
+        if let Some(request) = outdated {
+            // It is answered at once.
+            self.is_outdated(&request.what, state);
+        }
         self.answers();
         if let Some(request) = &request
             && request.who.front == Front::Socket
+            && !matches!(request.what, What::Outdated { .. })
         {
             let queued = |waiting: &&mut Waiting| waiting.queued;
             let first = self.waiting.iter_mut().filter(queued).min_by_key(|waiting| !waiting.urgent);
@@ -189,6 +195,22 @@ impl Desk {
             }
         }
         Ok(request)
+    }
+
+    fn is_outdated(&mut self, what: &What, state: &State) {
+        let words = format!("{what:?}");
+        let is_it = |waiting: &&mut Waiting| waiting.queued && waiting.shown.is_some() && waiting.words == words;
+        let wrong = match self.waiting.iter_mut().find(is_it) {
+            Some(waiting) => {
+                waiting.queued = false;
+                taken(waiting, what, state)
+            }
+            None => Some(format!("{words} was refused as outdated, and nobody decided it")),
+        };
+        self.decided += 1;
+        if let Some(wrong) = wrong {
+            self.is_wrong(wrong);
+        }
     }
 
     fn answers(&mut self) {

@@ -176,6 +176,7 @@ impl People {
         }
         let mut world = self.world.lock();
         world.counts.judged("requests");
+        (0..std::mem::take(&mut desk.decided)).for_each(|_| world.counts.judged("a stale decision does nothing"));
         if let Some(wrong) = desk.wrong.take() {
             world.wrong("requests", wrong);
         }

@@ -59,6 +59,10 @@ impl Running {
             Ok(restored) => world.wrong("restore", format!("the backup does not verify: {:?}", restored.found)),
             Err(error) => world.wrong("restore", error.to_string()),
         }
+        if world.truth.reboots > 0 {
+            // Epochs that neither the store knows any more nor the controller that was started again.
+            world.oracles.epochs_begin_anew();
+        }
         // A part that may have been treated since the backup is taken out, as the message says.
         world.is_another_part = true;
         drop(world);
