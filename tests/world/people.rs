@@ -24,6 +24,8 @@ const COMPUTES_MS: u64 = 120;
 const WATCHES_MS: u64 = 60;
 /// From the end of all trouble the cell must come to a new cycle within so long, ms.
 const RECOVERY_MS: u64 = 60_000;
+/// So far off the panel the arm may go to its park pose from anywhere, mm.
+const CLEAR_MM: f64 = 100.0;
 /// What was told falsely is forgotten after so long, ms.
 const CALM_MS: u64 = 1_000;
 /// So long what struck last may have its effect before all is mended, however many cycles have ended, ms.
@@ -268,8 +270,11 @@ impl People {
                 let mut world = self.world.lock();
                 world.counts.cycles += 1;
                 world.is_another_part = false;
-                let is_calm =
-                    world.now_ms() >= world.lasts_until_ms + CALM_MS && !world.is_troubled() && !world.lingers;
+                // From a place near the panel where no path left it a person must take the arm away.
+                let is_calm = world.now_ms() >= world.lasts_until_ms + CALM_MS
+                    && !world.is_troubled()
+                    && !world.lingers
+                    && world.height_mm() > CLEAR_MM;
                 self.is_untroubled = self.aim == Aim::Recover { whole: true } && is_calm;
             }
             News::Concluded(verdict) => {
