@@ -76,6 +76,8 @@ pub struct People {
     pub dries: bool,
     /// When somebody asked for an end: which, and when the table took it.
     pub stopping: Option<(cycle::Request, u64)>,
+    /// How often the arm was taken away from the panel since all was mended.
+    taken_away: u32,
     /// What a second screen has shown, the latest last; it outlives a process.
     shown: VecDeque<Shown>,
 }
@@ -100,6 +102,7 @@ impl People {
             in_time: InTime::default(),
             dries: false,
             stopping: None,
+            taken_away: 0,
             shown: VecDeque::new(),
         }
     }
@@ -234,6 +237,7 @@ impl People {
                 // The arm is left somewhere near the panel: the message says to jog it away.
                 if cause == Cause::Trouble(Trouble::Gate) {
                     self.world.lock().jogs_to_park();
+                    self.taken_away += u32::from(matches!(self.aim, Aim::Recover { .. }));
                 }
                 table(cycle::Request::Clear)
             }
@@ -256,7 +260,12 @@ impl People {
     fn has_recovered(&self, state: &State) -> bool {
         let has_begun = self.world.lock().counts.cycles > self.begun_before;
         match self.aim {
-            Aim::Recover { whole: true } => has_begun && state.at.rests() && !state.job.running,
+            Aim::Recover { whole: true } => {
+                // A cycle that only found the arm at an unknown place is none.
+                let is_next =
+                    state.at == At::Aborted { cause: Cause::Trouble(Trouble::Gate) } && self.taken_away < TRIES;
+                has_begun && state.at.rests() && !state.job.running && !is_next
+            }
             Aim::Recover { whole: false } => {
                 has_begun && matches!(state.at, At::Execute(_) | At::Completing { .. } | At::Complete { .. })
             }

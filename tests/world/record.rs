@@ -11,6 +11,7 @@ use panelprep::cycle::{Outcome, Path};
 use panelprep::daemon::{Figure, Note, Port, RecordAnswer, RecordCommand, RecordError, StoreRecord};
 use panelprep::geometry::ColorPicture;
 use panelprep::record::{ANOTHER_PART, ContactPath, Kind};
+use panelprep::store::Store;
 use panelprep::verdict::Verdict;
 use std::path::Path as Folder;
 use std::sync::Arc;
@@ -100,20 +101,26 @@ impl Record<'_> {
 
 impl Record<'_> {
     /// No count falls: what the arm touched is known when a cycle begins, until the part has its result or another one lies there.
-    fn judge_counts(&mut self, counted: &Counted, answer: &mut RecordAnswer) {
-        if self.sabotage == Some(Sabotage::ForgetsPasses)
-            && let RecordAnswer::Earlier(earlier) = answer
-        {
-            earlier.clear();
-        }
+    fn judge_counts(&mut self, counted: &Counted, answer: &RecordAnswer) {
         let mut world = self.world.lock();
         let touched = &mut self.ledger.touched;
-        match (counted, &*answer) {
+        match (counted, answer) {
             (Counted::Opens(path), _) => touched.opens(self.ledger.cycle, path),
             (Counted::Closes, _) => touched.closes(),
             (Counted::Begins { another }, RecordAnswer::Cycle(cycle)) => {
                 if *another {
                     touched.another_part();
+                }
+                if touched.has_part() {
+                    world.counts.judged("no count that falls");
+                    let counted = Store::open(self.folder).and_then(|store| store.abraded_before(*cycle));
+                    let forgotten = match counted {
+                        Ok(counted) => touched.uncounted(Some(*cycle), &counted),
+                        Err(error) => Some(error.to_string()),
+                    };
+                    if let Some(forgotten) = forgotten {
+                        world.wrong("no count that falls", forgotten);
+                    }
                 }
                 world.counts.judged("a cycle's number is new");
                 if !self.ledger.is_new(*cycle) {
@@ -128,7 +135,7 @@ impl Record<'_> {
                 // It is taken out.
                 touched.another_part();
             }
-            (_, RecordAnswer::Earlier(earlier)) => {
+            (_, RecordAnswer::Earlier(earlier)) if touched.has_part() => {
                 world.counts.judged("no count that falls");
                 if let Some(forgotten) = touched.uncounted(self.ledger.cycle, earlier) {
                     world.wrong("no count that falls", forgotten);
@@ -186,6 +193,9 @@ impl Port<RecordCommand> for Record<'_> {
         };
         let command = match command {
             RecordCommand::Note(note) => RecordCommand::Note(shrunk(note)),
+            RecordCommand::OpenContact { motion, path, permitted } if self.sabotage == Some(Sabotage::NoGrids) => {
+                RecordCommand::OpenContact { motion, path: ContactPath { grids: vec![], ..path }, permitted }
+            }
             command => command,
         };
         if !matches!(command, RecordCommand::Filled | RecordCommand::DiscWorn | RecordCommand::BetweenCycles) {
@@ -205,8 +215,8 @@ impl Port<RecordCommand> for Record<'_> {
         };
         let answer = if is_skipped { Ok(skipped) } else { self.store.perform(command) };
         self.judge_imagined_cuts();
-        let mut answer = answer?;
-        self.judge_counts(&counted, &mut answer);
+        let answer = answer?;
+        self.judge_counts(&counted, &answer);
         if let Some(command) = told_of_contact {
             let mut world = self.world.lock();
             let executed = world.executed_on_path();

@@ -36,8 +36,8 @@ pub enum Sabotage {
     HidesOverride,
     /// After a jog the axes are told as they were before.
     HidesJogs,
-    /// A cycle that begins hears of no earlier passes.
-    ForgetsPasses,
+    /// A contact path is kept without where it touches.
+    NoGrids,
     /// A restored store does not say that it is one.
     UnmarkedRestore,
     /// A second screen's decision does not carry the step that it shows.
@@ -102,7 +102,7 @@ pub const ALL: [(&str, Sabotage); 36] = [
     ("an old epoch is used again", Sabotage::OldEpoch),
     ("the controller does not mind its override", Sabotage::HidesOverride),
     ("a jog is not told", Sabotage::HidesJogs),
-    ("earlier passes are not counted", Sabotage::ForgetsPasses),
+    ("a contact path does not say where it touches", Sabotage::NoGrids),
     ("a restored store is taken for the one it replaces", Sabotage::UnmarkedRestore),
     ("a decision carries no step", Sabotage::NoStep),
 ];

@@ -38,6 +38,11 @@ impl Touched {
         self.path = None;
     }
 
+    /// Something was touched on the part that lies there.
+    pub fn has_part(&self) -> bool {
+        !self.part.is_empty()
+    }
+
     /// Another part lies there.
     pub fn another_part(&mut self) {
         self.part.clear();
