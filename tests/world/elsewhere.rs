@@ -12,9 +12,7 @@ use rand_pcg::Pcg64;
 const SHARE: f64 = 0.5;
 const RESTORES: f64 = 0.08;
 
-/// Places in which the arm is on its way to the panel, or there.
-const NEAR: [&str; 4] = ["abrade", "abrade", "abrade", "verify"];
-/// In which it is at rest, or soon will be.
+/// Places in which the arm is at rest, or soon will be.
 const AT_REST: [&str; 12] = [
     "held", "held", "stopped", "aborted", "aborted", "holding", "stopping", "aborting", "wet", "inspect", "idle",
     "complete",
@@ -27,12 +25,12 @@ pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
     let draw = &mut Pcg64::seed_from_u64(seed ^ 0x0e15e);
     let mut drawn = Vec::new();
     if draw.random_bool(SHARE) {
-        drawn.extend(match draw.random_range(0..7) {
-            0 | 1 => vec![overridden(draw)],
-            2 => vec![measured(draw)],
-            3 => vec![jog(draw, &AT_REST)],
-            4 => jogged_after_contact(draw),
-            5 => stale(draw),
+        drawn.extend(match draw.random_range(0..8) {
+            0..3 => vec![overridden(draw)],
+            3 => vec![measured(draw)],
+            4 => vec![jog(draw, &AT_REST)],
+            5 => jogged_after_contact(draw),
+            6 => stale(draw),
             _ => vec![overridden(draw), jog(draw, &["held", "aborted", "stopped"])],
         });
     }
@@ -52,20 +50,26 @@ fn lasts_ms(draw: &mut Pcg64) -> u64 {
     if draw.random_bool(0.25) { draw.random_range(20..400) } else { draw.random_range(400..4_000) }
 }
 
+/// Most often while the tip is on the panel, which it is some seconds after the phase begins; else in one of these places.
+fn in_contact_or(draw: &mut Pcg64, places: &[&str], fault: Fault) -> Entry {
+    if draw.random_bool(0.3) {
+        return entry(draw, (places, 3_000), fault);
+    }
+    Entry { place: "abrade".to_owned(), visit: 1, after_ms: draw.random_range(0..7_000), fault }
+}
+
 /// The override is another one before contact, or from some moment of it on.
 fn overridden(draw: &mut Pcg64) -> Entry {
     let percent = [1, 10, 50, 75, 90, 99][draw.random_range(0..6)];
     let fault = Fault::Controller(format!("override={percent}/{}ms", lasts_ms(draw)));
-    let places: &[&str] = if draw.random_bool(0.7) { &NEAR } else { &["plan", "retract", "wet", "refine", "held"] };
-    entry(draw, (places, 5_000), fault)
+    in_contact_or(draw, &["plan", "verify", "retract", "wet", "refine", "held"], fault)
 }
 
 /// The pose is measured beside where the arm is: less than what is left at once, or more.
 fn measured(draw: &mut Pcg64) -> Entry {
     let off_mm = [3, 20, 60, 120][draw.random_range(0..4)];
     let fault = Fault::Controller(format!("measured={off_mm}/{}ms", lasts_ms(draw)));
-    let places: &[&str] = if draw.random_bool(0.7) { &NEAR } else { &["refine", "plan", "retract", "held"] };
-    entry(draw, (places, 5_000), fault)
+    in_contact_or(draw, &["refine", "plan", "verify", "retract", "held"], fault)
 }
 
 /// From near the panel to the park pose, and somewhere in between.
