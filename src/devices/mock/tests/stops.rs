@@ -341,6 +341,7 @@ fn a_measured_pose_that_is_off_is_reported() {
     let before_mm = z_mm(&rig);
     rig.controller.inject(Fault::Measured { off_mm: 60, for_ms: None });
     rig.beat();
-    assert!((z_mm(&rig) - before_mm - 60.0).abs() < 1.0, "{before_mm}");
+    // In a beat the arm itself goes 10 mm at most.
+    assert!((45.0..75.0).contains(&(z_mm(&rig) - before_mm)), "{before_mm}");
     assert_eq!(rig.causes(), []);
 }
