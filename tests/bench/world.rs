@@ -2,7 +2,7 @@
 //! `cargo bench --bench world -- [seeds=N] [from=N] [imagine_every=N]` (power cuts are imagined in each nth world only), one seed with `-- seed=N`, one script with `-- seed=N script='[…]'`;
 //! mistakes that are put in: `-- sabotage [seeds=N]`, one of them with `-- mistake='NAME' …`; processes of the system that are killed
 //! at any moment: `-- kills=N [from=N]`; each nth seed until a judge finds something or the time is over, without a search for the
-//! shortest script, as `tests/bench/mutations.rs` asks: `-- until-wrong [seeds=N] [from=N] [step=N] [limit_s=N]`.
+//! shortest script, as `tests/bench/mutations.rs` asks: `-- until-wrong [seeds=N] [from=N] [step=N] [limit_s=N]`, with a mistake if one is named.
 
 #[path = "arguments.rs"]
 mod arguments;
@@ -105,11 +105,11 @@ fn main() -> ExitCode {
 
 /// So many seeds, each a step above the one before, until a judge finds something or the time is over.
 fn until_wrong((from, count): (u64, u64), step: u64, limit_s: Option<u64>) -> ExitCode {
-    let begun = Instant::now();
+    let (begun, sabotage) = (Instant::now(), mistake());
     let is_over = || limit_s.is_some_and(|limit_s| begun.elapsed().as_secs() >= limit_s);
     for seed in (0..count).map(|n| from + n * step).take_while(|_| !is_over()) {
         println!("seed {seed}");
-        if let Some(violation) = World::of(seed).run().violation {
+        if let Some(violation) = (World { sabotage, ..World::of(seed) }).run().violation {
             println!("wrong: {}: {}", violation.judge, violation.what);
             return ExitCode::FAILURE;
         }

@@ -372,6 +372,8 @@ impl Watch for Oracles {
                 if self.begins_anew {
                     self.ended_ms.remove(&epoch.0);
                     self.sent.remove(&epoch.0);
+                    self.first_sent_ms.remove(&epoch.0);
+                    self.last_executed.remove(&epoch.0.cast_signed());
                 }
             }
             Report::Connected { state } | Report::State(state) => {

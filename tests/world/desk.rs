@@ -4,10 +4,10 @@
 //! does: in every round of the loop while the cell rests, so that the handler never waits, else in every fourth. A mirror of the queue says what must find a place, what
 //! must not, and what is taken next; each request that found one is answered, in as many rounds as there are requests before it.
 
-use panelprep::cycle::{self, State};
+use panelprep::cycle::{self, At, State};
 use panelprep::daemon::{
-    News, NotTaken, RecordingSwitch, Reply, Request, RequestHandler, RequestSender, Requester, ServiceParts, What,
-    WrittenPage, read_request, request_line, request_queue,
+    Exit, News, NotTaken, RecordingSwitch, Reply, Request, RequestHandler, RequestSender, Requester, ServiceParts,
+    What, WrittenPage, read_request, request_line, request_queue,
 };
 use panelprep::record::{CycleId, Front, Who};
 use panelprep::supervision::{Supervisor, ThreadFault};
@@ -20,6 +20,8 @@ use tokio::sync::oneshot::error::TryRecvError;
 pub const OPERATOR: u32 = 1_000;
 pub const SOMEBODY: u32 = 1_001;
 const PAGE: u32 = 33;
+/// Somebody at a second screen.
+const SECOND: u32 = 1_002;
 /// A page asks for the state once in so many rounds of a loop that is busy.
 const PAGE_ROUNDS: u64 = 4;
 
@@ -29,9 +31,27 @@ const MOST: usize = 32;
 /// Rounds of the loop until the answer to a request that was taken.
 const ANSWERED_IN: u32 = 2;
 
+/// What a screen shows: the table's step, and where it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shown {
+    step: u64,
+    at: At,
+}
+
+impl Shown {
+    /// Of this state.
+    pub fn of(state: &State) -> Self {
+        Shown { step: state.step, at: state.at }
+    }
+}
+
 /// A request that found a place.
 struct Waiting {
     uid: u32,
+    /// Upon what it was decided.
+    shown: Option<Shown>,
+    /// It was decided upon what was over when it was taken.
+    is_stale: bool,
     words: String,
     urgent: bool,
     /// It is still in the queue.
@@ -52,6 +72,8 @@ pub struct Desk {
     leaves: bool,
     /// What was wrong.
     pub wrong: Option<String>,
+    /// Decisions that were taken, upon the present step and upon another one.
+    pub decided: u64,
 }
 
 impl Desk {
@@ -67,7 +89,7 @@ impl Desk {
             cameras: None,
         };
         let handler = RequestHandler::new(queue, left, parts);
-        Desk { handler, sender, waiting: Vec::new(), rounds: 0, leaves: false, wrong: None }
+        Desk { handler, sender, waiting: Vec::new(), rounds: 0, leaves: false, wrong: None, decided: 0 }
     }
 
     /// Whether nothing but the page's question waits.
@@ -75,8 +97,18 @@ impl Desk {
         !self.waiting.iter().any(|waiting| waiting.queued && waiting.uid != PAGE)
     }
 
+    /// A second screen decides upon what it shows.
+    pub fn decides(&mut self, request: cycle::Request, shown: Shown, carries: bool) {
+        let what = if carries { What::Decided { request, step: shown.step } } else { What::Table(request) };
+        self.asks(SECOND, what, Some(shown));
+    }
+
     /// This user asks for it.
     pub fn ask(&mut self, uid: u32, what: What) {
+        self.asks(uid, what, None);
+    }
+
+    fn asks(&mut self, uid: u32, what: What, shown: Option<Shown>) {
         let what = self.through_the_socket(what);
         let (words, urgent) = (format!("{what:?}"), is_urgent(&what));
         self.leaves |= matches!(what, What::Leave);
@@ -94,6 +126,8 @@ impl Desk {
         match (self.sender.send(Request { what, who, reply: Some(reply) }), has_place) {
             (Ok(()), true) => self.waiting.push(Waiting {
                 uid,
+                shown,
+                is_stale: false,
                 words,
                 urgent,
                 queued: !is_same,
@@ -133,14 +167,27 @@ impl Desk {
         }
         let request = self.handler.next_request(state)?;
         self.waiting.iter_mut().for_each(|waiting| waiting.rounds += 1);
+        let outdated = request.as_ref().filter(|request| matches!(request.what, What::Outdated { .. }));
+        if let Some(request) = outdated {
+            // It is answered at once.
+            self.is_outdated(&request.what, state);
+        }
         self.answers();
         if let Some(request) = &request
             && request.who.front == Front::Socket
+            && !matches!(request.what, What::Outdated { .. })
         {
             let queued = |waiting: &&mut Waiting| waiting.queued;
             let first = self.waiting.iter_mut().filter(queued).min_by_key(|waiting| !waiting.urgent);
             match first {
-                Some(first) if first.words == format!("{:?}", request.what) => first.queued = false,
+                Some(first) if first.words == format!("{:?}", request.what) => {
+                    first.queued = false;
+                    let taken = taken(first, &request.what, state);
+                    self.decided += u64::from(first.shown.is_some());
+                    if let Some(wrong) = taken {
+                        self.is_wrong(wrong);
+                    }
+                }
                 first => {
                     let first = first.map(|first| first.words.clone());
                     self.is_wrong(format!("{:?} was taken, and {first:?} was the first", request.what));
@@ -150,11 +197,33 @@ impl Desk {
         Ok(request)
     }
 
+    fn is_outdated(&mut self, what: &What, state: &State) {
+        let words = format!("{what:?}");
+        let is_it = |waiting: &&mut Waiting| waiting.queued && waiting.shown.is_some() && waiting.words == words;
+        let wrong = match self.waiting.iter_mut().find(is_it) {
+            Some(waiting) => {
+                waiting.queued = false;
+                taken(waiting, what, state)
+            }
+            None => Some(format!("{words} was refused as outdated, and nobody decided it")),
+        };
+        self.decided += 1;
+        if let Some(wrong) = wrong {
+            self.is_wrong(wrong);
+        }
+    }
+
     fn answers(&mut self) {
         let mut late = None;
         let leaves = self.leaves;
         self.waiting.retain_mut(|waiting| match waiting.reply.try_recv() {
             Ok(reply) => {
+                if waiting.is_stale && reply.answer != Exit::Refused {
+                    late = Some(format!(
+                        "{}, decided upon what is over, was answered {:?}",
+                        waiting.words, reply.answer
+                    ));
+                }
                 if reply.state.is_none() {
                     late = Some(format!("{} was answered without a state", waiting.words));
                 }
@@ -185,6 +254,22 @@ impl Desk {
 
     fn is_wrong(&mut self, what: String) {
         self.wrong.get_or_insert(what);
+    }
+}
+
+/// What is wrong with how a decision is taken: upon what it was decided the table must be still.
+fn taken(first: &mut Waiting, what: &What, state: &State) -> Option<String> {
+    let shown = first.shown?;
+    let is_good = shown == Shown::of(state);
+    first.is_stale = !is_good;
+    match what {
+        What::Table(request) if !is_good => {
+            Some(format!("{request:?} was decided upon {shown:?}, and is asked of {:?}", Shown::of(state)))
+        }
+        What::Outdated { request, .. } if is_good => {
+            Some(format!("{request:?} upon {shown:?} was refused as outdated"))
+        }
+        _ => None,
     }
 }
 

@@ -1,14 +1,16 @@
 //! What is inside of a world: link, controller, arm and terminals in one virtual time, and the faults that strike them.
 //!
 //! The loop's ports share it. Time passes where the loop waits for the robot, and nowhere else. `counts`: what is found · `striking`: the
-//! faults · `truth`: what the controller does, whatever it and the client say of it.
+//! faults · `places`: where the arm may be, and at which override · `truth`: what the controller does, whatever it and the client say of it.
 
 mod counts;
+mod places;
 mod striking;
 mod truth;
 
 pub use counts::{Counts, Violation};
 
+use places::Places;
 use truth::Truth;
 
 use super::aims::Aims;
@@ -16,6 +18,7 @@ use super::disk;
 use super::fixture::{Fixture, Stands};
 use super::link_cell::{Cell, TICK_MS, setup, wire};
 use super::oracles::Oracles;
+use super::restoring::Backup;
 use super::sabotage::Sabotage;
 use super::script::{self, CameraHarm, Entry, Power, Press};
 use super::tamper::Tampering;
@@ -90,6 +93,15 @@ pub struct Inside {
     /// Until then those who run the cell ask for nothing, ms.
     pub away_until_ms: u64,
     pub truth: Truth,
+    pub places: Places,
+    /// What a second screen decides: what, and upon how old a step.
+    pub screens: VecDeque<(Press, u32)>,
+    /// The store is to be backed up, or replaced by what was backed up last.
+    pub backs_up: bool,
+    pub restores: bool,
+    pub backup: Option<Backup>,
+    /// The next cycle is that of another part.
+    pub is_another_part: bool,
     /// How the process is to end at its disk.
     pub power: Option<Power>,
     pub counts: Counts,
@@ -204,6 +216,12 @@ impl Inside {
             struck_ms: 0,
             away_until_ms: 0,
             truth: Truth::default(),
+            places: Places::default(),
+            screens: VecDeque::new(),
+            backs_up: false,
+            restores: false,
+            backup: None,
+            is_another_part: false,
             power: None,
             counts: Counts::default(),
             violation: None,
@@ -249,6 +267,7 @@ impl Inside {
         self.script.iter().any(|pending| pending.due_ms.is_some())
             || self.now_ms() < self.lasts_until_ms
             || self.home_at_ms.is_some()
+            || self.places.jog.is_some()
             || disk::is_armed()
     }
 
@@ -275,6 +294,7 @@ impl Inside {
     pub fn mend(&mut self) {
         self.script.clear();
         (self.slow_disk, self.away_until_ms) = (None, 0);
+        (self.places.jog, self.backs_up) = (None, false);
         disk::mend();
         *self.tampering.lock().unwrap_or_else(PoisonError::into_inner) = Tampering::default();
     }
@@ -293,8 +313,10 @@ impl Inside {
         }
         self.strike_due();
         self.work_with_another_program();
+        self.jogs();
         self.judge_watchdog();
         self.judge_truth();
+        self.judge_where();
         self.take_violation();
     }
 
@@ -397,6 +419,8 @@ impl Inside {
             cell.without_client(TICK_MS, oracles);
             tool_ms = if self.is_on(5) || self.is_on(2) { tool_ms + TICK_MS } else { 0 };
             self.judge_places();
+            self.jogs();
+            self.judge_where();
         }
         self.take_violation();
         self.counts.judged("off without a client");

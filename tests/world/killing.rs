@@ -73,7 +73,9 @@ fn one_store(seed: u64, sabotage: Option<Sabotage>, killed: &mut Killed) -> Resu
     for process in 0..MOST_PROCESSES {
         let world_seed = seed * MOST_PROCESSES + process;
         let mut script = script::draw(world_seed, Odds { most: 3, disk: false });
-        script.retain(|entry| !matches!(entry.fault, Fault::Power { .. } | Fault::Disk { .. }));
+        script.retain(|entry| {
+            !matches!(entry.fault, Fault::Power { .. } | Fault::Disk { .. } | Fault::Backup | Fault::Restore)
+        });
         let world = World { sabotage, ..World::with(world_seed, script) };
         // The last one comes to its end.
         let patience = (process + 1 < MOST_PROCESSES).then(|| LONGEST.mul_f64(draw.random()));

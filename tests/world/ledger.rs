@@ -1,8 +1,9 @@
 //! What the store has acknowledged, kept beside it: after every start, whatever ended the process before, the store must hold it.
 
+use super::touched::Touched;
 use panelprep::cycle::{At, Event, Motion, Request, State};
 use panelprep::daemon::{Note, RecordAnswer, RecordCommand};
-use panelprep::record::{Answer, CycleId, CycleRecord, MotionRecord, Wanted};
+use panelprep::record::{Answer, CycleId, CycleRecord, Kind, MotionRecord, Wanted};
 use panelprep::report::cycle_page;
 use panelprep::store::{Store, StoreError};
 use panelprep::verdict::Verdict;
@@ -32,6 +33,10 @@ pub struct Ledger {
     open: Option<Motion>,
     /// The cycle at hand.
     pub cycle: Option<CycleId>,
+    /// The last cycle that ever began, also in a store that was replaced since.
+    last: Option<CycleId>,
+    /// What the arm touched.
+    pub touched: Touched,
     /// Where each acknowledgement is told as well, for whoever outlives this process.
     pub told_to: Option<Arc<File>>,
 }
@@ -176,6 +181,16 @@ impl Ledger {
         Ok(())
     }
 
+    /// A cycle begins: whether its number was never used before.
+    pub fn is_new(&mut self, cycle: CycleId) -> bool {
+        self.last.replace(cycle).is_none_or(|last| last < cycle)
+    }
+
+    /// After this the store is an earlier one; numbers go on above those of the one that it replaces.
+    pub fn replaces(self, later: &mut Ledger) -> Self {
+        Ledger { told_to: later.told_to.take(), last: later.last, ..self }
+    }
+
     /// A hash of the journal.
     pub fn trace(&self) -> u64 {
         let mut hasher = DefaultHasher::new();
@@ -223,13 +238,23 @@ impl Ledger {
         if open.len() > usize::from(left.job.running) {
             return Err(format!("cycles {open:?} have no end, running {}", left.job.running));
         }
-        self.cycles(store)
+        self.cycles(store)?;
+        // A verdict that was decided and not yet told is a start's to keep; a result by a film ends the part's count.
+        if let Some(last) = self.decided.keys().next_back() {
+            let record = store.cycle(*last).map_err(|error| words(&error))?;
+            let verdict = record.judgement.as_ref().map(|judgement| judgement.verdict);
+            let has_film = record.findings.iter().any(|finding| finding.kind == Kind::Inspect);
+            if has_film && matches!(verdict, Some(Verdict::Pass | Verdict::Fail)) {
+                self.touched.has_result(*last);
+            }
+        }
+        Ok(())
     }
 
     fn cycles(&self, store: &Store) -> Result<(), String> {
         let told =
             self.verdicts.keys().chain(self.findings.keys()).chain(self.done.keys()).chain(self.asked.keys());
-        let told = told.chain(self.decided.keys()).chain(self.permitted.keys());
+        let told = told.chain(self.decided.keys()).chain(self.permitted.keys()).chain(self.touched.cycles());
         told.collect::<BTreeSet<_>>().into_iter().try_for_each(|cycle| {
             let record = store.cycle(*cycle).map_err(|error| error.to_string())?;
             self.cycle_holds(*cycle, &record).map_err(|words| format!("cycle {cycle}: {words}"))
@@ -250,6 +275,9 @@ impl Ledger {
         let permitted = self.permitted.get(&cycle).map_or(&[][..], Vec::as_slice);
         if may.len() < permitted.len() || may.iter().zip(permitted).any(|(may, told)| may < told) {
             return Err(format!("of its contact paths {permitted:?} were permitted, kept are {may:?}"));
+        }
+        if let Some(forgotten) = self.touched.unrecorded(cycle, record) {
+            return Err(forgotten);
         }
         let done: u32 = record.motions.iter().map(|motion| motion.done).sum();
         let counts = [

@@ -8,11 +8,12 @@
 //! ```
 //!
 //! - `fixture`: the cell, its recipe, what was taught · `script`: what goes wrong and when, drawn from a seed, printed and read ·
-//!   `pairs`: faults that show something only where they meet
+//!   `pairs`: faults that show something only where they meet · `elsewhere`: override, measured poses, jogs, restores, a second screen
 //! - `inside`: link, controller, arm and terminals in one time, and the faults that strike · `tamper`: bytes and meanings ·
 //!   `terminals`: light, water, lens, extraction, tool · `clock`: the wall clock
 //! - `robot`, `record`, `cameras`, `people`: the loop's ports in it · `desk`: the service's queue and request handler before them ·
 //!   `judges`: what must hold at every moment · `in_time`: what must come in time · `ledger`: what the store has acknowledged ·
+//!   `touched`: what the arm touched and no count may forget · `restoring`: backups and restores of the store ·
 //!   `wear`, `aims`: what is said of contact, where lines end · `killing`: real processes that are killed
 //! - `disk`: the disk, what it may do, and what a power cut leaves, or would have left · `libc_calls`: how it sees what is written
 //!
@@ -27,6 +28,7 @@ mod cameras;
 mod clock;
 mod desk;
 mod disk;
+mod elsewhere;
 mod fixture;
 mod in_time;
 mod inside;
@@ -37,11 +39,13 @@ mod libc_calls;
 mod pairs;
 mod people;
 mod record;
+mod restoring;
 mod robot;
 mod sabotage;
 mod script;
 mod tamper;
 mod terminals;
+mod touched;
 mod wear;
 
 pub use cameras::kept;
@@ -185,6 +189,7 @@ impl World {
             stores: 0,
             ledger,
             left_on: false,
+            is_restored: false,
         }
     }
 }
@@ -221,6 +226,8 @@ struct Running {
     ledger: Ledger,
     /// Tool or water was on when the last process ended.
     left_on: bool,
+    /// The store was restored since the last start.
+    is_restored: bool,
 }
 
 impl Running {
@@ -334,6 +341,8 @@ impl Running {
                 disk::go_on();
             }
         }
+        self.touches();
+        self.restores();
         self.people.forget();
     }
 
@@ -349,11 +358,13 @@ impl Running {
         self.world.lock().counts.judged("nothing acknowledged is lost");
         let checked = self.ledger.check(&store, &rested);
         checked.map_err(|problem| ("nothing acknowledged is lost", problem))?;
+        self.asks_after_a_restore(&rested)?;
         let left_open = store.open_cycles().map_err(start)?.pop();
         self.ledger.cycle = left_open;
         self.people.begin(&self.store(), left_open);
         let store = StoreRecord::new(&mut store, left_open);
-        let mut record = Record::new(store, &mut self.ledger, self.world.clone());
+        let at = self.store();
+        let mut record = Record::new((store, &at), &mut self.ledger, self.world.clone());
         let mut robot = Robot::new(self.world.clone());
         let cameras = Box::new(Cameras::new(self.world.clone()));
         let looks = self.world.clone();

@@ -2,17 +2,19 @@
 //!
 //! This is also where a world looks at the table: each time the loop asks for a request it shows its state.
 
-use super::desk::{Desk, OPERATOR, SOMEBODY};
+use super::desk::{Desk, OPERATOR, SOMEBODY, Shown};
 use super::disk;
 use super::fixture::Fixture;
 use super::in_time::InTime;
 use super::inside::{Inside, Shared};
 use super::judges;
+use super::sabotage::Sabotage;
 use super::script::{self, Press};
 use panelprep::cycle::{self, At, Cause, Id, Robot, State, Trouble, Why};
 use panelprep::daemon::{News, Port, Request, RequestAnswer, RequestCommand, What};
-use panelprep::record::CycleId;
+use panelprep::record::{ANOTHER_PART, CycleId};
 use panelprep::supervision::{Failure, ThreadFault};
+use std::collections::VecDeque;
 use std::path::Path;
 
 /// Somebody looks at the cell so often, ms.
@@ -22,10 +24,14 @@ const COMPUTES_MS: u64 = 120;
 const WATCHES_MS: u64 = 60;
 /// From the end of all trouble the cell must come to a new cycle within so long, ms.
 const RECOVERY_MS: u64 = 60_000;
+/// So far off the panel the arm may go to its park pose from anywhere, mm.
+const CLEAR_MM: f64 = 100.0;
 /// What was told falsely is forgotten after so long, ms.
 const CALM_MS: u64 = 1_000;
 /// So long what struck last may have its effect before all is mended, however many cycles have ended, ms.
 pub const AFTERMATH_MS: u64 = 5_000;
+/// So many steps a second screen may be behind.
+const MOST_SHOWN: usize = 64;
 /// A held cycle is tried again so often.
 const TRIES: u32 = 3;
 
@@ -70,6 +76,10 @@ pub struct People {
     pub dries: bool,
     /// When somebody asked for an end: which, and when the table took it.
     pub stopping: Option<(cycle::Request, u64)>,
+    /// How often the arm was taken away from the panel since all was mended.
+    taken_away: u32,
+    /// What a second screen has shown, the latest last; it outlives a process.
+    shown: VecDeque<Shown>,
 }
 
 impl People {
@@ -92,6 +102,8 @@ impl People {
             in_time: InTime::default(),
             dries: false,
             stopping: None,
+            taken_away: 0,
+            shown: VecDeque::new(),
         }
     }
 
@@ -136,13 +148,26 @@ impl People {
             world.wrong("end", format!("the world does not end: {at:?}, {aim:?}, troubled {troubled}"));
         }
         while let Some(press) = world.pressed.pop_front() {
-            whats(press).into_iter().for_each(|what| desk.ask(SOMEBODY, what));
+            whats(press, world.is_another_part).into_iter().for_each(|what| desk.ask(SOMEBODY, what));
         }
+        let now = Shown::of(state);
+        if self.shown.back() != Some(&now) {
+            self.shown.push_back(now);
+            self.shown.drain(..self.shown.len().saturating_sub(MOST_SHOWN));
+        }
+        while let Some((press, back)) = world.screens.pop_front() {
+            let at = self.shown.len().saturating_sub(1 + back as usize);
+            if let Some(shown) = self.shown.get(at) {
+                let carries = world.sabotage != Some(Sabotage::NoStep);
+                script::requests(press).into_iter().for_each(|request| desk.decides(request, *shown, carries));
+            }
+        }
+        let is_another_part = world.is_another_part;
         let away_until_ms = world.away_until_ms;
         drop(world);
         if desk.is_free() && now_ms >= away_until_ms.max(self.looked_ms + LOOKS_MS) {
             self.looked_ms = now_ms;
-            if let Some(what) = self.usual(state) {
+            if let Some(what) = self.usual(state, is_another_part) {
                 let is_leave = matches!(what, What::Leave);
                 // A second one would abort.
                 if !(is_leave && std::mem::replace(&mut self.has_left, true)) {
@@ -156,6 +181,7 @@ impl People {
         }
         let mut world = self.world.lock();
         world.counts.judged("requests");
+        (0..std::mem::take(&mut desk.decided)).for_each(|_| world.counts.judged("a stale decision does nothing"));
         if let Some(wrong) = desk.wrong.take() {
             world.wrong("requests", wrong);
         }
@@ -187,7 +213,7 @@ impl People {
     }
 
     /// What somebody asks who follows the manual.
-    fn usual(&mut self, state: &State) -> Option<What> {
+    fn usual(&mut self, state: &State, is_another_part: bool) -> Option<What> {
         let is_ready = state.facts.robot == Robot::Ready;
         let table = |request| Some(What::Table(request));
         let has_recovered = self.has_recovered(state);
@@ -206,11 +232,12 @@ impl People {
                 table(cycle::Request::Stop)
             }
             (_, At::Stopped | At::Complete { .. }) if is_ready => table(cycle::Request::Reset),
-            (_, At::Idle) if is_ready => Some(begin()),
+            (_, At::Idle) if is_ready => Some(begin(is_another_part)),
             (_, At::Aborted { cause }) if is_ready => {
                 // The arm is left somewhere near the panel: the message says to jog it away.
                 if cause == Cause::Trouble(Trouble::Gate) {
                     self.world.lock().jogs_to_park();
+                    self.taken_away += u32::from(matches!(self.aim, Aim::Recover { .. }));
                 }
                 table(cycle::Request::Clear)
             }
@@ -233,7 +260,12 @@ impl People {
     fn has_recovered(&self, state: &State) -> bool {
         let has_begun = self.world.lock().counts.cycles > self.begun_before;
         match self.aim {
-            Aim::Recover { whole: true } => has_begun && state.at.rests() && !state.job.running,
+            Aim::Recover { whole: true } => {
+                // A cycle that only found the arm at an unknown place is none.
+                let is_next =
+                    state.at == At::Aborted { cause: Cause::Trouble(Trouble::Gate) } && self.taken_away < TRIES;
+                has_begun && state.at.rests() && !state.job.running && !is_next
+            }
             Aim::Recover { whole: false } => {
                 has_begun && matches!(state.at, At::Execute(_) | At::Completing { .. } | At::Complete { .. })
             }
@@ -246,8 +278,12 @@ impl People {
             News::Begun(..) => {
                 let mut world = self.world.lock();
                 world.counts.cycles += 1;
-                let is_calm =
-                    world.now_ms() >= world.lasts_until_ms + CALM_MS && !world.is_troubled() && !world.lingers;
+                world.is_another_part = false;
+                // From a place near the panel where no path left it a person must take the arm away.
+                let is_calm = world.now_ms() >= world.lasts_until_ms + CALM_MS
+                    && !world.is_troubled()
+                    && !world.lingers
+                    && world.height_mm() > CLEAR_MM;
                 self.is_untroubled = self.aim == Aim::Recover { whole: true } && is_calm;
             }
             News::Concluded(verdict) => {
@@ -314,19 +350,25 @@ impl Port<RequestCommand> for People {
     }
 }
 
-fn begin() -> What {
-    What::Begin(Box::new(Fixture::get().prepared()))
+fn begin(is_another_part: bool) -> What {
+    let mut prepared = Fixture::get().prepared();
+    if is_another_part {
+        prepared.start.file_texts.push((ANOTHER_PART.to_owned(), "yes".to_owned()));
+    }
+    What::Begin(Box::new(prepared))
 }
 
-fn whats(press: Press) -> Vec<What> {
+fn whats(press: Press, is_another_part: bool) -> Vec<What> {
     match press {
-        Press::Start => vec![begin()],
+        Press::Start => vec![begin(is_another_part)],
         Press::NewDisc => vec![What::NewDisc],
         Press::Leave => vec![What::Leave],
         Press::Unprepared => vec![What::Unprepared { recipe: "none.toml".to_owned(), reasons: vec![] }],
-        Press::Everything => {
-            script::requests(press).into_iter().map(What::Table).chain([begin(), What::NewDisc]).collect()
-        }
+        Press::Everything => script::requests(press)
+            .into_iter()
+            .map(What::Table)
+            .chain([begin(is_another_part), What::NewDisc])
+            .collect(),
         press => script::requests(press).into_iter().map(What::Table).collect(),
     }
 }

@@ -4,11 +4,16 @@
 use super::disk;
 use super::inside::{Permit, Shared};
 use super::ledger::{Ledger, Told};
+use super::restoring::backs_up;
 use super::sabotage::Sabotage;
 use super::wear::Wear;
 use panelprep::cycle::{Outcome, Path};
 use panelprep::daemon::{Figure, Note, Port, RecordAnswer, RecordCommand, RecordError, StoreRecord};
 use panelprep::geometry::ColorPicture;
+use panelprep::record::{ANOTHER_PART, ContactPath, Kind};
+use panelprep::store::Store;
+use panelprep::verdict::Verdict;
+use std::path::Path as Folder;
 use std::sync::Arc;
 
 /// Width and height of a picture in the store, px.
@@ -19,19 +24,32 @@ const LEFT_MM: f64 = 60.0;
 /// The record's port.
 pub struct Record<'s> {
     store: StoreRecord<'s>,
+    /// The store's folder.
+    folder: &'s Folder,
     ledger: &'s mut Ledger,
     world: Shared,
     sabotage: Option<Sabotage>,
     wear: Wear,
     /// The epoch of the last motion, where it went along the panel to its end.
     contact_epoch: Option<u32>,
+    /// The cycle at hand has what a film showed.
+    has_film: bool,
 }
 
 impl<'s> Record<'s> {
     /// Before this record; what it acknowledges is kept in the ledger too.
-    pub fn new(store: StoreRecord<'s>, ledger: &'s mut Ledger, world: Shared) -> Self {
+    pub fn new((store, folder): (StoreRecord<'s>, &'s Folder), ledger: &'s mut Ledger, world: Shared) -> Self {
         let sabotage = world.lock().sabotage;
-        Record { store, ledger, world, sabotage, wear: Wear::default(), contact_epoch: None }
+        Record {
+            store,
+            folder,
+            ledger,
+            world,
+            sabotage,
+            wear: Wear::default(),
+            contact_epoch: None,
+            has_film: false,
+        }
     }
 }
 
@@ -81,8 +99,91 @@ impl Record<'_> {
     }
 }
 
+impl Record<'_> {
+    /// No count falls: what the arm touched is known when a cycle begins, until the part has its result or another one lies there.
+    fn judge_counts(&mut self, counted: &Counted, answer: &RecordAnswer) {
+        let mut world = self.world.lock();
+        let touched = &mut self.ledger.touched;
+        match (counted, answer) {
+            (Counted::Opens(path), _) => touched.opens(self.ledger.cycle, path),
+            (Counted::Closes, _) => touched.closes(),
+            (Counted::Begins { another }, RecordAnswer::Cycle(cycle)) => {
+                if *another {
+                    touched.another_part();
+                }
+                if touched.has_part() {
+                    world.counts.judged("no count that falls");
+                    let counted = Store::open(self.folder).and_then(|store| store.abraded_before(*cycle));
+                    let forgotten = match counted {
+                        Ok(counted) => touched.uncounted(Some(*cycle), &counted),
+                        Err(error) => Some(error.to_string()),
+                    };
+                    if let Some(forgotten) = forgotten {
+                        world.wrong("no count that falls", forgotten);
+                    }
+                }
+                world.counts.judged("a cycle's number is new");
+                if !self.ledger.is_new(*cycle) {
+                    world.wrong(
+                        "a cycle's number is new",
+                        format!("cycle {cycle} begins after one that is not before it"),
+                    );
+                }
+            }
+            (Counted::Finds, _) => self.has_film = true,
+            (_, RecordAnswer::Concluded(Verdict::Pass | Verdict::Fail)) if self.has_film => {
+                // It is taken out.
+                touched.another_part();
+            }
+            (_, RecordAnswer::Earlier(earlier)) if touched.has_part() => {
+                world.counts.judged("no count that falls");
+                if let Some(forgotten) = touched.uncounted(self.ledger.cycle, earlier) {
+                    world.wrong("no count that falls", forgotten);
+                }
+            }
+            _ => {}
+        }
+        if matches!(answer, RecordAnswer::Cycle(_)) {
+            self.has_film = false;
+        }
+    }
+}
+
+/// What of a command matters to counts.
+enum Counted {
+    Opens(ContactPath),
+    Closes,
+    Begins {
+        another: bool,
+    },
+    /// By a film.
+    Finds,
+    Nothing,
+}
+
+impl Counted {
+    fn of(command: &RecordCommand) -> Self {
+        match command {
+            RecordCommand::OpenContact { path, .. } => Counted::Opens(path.clone()),
+            RecordCommand::CloseIntent { .. } => Counted::Closes,
+            RecordCommand::Begin(start) => {
+                Counted::Begins { another: start.file_texts.iter().any(|(name, _)| name == ANOTHER_PART) }
+            }
+            RecordCommand::Note(Note::Finding(finding)) if finding.kind == Kind::Inspect => Counted::Finds,
+            _ => Counted::Nothing,
+        }
+    }
+}
+
 impl Port<RecordCommand> for Record<'_> {
     fn perform(&mut self, command: RecordCommand) -> Result<RecordAnswer, RecordError> {
+        let counted = Counted::of(&command);
+        let executed = {
+            let mut world = self.world.lock();
+            backs_up(&mut world, self.folder, self.ledger);
+            world.executed_on_path()
+        };
+        self.ledger.touched.executed(executed);
         let told = Told::of(&command);
         let permit = match &command {
             RecordCommand::OpenContact { permitted, .. } => Some(Permit::Begins(*permitted)),
@@ -92,6 +193,9 @@ impl Port<RecordCommand> for Record<'_> {
         };
         let command = match command {
             RecordCommand::Note(note) => RecordCommand::Note(shrunk(note)),
+            RecordCommand::OpenContact { motion, path, permitted } if self.sabotage == Some(Sabotage::NoGrids) => {
+                RecordCommand::OpenContact { motion, path: ContactPath { grids: vec![], ..path }, permitted }
+            }
             command => command,
         };
         if !matches!(command, RecordCommand::Filled | RecordCommand::DiscWorn | RecordCommand::BetweenCycles) {
@@ -112,6 +216,7 @@ impl Port<RecordCommand> for Record<'_> {
         let answer = if is_skipped { Ok(skipped) } else { self.store.perform(command) };
         self.judge_imagined_cuts();
         let answer = answer?;
+        self.judge_counts(&counted, &answer);
         if let Some(command) = told_of_contact {
             let mut world = self.world.lock();
             let executed = world.executed_on_path();

@@ -1,6 +1,7 @@
 //! The robot as the loop of a world sees it: the client's session in the world's own time. Waiting for a report lets time pass.
 
-use super::inside::Shared;
+use super::inside::{Inside, Shared};
+use super::sabotage::Sabotage;
 use panelprep::daemon::{Port, RobotAnswer, RobotCommand};
 use panelprep::eki::{Command, LinkLoss, Report, Time};
 use std::mem::discriminant;
@@ -40,7 +41,10 @@ impl Robot {
         let mut world = self.world.lock();
         let end_ms = world.now_ms() + PATIENCE_MS;
         loop {
-            while let Some(report) = world.cell.next_report() {
+            while let Some(mut report) = world.cell.next_report() {
+                if world.sabotage == Some(Sabotage::HidesJogs) {
+                    hides_jog(&world, &mut report);
+                }
                 match &report {
                     Report::LinkLost { why } => {
                         let is_told = self.told_loss.as_ref().map(discriminant) == Some(discriminant(why));
@@ -59,6 +63,15 @@ impl Robot {
             }
             world.step(end_ms);
         }
+    }
+}
+
+/// The axes are told as they were before a person jogged the arm.
+fn hides_jog(world: &Inside, report: &mut Report) {
+    if let Report::Connected { state } | Report::Rebooted { state } | Report::State(state) = report
+        && let Some(before) = world.places.before_the_jog(&world.cell.controller.joints())
+    {
+        state.joints = before;
     }
 }
 
@@ -84,10 +97,14 @@ impl Port<RobotCommand> for Robot {
                     Command::SetTcp(tool) => world.aims.tool = Some(tool.flange_from_tool),
                     _ => {}
                 }
+                let is_by_axes = matches!(command, Command::MoveJ(_));
                 let sets_frame = matches!(command, Command::SetBase(_) | Command::SetTcp(_));
                 let queued = world.cell.session.queue(command);
                 if let (true, Ok(id), Some(epoch)) = (sets_frame, &queued, world.open_epoch()) {
                     world.truth.sets_frame(epoch, *id);
+                }
+                if let (true, Ok(id), Some(epoch)) = (is_by_axes, &queued, world.open_epoch()) {
+                    world.places.by_axes(epoch, *id);
                 }
                 RobotAnswer::Queued(queued)
             }

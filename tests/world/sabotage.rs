@@ -32,6 +32,16 @@ pub enum Sabotage {
     LensStaysOpen,
     /// A new epoch may have a number that an earlier program used.
     OldEpoch,
+    /// The controller moves at another override, and neither says so nor minds.
+    HidesOverride,
+    /// After a jog the axes are told as they were before.
+    HidesJogs,
+    /// A contact path is kept without where it touches.
+    NoGrids,
+    /// A restored store does not say that it is one.
+    UnmarkedRestore,
+    /// A second screen's decision does not carry the step that it shows.
+    NoStep,
 }
 
 /// Which files.
@@ -58,7 +68,7 @@ pub enum Row {
 }
 
 /// Each of them with what it stands for.
-pub const ALL: [(&str, Sabotage); 31] = [
+pub const ALL: [(&str, Sabotage); 36] = [
     ("the controller takes commands of ended epochs", Sabotage::Controller(Rule::EpochCheck)),
     ("the controller has no watchdog", Sabotage::Controller(Rule::Watchdog)),
     ("the controller goes on without its link", Sabotage::Controller(Rule::LinkLoss)),
@@ -90,6 +100,11 @@ pub const ALL: [(&str, Sabotage); 31] = [
     ("the extraction is not switched off", Sabotage::StaysOn(4)),
     ("the lens is not shut", Sabotage::LensStaysOpen),
     ("an old epoch is used again", Sabotage::OldEpoch),
+    ("the controller does not mind its override", Sabotage::HidesOverride),
+    ("a jog is not told", Sabotage::HidesJogs),
+    ("a contact path does not say where it touches", Sabotage::NoGrids),
+    ("a restored store is taken for the one it replaces", Sabotage::UnmarkedRestore),
+    ("a decision carries no step", Sabotage::NoStep),
 ];
 
 impl Sabotage {

@@ -3,7 +3,7 @@
 //! A moment is counted from the first time that the table comes to a place, so that every fault strikes in every place, however long
 //! the places before took. An entry that is taken out leaves the others as they were.
 
-use super::pairs;
+use super::{elsewhere, pairs};
 use panelprep::cycle::{self, At};
 use panelprep::devices::mock;
 use rand::seq::IndexedRandom;
@@ -133,6 +133,15 @@ pub enum Fault {
     Unheeded(u32),
     /// Those who run the cell ask for nothing for so long.
     Away(u64),
+    /// A person brings the arm elsewhere by hand once it is at rest, in T1 for so long: to this share of the way from this height above
+    /// the panel to the park pose.
+    Jog { percent: u8, height_mm: u8, for_ms: u64 },
+    /// A second screen, which shows the table as it was so many steps ago, decides.
+    Stale { press: Press, back: u32 },
+    /// The store is backed up.
+    Backup,
+    /// The process ends, and the store that was backed up last takes the place of the one that is there.
+    Restore,
 }
 
 impl Fault {
@@ -150,6 +159,8 @@ impl Fault {
             Fault::Cut { .. } => "connection cut",
             Fault::Deaf(_) => "way blocked",
             Fault::Stall(_) => "link stands still",
+            Fault::Controller(text) if text.starts_with("override") => "override",
+            Fault::Controller(text) if text.starts_with("measured") => "measured pose",
             Fault::Controller(_) => "controller",
             Fault::Lie { .. } => "meaning",
             Fault::Foreign { .. } => "other client",
@@ -166,6 +177,10 @@ impl Fault {
             Fault::Replay(_) => "bytes replayed",
             Fault::Unheeded(_) => "abort not obeyed",
             Fault::Away(_) => "nobody there",
+            Fault::Jog { .. } => "jog",
+            Fault::Stale { .. } => "stale screen",
+            Fault::Backup => "backup",
+            Fault::Restore => "restore",
         }
     }
 
@@ -175,6 +190,7 @@ impl Fault {
             Fault::Deaf(ms) | Fault::Stall(ms) | Fault::ForeignProgram(ms) | Fault::Away(ms) => *ms,
             Fault::Feedback { for_ms, .. } | Fault::Camera { for_ms, .. } => *for_ms,
             Fault::SlowDisk { late_ms, for_ms } => late_ms + for_ms,
+            Fault::Jog { for_ms, .. } => *for_ms,
             Fault::Bytes { harm: Harm::Late(ms), .. } => *ms,
             // As drawn, with the time in which a controller starts again.
             Fault::Controller(_) => 6_000,
@@ -242,6 +258,7 @@ pub fn draw(seed: u64, odds: Odds) -> Vec<Entry> {
     }
     // Likewise.
     script.extend(pairs::draw(seed, odds));
+    script.extend(elsewhere::draw(seed, odds));
     script
 }
 

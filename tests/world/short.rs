@@ -6,7 +6,7 @@ use crate::world::{Counts, World, parse, print};
 const SEEDS: u64 = 120;
 
 /// Worlds in which something was found once: the seed, the script, and what was found.
-const FOUND_ONCE: [(u64, &str, &str); 12] = [
+const FOUND_ONCE: [(u64, &str, &str); 14] = [
     (
         949326,
         r#"[{"place":"abrade","visit":1,"after_ms":2383,"fault":{"Press":"Hold"}},{"place":"holding","visit":1,"after_ms":0,"fault":{"Controller":"drives/2355ms"}}]"#,
@@ -66,6 +66,16 @@ const FOUND_ONCE: [(u64, &str, &str); 12] = [
         100228,
         r#"[{"place":"abrade","visit":1,"after_ms":292,"fault":{"ForeignProgram":3971}},{"place":"aborted","visit":1,"after_ms":163,"fault":{"Controller":"wrong-base"}}]"#,
         "a base that was wrong when it was next set was taken for no trouble of that cycle",
+    ),
+    (
+        20001041,
+        r#"[{"place":"idle","visit":1,"after_ms":1213,"fault":{"Bytes":{"to_robot":true,"channel":0,"harm":"Lose"}}},{"place":"refine","visit":1,"after_ms":112,"fault":{"Controller":"reboot/335ms"}},{"place":"clearing","visit":1,"after_ms":300,"fault":{"Foreign":{"operation":11,"number":0}}},{"place":"idle","visit":1,"after_ms":1949,"fault":"Backup"},{"place":"aborted","visit":1,"after_ms":1504,"fault":"Restore"}]"#,
+        "epochs that neither a restored store nor a controller that was started again knows were taken for ended",
+    ),
+    (
+        20200704,
+        r#"[{"place":"completing","visit":1,"after_ms":2288,"fault":{"Press":"Accept"}}]"#,
+        "a cycle that found the arm near the panel, where no path had left it, was taken for one without trouble",
     ),
 ];
 

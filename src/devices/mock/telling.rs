@@ -51,7 +51,9 @@ impl Controller {
         self.answers.sequence = self.answers.sequence.wrapping_add(1 + self.troubles.take_skip()) & i32::MAX;
         let whole = self.state_numbers().map(Value::Int);
         let tool = self.epoch.tool.map_or_else(KukaPose::default, |tool| tool.pose);
-        let frames = [self.tcp(), self.epoch.base.unwrap_or_default(), tool].map(numbers);
+        let tcp = self.tcp();
+        let measured = KukaPose { z_mm: tcp.z_mm + self.troubles.measured_off_mm(), ..tcp };
+        let frames = [measured, self.epoch.base.unwrap_or_default(), tool].map(numbers);
         let real = angles_deg(&self.mover.joints()).into_iter().chain(frames.into_iter().flatten());
         let values: Vec<Value> = whole.into_iter().chain(real.map(|number| Value::Real(number as f32))).collect();
         self.answers.state.write(&mut self.states.out, &values);

@@ -41,6 +41,16 @@ impl Controller {
         !self.mover.stands() || self.contact.wants_retract()
     }
 
+    /// The override that a person has set, %.
+    pub fn override_percent(&self) -> u8 {
+        self.troubles.override_percent()
+    }
+
+    /// How far the pose that it reports is off along Z of the base that is set, mm.
+    pub fn measured_off_mm(&self) -> f64 {
+        self.troubles.measured_off_mm()
+    }
+
     /// Every `$OUT` that was ever set.
     pub fn outputs(&self) -> &BTreeMap<u16, bool> {
         &self.outputs

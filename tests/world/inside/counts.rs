@@ -34,6 +34,9 @@ pub struct Counts {
     pub kills: u64,
     /// How often a person jogged the arm away from a place that was not known.
     pub jogs: u64,
+    /// Backups of the store, and restores.
+    pub backups: u64,
+    pub restores: u64,
     /// Virtual time, ms.
     pub time_ms: u64,
 }
@@ -51,6 +54,8 @@ impl Counts {
         self.cuts += other.cuts;
         self.imagined_cuts += other.imagined_cuts;
         self.kills += other.kills;
+        self.backups += other.backups;
+        self.restores += other.restores;
         self.time_ms += other.time_ms;
     }
 

@@ -2,9 +2,9 @@
 
 use super::super::disk;
 use super::super::link_cell::Side;
-use super::super::script::{self, DiskHarm, Entry, Fault, Harm};
+use super::super::script::{DiskHarm, Entry, Fault, Harm, Power};
 use super::Inside;
-use panelprep::devices::mock;
+use super::places::Jog;
 use panelprep::eki::Channel;
 use std::sync::PoisonError;
 
@@ -38,7 +38,8 @@ impl Inside {
         let now_ms = self.now_ms();
         let until_ms = now_ms + fault.lasts_ms();
         self.lasts_until_ms = self.lasts_until_ms.max(until_ms);
-        if !matches!(fault, Fault::Feedback { .. }) {
+        let is_measured = matches!(&fault, Fault::Controller(text) if text.starts_with("measured"));
+        if !matches!(fault, Fault::Feedback { .. }) && !is_measured {
             self.others_last_until_ms = self.others_last_until_ms.max(until_ms);
         }
         self.struck_ms = now_ms;
@@ -85,11 +86,8 @@ impl Inside {
             }
             Fault::Stall(ms) => self.cell.client_stalls_until_ms = now_ms + ms,
             Fault::Controller(text) => {
-                if let Ok(fault) = script::controller_fault(&text) {
+                if let Some(fault) = self.fault_of(&text) {
                     self.expects_of(&fault);
-                    if let mock::Fault::Slow { for_ms: Some(for_ms), .. } = fault {
-                        self.oracles.slowed_until_ms = now_ms + for_ms;
-                    }
                     self.cell.controller.inject(fault);
                 }
             }
@@ -126,6 +124,18 @@ impl Inside {
             }
             Fault::SlowDisk { late_ms, for_ms } => self.slow_disk = Some((late_ms, now_ms + for_ms)),
             Fault::Away(ms) => self.away_until_ms = now_ms + ms,
+            Fault::Jog { percent, height_mm, for_ms } => {
+                self.places.jog = Some(Jog { percent, height_mm, for_ms });
+            }
+            Fault::Stale { press, back } => self.screens.push_back((press, back)),
+            Fault::Backup => self.backs_up = true,
+            Fault::Restore => {
+                self.restores = self.backup.is_some();
+                if self.restores {
+                    self.power = Some(Power::Kill);
+                    disk::at_writing(0, disk::Event::End);
+                }
+            }
             Fault::Bytes { .. } | Fault::Lie { .. } | Fault::Replay(_) | Fault::Unheeded(_) => {}
         }
     }
@@ -144,6 +154,7 @@ impl Inside {
 fn may_displace_the_arm(fault: &Fault) -> bool {
     match fault {
         Fault::Lie { channel: 1, name, .. } => matches!(&**name, "X" | "A1"),
+        Fault::Controller(text) => text.starts_with("measured"),
         Fault::Bytes { to_robot: false, channel: 1, harm: Harm::Damage { .. } } => true,
         _ => false,
     }

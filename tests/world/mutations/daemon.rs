@@ -4,13 +4,14 @@ use super::{Mutation, change};
 
 const ACTS: &str = "src/daemon/acts.rs";
 const CONTACTS: &str = "src/daemon/contacts.rs";
+const HANDLER: &str = "src/daemon/request_handler.rs";
 const JUDGEMENT: &str = "src/verdict/judgement.rs";
 const MOVES: &str = "src/daemon/moves.rs";
 const REPORTS: &str = "src/daemon/robot_reports.rs";
 const RUN: &str = "src/daemon/run.rs";
 const SENT: &str = "src/daemon/sent.rs";
 
-pub(super) const ALL: [Mutation; 14] = [
+pub(super) const ALL: [Mutation; 16] = [
     change(
         "a contact path is not counted as wear before it begins",
         CONTACTS,
@@ -92,5 +93,17 @@ pub(super) const ALL: [Mutation; 14] = [
         SENT,
         "(done.0 + 1).saturating_sub(self.first.0)",
         "(done.0 + 2).saturating_sub(self.first.0)",
+    ),
+    change(
+        "the axes move from a place that is not known",
+        MOVES,
+        "if !self.leaves_an_unknown_place(poses)? || !self.joints_are_good(poses, (tool, None))? {",
+        "if !self.joints_are_good(poses, (tool, None))? {",
+    ),
+    change(
+        "a decision upon an earlier step is taken",
+        HANDLER,
+        "if step == state.step {",
+        "if step <= state.step {",
     ),
 ];

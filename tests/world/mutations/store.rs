@@ -10,9 +10,10 @@ const FULLNESS: &str = "src/store/fullness.rs";
 const HEAD: &str = "src/store/head.rs";
 const JOURNAL: &str = "src/store/journal.rs";
 const MOTIONS: &str = "src/store/motions.rs";
+const OUTBOX: &str = "src/store/outbox.rs";
 const SCHEMA: &str = "src/store/schema.rs";
 
-pub(super) const ALL: [Mutation; 16] = [
+pub(super) const ALL: [Mutation; 18] = [
     change(
         "the log of the database is not flushed at a commit",
         SCHEMA,
@@ -105,4 +106,6 @@ pub(super) const ALL: [Mutation; 16] = [
         "FROM discs WHERE is_new)",
         "FROM discs WHERE id < 0)",
     ),
+    change("a restored store asks nobody", OUTBOX, "self.append(&Event::Told(Report::StoreRestored), None)?;", ""),
+    change("after a restore numbers of cycles are used again", OUTBOX, "own.max(replaced)", "own.min(replaced)"),
 ];

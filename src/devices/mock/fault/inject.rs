@@ -102,6 +102,10 @@ impl Controller {
                 troubles.override_percent = begins.then_some(percent);
                 for_ms
             }
+            Fault::Measured { off_mm, for_ms } => {
+                troubles.measured_off_mm = begins.then_some(off_mm);
+                for_ms
+            }
             Fault::Slow { percent, for_ms } => {
                 troubles.slow_share = begins.then_some(f64::from(percent) / 100.0);
                 for_ms

@@ -64,6 +64,13 @@ pub enum Fault {
         /// How long, ms.
         for_ms: Option<u64>,
     },
+    /// `measured`: the tool's pose is reported so many mm above where it is, 1 to 200, along Z of the base that is set.
+    Measured {
+        /// How far, mm.
+        off_mm: u8,
+        /// How long, ms.
+        for_ms: Option<u64>,
+    },
     /// `e-stop`: pressed, and released after a while; the drives then come on again.
     EStop {
         /// How long, ms.

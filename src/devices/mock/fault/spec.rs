@@ -63,7 +63,7 @@ fn command(at: bool) -> &'static str {
 }
 
 const SETTINGS: [&str; 4] = ["seed", "delay", "fragment", "random"];
-const FAULTS: [&str; 19] = [
+const FAULTS: [&str; 20] = [
     "cut",
     "unplug",
     "mute",
@@ -77,6 +77,7 @@ const FAULTS: [&str; 19] = [
     "refuse",
     "slow",
     "override",
+    "measured",
     "e-stop",
     "guard",
     "drives",
@@ -108,6 +109,7 @@ the arrival of the Nth command; without a duration it lasts.
   lose-base@WHEN, lose-tool@WHEN, wrong-base@WHEN    the next set_base or set_tcp has no effect, or is 1 mm off
   refuse=1..12@WHEN   refuse the next command with that Err  slow=1..100[/D]@WHEN   percent of the speed
   override=1..100[/D]@WHEN   the override that a person sets (slow is not told; the programs give a refused motion up with Err 8, whatever the Err)
+  measured=1..200[/D]@WHEN   the tool's pose is reported so many mm off along Z
   e-stop[/D]@WHEN, guard[/D]@WHEN, drives[/D]@WHEN, mode=T1|T2|AUT|EXT[/D]@WHEN, deselect[/D]@WHEN, reboot[/D]@WHEN
 Settings: seed=N   delay=20ms or delay=2ms..25ms, each way   fragment   random=N/D: N faults at random in that time
 Example: seed=7,delay=5ms..15ms,fragment,unplug/2s@10s,refuse=8@#40";
@@ -249,6 +251,7 @@ impl<'a> Item<'a> {
                 | "stall"
                 | "slow"
                 | "override"
+                | "measured"
                 | "e-stop"
                 | "guard"
                 | "drives"
@@ -259,7 +262,7 @@ impl<'a> Item<'a> {
         if for_ms.is_some() && !lasts {
             return Err(self.needless("duration"));
         }
-        if !matches!(self.name, "cut" | "garbage" | "refuse" | "slow" | "override" | "mode") {
+        if !matches!(self.name, "cut" | "garbage" | "refuse" | "slow" | "override" | "measured" | "mode") {
             self.no_value()?;
         }
         let number =
@@ -278,6 +281,7 @@ impl<'a> Item<'a> {
             "refuse" => Fault::Refuse(self.value("an Err of 1 to 12", number(1, 12))?),
             "slow" => Fault::Slow { percent: self.value("1 to 100 percent", number(1, 100))?, for_ms },
             "override" => Fault::Override { percent: self.value("1 to 100 percent", number(1, 100))?, for_ms },
+            "measured" => Fault::Measured { off_mm: self.value("1 to 200 mm", number(1, 200))?, for_ms },
             "e-stop" => Fault::EStop { for_ms },
             "guard" => Fault::Guard { for_ms },
             "drives" => Fault::Drives { for_ms },

@@ -19,6 +19,7 @@ pub(in super::super) struct Troubles {
     pub(super) stalled: bool,
     pub(super) slow_share: Option<f64>,
     pub(super) override_percent: Option<u8>,
+    pub(super) measured_off_mm: Option<u8>,
     /// Of the next `set_base` or `set_tcp`.
     pub(super) lost: Option<i32>,
     pub(super) wrong_base: bool,
@@ -52,6 +53,11 @@ impl Troubles {
     /// `$OV_PRO`.
     pub(in super::super) fn override_percent(&self) -> u8 {
         self.override_percent.unwrap_or(100)
+    }
+
+    /// How far the measured pose is off along Z, mm.
+    pub(in super::super) fn measured_off_mm(&self) -> f64 {
+        self.measured_off_mm.map_or(0.0, f64::from)
     }
 
     /// The share of its commanded speed at which the arm moves.

@@ -36,6 +36,7 @@ enum Known {
     Tool,
     MeasuredAxes,
     Pose,
+    MeasuredPose,
     Velocity,
     Acceleration,
     Approximation,
@@ -77,7 +78,8 @@ fn known(name: &str) -> Known {
         "$BASE" => Known::Base,
         "$TOOL" => Known::Tool,
         "$AXIS_ACT_MEAS" | "$AXIS_ACT" => Known::MeasuredAxes,
-        "$POS_ACT" | "$POS_ACT_MES" => Known::Pose,
+        "$POS_ACT" => Known::Pose,
+        "$POS_ACT_MES" => Known::MeasuredPose,
         "$VEL" => Known::Velocity,
         "$ACC" => Known::Acceleration,
         "$APO" => Known::Approximation,
@@ -127,7 +129,8 @@ pub(super) fn read(
     let number = u16::try_from(offset + 1).unwrap_or(u16::MAX);
     let safety = &controller.safety;
     let name = || SYSTEM_VARIABLES[variable as usize].name;
-    match KNOWN[variable as usize] {
+    let known = KNOWN[variable as usize];
+    match known {
         Known::Flag => bool(controller.flags.get(&number).copied().unwrap_or(false)),
         Known::Output => bool(controller.outputs.get(&number).copied().unwrap_or(false)),
         Known::Input => bool(controller.inputs.get(&number).copied().unwrap_or(number == 1025)),
@@ -157,11 +160,14 @@ pub(super) fn read(
         Known::MeasuredAxes => {
             real(super::super::kinematics::angles_deg(&controller.mover.joints()).get(at).copied().unwrap_or(0.0))
         }
-        Known::Pose => {
+        Known::Pose | Known::MeasuredPose => {
             if !values.knows_tcp() {
                 return Err(format!("{} has no value: no program has set $BASE and $TOOL", name()));
             }
             match at {
+                2 if matches!(known, Known::MeasuredPose) => {
+                    real(pose(controller, values)[at] + controller.troubles.measured_off_mm())
+                }
                 0..6 => real(pose(controller, values)[at]),
                 6..8 => int(0),
                 _ => real(0.0),

@@ -329,3 +329,19 @@ fn contact_at_another_override_is_refused() {
     rig.beat();
     assert_eq!((rig.causes(), rig.ack("Err")), (vec![StopCause::Refused(Refusal::Override)], 11));
 }
+
+/// The reported pose is off, and the arm goes on where it is sent: what does not agree is the client's to see.
+#[test]
+fn a_measured_pose_that_is_off_is_reported() {
+    let mut rig = sanding(Clock::LockStep);
+    let z_mm = |rig: &Rig| {
+        let tcp = &rig.states[rig.states.rfind("<Tcp ").expect("reported")..];
+        last(&tcp[..tcp.find("/>").or(tcp.find('>')).expect("closed")], "Z").parse::<f64>().expect("a number")
+    };
+    let before_mm = z_mm(&rig);
+    rig.controller.inject(Fault::Measured { off_mm: 60, for_ms: None });
+    rig.beat();
+    // In a beat the arm itself goes 10 mm at most.
+    assert!((45.0..75.0).contains(&(z_mm(&rig) - before_mm)), "{before_mm}");
+    assert_eq!(rig.causes(), []);
+}

@@ -25,7 +25,7 @@ fn every_kind_of_item_is_read() {
     for name in FAULTS {
         let value = match name {
             "refuse" => "=8",
-            "slow" | "override" => "=50",
+            "slow" | "override" | "measured" => "=50",
             "mode" => "=T1",
             "cut" | "garbage" => "=state",
             _ => "",

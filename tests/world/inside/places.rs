@@ -1,0 +1,233 @@
+//! Where the arm truly is, whatever is believed of it: a person jogs it, its pose is measured off, its override is another one.
+
+use super::super::fixture::{Fixture, Stands};
+use super::super::sabotage::Sabotage;
+use super::super::script::{self, Fault};
+use super::{Inside, LOW_MM, START};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
+use panelprep::devices::mock::{self, Mode};
+use panelprep::eki::{CommandId, Epoch};
+use panelprep::geometry::{Base, Flange, Joints, Panel, Point, Rigid, Tool};
+use panelprep::stages::abrade::off_limit_mm;
+use std::collections::VecDeque;
+
+/// By axes the tip never comes nearer to the panel, mm.
+const NEAR_MM: f64 = 5.0;
+/// A state on its way, and what the controller's programs take, ms.
+const OVERRIDE_MS: u64 = 300 + 250;
+const MEASURED_MS: u64 = 600;
+/// So many times what a person must look at ends a contact path at once.
+const FAR_OFF_LIMITS: f64 = 4.0;
+/// The middle of the panel in its own frame, mm.
+const MIDDLE_MM: [f64; 3] = [560.0, 0.0, 360.0];
+/// Motions by axes that are remembered.
+const AXIS_MOTIONS: usize = 8;
+
+/// A jog that waits for an arm that is at rest.
+#[derive(Debug, Clone, Copy)]
+pub struct Jog {
+    pub percent: u8,
+    pub height_mm: u8,
+    pub for_ms: u64,
+}
+
+/// What is known of places.
+#[derive(Debug, Default)]
+pub struct Places {
+    pub jog: Option<Jog>,
+    /// Where a person took the arm, and from where.
+    jogged: Option<(Joints, Joints)>,
+    /// The client's motions by axes.
+    by_axes: VecDeque<(Epoch, CommandId)>,
+    joints: Option<Joints>,
+    /// Until then the controller does not say its override, by a mistake that is put in.
+    hidden_override_until_ms: u64,
+    overridden_since_ms: Option<u64>,
+    measured_since_ms: Option<u64>,
+}
+
+impl Places {
+    /// The client takes a motion by axes to send.
+    pub fn by_axes(&mut self, epoch: Epoch, id: CommandId) {
+        self.by_axes.push_back((epoch, id));
+        if self.by_axes.len() > AXIS_MOTIONS {
+            self.by_axes.pop_front();
+        }
+    }
+
+    /// Where the arm was before a person took it to where it is.
+    pub fn before_the_jog(&self, now: &Joints) -> Option<Joints> {
+        self.jogged.filter(|(_, to)| to == now).map(|(from, _)| from)
+    }
+}
+
+impl Inside {
+    /// The controller's fault of this text, but for what a mistake that is put in makes of it.
+    pub(super) fn fault_of(&mut self, text: &str) -> Option<mock::Fault> {
+        let fault = script::controller_fault(text).ok()?;
+        let now_ms = self.now_ms();
+        let slows = match fault {
+            mock::Fault::Slow { for_ms, .. } | mock::Fault::Override { for_ms, .. } => for_ms,
+            _ => None,
+        };
+        if let Some(for_ms) = slows {
+            self.oracles.slowed_until_ms = now_ms + for_ms;
+        }
+        match (fault, self.sabotage) {
+            (mock::Fault::Override { percent, for_ms }, Some(Sabotage::HidesOverride)) if percent < 100 => {
+                self.places.hidden_override_until_ms = now_ms + for_ms.unwrap_or_default();
+                Some(mock::Fault::Slow { percent, for_ms })
+            }
+            _ => Some(fault),
+        }
+    }
+
+    /// A person jogs the arm who has waited for it to be at rest, in T1.
+    pub(super) fn jogs(&mut self) {
+        let Some(jog) = self.places.jog else { return };
+        let (from, to) = (self.cell.controller.joints(), self.jogged_to(jog));
+        let (true, Some(to)) = (!self.cell.controller.is_moving(), to) else {
+            return;
+        };
+        self.places.jog = None;
+        let mode = mock::Fault::Mode { to: Mode::T1, for_ms: Some(jog.for_ms) };
+        self.expects_of(&mode);
+        self.cell.controller.inject(mode);
+        let until_ms = self.now_ms() + Fault::Jog { percent: 0, height_mm: 0, for_ms: jog.for_ms }.lasts_ms();
+        self.lasts_until_ms = self.lasts_until_ms.max(until_ms);
+        self.others_last_until_ms = self.others_last_until_ms.max(until_ms);
+        self.struck_ms = self.now_ms();
+        if self.cell.controller.jog(to) {
+            self.oracles.jogged(self.cell.controller.joints());
+            self.places.jogged = Some((from, self.cell.controller.joints()));
+            self.places.joints = None;
+            self.counts.jogs += 1;
+        }
+    }
+
+    /// Where a person takes the arm; `None` where the tool would be in the panel.
+    fn jogged_to(&self, jog: Jog) -> Option<Joints> {
+        let (near, park) = (near_panel(f64::from(jog.height_mm))?, Fixture::get().setup.park);
+        let share = f64::from(jog.percent.min(100)) / 100.0;
+        let axis = |index: usize| near.degrees()[index] + (park.degrees()[index] - near.degrees()[index]) * share;
+        let to = Joints::from(std::array::from_fn(axis));
+        let flange = mock::Arm::kr6_r700_2().base_from_flange(&to);
+        let (height_mm, beside_mm) = above_panel(&flange);
+        (height_mm > 0.5 || beside_mm > 0.0).then_some(to)
+    }
+
+    /// What holds wherever the arm is.
+    pub(super) fn judge_where(&mut self) {
+        let joints = self.cell.controller.joints();
+        let before = self.places.joints.replace(joints);
+        let moved = before.is_some_and(|before| before.farthest_deg(&joints) > 1e-3);
+        self.judge_axis_motion(moved);
+        self.judge_override(moved);
+        self.judge_measured(moved);
+    }
+
+    /// No motion from an unknown place: by axes the tip never is near the panel, however the arm came to where it begins.
+    fn judge_axis_motion(&mut self, moved: bool) {
+        let controller = &self.cell.controller;
+        let under_way = CommandId(controller.counts().1.cast_unsigned() + 1);
+        let epoch = Epoch(controller.epoch().cast_unsigned());
+        let is_by_axes = self.places.by_axes.contains(&(epoch, under_way));
+        let moves = moved && is_by_axes && !controller.is_stopped();
+        if !moves || self.is_strange() || self.places_lie || self.stands == Stands::Nothing {
+            return;
+        }
+        self.counts.judged("no motion from an unknown place");
+        let (height_mm, beside_mm) = above_panel(&self.cell.controller.flange_pose());
+        if height_mm < NEAR_MM && beside_mm < NEAR_MM {
+            let what = format!(
+                "{under_way} of epoch {epoch:?} moves the axes, and the tip is {height_mm:.1} mm off the panel"
+            );
+            self.wrong("no motion from an unknown place", what);
+        }
+    }
+
+    /// No contact at another override than 100 %.
+    fn judge_override(&mut self, moved: bool) {
+        let is_other =
+            self.cell.controller.override_percent() != 100 || self.now_ms() < self.places.hidden_override_until_ms;
+        if !(is_other && self.is_in_contact(moved)) {
+            // Between two ticks nothing moves.
+            if !is_other || self.cell.controller.is_stopped() || self.height_mm() >= LOW_MM {
+                self.places.overridden_since_ms = None;
+            }
+            return;
+        }
+        self.counts.judged("no contact at another override");
+        let now_ms = self.now_ms();
+        let since_ms = *self.places.overridden_since_ms.get_or_insert(now_ms);
+        if now_ms > since_ms + OVERRIDE_MS {
+            let percent = self.cell.controller.override_percent();
+            let what =
+                format!("the override is another one ({percent} %), and contact goes on since {since_ms} ms");
+            self.wrong("no contact at another override", what);
+        }
+    }
+
+    /// No contact goes on while the measured pose is far off the path.
+    fn judge_measured(&mut self, moved: bool) {
+        let far_mm = FAR_OFF_LIMITS * off_limit_mm(Fixture::get().cycle.recipe.path());
+        let is_far = self.cell.controller.measured_off_mm() > far_mm + LOW_MM && self.is_calm_but_for_feedback();
+        if !(is_far && self.is_in_contact(moved)) {
+            if !is_far || self.cell.controller.is_stopped() || self.height_mm() >= LOW_MM {
+                self.places.measured_since_ms = None;
+            }
+            return;
+        }
+        self.counts.judged("no contact at a pose far off");
+        let now_ms = self.now_ms();
+        let since_ms = *self.places.measured_since_ms.get_or_insert(now_ms);
+        if now_ms > since_ms + MEASURED_MS {
+            let off_mm = self.cell.controller.measured_off_mm();
+            let what = format!("the pose is measured {off_mm} mm off, and contact goes on since {since_ms} ms");
+            self.wrong("no contact at a pose far off", what);
+        }
+    }
+
+    /// The tip is on the panel, moved just now, and the epoch that moves it is open.
+    fn is_in_contact(&self, moved: bool) -> bool {
+        moved && !self.cell.controller.is_stopped() && self.height_mm() < LOW_MM
+    }
+}
+
+/// How far the tool's tip is above the panel's surface, and how far beside its outline, mm.
+fn above_panel(base_from_flange: &Rigid<Base, Flange>) -> (f64, f64) {
+    let fixture = Fixture::get();
+    let tool: Rigid<Base, Tool> = *base_from_flange * fixture.cycle.calibrations.flange_from_tool;
+    let panel_from_base: Rigid<Panel, Base> = fixture.truth().base_from_panel.inverse();
+    let tip: Point<Panel> = panel_from_base * tool.origin();
+    (fixture.truth().distance_mm(tip), fixture.truth().outline_distance_mm(tip))
+}
+
+/// The axes with the tool square to the panel's middle, so far above it.
+fn near_panel(height_mm: f64) -> Option<Joints> {
+    let fixture = Fixture::get();
+    let truth = fixture.truth();
+    let middle: Point<Panel> = Point::at(MIDDLE_MM[0], MIDDLE_MM[1], MIDDLE_MM[2]);
+    let normal = truth.normal(middle).mm.normalize();
+    let tip = middle.mm - normal * (truth.distance_mm(middle) - height_mm);
+    let z = -normal;
+    let beside = if z.y.abs() < 0.9 { nalgebra::Vector3::y() } else { nalgebra::Vector3::x() };
+    let x = beside.cross(&z).normalize();
+    let arm = mock::Arm::kr6_r700_2();
+    (0..8).find_map(|turn| {
+        let axes = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]));
+        let turned = axes
+            * Rotation3::from_axis_angle(
+                &nalgebra::Vector3::z_axis(),
+                f64::from(turn) * std::f64::consts::FRAC_PI_4,
+            );
+        let pose =
+            Isometry3::from_parts(Translation3::from(tip.coords), UnitQuaternion::from_rotation_matrix(&turned));
+        let panel_from_tool: Rigid<Panel, Tool> = Rigid::claim(pose);
+        let base_from_tool: Rigid<Base, Tool> = truth.base_from_panel * panel_from_tool;
+        let tool_from_flange: Rigid<Tool, Flange> = fixture.cycle.calibrations.flange_from_tool.inverse();
+        let base_from_flange: Rigid<Base, Flange> = base_from_tool * tool_from_flange;
+        let joints = arm.nearest(&base_from_flange, &START).ok()?;
+        arm.within_limits(&joints).is_ok().then_some(joints)
+    })
+}

@@ -1,0 +1,101 @@
+//! Backups and restores of a world's store, by the product's own: a backup while a process writes, a restore between two.
+
+use super::Running;
+use super::disk;
+use super::inside::Inside;
+use super::ledger::Ledger;
+use super::sabotage::Sabotage;
+use panelprep::backup::{self, Permission, Plan, Wanted};
+use panelprep::cycle::{At, Cause, State};
+use std::path::{Path, PathBuf};
+
+/// Stands in a restored store that was not opened since.
+const RESTORED: &str = "panelprep.restored";
+
+/// A store as it was at some moment.
+#[derive(Debug)]
+pub struct Backup {
+    archive: PathBuf,
+    /// What that store holds.
+    ledger: Ledger,
+}
+
+/// Backs up the store in this folder, which holds what the ledger says; the process goes on.
+pub fn backs_up(world: &mut Inside, store: &Path, ledger: &Ledger) {
+    if !std::mem::take(&mut world.backs_up) || disk::is_over() || disk::had_io_error() {
+        return;
+    }
+    let archive = store.with_file_name("backup");
+    let _ = std::fs::remove_file(&archive);
+    match backup::write(&archive, Some(store), None, 0) {
+        Ok(written) if written.found.is_empty() => {
+            world.counts.backups += 1;
+            world.backup = Some(Backup { archive, ledger: ledger.clone() });
+        }
+        Ok(written) => world.wrong("backup", format!("the store does not verify: {:?}", written.found)),
+        Err(error) => world.wrong("backup", error.to_string()),
+    }
+}
+
+impl Running {
+    /// The store that was backed up last takes the place of the one that is there, if somebody wants that.
+    pub(super) fn restores(&mut self) {
+        let Some(backup) = self.world.lock().restorable() else { return };
+        disk::leave();
+        let plan = Plan {
+            archive: &backup.archive,
+            cell: Path::new("/nowhere/cell.toml"),
+            store: Some(&self.store()),
+            wanted: Wanted { store: true, configuration: false },
+            permission: Permission { replace_store: true, ..Permission::default() },
+        };
+        let restored = backup::restore(&plan);
+        let mut world = self.world.lock();
+        match restored {
+            Ok(restored) if restored.found.is_empty() => {
+                world.counts.restores += 1;
+                restored.kept.iter().for_each(|kept| drop(std::fs::remove_dir_all(kept)));
+            }
+            Ok(restored) => world.wrong("restore", format!("the backup does not verify: {:?}", restored.found)),
+            Err(error) => world.wrong("restore", error.to_string()),
+        }
+        if world.truth.reboots > 0 {
+            // Epochs that neither the store knows any more nor the controller that was started again.
+            world.oracles.epochs_begin_anew();
+        }
+        // A part that may have been treated since the backup is taken out, as the message says.
+        world.is_another_part = true;
+        drop(world);
+        if self.sabotage == Some(Sabotage::UnmarkedRestore) {
+            let _ = std::fs::remove_file(self.store().join(RESTORED));
+        }
+        self.ledger = backup.ledger.replaces(&mut self.ledger);
+        self.is_restored = true;
+        self.watch();
+    }
+
+    /// A restored store rests until a person has answered what may have happened since.
+    pub(super) fn asks_after_a_restore(&mut self, rested: &State) -> Result<(), (&'static str, String)> {
+        if !std::mem::take(&mut self.is_restored) {
+            return Ok(());
+        }
+        self.world.lock().counts.judged("a restored store asks");
+        let is_asked = rested.at == At::Aborted { cause: Cause::StoreRestored };
+        let what = || ("a restored store asks", format!("it starts in {:?}", rested.at));
+        if is_asked { Ok(()) } else { Err(what()) }
+    }
+
+    /// What the arm executed until now of a path that a process left.
+    pub(super) fn touches(&mut self) {
+        let executed = self.world.lock().executed_on_path();
+        self.ledger.touched.executed(executed);
+    }
+}
+
+impl Inside {
+    /// The backup that is to be restored now.
+    fn restorable(&mut self) -> Option<Backup> {
+        let wants = std::mem::take(&mut self.restores);
+        self.backup.take_if(|_| wants)
+    }
+}
