@@ -15,11 +15,11 @@ fn held_for_review(state: &State) -> bool {
     matches!(state.at, At::Held(Hold { why: Why::Review, .. }))
 }
 
-/// The robot reports poses 3 mm beside the planned lines, the limit is 1 mm: held, and nothing more until a person accepts. Then the
+/// The robot reports poses 3.5 mm beside the planned lines, the limit is 3 mm: held, and nothing more until a person accepts. Then the
 /// cycle continues with the rinse and the next film, as it would have.
 #[test]
 fn a_path_beside_its_plan_is_held_and_goes_on_once_accepted() {
-    let fake = || Fake::new(Scene::Good).step_by_step().that_is_off_plan(3.0, [20, 30]);
+    let fake = || Fake::new(Scene::Good).step_by_step().that_is_off_plan(3.5, [20, 30]);
     let story = fake().run(Asks::one_cycle());
     let left = Phase::Assess { left: false };
     assert_eq!(story.outcome.state.at, At::Held(Hold { why: Why::Review, resume: left }), "{story}");

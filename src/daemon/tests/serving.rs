@@ -139,17 +139,27 @@ fn a_command_after_a_stop_on_the_wire_is_no_fault() {
     assert_eq!((script.refusals, script.verdicts), (vec![], vec![Verdict::Aborted]));
 }
 
-/// Without a stop that ended it, an epoch that is not open is a fault.
+/// Without a stop that ended it, an epoch that is not open is a fault, and the cycle does not go on.
 #[test]
 fn a_command_without_an_epoch_is_a_fault() {
     let cell = Fake::new(Scene::Clean);
     let mut is_stopped = cell.stops_before_a_command();
-    let mut script = Script::default().reset().start(&cell).leave_when(move |state| {
-        let ends = matches!(state.at, At::Execute(cycle::Phase::Locate)) && is_stopped();
-        !ends && matches!(state.at, At::Aborted { .. })
-    });
+    let mut script = Script::default()
+        .reset()
+        .start(&cell)
+        .when(
+            move |state| {
+                if matches!(state.at, At::Execute(cycle::Phase::Locate)) {
+                    is_stopped();
+                }
+                matches!(state.at, At::Held(_)) || state.at.rests() && state.at != At::Idle
+            },
+            What::Table(cycle::Request::Stop),
+        )
+        .leave_when(|state| state.at.rests());
     cell.serve(|cameras| cameras, vec![], &mut script);
     assert!(script.noted.iter().any(|reason| reason.code == "not_sent"), "{:?}", script.noted);
+    assert_eq!(script.verdicts, [Verdict::Aborted]);
 }
 
 /// The first start needs the switch at local; it is turned, and the same start is taken.

@@ -257,14 +257,14 @@ impl Cell {
         }
     }
 
-    /// Ends the epoch, as a stop does that is on the wire before the loop has taken it; true once a command came after that.
+    /// The next command finds no epoch, as after a stop that is on the wire before the loop has taken it; true once it came.
     pub fn stops_before_a_command(&self) -> impl FnMut() -> bool + use<> {
         let world = self.world.clone();
         let mut has_stopped = false;
         move || {
             let mut world = world.borrow_mut();
             if !std::mem::replace(&mut has_stopped, true) {
-                world.end_epoch();
+                world.is_overtaken = true;
             }
             world.unsent > 0
         }

@@ -8,7 +8,7 @@ use crate::geometry::{Base, Flange, Joints, KukaPose, Panel, Tool};
 
 impl World {
     fn queue(&mut self, command: Command) -> Result<CommandId, QueueError> {
-        if !self.open {
+        if !self.open || std::mem::take(&mut self.is_overtaken) {
             self.unsent += 1;
             return Err(QueueError::NoEpoch);
         }
@@ -107,7 +107,7 @@ impl World {
         self.dead_feedback.filter(|(_, from)| self.in_contact >= *from).map_or(0, |(bit, _)| 1 << bit)
     }
 
-    pub(super) fn end_epoch(&mut self) -> u32 {
+    fn end_epoch(&mut self) -> u32 {
         let done = self.done;
         (self.open, self.done, self.next_id) = (false, 0, 1);
         (self.base, self.tool) = (None, None);

@@ -78,6 +78,8 @@ pub(super) struct World {
     pub(super) contact_off_mm: Vec<f64>,
     /// Input 6, the selector switch.
     pub(super) is_local: bool,
+    /// A stop on the wire has ended the epoch before the next command.
+    pub(super) is_overtaken: bool,
     /// Commands that came when no epoch was open.
     pub(super) unsent: u32,
     pub(super) films_began_s: Vec<f64>,
@@ -131,6 +133,7 @@ impl World {
             first_move_ms: None,
             contact_off_mm: Vec::new(),
             is_local: true,
+            is_overtaken: false,
             unsent: 0,
             films_began_s: Vec::new(),
         }
