@@ -32,6 +32,8 @@ const ACCEPTED_TO_MM: f64 = 2.0;
 const ACCEPTED: f64 = 0.95;
 const STATED: f64 = 0.9;
 const CONTACT_MM: f64 = 0.15;
+/// `[surface] max_hole_mm` by default.
+const MAX_HOLE_MM: f64 = 12.0;
 const BOTH_MS: f64 = 120.0;
 
 /// What was found of a bent panel.
@@ -42,6 +44,8 @@ struct Found {
     tried: Tried,
     /// The surface of the path from the true one, mean size and largest, mm; `None` without a surface.
     contact_mm: Option<[f64; 2]>,
+    /// Side of the largest square of the region that the scan does not show, mm.
+    hole_mm: f64,
     /// The pose in the panel's plane, mm.
     aside_mm: Option<f64>,
     fit_ms: f64,
@@ -50,7 +54,7 @@ struct Found {
 /// The panels of these seeds; how many floors were missed.
 pub fn panels(seeds: RangeInclusive<u64>) -> usize {
     println!(
-        "seed  bow mm  wave mm  length mm  scale  verdict  bend mm  rms mm  outline px  contact mm  aside mm  stated mm  ms"
+        "seed  bow mm  wave mm  length mm  scale  verdict  bend mm  rms mm  outline px  contact mm  hole mm  aside mm  stated mm  ms"
     );
     let mut all = Vec::new();
     for seed in seeds {
@@ -121,13 +125,14 @@ fn found(
     let is_scaled = range.scale > 0.0;
     let tried = located_with(trial, (panel.clone(), recipe.clone()), (range, mount));
     let Some(pose) = tried.fit.as_ref().map(|fit| fit.base_from_panel) else {
-        return Found { bend, is_scaled, tried, contact_mm: None, aside_mm: None, fit_ms: 0.0 };
+        return Found { bend, is_scaled, tried, contact_mm: None, hole_mm: 0.0, aside_mm: None, fit_ms: 0.0 };
     };
     let scan = trial.scan();
     let begun = Instant::now();
     let points = surface::todays_points(panel, &scan, &(pose.inverse() * mount));
     let today = surface::todays(&taught.surface, panel, &taught.map, (&points, recipe.surface().max_hole_mm()));
     let fit_ms = begun.elapsed().as_secs_f64() * 1e3;
+    let hole_mm = today.as_ref().map_or(f64::INFINITY, |today| today.largest_hole_mm);
     let contact_mm = today.ok().map(|today| {
         let middle = |n: usize| (n as f64 + 0.5) / PLACES as f64;
         let places = (0..PLACES * PLACES).map(|n| Parameter { u: middle(n % PLACES), v: middle(n / PLACES) });
@@ -136,17 +141,17 @@ fn found(
         [off_mm.iter().sum::<f64>() / off_mm.len() as f64, off_mm.iter().copied().fold(0.0, f64::max)]
     });
     let aside_mm = trial.aside_mm(&pose);
-    Found { bend, is_scaled, tried, contact_mm, aside_mm, fit_ms }
+    Found { bend, is_scaled, tried, contact_mm, hole_mm, aside_mm, fit_ms }
 }
 
 fn words(found: &Found) -> String {
-    let Found { bend, tried, contact_mm, aside_mm, fit_ms, .. } = found;
+    let Found { bend, tried, contact_mm, hole_mm, aside_mm, fit_ms, .. } = found;
     let shape = format!("{:+.2}  {:.2}  {:3.0}", bend.bow_mm, bend.wave_mm, bend.length_mm);
     let reasons: Vec<&str> = tried.judgement.reasons.iter().map(|reason| reason.code.as_ref()).collect();
     let Some(fit) = &tried.fit else { return format!("{shape}  not found: {}", reasons.join(", ")) };
     let [mean_mm, largest_mm] = contact_mm.unwrap_or([f64::NAN; 2]);
     format!(
-        "{shape}  {:6}  {:.2}  {:.3}  {:.2}  {mean_mm:.3} {largest_mm:.3}  {:.3}  {:.3}  {:.0} + {fit_ms:.0}  {}",
+        "{shape}  {:6}  {:.2}  {:.3}  {:.2}  {mean_mm:.3} {largest_mm:.3}  {hole_mm:.0}  {:.3}  {:.3}  {:.0} + {fit_ms:.0}  {}",
         tried.judgement.verdict.word(),
         fit.deviation_mm,
         fit.rms_mm,
@@ -162,7 +167,9 @@ fn judged(all: &[Found]) -> usize {
     let is_accepted = |found: &&Found| found.tried.judgement.verdict == Verdict::Accept;
     let little = || all.iter().filter(|found| found.bend.bow_mm.abs() <= ACCEPTED_TO_MM && !found.is_scaled);
     let (of, accepted) = (little().count(), little().filter(is_accepted).count());
-    let used: Vec<&Found> = all.iter().filter(is_accepted).collect();
+    // A region that is hidden in part is for a person by the check of today's surface.
+    let is_seen = |found: &&Found| found.hole_mm <= MAX_HOLE_MM;
+    let used: Vec<&Found> = all.iter().filter(is_accepted).filter(is_seen).collect();
     let largest = |found: &&Found| found.contact_mm.map_or(f64::INFINITY, |[_, largest_mm]| largest_mm);
     let stated = |found: &&Found| found.tried.fit.as_ref().map_or(0.0, |fit| fit.uncertainty_mm);
     let within = used.iter().filter(|found| largest(found) <= stated(found)).count();
@@ -182,9 +189,9 @@ fn judged(all: &[Found]) -> usize {
     row(
         share(accepted, of) >= ACCEPTED,
         &format!(
-            "{accepted} of {of} panels that bow by {ACCEPTED_TO_MM} mm at most, scanned with the right scale, are accepted, and {} of all {}",
-            used.len(),
-            all.len()
+            "{accepted} of {of} panels that bow by {ACCEPTED_TO_MM} mm at most, scanned with the right scale, are accepted; of all {}, {} are accepted and show their region",
+            all.len(),
+            used.len()
         ),
     ) + row(
         share(within, used.len()) >= STATED,
