@@ -35,11 +35,14 @@ fn survives(folder: &Path, after: Duration) -> bool {
     let found = service.done("state");
     assert_eq!(found["state"], expected.at.word(), "after {after:?}: {found}");
     assert!(matches!(expected.at, At::Aborted { .. } | At::Stopped), "{expected:?}");
-    // It only hears: a start, what the robot's condition is, and that its outputs are off.
+    // It only hears: a start, the robot's condition and override, and that its outputs are off.
     std::thread::sleep(Duration::from_millis(300));
     let since = journal(folder)[before.len()..].to_vec();
     assert!(since.contains(&Event::Told(Report::Boot)), "{since:?}");
-    let hears = |event: &Event| matches!(event, Event::Told(Report::Boot | Report::Robot(_) | Report::OutputsOff));
+    let hears = |event: &Event| {
+        let Event::Told(report) = event else { return false };
+        matches!(report, Report::Boot | Report::Robot(_) | Report::FullOverride(_) | Report::OutputsOff)
+    };
     assert!(since.iter().all(hears), "it acts unasked: {since:?}");
     if expected.intent.is_some() {
         let (exit, cycle) = json(folder, "cycle --cell cell/cell.toml --recipe cell/recipe.toml");
