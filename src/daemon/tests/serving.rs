@@ -125,11 +125,15 @@ fn the_cell_warns_before_it_moves() {
 fn a_command_after_a_stop_on_the_wire_is_no_fault() {
     let cell = Fake::new(Scene::Clean);
     let mut is_stopped = cell.stops_before_a_command();
+    let mut has_begun = false;
     let mut script = Script::default()
         .reset()
         .start(&cell)
         .when(
-            move |state| matches!(state.at, At::Execute(cycle::Phase::Locate)) && is_stopped(),
+            move |state| {
+                has_begun |= matches!(state.at, At::Execute(cycle::Phase::Locate));
+                has_begun && is_stopped() || matches!(state.at, At::Aborted { .. })
+            },
             What::Table(cycle::Request::Stop),
         )
         .leave_when(|state| state.at.rests());
