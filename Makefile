@@ -341,7 +341,7 @@ MATCHERS := target/bench-locate
 bench-locate: bench-locate-good bench-locate-bad bench-locate-peers
 
 bench-locate-good: setup
-	cargo bench --locked --bench locate -- good memory
+	cargo bench --locked --bench locate -- good bows memory
 
 bench-locate-bad: setup
 	cargo bench --locked --bench locate -- bad wet

@@ -34,16 +34,17 @@ pub(super) struct BentFit {
     pub model: Option<Model>,
 }
 
-/// Goes on from the end of a fit of the taught panel.
-pub(super) fn follow(fitted: Fitted, inputs: FitInputs<'_>) -> BentFit {
-    let (of_surface, all) = (Samples::of_surface(inputs.model), Samples::all(inputs.model));
+/// Goes on from the end of a fit of the taught panel, by these samples.
+pub(super) fn follow(fitted: Fitted, inputs: FitInputs<'_>, samples: &Samples) -> BentFit {
+    let of_surface = samples.of_surface();
     let mut bent = BentFit { fitted, deviation: None, model: None };
     for _ in 0..ROUNDS {
         let now = FitInputs { model: bent.model.as_ref().unwrap_or(inputs.model), ..inputs };
         let residuals = Residuals::at(&bent.fitted.camera_from_panel, now, &of_surface);
         let Some(deviation) = Deviation::of(&residuals, inputs.model, bent.deviation.as_ref()) else { break };
         let model = deviation.bent(inputs.model);
-        let Some(fitted) = fit(&bent.fitted.camera_from_panel, FitInputs { model: &model, ..inputs }, &all) else {
+        let Some(fitted) = fit(&bent.fitted.camera_from_panel, FitInputs { model: &model, ..inputs }, samples)
+        else {
             break;
         };
         bent = BentFit { fitted, deviation: Some(deviation), model: Some(model) };

@@ -93,8 +93,11 @@ impl Prepared<'_> {
         };
         let Some(fit) = fit else { return explained };
         let placed: Rigid<Camera, Panel> = self.view.base_from_camera.inverse() * fit.base_from_panel;
-        let deviation =
-            Deviation::of(&Residuals::at(&placed, inputs, &Samples::of_surface(inputs.model)), inputs.model, None);
+        let deviation = Deviation::of(
+            &Residuals::at(&placed, inputs, &Samples::all(inputs.model).of_surface()),
+            inputs.model,
+            None,
+        );
         let bent = deviation.as_ref().map(|deviation| deviation.bent(inputs.model));
         let taught = inputs.model;
         let inputs = FitInputs { model: bent.as_ref().unwrap_or(taught), ..inputs };

@@ -75,14 +75,9 @@ impl Samples {
         }
     }
 
-    /// The surface alone.
-    pub fn of_surface(model: &Model) -> Samples {
-        Samples::some_of_surface(model, model.points.len())
-    }
-
-    /// About this number of the surface, and nothing else.
-    pub fn some_of_surface(model: &Model, wanted: usize) -> Samples {
-        Samples { surface: spread_over(model.points.len(), wanted), outline: Vec::new(), marks: Vec::new() }
+    /// Those of the surface alone.
+    pub fn of_surface(&self) -> Samples {
+        Samples { surface: self.surface.clone(), outline: Vec::new(), marks: Vec::new() }
     }
 
     /// About this number of the surface, and an eighth as many of the outline and of the marks.

@@ -152,7 +152,7 @@ impl<'a> Prepared<'a> {
             .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
         let fitted = fit::fit(&best, inputs, &Samples::all(model))
             .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
-        let BentFit { fitted, deviation, model: bent } = deviation::follow(fitted, inputs);
+        let BentFit { fitted, deviation, model: bent } = deviation::follow(fitted, inputs, &Samples::all(model));
         let inputs = FitInputs { model: bent.as_ref().unwrap_or(model), ..inputs };
         let (agreement_mm, camera) = rayon::join(
             || agreement_mm(&fitted, inputs),
@@ -171,20 +171,16 @@ impl<'a> Prepared<'a> {
 enum Panels {
     /// As it was taught.
     AsTaught,
-    /// As it would have to be bent at each of the two: of a panel that is bent, the surface as it was taught says little for any pose, and what
-    /// speaks for one is what no bend explains, above all the outline.
+    /// As it would have to be bent at each of the two, and where it then lies: the surface of a bent panel as it was taught says little for any
+    /// pose and pulls it aside. What speaks for one is what no bend explains, above all the outline.
     AsBent,
-}
-
-/// The panel as it would have to be bent at a pose.
-fn bent_at(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> Option<Deviation> {
-    let residuals = Residuals::at(placed, inputs, &Samples::some_of_surface(inputs.model, WEIGHING_SAMPLES));
-    Deviation::of(&residuals, inputs.model, None)
 }
 
 /// Is the panel bent there by more than what lies on the taught surface?
 fn is_bent(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> bool {
-    bent_at(placed, inputs).is_some_and(|deviation| deviation.largest_mm > SURFACE_NEAR_MM)
+    let residuals = Residuals::at(placed, inputs, &Samples::some(inputs.model, WEIGHING_SAMPLES).of_surface());
+    let deviation = Deviation::of(&residuals, inputs.model, None);
+    deviation.is_some_and(|deviation| deviation.largest_mm > SURFACE_NEAR_MM)
 }
 
 /// Fits the hypotheses and finds the one that no other beats, with its closest competitor.
@@ -198,12 +194,12 @@ fn choose(
         .par_iter()
         .take(search::kept(inputs.model) - 1)
         .map(|hypothesis| {
-            let end = fit::fit(&hypothesis.camera_from_panel, inputs, &samples)?.camera_from_panel;
-            let deviation = (panels == Panels::AsBent).then(|| bent_at(&end, inputs)).flatten();
-            let bent = deviation.map(|deviation| deviation.bent(inputs.model));
-            let score =
-                ConsistencyScore::of(&end, FitInputs { model: bent.as_ref().unwrap_or(inputs.model), ..inputs });
-            Some((end, score))
+            let fitted = fit::fit(&hypothesis.camera_from_panel, inputs, &samples)?;
+            let taught = BentFit { fitted, deviation: None, model: None };
+            let bent = if panels == Panels::AsBent { deviation::follow(fitted, inputs, &samples) } else { taught };
+            let end = bent.fitted.camera_from_panel;
+            let inputs = FitInputs { model: bent.model.as_ref().unwrap_or(inputs.model), ..inputs };
+            Some((end, ConsistencyScore::of(&end, inputs)))
         })
         .collect();
     let mut fitted: Vec<(Rigid<Camera, Panel>, ConsistencyScore)> = fitted.into_iter().flatten().collect();

@@ -49,7 +49,7 @@ const MEAN_MM: f64 = 0.07;
 const LARGEST_MM: f64 = 0.15;
 const LARGE_SHARE: f64 = 0.95;
 const STATED_SHARE: f64 = 0.9;
-const STATED_MM: f64 = 0.25;
+const STATED_MM: f64 = gate::MAX_UNCERTAINTY_MM;
 const VERDICT_MS: f64 = 300.0;
 
 fn main() -> ExitCode {
