@@ -304,9 +304,14 @@ impl Reasons {
             "uncertainty",
             found.uncertainty_mm,
             HAND_EYE_UNCERTAINTY_MM,
-            &words("the mount is uncertain by so many mm (95 %) at the panel"),
+            &words("uncertainty of the mount at the panel (95 %), mm"),
         );
-        self.bound("rms_mm", found.rms_mm, HAND_EYE_RMS_MM, &words("picture and robot disagree by so many mm rms"));
+        self.bound(
+            "rms_mm",
+            found.rms_mm,
+            HAND_EYE_RMS_MM,
+            &words("difference between picture and robot, rms, mm"),
+        );
         let spread = found.second_axis_deg;
         self.doubt("rotation", spread.is_nan() || spread < SPREAD_DEG, || {
             let [spread, needed] = apart(spread, SPREAD_DEG, 1);

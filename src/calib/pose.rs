@@ -3,8 +3,7 @@
 use super::chain::BoardObservation;
 use super::error::CalibError;
 use super::foreign;
-use crate::geometry::{Board, Frame, PinholeCamera, Pixel, Point, Rigid};
-use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use crate::geometry::{Board, Frame, PinholeCamera, Pixel, Point, Rigid, nearest_motion};
 
 /// A board's pose with the residual of its corners: px among pixels, mm among points.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,29 +36,15 @@ pub fn board_pose<C: Frame>(
     }
 }
 
-/// The rigid motion that carries points best onto others (Kabsch, Acta Cryst. A32, 1976).
+/// The pose that carries the board's points best onto the measured ones.
 fn kabsch<C: Frame>(corners: &[(Point<Board>, Point<C>)]) -> Result<BoardPose<C>, CalibError> {
     let few = || CalibError::Points(format!("{} points of the board were measured; 4 are needed", corners.len()));
     if corners.len() < 4 {
         return Err(few());
     }
-    let count = corners.len() as f64;
-    let (sum_q, sum_p) = corners.iter().fold((Vector3::zeros(), Vector3::zeros()), |(q, p), corner| {
-        (q + corner.0.mm.coords, p + corner.1.mm.coords)
-    });
-    let (mean_q, mean_p) = (sum_q / count, sum_p / count);
-    let spread: Matrix3<f64> =
-        corners.iter().map(|(q, p)| (p.mm.coords - mean_p) * (q.mm.coords - mean_q).transpose()).sum();
-    let (u, v_t) = match spread.svd(true, true) {
-        nalgebra::SVD { u: Some(u), v_t: Some(v_t), .. } => (u, v_t),
-        _ => return Err(few()),
-    };
-    let turn = (u * v_t).determinant().signum();
-    let rotation = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, turn)) * v_t;
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
-    let isometry = Isometry3::from_parts(Translation3::from(mean_p - rotation * mean_q), rotation);
-    let square: f64 = corners.iter().map(|(q, p)| (isometry * q.mm - p.mm).norm_squared()).sum();
-    Ok(BoardPose { camera_from_board: Rigid::claim(isometry), rms: (square / count).sqrt() })
+    let camera_from_board = nearest_motion(corners).ok_or_else(few)?;
+    let square: f64 = corners.iter().map(|(q, p)| (camera_from_board * *q).distance_mm(*p).powi(2)).sum();
+    Ok(BoardPose { camera_from_board, rms: (square / corners.len() as f64).sqrt() })
 }
 
 #[cfg(test)]

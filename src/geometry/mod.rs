@@ -3,6 +3,7 @@
 //! Pure types and their algebra; everything else in the program stands on these and adds no second version.
 //! Lengths in mm, angles in degrees, pixels with whole numbers at pixel centres.
 
+pub mod basis;
 mod camera;
 mod cloud;
 mod cloud_lens;
@@ -31,6 +32,6 @@ pub use median::{median, median_between};
 pub use picture::{ColorPicture, GrayPicture, Mask};
 pub use plane::{Plane, local_plane, local_plane_of};
 pub use raster::{AROUND, BESIDE, Raster};
-pub use rigid::{Point, Rigid, Vector};
-pub use smooth_field::{Height, RobustField, SIGMA_OF_MEDIAN, SmoothField, TUKEY, tukey};
+pub use rigid::{Point, Rigid, Vector, nearest_motion};
+pub use smooth_field::{Height, RobustField, SmoothField};
 pub use units::{Degrees, Pixel, STANDARD_GRAVITY_M_S2};

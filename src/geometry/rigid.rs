@@ -7,7 +7,7 @@
 
 use super::frames::Frame;
 use super::units::Degrees;
-use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use std::marker::PhantomData;
 use std::ops::{Add, Mul, Sub};
 
@@ -167,6 +167,24 @@ impl<To: Frame, From: Frame> Mul<Vector<From>> for Rigid<To, From> {
     fn mul(self, vector: Vector<From>) -> Vector<To> {
         Vector::new(self.isometry * vector.mm)
     }
+}
+
+/// The rigid motion that carries points best onto others (Kabsch, Acta Cryst. A32, 1976); `None` of none.
+pub fn nearest_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>)]) -> Option<Rigid<To, From>> {
+    let count = pairs.len() as f64;
+    let (sum_from, sum_to) = pairs.iter().fold((Vector3::zeros(), Vector3::zeros()), |(from, to), pair| {
+        (from + pair.0.mm.coords, to + pair.1.mm.coords)
+    });
+    let (mean_from, mean_to) = (sum_from / count, sum_to / count);
+    let spread: Matrix3<f64> =
+        pairs.iter().map(|(from, to)| (to.mm.coords - mean_to) * (from.mm.coords - mean_from).transpose()).sum();
+    let svd = spread.svd(true, true);
+    let (u, v_t) = (svd.u.filter(|_| !pairs.is_empty())?, svd.v_t?);
+    // A mirror image is no motion.
+    let turn = (u * v_t).determinant().signum();
+    let rotation = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, turn)) * v_t;
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+    Some(Rigid::claim(Isometry3::from_parts(Translation3::from(mean_to - rotation * mean_from), rotation)))
 }
 
 #[cfg(test)]

@@ -3,11 +3,13 @@
 //! c(u, v) over the unit square is a bicubic spline with spans of 70 mm at most that minimises
 //!     Σ_q w_q (c(u_q, v_q) − r_q)² + n̄ (λ Σ |Δ²c|² + μ Σ c²),                                              (1)
 //! n̄ being the mean number of heights r_q to a coefficient and Δ² second differences of the coefficients along u and along v: where
-//! heights are missing the field goes on smoothly and fades to 0. Heights have Tukey's weights (Beaton & Tukey, Technometrics 16, 1974), and
-//! the first ones come from a single patch, so that a clamp or a flying point has no say. Sums are taken over fixed chunks in their order: the
+//! heights are missing the field continues smoothly and fades to 0. Heights have Tukey's weights (Beaton & Tukey, Technometrics 16, 1974), and
+//! the first ones come from a single patch, so that a clamp or a flying point has no weight. Sums are taken over fixed chunks in their order: the
 //! same bits for any number of threads.
 
+use super::basis::{DEGREE, KnotVector};
 use super::median::median;
+use super::statistics::{SIGMA_OF_MEDIAN, TUKEY, tukey};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -16,10 +18,6 @@ const SPAN_MM: f64 = 70.0;
 /// λ and μ of (1). Between places that are seen they bend and shrink the field by less than a hundredth.
 const SMOOTH: f64 = 1e-3;
 const FADE: f64 = 1e-4;
-/// Tukey's constant: 95 % as efficient as plain least squares on normal noise.
-pub const TUKEY: f64 = 4.685;
-/// Median of |x| to σ of normal noise.
-pub const SIGMA_OF_MEDIAN: f64 = 1.4826;
 /// σ is no smaller, mm: heights without noise.
 const MIN_SCALE_MM: f64 = 0.01;
 /// Fits with Tukey's weights.
@@ -27,7 +25,7 @@ const ROUNDS: usize = 4;
 /// What lies farther from the best single patch is not of the field, mm: a wave of a panel does not.
 const OFF_PATCH_MM: f64 = 1.5;
 /// Functions that are not 0 at one place, along each axis.
-const ORDER: usize = 4;
+const ORDER: usize = DEGREE + 1;
 /// Heights summed by one task.
 const CHUNK: usize = 2_048;
 
@@ -43,45 +41,39 @@ pub struct Height {
 /// c of (1).
 #[derive(Debug, Clone)]
 pub struct SmoothField {
-    spans: [usize; 2],
+    knots: [KnotVector; 2],
     /// One coefficient for each pair of functions, mm, v running fastest.
     coefficients: DVector<f64>,
 }
 
-/// A field, and which heights are of it.
+/// A field, and the heights that it is fitted to.
 #[derive(Debug, Clone)]
 pub struct RobustField {
     /// The field.
     pub field: SmoothField,
-    /// A height farther from it had no say, mm.
+    /// A height farther from it has no weight, mm.
     pub limit_mm: f64,
-}
-
-/// Tukey's weight of a deviation in standard deviations, 0…1.
-pub fn tukey(deviation_in_sigma: f64) -> f64 {
-    let inner = 1.0 - (deviation_in_sigma / TUKEY).powi(2);
-    if inner > 0.0 { inner * inner } else { 0.0 }
 }
 
 impl SmoothField {
     /// The field by these heights over a rectangle of this size, mm; `None` where (1) has no solution.
     pub fn robust(sides_mm: [f64; 2], seen: &[Height]) -> Option<RobustField> {
         // A single patch cannot follow a clamp; a fine field would, if it began with one.
-        let patch = SmoothField::weighted([1, 1], seen, vec![1.0; seen.len()])?.field;
+        let patch = SmoothField::weighted(&knots([1, 1])?, seen, vec![1.0; seen.len()])?.field;
         let is_near = |height: &Height| (height.mm - patch.at(height.at)).abs() <= OFF_PATCH_MM;
         let weights = seen.iter().map(|height| f64::from(is_near(height))).collect();
         let spans = sides_mm.map(|mm| (mm / SPAN_MM).ceil().max(1.0) as usize);
-        SmoothField::weighted(spans, seen, weights)
+        SmoothField::weighted(&knots(spans)?, seen, weights)
     }
 
     /// The height there, mm; beyond the square that of its border.
     pub fn at(&self, at: [f64; 2]) -> f64 {
-        functions(self.spans, at).iter().map(|function| self.coefficients[function.index] * function.value).sum()
+        functions(&self.knots, at).iter().map(|function| self.coefficients[function.index] * function.value).sum()
     }
 
-    /// The field with these spans, begun with these weights.
-    fn weighted(spans: [usize; 2], seen: &[Height], mut weights: Vec<f64>) -> Option<RobustField> {
-        let mut field = SmoothField::fitted(spans, seen, &weights)?;
+    /// The field with these knots, begun with these weights.
+    fn weighted(knots: &[KnotVector; 2], seen: &[Height], mut weights: Vec<f64>) -> Option<RobustField> {
+        let mut field = SmoothField::fitted(knots, seen, &weights)?;
         let mut limit_mm = f64::INFINITY;
         for _ in 0..ROUNDS {
             let off_mm: Vec<f64> = seen.par_iter().map(|height| height.mm - field.at(height.at)).collect();
@@ -89,18 +81,18 @@ impl SmoothField {
             let scale_mm = (SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)).max(MIN_SCALE_MM);
             limit_mm = TUKEY * scale_mm;
             weights = off_mm.iter().map(|mm| tukey(mm / scale_mm)).collect();
-            field = SmoothField::fitted(spans, seen, &weights)?;
+            field = SmoothField::fitted(knots, seen, &weights)?;
         }
         Some(RobustField { field, limit_mm })
     }
 
     /// Minimises (1) for these weights.
-    fn fitted(spans: [usize; 2], seen: &[Height], weights: &[f64]) -> Option<SmoothField> {
-        let [rows, columns] = spans.map(|spans| spans + ORDER - 1);
+    fn fitted(knots: &[KnotVector; 2], seen: &[Height], weights: &[f64]) -> Option<SmoothField> {
+        let [rows, columns] = [knots[0].controls(), knots[1].controls()];
         let count = rows * columns;
         let summed = |(seen, weights): (&[Height], &[f64])| {
             let mut sums = Equations::zeros(count);
-            seen.iter().zip(weights).for_each(|(height, weight)| sums.add(spans, height, *weight));
+            seen.iter().zip(weights).for_each(|(height, weight)| sums.add(knots, height, *weight));
             sums
         };
         let chunks: Vec<Equations> = seen.par_chunks(CHUNK).zip(weights.par_chunks(CHUNK)).map(summed).collect();
@@ -118,7 +110,7 @@ impl SmoothField {
             }
         }
         let coefficients = sums.normal.cholesky()?.solve(&sums.right);
-        Some(SmoothField { spans, coefficients })
+        Some(SmoothField { knots: knots.clone(), coefficients })
     }
 }
 
@@ -133,12 +125,12 @@ impl Equations {
         Equations { normal: DMatrix::zeros(count, count), right: DVector::zeros(count) }
     }
 
-    fn add(&mut self, spans: [usize; 2], height: &Height, weight: f64) {
+    fn add(&mut self, knots: &[KnotVector; 2], height: &Height, weight: f64) {
         if weight <= 0.0 {
             return;
         }
         // Indices grow along the list.
-        let functions = functions(spans, height.at);
+        let functions = functions(knots, height.at);
         for (n, one) in functions.iter().enumerate() {
             let weighted = weight * one.value;
             self.right[one.index] += weighted * height.mm;
@@ -162,37 +154,24 @@ struct Function {
     value: f64,
 }
 
+/// Knots of this many equal spans along each axis; `None` of none.
+fn knots(spans: [usize; 2]) -> Option<[KnotVector; 2]> {
+    let along = |spans| KnotVector::uniform(DEGREE, spans, 0.0..=1.0).ok();
+    Some([along(spans[0])?, along(spans[1])?])
+}
+
 /// The functions that are not 0 there, by growing index.
-fn functions(spans: [usize; 2], at: [f64; 2]) -> [Function; ORDER * ORDER] {
+fn functions(knots: &[KnotVector; 2], at: [f64; 2]) -> [Function; ORDER * ORDER] {
     let along = |axis: usize| {
-        let way = at[axis].clamp(0.0, 1.0) * spans[axis] as f64;
-        let first = (way as usize).min(spans[axis] - 1);
-        (first, cubic(spans[axis], first, way))
+        let way = at[axis].clamp(0.0, 1.0);
+        (knots[axis].span(way), knots[axis].values(way))
     };
-    let columns = spans[1] + ORDER - 1;
+    let columns = knots[1].controls();
     let ((row, of_row), (column, of_column)) = (along(0), along(1));
     std::array::from_fn(|n| {
         let (i, j) = (n / ORDER, n % ORDER);
         Function { index: (row + i) * columns + column + j, value: of_row[i] * of_column[j] }
     })
-}
-
-/// The four cubic functions that are not 0 in the span that begins at `first`, at a way from the axis's beginning in spans: their knots are the
-/// whole numbers, and both ends four times (Cox and de Boor; Piegl & Tiller, The NURBS Book, A2.2).
-fn cubic(spans: usize, first: usize, way: f64) -> [f64; ORDER] {
-    let knot = |from_here: isize| (first as isize + from_here).clamp(0, spans as isize) as f64;
-    let mut values = [1.0, 0.0, 0.0, 0.0];
-    for degree in 1..ORDER {
-        let mut saved = 0.0;
-        for (r, value) in values.iter_mut().enumerate().take(degree) {
-            let (after, before) = (knot(r as isize + 1), knot(r as isize + 1 - degree as isize));
-            let share = *value / (after - before);
-            *value = saved + (after - way) * share;
-            saved = (way - before) * share;
-        }
-        values[degree] = saved;
-    }
-    values
 }
 
 /// Where second differences of the coefficients begin, and the step from one coefficient to the next.
@@ -213,19 +192,8 @@ mod tests {
         places.map(|at| Height { at, mm: mm(at) }).collect()
     }
 
-    /// By hand: far from the ends at a knot 1/6, 4/6, 1/6 and in the middle of a span 1/48, 23/48, 23/48, 1/48; one span alone has Bernstein's
-    /// polynomials, and at both ends the first or the last function is 1.
-    #[test]
-    fn the_functions_are_the_cubic_ones_of_clamped_knots() {
-        let near = |found: [f64; 4], wanted: [f64; 4]| found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-12);
-        assert!(near(cubic(7, 3, 3.0), [1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0, 0.0]));
-        assert!(near(cubic(7, 3, 3.5), [1.0 / 48.0, 23.0 / 48.0, 23.0 / 48.0, 1.0 / 48.0]));
-        assert!(near(cubic(1, 0, 0.5), [0.125, 0.375, 0.375, 0.125]));
-        assert!(near(cubic(7, 0, 0.0), [1.0, 0.0, 0.0, 0.0]) && near(cubic(7, 6, 7.0), [0.0, 0.0, 0.0, 1.0]));
-    }
-
     /// A bow of 1.5 mm with a wave of 200 mm is followed to 0.041 mm at most, at the border, and 0.010 mm rms; a clamp of 30 mm at a corner, 3 mm
-    /// high, is not: there the field goes on to 0.11 mm. Another program of these equations found these numbers.
+    /// high, is not: there the field continues to 0.11 mm. Another program of these equations found these numbers.
     #[test]
     fn a_bow_is_followed_and_a_clamp_is_not() {
         let bow = |at: [f64; 2]| {

@@ -1,4 +1,4 @@
-//! What "95 %" means for errors on a panel: one rule for all rooms.
+//! Numbers of statistics that all rooms share, and what "95 %" means for errors on a panel.
 //!
 //! An error in one direction lies within 1.96 standard deviations with 95 %. "Anywhere on the panel" is more: the largest error over the
 //! panel. A plane-to-plane error is a shift v along the normal and two tilts, whose parts at the panel's edges are t₁ and t₂. At the four
@@ -13,6 +13,16 @@ pub const WITHIN_95: f64 = 1.96;
 /// The largest error over a panel lies within this many standard deviations of its worst point with 95 % by the localization's covariance, and
 /// with 94 % by (1).
 pub const WHOLE_PANEL_95: f64 = 2.35;
+/// The median of |x| to the standard deviation of normal noise.
+pub const SIGMA_OF_MEDIAN: f64 = 1.4826;
+/// Tukey's constant: 95 % as efficient as plain least squares on normal noise (Beaton & Tukey, Technometrics 16, 1974).
+pub const TUKEY: f64 = 4.685;
+
+/// Tukey's weight of a deviation in standard deviations, 0…1.
+pub fn tukey(deviation_in_sigma: f64) -> f64 {
+    let inner = 1.0 - (deviation_in_sigma / TUKEY).powi(2);
+    if inner > 0.0 { inner * inner } else { 0.0 }
+}
 
 #[cfg(test)]
 mod tests {

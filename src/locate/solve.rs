@@ -7,6 +7,7 @@
 //! neighbours that share one error. Sums are taken over fixed chunks in their order: the same bits for any number of
 //! threads.
 
+use crate::geometry::statistics::SIGMA_OF_MEDIAN;
 use crate::geometry::{Camera, Panel, Rigid, median};
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 use rayon::prelude::*;
@@ -111,9 +112,8 @@ const ZERO_1: Vector6<f64> = Vector6::from_array_storage(nalgebra::ArrayStorage(
 
 /// The median size of residuals, scaled to the standard deviation of a normal distribution.
 pub(super) fn spread(constraints: &[Constraint]) -> f64 {
-    const NORMAL: f64 = 1.4826;
     let mut sizes: Vec<f64> = constraints.iter().map(|constraint| constraint.residual.abs()).collect();
-    NORMAL * median(&mut sizes).unwrap_or(0.0)
+    SIGMA_OF_MEDIAN * median(&mut sizes).unwrap_or(0.0)
 }
 
 /// The transform followed by a small rotation about a point and a small shift, both in the camera's frame.

@@ -6,9 +6,9 @@
 //! its sign chosen once, so that it points to the side that the camera saw: the thesis's form depends on the
 //! handedness of (u, v), and the tool's Z and the retract would turn with it. Points in the panel's frame, mm.
 
-use super::basis::{Basis, KnotVector};
 use super::derivatives::{Derivatives, Parameter, Tangents};
 use super::spans::SpanSurface;
+use crate::geometry::basis::{Basis, KnotVector};
 use crate::geometry::{Panel, Point, Vector};
 use nalgebra::Vector3;
 use std::ops::RangeInclusive;

@@ -9,8 +9,8 @@
 //! Source of (2): Craven & Wahba, Numer. Math. 31, 1979, for a known σ.
 
 use super::banded::BandMatrix;
-use super::basis::{DEGREE, KnotVector, SpanFunctions};
 use super::samples::{Sample, Samples};
+use crate::geometry::basis::{DEGREE, KnotVector, SpanFunctions};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;

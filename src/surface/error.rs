@@ -1,8 +1,8 @@
 //! Why a scan gives no surface, in words for the person who teaches.
 
-use super::basis::{DEGREE, KnotError};
 use super::bspline::SurfaceError;
 use crate::geometry::Pixel;
+use crate::geometry::basis::{DEGREE, KnotError};
 use crate::verdict::{Check, SetBy, Severity};
 use crate::words::{apart, fixed};
 

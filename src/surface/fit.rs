@@ -12,14 +12,15 @@
 //! allows is an error, and so are a fold and a poor fit.
 //! Source of the weights: Beaton & Tukey, Technometrics 16(2), 1974.
 
-use super::basis::KnotVector;
 use super::bspline::BSplineSurface;
 use super::equations::{Equations, Solution};
 use super::error::{FitError, MIN_PIXELS};
 use super::map::{DeviationMap, MapPixel};
 use super::samples::{Sample, Samples, knots, sides_mm};
 use super::thesis;
-use crate::geometry::{Panel, Pixel, Point, SIGMA_OF_MEDIAN, TUKEY, median, tukey};
+use crate::geometry::basis::KnotVector;
+use crate::geometry::statistics::{SIGMA_OF_MEDIAN, TUKEY, tukey};
+use crate::geometry::{Panel, Pixel, Point, median};
 use crate::panel::{Region, TaughtPanel};
 use crate::recipe::{self, FitMethod};
 use nalgebra::{Point2, Vector3};

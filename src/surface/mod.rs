@@ -6,7 +6,6 @@
 //! place of the surface. This room does not know how paths are planned.
 
 mod banded;
-mod basis;
 mod bspline;
 mod derivatives;
 pub mod dwell;
@@ -27,7 +26,7 @@ mod tests;
 mod thesis;
 mod today;
 
-pub use basis::{Basis, KnotError, KnotVector, Local, MAX_DEGREE, SpanFunctions};
+pub use crate::geometry::basis::{Basis, KnotError, KnotVector, Local, MAX_DEGREE, SpanFunctions};
 pub use bspline::{BSplineSurface, SurfaceError};
 pub use derivatives::{Derivatives, Parameter, Tangents};
 pub use error::FitError;

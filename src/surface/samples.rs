@@ -4,9 +4,9 @@
 //! its ray and therefore does not change its parameter. The knots begin slightly outside of the region: points beyond its
 //! border, where there are any, support the surface's edge as well as its middle.
 
-use super::basis::{DEGREE, KnotError, KnotVector, SpanFunctions};
 use super::derivatives::Parameter;
 use super::error::FitError;
+use crate::geometry::basis::{DEGREE, KnotError, KnotVector, SpanFunctions};
 use crate::geometry::{Pixel, Point};
 use crate::panel::{Region, TaughtPanel};
 use nalgebra::{Point2, Vector3};

@@ -4,8 +4,8 @@
 //! two Horner schemes without a division, 25 ns for a point with five derivatives. x, y, z and an idle fourth number
 //! stand side by side, as a processor adds them. Serves degrees up to 3.
 
-use super::basis::{KnotVector, SpanFunctions};
 use super::derivatives::{Derivatives, Parameter, Tangents};
+use crate::geometry::basis::{KnotVector, SpanFunctions};
 use crate::geometry::{Panel, Point, Vector};
 use nalgebra::Vector3;
 

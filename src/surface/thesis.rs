@@ -3,8 +3,8 @@
 //! The scan is too dense to make every point a control point. Each control point is therefore the scan's point nearest to its
 //! Greville abscissa. The surface then follows the scan, contains its noise, and flattens every bulge. The method is here for comparison only.
 
-use super::basis::{DEGREE, KnotError, KnotVector};
 use super::error::FitError;
+use crate::geometry::basis::{DEGREE, KnotError, KnotVector};
 use crate::panel::TaughtPanel;
 use nalgebra::{Point2, Vector3};
 

@@ -43,7 +43,7 @@ pub struct Todays {
     pub largest_mm: f64,
     /// Root mean square of the points from it, mm.
     pub rms_mm: f64,
-    /// The share of the region in which most points are not of it, or none was seen, percent.
+    /// The share of the region in which most points belong to something else, or none was seen, percent.
     pub missing_percent: f64,
     /// Side of the largest such square, mm.
     pub largest_hole_mm: f64,

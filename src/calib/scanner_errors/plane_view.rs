@@ -7,6 +7,7 @@ use super::super::error::CalibError;
 use super::super::pose::board_pose;
 use super::block::Block;
 use super::plane;
+use crate::geometry::statistics::SIGMA_OF_MEDIAN;
 use crate::geometry::{
     Camera, DepthField, OrganizedCloud, PinholeCamera, Point, REFERENCE_DEPTH_MM, median_between,
 };
@@ -26,8 +27,6 @@ const SQUARE_SHARE: f64 = 0.01;
 const FILLED: f64 = 0.3;
 /// The board needs so many filled blocks.
 const MIN_BLOCKS: usize = 40;
-/// A median absolute deviation of normal noise times this is its standard deviation.
-const OF_NORMAL: f64 = 1.4826;
 
 /// A scan that shows the board.
 pub struct BoardScan<'a> {
@@ -118,7 +117,7 @@ impl PlaneView {
         if blocks.len() < MIN_BLOCKS {
             return Err(few());
         }
-        let white_mm = OF_NORMAL * median_between(&mut apart).ok_or_else(few)?;
+        let white_mm = SIGMA_OF_MEDIAN * median_between(&mut apart).ok_or_else(few)?;
         let turn = pose.camera_from_board.rotation();
         let corners = match detect::measured(scan.cloud, scan.camera, scan.corners) {
             BoardObservation::Points(points) => {
@@ -240,7 +239,7 @@ fn through_most(samples: &[Sample]) -> Option<Vector3<f64>> {
     let mut found = plane::fit(all())?;
     for _ in 0..2 {
         let off = |(direction, per_depth): ([f64; 2], f64)| (per_depth - plane::at(&found, direction)).abs();
-        let most = 4.0 * OF_NORMAL * median_between(&mut all().map(off).collect::<Vec<f64>>())?;
+        let most = 4.0 * SIGMA_OF_MEDIAN * median_between(&mut all().map(off).collect::<Vec<f64>>())?;
         found = plane::fit(all().filter(|one| off(*one) <= most))?;
     }
     Some(found)

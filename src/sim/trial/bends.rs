@@ -2,10 +2,9 @@
 
 use super::Trial;
 use super::space::lattice;
-use crate::geometry::{Base, Panel, Pixel, Point, Rigid};
+use crate::geometry::{Base, Panel, Pixel, Point, Rigid, nearest_motion};
 use crate::sim::scene;
 use crate::sim::shape::Bend;
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 impl Trial {
     /// The same scene with its panel bent since it was taught.
@@ -23,29 +22,17 @@ impl Trial {
         })
     }
 
-    /// How far a point lies before the surface of the panel as it stands there, along its normal, mm; `None` without a panel.
+    /// How far a point lies before the surface of today's panel, along its normal, mm; `None` without a panel.
     pub fn before_surface_mm(&self, point: Point<Base>) -> Option<f64> {
         Some(self.present.as_ref()?.nearest(self.place.inverse() * point).1)
     }
 
-    /// The pose that puts the taught panel nearest to the one that stands there, place by place (Kabsch, Acta Cryst. A 32, 1976): the place of a
+    /// The pose that puts the taught panel nearest to today's panel, place by place: the place of a
     /// panel that is not bent, and what is right of one that is. `None` without a panel.
     pub fn nearest_pose(&self) -> Option<Rigid<Base, Panel>> {
         let present = self.present.as_ref()?;
-        let pairs: Vec<[Point3<f64>; 2]> = lattice(&self.taught)
-            .into_iter()
-            .map(|at| [self.taught.point(at).mm, (self.place * present.point(at)).mm])
-            .collect();
-        let mean =
-            |which: usize| pairs.iter().map(|pair| pair[which].coords).sum::<Vector3<f64>>() / pairs.len() as f64;
-        let (taught, now) = (mean(0), mean(1));
-        let scatter: Matrix3<f64> =
-            pairs.iter().map(|[from, to]| (to.coords - now) * (from.coords - taught).transpose()).sum();
-        let svd = scatter.svd(true, true);
-        let (u, v_t) = (svd.u?, svd.v_t?);
-        let handed = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v_t).determinant().signum()));
-        let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(u * handed * v_t));
-        Some(Rigid::claim(Isometry3::from_parts(Translation3::from(now - turn * taught), turn)))
+        let pair = |at: [f64; 2]| (self.taught.point(at), self.place * present.point(at));
+        nearest_motion(&lattice(&self.taught).into_iter().map(pair).collect::<Vec<_>>())
     }
 
     /// How far a found place puts the outline from that of [`Trial::nearest_pose`], at most and in the panel's plane, mm.
@@ -63,6 +50,7 @@ impl Trial {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector3;
 
     /// A panel that is not bent is nearest where it stands; one that bows lies before its ends by the bow.
     #[test]

@@ -12,8 +12,8 @@ use std::ops::RangeInclusive;
 
 /// Highest degree that is served.
 pub const MAX_DEGREE: usize = 5;
-/// Degree of a fitted surface along u and v.
-pub(super) const DEGREE: usize = 3;
+/// Degree of fitted surfaces and fields along each parameter.
+pub const DEGREE: usize = 3;
 
 /// Numbers that belong to the `degree + 1` functions of one span; the rest is zero.
 pub type Local = [f64; MAX_DEGREE + 1];
