@@ -58,9 +58,9 @@ fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
     if let (Some(fit), Some(pose)) = (fit, pose) {
         outcome.say(format!("base from panel: {pose}"));
         outcome.say(format!(
-            "rms {:.3} mm about a bend of {:.2} mm at most, outline {:.2} px, overlap {:.3}, within {:.2} mm (95 %); weakest {}, {:.2} mm",
+            "rms {:.3} mm about a bend of {}, outline {:.2} px, overlap {:.3}, within {:.2} mm (95 %); weakest {}, {:.2} mm",
             fit.rms_mm,
-            fit.deviation_mm,
+            fit.deviation_mm.map_or_else(|| "unknown size".to_owned(), |mm| format!("{mm:.2} mm at most")),
             fit.outline_rms_px,
             fit.overlap(),
             fit.uncertainty_mm,

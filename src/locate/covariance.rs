@@ -4,7 +4,7 @@
 //! whose covariance is
 //!     C = N⁻¹ (Σ_k f_k N_k) N⁻¹ + f σ² Σᵢⱼ κ(xᵢ − xⱼ) Bᵢ Bⱼᵀ + v Σᵢⱼ κ(xᵢ − xⱼ) B⊥ᵢ B⊥ⱼᵀ,   κ(x) = exp(−π x²/ℓ²),          (1)
 //! with the edges and marks k, whose cells err independently, in the first term, and the surface in the others. The second is the scan's own
-//! smooth error, of the stated size σ. Over which length ℓ it is alike nobody knows for sure, and over a longer one than the panel it is a shift
+//! smooth error, of the stated size σ. Over which length ℓ it is alike is not known, and over a longer one than the panel it is a shift
 //! that no residual shows: (1) is evaluated for ℓ of 30 to 400 mm, and the largest is what is stated. The third is the panel's own
 //! deviation d (`deviation`), of the mean square v that was found: B⊥ is B without what a shift and two tilts along the normal take off, so that it
 //! counts only as far as a bend slides a curved panel in its plane.

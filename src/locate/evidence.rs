@@ -25,8 +25,8 @@ pub struct Fit {
     pub base_from_panel: Rigid<Base, Panel>,
     /// Root mean square of the scan's distances from the taught surface with its smooth deviation, mm: what no bow or wave explains.
     pub rms_mm: f64,
-    /// How far the panel lies at most from the taught one by that deviation, mm; 0 where too little of it is seen to say so.
-    pub deviation_mm: f64,
+    /// The largest distance of the panel from the taught one by that deviation, mm; `None` if too little of it is seen to say so.
+    pub deviation_mm: Option<f64>,
     /// Root mean square of the distances across the outline, mm.
     pub outline_rms_mm: f64,
     /// The same in pixels of the 3D camera.
@@ -169,7 +169,7 @@ pub(super) fn weigh(
     Ok(Fit {
         base_from_panel,
         rms_mm: surface.rms_mm,
-        deviation_mm: beside.deviation.as_ref().map_or(0.0, |deviation| deviation.largest_mm),
+        deviation_mm: beside.deviation.as_ref().map(|deviation| deviation.largest_mm),
         outline_rms_mm: outline.rms_px / px_per_mm,
         outline_rms_px: outline.rms_px,
         taught_found: of_expected(surface.found),

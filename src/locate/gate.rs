@@ -118,15 +118,20 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
 /// Is it bent so little that it may be the taught panel, and that its path may follow it without a person's word?
 fn bend(fit: &Fit, limits: &recipe::Surface) -> Check {
     let limit_mm = limits.max_deviation_mm();
-    Check::new(name::BEND, "mm", fit.deviation_mm)
-        .at_most(limit_mm, SetBy::recipe("surface.max_deviation_mm"))
-        .reviews("bent", || {
-            let [mm, limit_mm] = apart(fit.deviation_mm, limit_mm, 2);
+    let check =
+        Check::new(name::BEND, "mm", fit.deviation_mm).at_most(limit_mm, SetBy::recipe("surface.max_deviation_mm"));
+    let is_bent = fit.deviation_mm.is_none_or(|mm| exceeds(mm, limit_mm));
+    check.broken(is_bent, Severity::Review, "bent", || match fit.deviation_mm {
+        Some(mm) => {
+            let [mm, limit_mm] = apart(mm, limit_mm, 2);
             format!(
                 "the panel is bent by up to {mm} mm against the taught one, the limit is {limit_mm} mm; is it this panel, and is it clamped \
                  as it was taught?"
             )
-        })
+        }
+        None => "too little of the panel's surface is seen to measure how far it is bent; uncover the panel, dry it, then scan again"
+            .to_owned(),
+    })
 }
 
 /// Does it have the taught marks?
@@ -248,7 +253,7 @@ mod tests {
         Fit {
             base_from_panel,
             rms_mm: 0.08,
-            deviation_mm: 0.3,
+            deviation_mm: Some(0.3),
             outline_rms_mm: 0.1,
             outline_rms_px: 0.25,
             taught_found: 0.99,
@@ -320,9 +325,10 @@ mod tests {
         assert_eq!(judged(&Fit { marks_found: Some(0.5), ..good() }).0, Verdict::Accept);
         review(Fit { edge_width_px: Some(2.3), ..good() }, "blurred");
         review(Fit { saturated: 0.3, ..good() }, "overexposed");
-        review(Fit { deviation_mm: 2.01, ..good() }, "bent");
-        review(Fit { deviation_mm: f64::NAN, ..good() }, "bent");
-        review(Fit { uncertainty_mm: 0.37, ..good() }, "uncertain");
+        review(Fit { deviation_mm: Some(2.01), ..good() }, "bent");
+        review(Fit { deviation_mm: Some(f64::NAN), ..good() }, "bent");
+        review(Fit { deviation_mm: None, ..good() }, "bent");
+        review(Fit { uncertainty_mm: 0.36, ..good() }, "uncertain");
         review(Fit { agreement_mm: f64::INFINITY, ..good() }, "starts_disagree");
     }
 
@@ -355,7 +361,7 @@ mod tests {
         let judged = |camera, camera_at_teaching_mm| judged(&Fit { camera, camera_at_teaching_mm, ..good() });
         for camera in [None, told(0.31), told(2.0)] {
             assert_eq!(judged(camera, Some(0.2)), (Verdict::Review, vec!["camera_unwatched".into()]), "{camera:?}");
-            assert_eq!(judged(camera, Some(0.31)).0, Verdict::Accept, "teaching has warned of it: {camera:?}");
+            assert_eq!(judged(camera, Some(0.31)).0, Verdict::Accept, "teaching has warned: {camera:?}");
             assert_eq!(judged(camera, None).0, Verdict::Accept, "{camera:?}");
         }
         assert_eq!(judged(told(0.2), Some(0.1)).0, Verdict::Accept);

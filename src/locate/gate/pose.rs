@@ -14,10 +14,9 @@ use crate::words::{apart, fixed};
 pub const MAX_DISAGREEMENT_MM: f64 = 0.1;
 /// The least ratio of the support of a pose to that of any other.
 pub const MIN_MARGIN: f64 = 2.0;
-/// The stated error of a pose that is fit for use, mm, anywhere on the panel. It was 0.30 mm while the scan's error counted as alike over 85 mm
-/// alone, which is 0.13 mm of a panel of 330 × 220 mm with an unmeasured camera; by the length at which it does most it is 0.25 mm. So the rest,
-/// outline and scale, may still take what it took: √(0.30² − 0.13² + 0.25²).
-pub const MAX_UNCERTAINTY_MM: f64 = 0.36;
+/// The stated error of a pose that is fit for use, mm, anywhere on the panel: that of 0.25 mm at one place, times 2.35 / 1.7
+/// (`geometry/statistics`).
+pub const MAX_UNCERTAINTY_MM: f64 = 0.35;
 
 /// Is it known well enough where it stands?
 pub(super) fn knowledge(fit: &Fit) -> Vec<Check> {
@@ -112,7 +111,7 @@ mod tests {
     use super::*;
     use crate::verdict::Judgement;
 
-    /// 0.41 mm are too much. What would be allowed without one of the causes, 0.36 mm at most, was made too much by that cause.
+    /// 0.41 mm are too much. What would be allowed without one of the causes, 0.35 mm at most, was made too much by that cause.
     #[test]
     fn an_uncertain_pose_names_its_cause_and_what_helps_against_that() {
         let words = |uncertainty_at_taught_place_mm, uncertainty_without_scale_mm| {

@@ -25,7 +25,7 @@ const LENGTH_MM: [f64; 2] = [100.0, 800.0];
 const SCALE: [f64; 2] = [0.999, 1.002];
 /// The region takes this share of the panel's length and width.
 const REGION: f64 = 0.54;
-/// Places along each side of it at which the path's surface is held against the true one.
+/// Places along each side of the region at which the path's surface is held against the true one.
 const PLACES: usize = 25;
 /// What must be reached: of those that bow no more than this, accepted; accepted ones whose path lies within what is stated; their error.
 const ACCEPTED_TO_MM: f64 = 2.0;
@@ -153,7 +153,7 @@ fn words(found: &Found) -> String {
     format!(
         "{shape}  {:6}  {:.2}  {:.3}  {:.2}  {mean_mm:.3} {largest_mm:.3}  {hole_mm:.0}  {:.3}  {:.3}  {:.0} + {fit_ms:.0}  {}",
         tried.judgement.verdict.word(),
-        fit.deviation_mm,
+        fit.deviation_mm.unwrap_or(f64::NAN),
         fit.rms_mm,
         fit.outline_rms_px,
         aside_mm.unwrap_or(f64::NAN),
