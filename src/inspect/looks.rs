@@ -14,6 +14,8 @@ pub struct Looks<'a> {
     pub levels: Vec<f32>,
     /// The radius of the disc, px.
     pub disc_px: usize,
+    /// The smallest share of the look around by which a place differs from it, if it is not known how breaks differ.
+    pub tolerance: f32,
 }
 
 /// More than any look, levels.
@@ -21,12 +23,16 @@ const MOST_LEVELS: f32 = 1024.0;
 
 impl Looks<'_> {
     /// The pixels that no disc covers within their look and that differ from what lies around as a break does from its film: by these
-    /// shares at least, of which 1 is no difference. If it is not known if breaks are brighter or darker, no pixel.
+    /// shares at least, of which 1 is no difference. If it is not known if breaks are brighter or darker, those that differ either way.
     ///
     /// # Errors
     /// If OpenCV refuses the picture.
     pub fn narrow(&self, break_to_film: Option<[f32; 2]>) -> opencv::Result<Vec<bool>> {
-        let Some([least, most]) = break_to_film else { return Ok(vec![false; self.levels.len()]) };
+        let Some([least, most]) = break_to_film else {
+            let brighter = self.narrow(Some([1.0 + self.tolerance, f32::INFINITY]))?;
+            let darker = self.narrow(Some([0.0, 1.0 - self.tolerance]))?;
+            return Ok(brighter.into_iter().zip(darker).map(|(brighter, darker)| brighter || darker).collect());
+        };
         if least > 1.0 {
             let bright = |look: f32, around: f32| look >= least * around;
             return self.apart(&self.levels, bright);
@@ -52,7 +58,7 @@ impl Looks<'_> {
         imgproc::erode(&open, &mut eroded, &disc, Point::new(-1, -1), 1, border, outside)?;
         core::min(&eroded, &picture_mat, &mut opened)?;
         let square = imgproc::get_structuring_element(imgproc::MORPH_RECT, Size::new(3, 3), Point::new(-1, -1))?;
-        // Each step goes one pixel farther; it ends when nothing changes, after as many steps as the window has pixels at most.
+        // Each step reaches one pixel farther; it ends when nothing changes, after as many steps as the window has pixels at most.
         for _ in 0..picture.len() {
             let (mut wider, mut next) = (Mat::default(), Mat::default());
             imgproc::dilate(&opened, &mut wider, &square, Point::new(-1, -1), 1, border, Scalar::all(0.0))?;
@@ -78,7 +84,7 @@ mod tests {
     /// How many pixels of a picture of these looks are narrow, for breaks within these shares of their film.
     fn narrow(break_to_film: Option<[f32; 2]>, look: impl Fn(usize, usize) -> f32) -> usize {
         let levels = (0..SIDE * SIDE).map(|i| look(i % SIDE, i / SIDE)).collect();
-        let looks = Looks { window: &WINDOW, levels, disc_px: 6 };
+        let looks = Looks { window: &WINDOW, levels, disc_px: 6, tolerance: 0.1 };
         looks.narrow(break_to_film).expect("a picture").iter().filter(|narrow| **narrow).count()
     }
 
@@ -95,10 +101,13 @@ mod tests {
         assert_eq!(narrow(darker_film, square(8, 45.0)), 64);
         assert_eq!(narrow(darker_film, square(20, 45.0)), 0);
         assert_eq!(narrow(darker_film, square(8, 36.0)), 0);
-        assert_eq!(narrow(None, square(8, 45.0)), 0);
         // The film is brighter than the dry panel: 18 of 30 levels is a break, 45 is none.
         assert_eq!(narrow(Some([0.4, 0.7]), square(8, 18.0)), 64);
         assert_eq!(narrow(Some([0.4, 0.7]), square(8, 45.0)), 0);
+        // It is not known how breaks differ: by more than 10 % either way.
+        assert_eq!(narrow(None, square(8, 34.0)), 64);
+        assert_eq!(narrow(None, square(8, 26.0)), 64);
+        assert_eq!(narrow(None, square(8, 32.0)), 0);
     }
 
     /// The edge of a brighter region is as narrow as it is drawn, and belongs to the region; beside what is not known nothing is narrow.

@@ -124,7 +124,8 @@ impl Sanded<'_> {
             };
             shimmer.sites_about(row, column).any(is_like_wet_site) || self.is_like_film_beside(row, column, look)
         };
-        let looks = Looks { window: self.window, levels: self.looks(), disc_px: self.disc_px };
+        let tolerance = self.model.away_share() as f32;
+        let looks = Looks { window: self.window, levels: self.looks(), disc_px: self.disc_px, tolerance };
         let is_narrow = named("looking for places narrower than a disc", looks.narrow(self.break_to_film))?;
         let is_without = |i: usize| {
             let is_whole = self.inside[i] && self.model.is_without_dry(i) && self.broke_s[i].is_infinite();
