@@ -106,25 +106,25 @@ pub struct Today {
     pub fit: Fit,
     /// How far it lies from the taught one, and how well it is known.
     pub checks: Vec<Check>,
-    /// Root mean square of the scan's points from it, mm; `None` if it is the taught one.
+    /// Root mean square of the scan's points from it, mm; `None` if the scan shows too little of it to compare.
     pub rms_mm: Option<f64>,
     /// How far it lies from the taught one, pixel by pixel.
     pub drawing: Option<Drawing>,
 }
 
-/// Corrects the taught surface by the scan in which the panel was located. The thesis's surface is taken as it was taught.
+/// Corrects the taught surface by the scan in which the panel was located. The thesis's surface is compared with the scan and stays as it
+/// was taught: what the panel differs from it counts as its error.
 pub fn today((panel, taught): (&TaughtPanel, &Fit), points: &[TodaysPoint], limits: &recipe::Surface) -> Today {
-    if limits.method() == FitMethod::Thesis {
-        // It is not compared, which the record says.
-        let unknown = Check::new(name::DEVIATION, "mm", None);
-        return Today { fit: taught.clone(), checks: vec![unknown], rms_mm: None, drawing: None };
-    }
     match surface::todays(&taught.surface, panel, &taught.map, (points, limits.max_hole_mm())) {
         Ok(todays) => {
             let checks = deviations(&todays, limits).into();
             let picture = today_map(&todays.map, limits.max_deviation_mm());
             let caption = "How far the panel lies today in front of the taught one, or behind it";
             let drawing = Some(Drawing::new("deviation", caption, picture));
+            if limits.method() == FitMethod::Thesis {
+                let rms_mm = Some(todays.rms_mm.hypot(todays.largest_mm));
+                return Today { fit: taught.clone(), checks, rms_mm, drawing };
+            }
             let rms_mm = Some(todays.rms_mm);
             Today { fit: Fit { surface: todays.surface, ..taught.clone() }, checks, rms_mm, drawing }
         }
