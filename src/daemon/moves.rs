@@ -34,7 +34,16 @@ impl Running<'_> {
     pub(super) fn begin_move(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
         // What is refused on its way was not executed, whatever the path before it was.
         (self.sent, self.left_at) = (None, 0);
-        if !self.tool_lets_go(id, motion.path)? || self.warns(id, motion)? {
+        if !self.tool_lets_go(id, motion.path)? {
+            return Ok(());
+        }
+        if self.robot_state.is_some_and(|state| state.tip_is_unknown()) {
+            let message = "the controller reports 0 for each number of its pose: it is not known how the arm stands; start its program";
+            self.note(Kind::Gate, vec![Reason::new("no_route", message)])?;
+            self.answer(id, Answer::Failed(Trouble::Gate));
+            return Ok(());
+        }
+        if self.warns(id, motion)? {
             return Ok(());
         }
         if motion.path == Path::Park {
@@ -144,12 +153,19 @@ impl Running<'_> {
     /// After a stop, an abort or a start of the program the arm stands anywhere, and the tool may be at the panel. The axes move from
     /// there only if the whole way keeps clear of the panel with the cell's own tool; else a person brings the arm away.
     fn leaves_an_unknown_place(&mut self, poses: &[Joints]) -> Result<bool, DaemonError> {
-        let (Some(state), Some(cycle)) = (self.robot_state, self.cycle.clone()) else { return Ok(true) };
+        let state = self.robot_state;
         // A person may have jogged it since the end of the path: the axes say if it is still there.
-        let is_there = |pose: &Joints| state.joints.farthest_deg(pose) <= AXIS_DEVIATION_DEG;
+        let is_there =
+            |pose: &Joints| state.is_some_and(|state| state.joints.farthest_deg(pose) <= AXIS_DEVIATION_DEG);
         if self.stood.iter().chain(poses).any(is_there) {
             return Ok(true);
         }
+        let (Some(state), Some(cycle)) = (state, self.cycle.clone()) else {
+            let message = "it is not known where the arm stands or where the panel is; bring the arm to the park pose by \
+                           `panelprep robot move-j park` while the way is watched";
+            self.note(Kind::Gate, vec![Reason::new("unknown_place", message)])?;
+            return Ok(false);
+        };
         let obstacles = self.perception.obstacles().cloned().unwrap_or_else(|| self.last_known_panel(&cycle));
         let tool = cycle.calibrations.flange_from_tool;
         let Some(met) = self.met_on_the_way(&state.joints, poses, (tool, Some(obstacles))) else { return Ok(true) };
