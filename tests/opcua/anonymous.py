@@ -5,7 +5,7 @@ import logging
 import sys
 from pathlib import Path
 
-from asyncua import Client
+from asyncua import Client, ua
 from people import Application, call, read, refused, tables, tell
 
 URL, CERTIFICATES = sys.argv[1], Path(sys.argv[2])
@@ -16,7 +16,7 @@ async def main():
     endpoints = await Client(URL).connect_and_get_server_endpoints()
     modes = {one.SecurityMode.name: [token.TokenType.name for token in one.UserIdentityTokens] for one in endpoints}
     assert modes == {"None_": ["Anonymous"], "SignAndEncrypt": ["Anonymous", "UserName"]}, modes
-    values = {"String": "", "Boolean": False}
+    values = {"String": "", "Boolean": False, "UInt32": ua.Variant(0, ua.VariantType.UInt32)}
     async with Client(URL) as client:
         assert await read(client, "PackML/Status/StateCurrentName") == "Stopped"
         for node in tables()["nodes"]:

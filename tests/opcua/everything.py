@@ -255,7 +255,8 @@ async def alarms(known):
             await call(operator, "Reset")
             await asyncio.sleep(0.3)
         # This recipe allows less shift than the panel has.
-        assert await call(operator, "Start", "strict.toml", "", "") == "Good"
+        known_as = dict(zip(await read(operator, "Recipes/Names"), await read(operator, "Recipes/Hashes")))["strict.toml"]
+        assert await call(operator, "Start", "strict.toml", known_as, "", "", False) == "Good"
         while await read(operator, "PackML/Status/StateCurrentName") != "Complete":
             await asyncio.sleep(0.3)
         await comes(operator, "Cycle/Verdict", "reject")
