@@ -168,8 +168,9 @@ impl Place<'_> {
         let Some(mut until_s) = until_s.filter(|until_s| !until_s.is_empty()) else { return false };
         since_s.sort_by(f32::total_cmp);
         until_s.sort_by(f32::total_cmp);
-        // Closing is noticed as late as opening: a run has to go back. It may have closed up to a picture later than that.
-        let closed_s = until_s[until_s.len() / 10] - seen.persist_s() + seen.longest_step_s();
+        // Closing is noticed as late as opening: a run has to go back, which takes a picture less than the time that it stands for. The place
+        // may have closed up to a picture later than the run says.
+        let closed_s = until_s[until_s.len() / 10] - seen.persist_s() + 2.0 * seen.longest_step_s();
         since_s[since_s.len() - 1 - since_s.len() / 10] > closed_s
     }
 

@@ -11,8 +11,8 @@
 //!
 //! Reflections and waves move, and a bare place does not. So bare counts only while
 //!     |s − s'| ≤ 4 σ + d/32,    s' the look in the picture before.                                              (2)
-//! A run counts the time of bare looks against that of film and stays within 0…H (a CUSUM, Page, Biometrika 41, 1954): at H the
-//! film is open, back at 0 it is closed. Overexposed or unsteady, it stays as it is; until the film is open it begins anew if the look
+//! A run counts the time of bare looks against that of film and stays within 0…H (a CUSUM, Page, Biometrika 41, 1954), H the time that a place
+//! must look bare less the step between two pictures: at H the film is open, back at 0 it is closed. Overexposed or unsteady, it stays as it is; until the film is open it begins anew if the look
 //! leaves the mean of its last second by as much as (2). All times are those of the pictures' time stamps.
 //!
 //! A film that moves looks different from time to time. A place whose film was calm so far and which within a moment takes another look that
@@ -108,7 +108,7 @@ pub struct Rule {
     pub bright_q12: u16,
     /// σ, 1/64 level.
     pub noise: u16,
-    /// H, ticks.
+    /// H, ticks: at least one.
     pub persist: u16,
     /// The time from the picture before, ticks.
     pub step: u16,

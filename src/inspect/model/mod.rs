@@ -328,7 +328,8 @@ impl Model {
             away_q16: q16(self.away_share()),
             bright_q12: light::q12(self.brightest_break()),
             noise: (self.noise.levels() * f64::from(LEVEL)).round() as u16,
-            persist: ticks(self.terms.persist_s).max(1),
+            // What looks bare from one picture to another was so for a step longer on average: half a step before and after.
+            persist: ticks(self.terms.persist_s).saturating_sub(step).max(1),
             step,
             ticks: ticks(since_wet_s),
             before: now - 1,
