@@ -20,7 +20,7 @@ use tokio::sync::oneshot::error::TryRecvError;
 pub const OPERATOR: u32 = 1_000;
 pub const SOMEBODY: u32 = 1_001;
 const PAGE: u32 = 33;
-/// Somebody at a second screen.
+/// A person at a second screen.
 const SECOND: u32 = 1_002;
 /// A page asks for the state once in so many rounds of a loop that is busy.
 const PAGE_ROUNDS: u64 = 4;
@@ -205,7 +205,7 @@ impl Desk {
                 waiting.queued = false;
                 taken(waiting, what, state)
             }
-            None => Some(format!("{words} was refused as outdated, and nobody decided it")),
+            None => Some(format!("{words} was refused as outdated, and no other decision was made")),
         };
         self.decided += 1;
         if let Some(wrong) = wrong {

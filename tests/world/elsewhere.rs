@@ -58,7 +58,7 @@ fn in_contact_or(draw: &mut Pcg64, places: &[&str], fault: Fault) -> Entry {
     Entry { place: "abrade".to_owned(), visit: 1, after_ms: draw.random_range(0..7_000), fault }
 }
 
-/// The override is another one before contact, or from some moment of it on.
+/// The override is another one before contact, or from some moment of the contact.
 fn overridden(draw: &mut Pcg64) -> Entry {
     let percent = [1, 10, 50, 75, 90, 99][draw.random_range(0..6)];
     let fault = Fault::Controller(format!("override={percent}/{}ms", lasts_ms(draw)));

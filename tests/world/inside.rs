@@ -1,7 +1,7 @@
 //! What is inside of a world: link, controller, arm and terminals in one virtual time, and the faults that strike them.
 //!
 //! The loop's ports share it. Time passes where the loop waits for the robot, and nowhere else. `counts`: what is found · `striking`: the
-//! faults · `places`: where the arm may be, and at which override · `truth`: what the controller does, whatever it and the client say of it.
+//! faults · `places`: where the arm may be, and at which override · `truth`: what the controller does, independent of what it and the client report.
 
 mod counts;
 mod places;

@@ -20,7 +20,7 @@ pub struct Backup {
     ledger: Ledger,
 }
 
-/// Backs up the store in this folder, which holds what the ledger says; the process goes on.
+/// Backs up the store in this folder, which holds what the ledger says; the process continues.
 pub fn backs_up(world: &mut Inside, store: &Path, ledger: &Ledger) {
     if !std::mem::take(&mut world.backs_up) || disk::is_over() || disk::had_io_error() {
         return;
@@ -38,7 +38,7 @@ pub fn backs_up(world: &mut Inside, store: &Path, ledger: &Ledger) {
 }
 
 impl Running {
-    /// The store that was backed up last takes the place of the one that is there, if somebody wants that.
+    /// The store that was backed up last replaces the present one, if a person asks for that.
     pub(super) fn restores(&mut self) {
         let Some(backup) = self.world.lock().restorable() else { return };
         disk::leave();

@@ -66,7 +66,7 @@ impl Robot {
     }
 }
 
-/// The axes are told as they were before a person jogged the arm.
+/// The axes are reported as they were before a person jogged the arm.
 fn hides_jog(world: &Inside, report: &mut Report) {
     if let Report::Connected { state } | Report::Rebooted { state } | Report::State(state) = report
         && let Some(before) = world.places.before_the_jog(&world.cell.controller.joints())

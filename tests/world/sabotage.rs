@@ -34,7 +34,7 @@ pub enum Sabotage {
     OldEpoch,
     /// The controller moves at another override, and neither says so nor minds.
     HidesOverride,
-    /// After a jog the axes are told as they were before.
+    /// After a jog the axes are reported as they were before.
     HidesJogs,
     /// A contact path is kept without where it touches.
     NoGrids,

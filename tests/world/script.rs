@@ -136,7 +136,7 @@ pub enum Fault {
     /// A person brings the arm elsewhere by hand once it is at rest, in T1 for so long: to this share of the way from this height above
     /// the panel to the park pose.
     Jog { percent: u8, height_mm: u8, for_ms: u64 },
-    /// A second screen, which shows the table as it was so many steps ago, decides.
+    /// A second screen, which shows the table as it was some steps ago, decides.
     Stale { press: Press, back: u32 },
     /// The store is backed up.
     Backup,

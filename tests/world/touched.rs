@@ -24,7 +24,7 @@ impl Touched {
         self.path = cycle.map(|cycle| (cycle, path.clone()));
     }
 
-    /// So many waypoints of it were executed; none where that is not known.
+    /// How many waypoints were executed; `None` if that is not known.
     pub fn executed(&mut self, executed: Option<usize>) {
         let (Some((cycle, path)), Some(executed)) = (&self.path, executed) else { return };
         let reached = path.grids.iter().filter(|reached| reached.first as usize <= executed);

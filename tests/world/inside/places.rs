@@ -1,4 +1,4 @@
-//! Where the arm truly is, whatever is believed of it: a person jogs it, its pose is measured off, its override is another one.
+//! Where the arm truly is, independent of what is reported: a person jogs it, its measured pose is off, its override is another one.
 
 use super::super::fixture::{Fixture, Stands};
 use super::super::sabotage::Sabotage;
@@ -62,7 +62,7 @@ impl Places {
 }
 
 impl Inside {
-    /// The controller's fault of this text, but for what a mistake that is put in makes of it.
+    /// The controller's fault of this text, except for what a planted mistake changes.
     pub(super) fn fault_of(&mut self, text: &str) -> Option<mock::Fault> {
         let fault = script::controller_fault(text).ok()?;
         let now_ms = self.now_ms();
@@ -163,12 +163,12 @@ impl Inside {
         if now_ms > since_ms + OVERRIDE_MS {
             let percent = self.cell.controller.override_percent();
             let what =
-                format!("the override is another one ({percent} %), and contact goes on since {since_ms} ms");
+                format!("the override is another one ({percent} %), and contact has continued for {since_ms} ms");
             self.wrong("no contact at another override", what);
         }
     }
 
-    /// No contact goes on while the measured pose is far off the path.
+    /// No contact continues while the measured pose is far off the path.
     fn judge_measured(&mut self, moved: bool) {
         let far_mm = FAR_OFF_LIMITS * off_limit_mm(Fixture::get().cycle.recipe.path());
         let is_far = self.cell.controller.measured_off_mm() > far_mm + LOW_MM && self.is_calm_but_for_feedback();
@@ -183,7 +183,7 @@ impl Inside {
         let since_ms = *self.places.measured_since_ms.get_or_insert(now_ms);
         if now_ms > since_ms + MEASURED_MS {
             let off_mm = self.cell.controller.measured_off_mm();
-            let what = format!("the pose is measured {off_mm} mm off, and contact goes on since {since_ms} ms");
+            let what = format!("the pose is measured {off_mm} mm off, and contact has continued for {since_ms} ms");
             self.wrong("no contact at a pose far off", what);
         }
     }

@@ -106,6 +106,11 @@ pub(super) const ALL: [Mutation; 18] = [
         "FROM discs WHERE is_new)",
         "FROM discs WHERE id < 0)",
     ),
-    change("a restored store asks nobody", OUTBOX, "self.append(&Event::Told(Report::StoreRestored), None)?;", ""),
+    change(
+        "a restored store asks no person",
+        OUTBOX,
+        "self.append(&Event::Told(Report::StoreRestored), None)?;",
+        "",
+    ),
     change("after a restore numbers of cycles are used again", OUTBOX, "own.max(replaced)", "own.min(replaced)"),
 ];

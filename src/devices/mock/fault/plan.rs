@@ -64,7 +64,7 @@ pub enum Fault {
         /// How long, ms.
         for_ms: Option<u64>,
     },
-    /// `measured`: the tool's pose is reported so many mm above where it is, 1 to 200, along Z of the base that is set.
+    /// `measured`: the tool's pose is reported this far above where it is, 1 to 200 mm, along Z of the base that is set.
     Measured {
         /// How far, mm.
         off_mm: u8,

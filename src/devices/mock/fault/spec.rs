@@ -109,7 +109,7 @@ the arrival of the Nth command; without a duration it lasts.
   lose-base@WHEN, lose-tool@WHEN, wrong-base@WHEN    the next set_base or set_tcp has no effect, or is 1 mm off
   refuse=1..12@WHEN   refuse the next command with that Err  slow=1..100[/D]@WHEN   percent of the speed
   override=1..100[/D]@WHEN   the override that a person sets (slow is not told; the programs give a refused motion up with Err 8, whatever the Err)
-  measured=1..200[/D]@WHEN   the tool's pose is reported so many mm off along Z
+  measured=1..200[/D]@WHEN   the tool's pose is reported this many mm off along Z
   e-stop[/D]@WHEN, guard[/D]@WHEN, drives[/D]@WHEN, mode=T1|T2|AUT|EXT[/D]@WHEN, deselect[/D]@WHEN, reboot[/D]@WHEN
 Settings: seed=N   delay=20ms or delay=2ms..25ms, each way   fragment   random=N/D: N faults at random in that time
 Example: seed=7,delay=5ms..15ms,fragment,unplug/2s@10s,refuse=8@#40";

@@ -330,7 +330,7 @@ fn contact_at_another_override_is_refused() {
     assert_eq!((rig.causes(), rig.ack("Err")), (vec![StopCause::Refused(Refusal::Override)], 11));
 }
 
-/// The reported pose is off, and the arm goes on where it is sent: what does not agree is the client's to see.
+/// The reported pose is off, and the arm continues to the commanded places: the client must see the difference.
 #[test]
 fn a_measured_pose_that_is_off_is_reported() {
     let mut rig = sanding(Clock::LockStep);
