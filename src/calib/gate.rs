@@ -4,6 +4,7 @@ use super::arrangement::Arrangement;
 use super::hand_eye::HandEye;
 use super::intrinsics::Calibrated;
 use super::lens_support::SUPPORT_PX;
+use super::meaning::Reading;
 use super::robot_found::RobotFound;
 use super::three_points::ThreePoints;
 use super::tool::{ToolAxis, ToolPoint};
@@ -432,9 +433,11 @@ pub fn robot(found: &RobotFound, views: usize) -> Judgement {
 }
 
 /// Is the tool good enough? Without an axis it may point, not sand.
-pub fn tool(point: &ToolPoint, axis: Option<&ToolAxis>) -> Judgement {
+pub fn tool(point: &ToolPoint, axis: Option<&ToolAxis>, readings: &[Reading]) -> Judgement {
     let mut reasons = Reasons::default();
-    reasons.bound("rms_mm", point.rms_mm, TOOL_RMS_MM, "the poses hold the tip at one spot to so many mm rms");
+    let fitting: Vec<String> = readings.iter().map(|reading| format!(" ({reading})")).collect();
+    let words = format!("distance of the tip from the spot, rms, mm{}", fitting.join(""));
+    reasons.bound("rms_mm", point.rms_mm, TOOL_RMS_MM, &words);
     match axis {
         None => reasons.doubt("no_axis", true, || {
             "the tool's axis was not measured: good for a pointer, refused for sanding; add [[axis]], or [[plate]] and [[flat]]"

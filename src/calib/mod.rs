@@ -58,7 +58,7 @@ mod placing;
 mod pose;
 mod print;
 mod quantile;
-mod readings;
+pub mod readings;
 pub mod robot;
 mod robot_axes;
 mod robot_correction;

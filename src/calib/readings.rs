@@ -19,7 +19,8 @@ use super::consensus::{MIN_TURN_RAD, second_axis_deg, triples};
 use super::foreign;
 use super::meaning::{Meaning, Reading};
 use super::pose::{BoardPose, board_pose};
-use crate::geometry::{Degrees, KukaPose, PinholeCamera, Pixel, Point, Rigid, median};
+use super::tool::tool_point;
+use crate::geometry::{Base, Degrees, Flange, KukaPose, PinholeCamera, Pixel, Point, Rigid, median};
 use nalgebra::{Isometry3, Matrix4, Point3, Quaternion, Translation3, UnitQuaternion, Vector3, Vector4};
 use rayon::prelude::*;
 
@@ -81,22 +82,34 @@ pub(super) fn fitting<A: Arrangement>(
     if let Some(found) = leaves(&flanges, &seen, true) {
         tried.push((Meaning::Lengths { ratio: found.ratio, square_mm: board.square_mm() }, found));
     }
+    let tried: Vec<(Meaning, f64)> = tried.into_iter().map(|(meaning, found)| (meaning, found.median_mm)).collect();
     named(as_read.median_mm, &tried)
 }
 
-/// The readings that fit, of those that were tried.
-fn named(as_read_mm: f64, tried: &[(Meaning, ClosedForm)]) -> Vec<Reading> {
-    let best = tried.iter().map(|(_, found)| found.median_mm).fold(f64::INFINITY, f64::min);
+/// The readings in which poses hold the tool's tip at one spot, best first; none if they fit as they are, or in no way.
+pub fn of_tip(poses: &[Rigid<Base, Flange>]) -> Vec<Reading> {
+    let rms_mm = |poses: &[Rigid<Base, Flange>]| Some(tool_point(poses).ok()?.rms_mm);
+    let read = |way: &Way| -> Vec<Rigid<Base, Flange>> {
+        poses.iter().map(|pose| Rigid::claim(way(pose.isometry()))).collect()
+    };
+    let Some(as_read_mm) = rms_mm(poses) else { return Vec::new() };
+    let tried: Vec<(Meaning, f64)> =
+        ways().into_iter().filter_map(|(meaning, way)| Some((meaning, rms_mm(&read(&way))?))).collect();
+    named(as_read_mm, &tried)
+}
+
+/// The readings that fit, of those that were tried, each with what it leaves, mm.
+fn named(as_read_mm: f64, tried: &[(Meaning, f64)]) -> Vec<Reading> {
+    let best = tried.iter().map(|(_, left_mm)| *left_mm).fold(f64::INFINITY, f64::min);
     if !(best <= FITS_MM && best <= BETTER * as_read_mm) {
         return Vec::new();
     }
-    let fits = |found: &ClosedForm| found.median_mm <= (ALIKE * best).min(FITS_MM);
-    let others = tried.iter().filter(|(_, found)| !fits(found)).map(|(_, found)| found.median_mm);
+    let fits = |left_mm: f64| left_mm <= (ALIKE * best).min(FITS_MM);
+    let others = tried.iter().map(|(_, left_mm)| *left_mm).filter(|left_mm| !fits(*left_mm));
     let next_mm = others.fold(as_read_mm, f64::min);
-    let fitting = tried.iter().filter(|(_, found)| fits(found));
-    let mut readings: Vec<Reading> = fitting
-        .map(|(meaning, found)| Reading { meaning: *meaning, median_mm: found.median_mm, next_mm })
-        .collect();
+    let fitting = tried.iter().filter(|(_, left_mm)| fits(*left_mm));
+    let mut readings: Vec<Reading> =
+        fitting.map(|(meaning, left_mm)| Reading { meaning: *meaning, median_mm: *left_mm, next_mm }).collect();
     readings.sort_by(|one, other| one.median_mm.total_cmp(&other.median_mm));
     readings
 }
@@ -198,8 +211,7 @@ fn kuka([a, b, c]: [f64; 3]) -> UnitQuaternion<f64> {
 /// The pose with the rotation that its A, B, C mean otherwise, given in rad.
 fn by_angles(turn: fn([f64; 3]) -> UnitQuaternion<f64>) -> Way {
     Box::new(move |pose: &Isometry3<f64>| {
-        let written: KukaPose =
-            KukaPose::from_rigid(&Rigid::<crate::geometry::Base, crate::geometry::Flange>::claim(*pose));
+        let written: KukaPose = KukaPose::from_rigid(&Rigid::<Base, Flange>::claim(*pose));
         let angles = [written.a_deg, written.b_deg, written.c_deg].map(|angle| Degrees(angle).rad());
         Isometry3::from_parts(pose.translation, turn(angles))
     })

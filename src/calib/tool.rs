@@ -55,6 +55,8 @@ pub struct ToolAxis {
 pub const MIN_POSES: usize = 4;
 /// The worst-determined direction of the tip is this well determined at least: √ of the mean squared sine of turns.
 const MIN_LEVER: f64 = 0.12;
+/// No arm's flange comes nearer to its base's origin in each of several poses, mm; in metres all of its reach is below it.
+const IN_METRES: f64 = 10.0;
 /// A second point closer than this to the tip gives no axis, mm.
 const MIN_BEHIND_MM: f64 = 20.0;
 
@@ -66,6 +68,11 @@ pub fn tool_point(poses: &[Rigid<Base, Flange>]) -> Result<ToolPoint, CalibError
     let count = poses.len();
     if count < MIN_POSES {
         return Err(CalibError::Tool(format!("{count} poses hold the tip at one spot; {MIN_POSES} are needed")));
+    }
+    if poses.iter().all(|pose| pose.origin().mm.coords.norm() < IN_METRES) {
+        return Err(CalibError::Tool(format!(
+            "each flange lies less than {IN_METRES} mm from the base's origin: are the places in metres? write millimetres"
+        )));
     }
     let mut a = DMatrix::zeros(3 * count, 6);
     let mut b = DVector::zeros(3 * count);
@@ -172,8 +179,10 @@ pub fn flange_from_tool(tip: Point<Flange>, axis: Vector<Flange>) -> Rigid<Flang
 
 #[cfg(test)]
 mod tests {
+    use super::super::{gate, readings};
     use super::*;
     use crate::geometry::KukaPose;
+    use crate::verdict::Verdict;
 
     /// Poses that hold the tip (10, −5, 180) at the spot (600, 50, 200), each with these angles.
     fn poses(tip: Point<Flange>, angles: &[[f64; 3]]) -> Vec<Rigid<Base, Flange>> {
@@ -191,6 +200,36 @@ mod tests {
 
     fn tip() -> Point<Flange> {
         Point::at(TIP[0], TIP[1], TIP[2])
+    }
+
+    /// The cases of a poses file in which A and C are exchanged, and of one in metres; poses that are right have no other reading.
+    #[test]
+    fn other_readings_of_the_angles_and_metres_are_named() {
+        let right = poses(tip(), &ANGLES);
+        assert_eq!(readings::of_tip(&right), []);
+        let exchanged = |pose: &Rigid<Base, Flange>| -> Rigid<Base, Flange> {
+            let written: KukaPose = KukaPose::from_rigid(pose);
+            KukaPose { a_deg: written.c_deg, c_deg: written.a_deg, ..written }.to_rigid()
+        };
+        let exchanged: Vec<Rigid<Base, Flange>> = right.iter().map(exchanged).collect();
+        let named = readings::of_tip(&exchanged);
+        assert!(
+            named.first().is_some_and(|first| first.to_string().contains("A and C are exchanged")),
+            "{named:?}"
+        );
+        let judgement = gate::tool(&tool_point(&exchanged).expect("a point"), None, &named);
+        assert_eq!(judgement.verdict, Verdict::Reject);
+        assert!(judgement.reasons[0].message.contains("A and C are exchanged"), "{judgement:?}");
+        let in_metres: Vec<Rigid<Base, Flange>> = right
+            .iter()
+            .map(|pose| {
+                let written: KukaPose = KukaPose::from_rigid(pose);
+                let [x_mm, y_mm, z_mm] = [written.x_mm, written.y_mm, written.z_mm].map(|mm| mm / 1000.0);
+                KukaPose { x_mm, y_mm, z_mm, ..written }.to_rigid()
+            })
+            .collect();
+        let refused = tool_point(&in_metres).expect_err("metres").to_string();
+        assert!(refused.contains("in metres"), "{refused}");
     }
 
     #[test]

@@ -186,7 +186,9 @@ impl Place<'_> {
         let films: Vec<f32> = around.iter().map(|&i| seen.levels(i)[1]).collect();
         // Each pixel by itself: the mean of a break over two kinds of film is the look of neither.
         let is_film = |i: usize| {
-            let look = seen.levels(i)[0];
+            let [bare, now] = seen.levels(i);
+            // What still has its other look is compared in the last picture: the light of now is that of the film around it.
+            let look = if seen.was_open_s(i).is_none() { now } else { bare };
             let alike = films.iter().filter(|&&film| (look - film).abs() <= seen.alike_share() * film).count();
             alike as f64 >= ALIKE_AROUND * films.len() as f64
         };

@@ -9,11 +9,12 @@ use super::args::Tcp as Args;
 use super::in_use::InUse;
 use super::keeping::{keep, provenance};
 use super::{date, files};
-use crate::calib::gate;
 use crate::calib::tool::{flange_from_tool, tool_axis, tool_point};
+use crate::calib::{gate, readings};
 use crate::cell::{MountedPose, ToolMount};
 use crate::files::content_hash;
 use crate::geometry::{Joints, KukaPose, Vector};
+use crate::verdict::Verdict;
 use serde_json::json;
 
 /// Calibrates; writes the file where `--out` names one.
@@ -32,7 +33,7 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
     let point = tool_point(&poses.tip).map_err(|error| Fault::file(file, error))?;
     let axis = poses.axis.as_ref().map(|touch| tool_axis(&point, touch)).transpose();
     let axis = axis.map_err(|error| Fault::file(file, error))?;
-    let judgement = gate::tool(&point, axis.as_ref());
+    let judgement = gate::tool(&point, axis.as_ref(), &readings::of_tip(&poses.tip));
     // Without an axis the flange's own is written, and the file says that it was not measured.
     let along = axis.as_ref().map_or(Vector::new(nalgebra::Vector3::z()), |axis| axis.axis);
     let pose = KukaPose::from_rigid(&flange_from_tool(point.tip, along));
@@ -57,7 +58,10 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
         mounted.axis_measured = Some(axis.is_some());
         mounted.provenance = provenance(vec![content_hash(text.as_bytes())], point.residuals_mm.clone());
         let text = mounted.to_toml();
-        MountedPose::<ToolMount>::check(&out.display().to_string(), &text)?;
+        // A tool that is rejected may have numbers that no file allows: its reasons say what is wrong.
+        if judgement.verdict != Verdict::Reject {
+            MountedPose::<ToolMount>::check(&out.display().to_string(), &text)?;
+        }
         keep(&mut outcome, &judgement, out, &text)?;
     }
     Ok(outcome)
