@@ -23,6 +23,10 @@ settings! {
         left_out_percent: f64, 0.0..=1_000.0, required;
         /// Coupons.
         coupons: usize, 3..=10_000, required;
+        /// The smallest force on a coupon, N; `None` in a file that does not state it.
+        least_force_n: Option<f64>, 0.5..=500.0, default None;
+        /// The largest force on a coupon, N.
+        most_force_n: Option<f64>, 0.5..=500.0, default None;
         /// The pad's modulus over its thickness, N/mm³.
         pad_n_mm3: f64, 1e-4..=1_000.0, required;
         /// Diameter of the orbit, mm; 0 for a disc that does not orbit.
@@ -84,7 +88,7 @@ impl RemovalCalibration {
 mod tests {
     use super::*;
 
-    const NUMBERS: [(&str, f64); 10] = [
+    const NUMBERS: [(&str, f64); 12] = [
         ("preston_mm2_per_n", 4.123_456_789e-4),
         ("preston_deviation_percent", 1.25),
         ("wear_per_m2", 0.8),
@@ -92,6 +96,8 @@ mod tests {
         ("correlation", 0.7),
         ("coupon_deviation_percent", 3.5),
         ("left_out_percent", 3.9),
+        ("least_force_n", 15.0),
+        ("most_force_n", 30.0),
         ("pad_n_mm3", 0.05),
         ("orbit_mm", 5.0),
         ("orbit_rev_min", 10_000.0),
@@ -103,6 +109,7 @@ mod tests {
         let day = Date::of_unix_s(1_764_000_000);
         let text = RemovalCalibration::text_of(&NUMBERS, 12, (Some(day.clone()), &provenance));
         let read = RemovalCalibration::check("removal.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
+        assert_eq!((read.numbers.least_force_n(), read.numbers.most_force_n()), (Some(15.0), Some(30.0)));
         assert_eq!((read.numbers.preston_mm2_per_n(), read.numbers.coupons()), (4.123_456_789e-4, 12));
         assert_eq!((read.date, read.provenance), (Some(day), provenance));
     }

@@ -54,8 +54,17 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let limit_mm2 = Footprint::taught_detection_limit_mm2(&taught.panel, recipe.inspect()).map_err(Fault::stage)?;
     taught.version = cell_files.store_for_writing()?.teach(&teaching).map_err(Fault::stage)?;
     let off_panel = off_panel(&taught.panel, &recipe);
+    let view = locate::View {
+        scan: &scan,
+        camera: &scanner.value,
+        base_from_camera: base_from_camera.value,
+        range: scanner.scan_errors.range,
+    };
+    let held = Held::of(&taught.panel, &view, &recipe);
     let off = off_panel.iter().map(OffPanel::reason);
-    let review: Vec<Reason> = off.chain(too_coarse(limit_mm2, min_break_mm2)).collect();
+    let cut = taught.panel.box_cut(recipe.locate()).map(|cut| cut.reason());
+    let review: Vec<Reason> =
+        off.chain(too_coarse(limit_mm2, min_break_mm2)).chain(cut).chain(held.reasons(&recipe)).collect();
     let mut outcome = outcome(&taught, recipe.panel(), &Judgement::of(vec![], review));
     outcome.say(format!(
         "the smallest break of a film that is surely found on it: {limit_mm2:.1} mm²; a grid fails from {min_break_mm2:.1} mm²"
@@ -71,13 +80,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
         })
         .collect();
     outcome.put("region_off_panel", json!(off_panel));
-    let view = locate::View {
-        scan: &scan,
-        camera: &scanner.value,
-        base_from_camera: base_from_camera.value,
-        range: scanner.scan_errors.range,
-    };
-    let warnings = say_how_it_is_held(&taught, &view, &recipe, &mut outcome);
+    let warnings = say_how_it_is_held(&taught, &held, &recipe, &mut outcome);
     for warning in &warnings {
         outcome.say(format!("warning: {warning}"));
     }
@@ -149,43 +152,60 @@ fn wrong_corners(error: &(dyn Error + Send + Sync + 'static)) -> Vec<usize> {
     }
 }
 
-/// Says how well the panel's shape holds it, by locating it in its own scan, and what its corners see of a move along the
-/// normal. What to warn of comes back.
-fn say_how_it_is_held(
-    taught: &Taught,
-    view: &locate::View<'_>,
-    recipe: &Recipe,
-    outcome: &mut Outcome,
-) -> Vec<String> {
-    let mut warnings: Vec<String> = Vec::new();
-    let model = locate::TaughtModel::of(&taught.panel, view.range);
-    let prepared = model.as_ref().map(|model| locate::Prepared::new((&taught.panel, model), view, recipe.locate()));
-    let outline = prepared.as_ref().ok().map(locate::Prepared::outline_seen);
-    if let Some(outline) = &outline {
+/// How well the panel's shape holds it: what locating it in its own scan found.
+struct Held {
+    outline: Option<locate::OutlineSeen>,
+    marks_mm: f64,
+    found: Result<locate::Fit, locate::LocateError>,
+}
+
+impl Held {
+    fn of(panel: &TaughtPanel, view: &locate::View<'_>, recipe: &Recipe) -> Self {
+        let model = locate::TaughtModel::of(panel, view.range);
+        let prepared = model.as_ref().map(|model| locate::Prepared::new((panel, model), view, recipe.locate()));
+        let outline = prepared.as_ref().ok().map(locate::Prepared::outline_seen);
+        let marks_mm = prepared.as_ref().map_or(0.0, locate::Prepared::marks_mm);
+        let found = prepared.map_err(locate::LocateError::clone).and_then(|prepared| prepared.locate());
+        Held { outline, marks_mm, found }
+    }
+
+    /// Why a panel that is taught so is not accepted: a cycle would not find it either.
+    fn reasons(&self, recipe: &Recipe) -> Vec<Reason> {
+        let judgement = match &self.found {
+            Ok(fit) => gate::judge(fit, recipe),
+            Err(error) => gate::refusal(error),
+        };
+        let in_its_own_scan = |reason: Reason| {
+            let message = format!("the panel is not found in its own scan: {}", reason.message);
+            Reason { message, ..reason }
+        };
+        judgement.reasons.into_iter().map(in_its_own_scan).collect()
+    }
+}
+
+/// Says how well the panel's shape holds it, and what its corners see of a move along the normal. What to warn of comes back.
+fn say_how_it_is_held(taught: &Taught, held: &Held, recipe: &Recipe, outcome: &mut Outcome) -> Vec<String> {
+    let Held { outline, marks_mm, found } = held;
+    if let Some(outline) = outline {
         say_what_shows_the_outline(outline, outcome);
     }
-    let marks_mm = prepared.as_ref().map_or(0.0, locate::Prepared::marks_mm);
-    if marks_mm > 0.0 {
+    if *marks_mm > 0.0 {
         outcome.say(format!("its marks: {marks_mm:.0} mm of their borders hold it sideways, too"));
     }
     outcome.put("marks_mm", json!(marks_mm));
-    let found = prepared.map_err(locate::LocateError::clone).and_then(|prepared| prepared.locate());
-    let at_teaching = outline.map_or(Vec::new(), |outline| gate::checks_at_teaching(&outline, found.as_ref().ok()));
-    warnings.extend(at_teaching.into_iter().filter_map(|check| check.message));
-    match found {
-        Ok(fit) => {
-            let weakest = fit.weakest.words();
-            outcome.say(format!(
-                "its shape holds it to {:.2} mm (95 %) at the worst place; weakest {weakest}, {:.2} mm",
-                fit.uncertainty_mm, fit.weakest_mm
-            ));
-            say_how_the_camera_is_watched(&fit, outcome);
-            outcome.put("uncertainty_mm", json!(fit.uncertainty_mm));
-            outcome.put("weakest_mm", json!(fit.weakest_mm));
-            outcome.put("weakest", json!(weakest));
-            warnings.extend(gate::judge(&fit, recipe).reasons.into_iter().map(|reason| reason.message));
-        }
-        Err(error) => warnings.push(format!("the panel is not found in its own scan: {error}")),
+    let at_teaching =
+        outline.as_ref().map_or(Vec::new(), |outline| gate::checks_at_teaching(outline, found.as_ref().ok()));
+    let warnings: Vec<String> = at_teaching.into_iter().filter_map(|check| check.message).collect();
+    if let Ok(fit) = found {
+        let weakest = fit.weakest.words();
+        outcome.say(format!(
+            "its shape holds it to {:.2} mm (95 %) at the worst place; weakest {weakest}, {:.2} mm",
+            fit.uncertainty_mm, fit.weakest_mm
+        ));
+        say_how_the_camera_is_watched(fit, outcome);
+        outcome.put("uncertainty_mm", json!(fit.uncertainty_mm));
+        outcome.put("weakest_mm", json!(fit.weakest_mm));
+        outcome.put("weakest", json!(weakest));
     }
     let verify_mm = recipe.corner().verify_mm();
     for (index, corner) in taught.corners.iter().enumerate() {

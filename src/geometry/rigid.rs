@@ -169,7 +169,11 @@ impl<To: Frame, From: Frame> Mul<Vector<From>> for Rigid<To, From> {
     }
 }
 
-/// The rigid motion that carries points best onto others (Kabsch, Acta Cryst. A32, 1976); `None` of none.
+/// The rigid motion that carries points best onto others (Kabsch, Acta Cryst. A32, 1976): with the centroids p̄, q̄ and the singular value
+/// decomposition U S Vᵀ = Σ (p − p̄)(q − q̄)ᵀ,
+///     R = U diag(1, 1, det(U Vᵀ)) Vᵀ,   t = p̄ − R q̄,
+/// where the determinant keeps R a rotation if the pairs fit a reflection better (Umeyama, IEEE PAMI 13(4), 1991). `None` of fewer than three
+/// pairs, and of points on a line.
 pub fn nearest_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>)]) -> Option<Rigid<To, From>> {
     let count = pairs.len() as f64;
     let (sum_from, sum_to) = pairs.iter().fold((Vector3::zeros(), Vector3::zeros()), |(from, to), pair| {
@@ -178,9 +182,12 @@ pub fn nearest_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>)]
     let (mean_from, mean_to) = (sum_from / count, sum_to / count);
     let spread: Matrix3<f64> =
         pairs.iter().map(|(from, to)| (to.mm.coords - mean_to) * (from.mm.coords - mean_from).transpose()).sum();
-    let svd = spread.svd(true, true);
-    let (u, v_t) = (svd.u.filter(|_| !pairs.is_empty())?, svd.v_t?);
-    // A mirror image is no motion.
+    let svd = spread.try_svd(true, true, f64::EPSILON, 0)?;
+    // Three pairs span a plane; if the second singular value is zero, the turn about a line is free.
+    if pairs.len() < 3 || svd.singular_values[1] <= 1e-9 * svd.singular_values[0] {
+        return None;
+    }
+    let (u, v_t) = (svd.u?, svd.v_t?);
     let turn = (u * v_t).determinant().signum();
     let rotation = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, turn)) * v_t;
     let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
@@ -230,6 +237,40 @@ mod tests {
             prop_assert!(there.distance_mm(base_from_panel * (panel_from_camera * point)) < 1e-9);
             let back = (base_from_panel * panel_from_camera).inverse() * there;
             prop_assert!(back.distance_mm(point) < 1e-9);
+        }
+    }
+
+    /// By hand: a quarter turn about Z and a shift of (10, 0, 0) send (1, 0, 0) to (10, 1, 0).
+    #[test]
+    fn the_nearest_motion_of_a_quarter_turn() {
+        let pairs: [(Point<Panel>, Point<Base>); 3] = [
+            (Point::at(0.0, 0.0, 0.0), Point::at(10.0, 0.0, 0.0)),
+            (Point::at(1.0, 0.0, 0.0), Point::at(10.0, 1.0, 0.0)),
+            (Point::at(0.0, 1.0, 0.0), Point::at(9.0, 0.0, 0.0)),
+        ];
+        let moved = nearest_motion(&pairs).expect("three points") * Point::at(2.0, 0.0, 5.0);
+        assert!(moved.distance_mm(Point::at(10.0, 2.0, 5.0)) < 1e-9, "{moved:?}");
+    }
+
+    #[test]
+    fn points_on_a_line_determine_no_motion() {
+        let on_line = |i: f64| (Point::<Panel>::at(i, 2.0 * i, 0.0), Point::<Base>::at(i, 2.0 * i, 0.0));
+        assert!(nearest_motion(&[1.0, 2.0, 3.0, 4.0].map(on_line)).is_none());
+        assert!(nearest_motion::<Panel, Base>(&[]).is_none());
+    }
+
+    proptest! {
+        /// Plane points leave the third singular vectors' sign free: without the determinant every other turn of these would come out as a
+        /// reflection.
+        #[test]
+        fn a_plane_panel_is_never_mirrored(turn in prop::array::uniform3(-2.0..2.0f64), shift in prop::array::uniform3(-99.0..99.0f64)) {
+            let truth: Rigid<Base, Panel> = Rigid::claim(Isometry3::new(shift.into(), turn.into()));
+            let pairs: Vec<_> = [(0.0, 0.0), (300.0, 0.0), (280.0, 200.0), (-20.0, 190.0)]
+                .iter()
+                .map(|&(y, z)| (Point::at(560.0, y, z), truth * Point::at(560.0, y, z)))
+                .collect();
+            let found = nearest_motion(&pairs).expect("a plane");
+            prop_assert!(found.distance_at_mm(truth, Point::at(700.0, 50.0, 80.0)) < 1e-8);
         }
     }
 }

@@ -25,6 +25,8 @@ pub enum Known {
     OutlineResidual,
     /// Localization: stated error at the panel's worst place, 95 %, mm.
     LocalizationError,
+    /// How far the panel was bent against the taught one, largest, mm.
+    DeviationFromTaught,
     /// Verifications of the scanner, mm at the panel.
     ScannerVerification,
     /// Verifications of the camera on the flange, mm at the panel.
@@ -81,6 +83,7 @@ impl Known {
             Known::LocalizationResidual => ("localization: residual, point to plane, rms", "mm"),
             Known::OutlineResidual => ("localization: residual of the outline, rms", "px"),
             Known::LocalizationError => ("localization: stated error at the worst place, 95 %", "mm"),
+            Known::DeviationFromTaught => ("localization: smooth deviation from the taught panel, largest", "mm"),
             Known::ScannerVerification => ("verification of the scanner", "mm"),
             Known::FlangeCameraVerification => ("verification of the camera on the flange", "mm"),
             Known::ToolVerification => ("verification of the tool", "mm"),
@@ -124,6 +127,7 @@ impl Known {
             Known::LocalizationResidual => picked(past, Kind::Locate, name::RESIDUAL, Pick::Last),
             Known::OutlineResidual => picked(past, Kind::Locate, name::OUTLINE_RESIDUAL, Pick::Last),
             Known::LocalizationError => picked(past, Kind::Locate, name::LOCATION_ERROR, Pick::Last),
+            Known::DeviationFromTaught => picked(past, Kind::Locate, name::BEND, Pick::Last),
             Known::LightLeast => picked(past, Kind::Inspect, name::LIGHT_LEAST, Pick::Least),
             Known::LightMost => picked(past, Kind::Inspect, name::LIGHT_MOST, Pick::Most),
             Known::FilmChange => picked(past, Kind::Inspect, name::FILM_CHANGE, Pick::Least),

@@ -116,6 +116,16 @@ impl Fit {
         self.taught_found.min(self.scan_found)
     }
 
+    /// The same pose, whose error may be larger by this, mm.
+    pub(super) fn also_off_by(self, off_mm: f64) -> Self {
+        Fit {
+            uncertainty_mm: self.uncertainty_mm + off_mm,
+            uncertainty_at_taught_place_mm: self.uncertainty_at_taught_place_mm + off_mm,
+            uncertainty_without_scale_mm: self.uncertainty_without_scale_mm + off_mm,
+            ..self
+        }
+    }
+
     /// How many pixels more a step of brightness takes at the outline than at teaching; `None` where colour shows no edge.
     pub fn blur_px(&self) -> Option<f64> {
         self.edge_width_px.map(|width_px| width_px - self.taught_edge_width_px)

@@ -4,6 +4,7 @@
 //! region, grids and corners are derived from it each time it is loaded, so that an improved derivation needs no new
 //! scan. This room does not determine where the panel is now: see `locate`.
 
+mod box_cut;
 mod corner;
 mod error;
 mod extent;
@@ -15,6 +16,7 @@ pub mod segment;
 mod sheet;
 mod taught;
 
+pub use box_cut::BoxCut;
 pub use corner::{CornerTeaching, TaughtCorner};
 pub use error::{LearnError, WrongCorner};
 pub use extent::OutlineFrom;

@@ -20,12 +20,17 @@ fn usual_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> Option<f
     median(&mut steps)
 }
 
+/// Neighbouring points that are nearer than this belong to one object, mm.
+pub(super) fn max_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> f64 {
+    MAX_STEPS * usual_step_mm(cloud, free).unwrap_or_default()
+}
+
 /// The pieces of a scan that are connected, each as its pixel indices, largest first.
 pub fn pieces<F: Frame>(cloud: &OrganizedCloud<F>, inside: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
     let raster = Raster { width: cloud.width(), height: cloud.height() };
     let free: Vec<bool> =
         (0..raster.width * raster.height).map(|i| inside(i) && cloud.point_at(i).is_some()).collect();
-    let max_step_mm = MAX_STEPS * usual_step_mm(cloud, &free).unwrap_or_default();
+    let max_step_mm = max_step_mm(cloud, &free);
     let near = |here: usize, there: usize| {
         let points = cloud.point_at(here).zip(cloud.point_at(there));
         points.is_some_and(|(here, there)| there.distance_mm(here) < max_step_mm)

@@ -12,7 +12,7 @@ mod tests;
 pub use edit::{Drawn, EditError, drawn_into};
 pub use tables::{
     Corner, CornerName, CornerNames, FitMethod, Inspect, Locate, Method, Panel, Path, Pattern, Process, Region,
-    Removal, RemovalMethod, SandedReference, Surface,
+    Registration, Removal, RemovalMethod, SandedReference, Surface,
 };
 
 use crate::config::{self, Problems, Section};

@@ -40,7 +40,14 @@ pub struct Model {
     pub orbit: Orbit,
     /// The pad's modulus over its thickness, N/mm³.
     pub pad_n_mm3: f64,
+    /// The smallest and the largest force on a coupon, N; `None` if the calibration does not state them.
+    pub forces_n: Option<[f64; 2]>,
 }
+
+/// Coupons whose forces are this factor apart show how the depth grows with the force, and hold for forces this factor beyond theirs …
+pub const FORCE_RANGE: f64 = 1.5;
+/// … and others for forces this factor beyond theirs.
+const FORCE_NEAR: f64 = 1.15;
 
 impl From<&RemovalNumbers> for Model {
     fn from(found: &RemovalNumbers) -> Self {
@@ -54,6 +61,7 @@ impl From<&RemovalNumbers> for Model {
             redundancy: found.coupons().saturating_sub(FITTED).max(1) as f64,
             orbit: Orbit { diameter_mm: found.orbit_mm(), speed_rev_min: found.orbit_rev_min() },
             pad_n_mm3: found.pad_n_mm3(),
+            forces_n: found.least_force_n().zip(found.most_force_n()).map(|(least_n, most_n)| [least_n, most_n]),
         }
     }
 }
@@ -81,6 +89,14 @@ impl Model {
         (of_k.max(0.0) + self.coupon_deviation.powi(2) + force * force).sqrt()
     }
 
+    /// The forces for which its coupons hold, N: a depth grows in proportion to the force only as far as that was measured. `None` if it is not
+    /// known.
+    pub fn holds_for_n(&self) -> Option<[f64; 2]> {
+        let [least_n, most_n] = self.forces_n?;
+        let beyond = if most_n >= FORCE_RANGE * least_n { FORCE_RANGE } else { FORCE_NEAR };
+        Some([least_n / beyond, most_n * beyond])
+    }
+
     /// So many σ hold 95 %.
     pub fn quantile_95(&self) -> f64 {
         student_95(self.redundancy)
@@ -100,11 +116,21 @@ pub(crate) mod tests {
         redundancy: 10.0,
         orbit: Orbit { diameter_mm: 5.0, speed_rev_min: 10_000.0 },
         pad_n_mm3: 0.05,
+        forces_n: Some([15.0, 30.0]),
     };
 
     /// The same on a disc that does not wear.
     pub(crate) const EVEN_MODEL: Model =
         Model { decay_per_mm2: 0.0, covariance: Matrix2::new(4e-4, 0.0, 0.0, 0.0), ..MODEL };
+
+    /// By hand: forces of 15 and 30 N hold from 15 / 1.5 = 10 N to 45 N, one force of 20 N from 17.4 N to 23 N.
+    #[test]
+    fn the_forces_for_which_coupons_hold() {
+        assert_eq!(MODEL.holds_for_n(), Some([10.0, 45.0]));
+        let [least_n, most_n] = Model { forces_n: Some([20.0, 20.0]), ..MODEL }.holds_for_n().expect("a range");
+        assert!((least_n - 17.391).abs() < 1e-3 && (most_n - 23.0).abs() < 1e-9, "{least_n} {most_n}");
+        assert_eq!(Model { forces_n: None, ..MODEL }.holds_for_n(), None);
+    }
 
     /// By hand: after half a square metre k is e^(−0.4) = 0.670 32 of its first; Student's 97.5 % of ten degrees is 2.228.
     #[test]

@@ -137,7 +137,9 @@ impl<'a> Abrasive<'a> {
             largest_bound_um: of_part.largest_bound_um + self.before.bound_um,
             ..of_pass
         });
-        let checks = [checks::checks(figures.as_ref(), (asked, bounded)), self.before.checks(asked)].concat();
+        let mut checks = checks::checks(figures.as_ref(), (asked, bounded));
+        checks.push(checks::force(force_n, &model));
+        checks.extend(self.before.checks(asked));
         Some(Removed { map, figures, checks, limits_um: [asked.target_um(), asked.max_um()] })
     }
 

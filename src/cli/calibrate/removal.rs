@@ -42,7 +42,8 @@ pub fn run(args: &Args) -> Result<Outcome, Fault> {
     let left_out = found.left_out.iter().map(|one| one.map_or(f64::NAN, |one| 100.0 * one.off.abs()));
     let residuals = if found.left_out.iter().all(Option::is_some) { left_out.collect() } else { vec![] };
     let made = provenance(vec![content_hash(&bytes)], residuals);
-    let text = RemovalCalibration::text_of(&numbers(&found, &tool), coupons.len(), (date::today(), &made));
+    let text =
+        RemovalCalibration::text_of(&numbers(&found, (&coupons, &tool)), coupons.len(), (date::today(), &made));
     RemovalCalibration::check(&args.out.display().to_string(), &text)?;
     keep(&mut outcome, &judgement, &args.out, &text)?;
     Ok(outcome)
@@ -58,7 +59,9 @@ fn refused(message: String, args: &Args) -> Outcome {
 }
 
 /// The numbers of the file, by their keys.
-fn numbers(found: &Fitted, tool: &CouponTool) -> [(&'static str, f64); 10] {
+fn numbers(found: &Fitted, (coupons, tool): (&[Coupon], &CouponTool)) -> [(&'static str, f64); 12] {
+    let force_n =
+        |of: fn(f64, f64) -> f64| coupons.iter().map(|coupon| coupon.force_n).reduce(of).unwrap_or(f64::NAN);
     let [k, b] = [0, 1].map(|index| found.covariance[(index, index)].sqrt());
     let correlation = if k * b > 0.0 { found.covariance[(0, 1)] / (k * b) } else { 0.0 };
     [
@@ -69,6 +72,8 @@ fn numbers(found: &Fitted, tool: &CouponTool) -> [(&'static str, f64); 10] {
         ("correlation", correlation.clamp(-1.0, 1.0)),
         ("coupon_deviation_percent", 100.0 * found.coupon_deviation),
         ("left_out_percent", 100.0 * found.left_out_rms()),
+        ("least_force_n", force_n(f64::min)),
+        ("most_force_n", force_n(f64::max)),
         ("pad_n_mm3", tool.pad.stiffness_n_mm3),
         ("orbit_mm", tool.orbit.diameter_mm),
         ("orbit_rev_min", tool.orbit.speed_rev_min),

@@ -9,7 +9,7 @@ mod removal;
 pub use film::{Inspect, Method, Process, Region, SandedReference};
 pub use panel::Panel;
 pub use path::{FitMethod, Path, Pattern, Surface};
-pub use place::{Corner, CornerName, CornerNames, Locate};
+pub use place::{Corner, CornerName, CornerNames, Locate, Registration};
 pub use removal::{Removal, RemovalMethod};
 
 pub(super) use film::{take_inspect, take_process, take_region};

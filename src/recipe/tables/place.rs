@@ -4,9 +4,25 @@ use crate::config::{Choice, Section, Setting, settings};
 use crate::words::list;
 use toml::de::DeValue;
 
+/// How a pose is refined from the search's result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Registration {
+    /// Point-to-plane with the outline.
+    PointToPlane,
+    /// The thesis's point-to-point ICP, for comparison.
+    Thesis,
+}
+
+impl Choice for Registration {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("point-to-plane", Registration::PointToPlane), ("thesis", Registration::Thesis)];
+}
+
 settings! {
     /// `[locate]`: where the panel is searched, and what is accepted (thesis 3.8).
     pub struct Locate {
+        /// How the pose is refined. The thesis's method states no error of its own: its distance from the other one counts as error.
+        method: Registration, (), default Registration::PointToPlane;
         /// Lower corner of the search box in the base frame, mm.
         box_min_mm: [f64; 3], -5_000.0..=5_000.0, required;
         /// Upper corner of the search box in the base frame, mm.

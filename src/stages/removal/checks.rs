@@ -5,8 +5,8 @@ use super::feeds::AtBounds;
 use crate::recipe::{self, Recipe, RemovalMethod};
 use crate::record::name;
 use crate::removal::figures::Figures;
-use crate::removal::model::UNKNOWN;
-use crate::verdict::{Check, SetBy};
+use crate::removal::model::{FORCE_RANGE, Model, UNKNOWN};
+use crate::verdict::{Check, SetBy, Severity};
 use crate::words::{apart, fixed};
 use serde::{Deserialize, Serialize};
 
@@ -43,7 +43,7 @@ pub fn unknown(recipe: &Recipe, tool: ToolState) -> Option<Check> {
     let stated = recipe.removal().filter(|_| tool.removal.is_none())?;
     let check =
         Check::new(name::REMOVED_BOUND, "µm", None).at_most(stated.max_um(), SetBy::recipe("removal.max_um"));
-    Some(check.broken(true, crate::verdict::Severity::Reject, "removal_unknown", || UNKNOWN.to_owned()))
+    Some(check.broken(true, Severity::Reject, "removal_unknown", || UNKNOWN.to_owned()))
 }
 
 /// What a path removes, judged.
@@ -91,6 +91,28 @@ pub(super) fn checks(figures: Option<&Figures>, (asked, bounded): (&recipe::Remo
             },
         ),
     ]
+}
+
+/// Do the coupons hold for this force?
+pub(super) fn force(force_n: f64, model: &Model) -> Check {
+    let holds = model.holds_for_n();
+    let is_beyond = holds.is_none_or(|[least_n, most_n]| !(least_n..=most_n).contains(&force_n));
+    let check = Check::new("force of the recipe", "N", force_n);
+    check.broken(is_beyond, Severity::Review, "force_beyond_coupons", || {
+        let force = fixed(force_n, 1);
+        match holds {
+            Some([least_n, most_n]) => format!(
+                "the force of {force} N is outside of {} to {} N, for which the coupons hold; press coupons with this force, or with forces \
+                 {FORCE_RANGE} times apart on both sides of it",
+                fixed(least_n, 1),
+                fixed(most_n, 1)
+            ),
+            None => format!(
+                "the removal model does not state with which forces its coupons were pressed, and the recipe's is {force} N; calibrate the \
+                 removal again"
+            ),
+        }
+    })
 }
 
 /// What would make it more even.

@@ -191,6 +191,7 @@ fn by_coupons(truth: &Truth, random: &mut Pcg64Mcg) -> Model {
         redundancy: found.redundancy(),
         orbit: ORBIT,
         pad_n_mm3: PAD.stiffness_n_mm3,
+        forces_n: Some([FORCE_N; 2]),
     }
 }
 

@@ -29,6 +29,7 @@ pub fn exact_model() -> Model {
         redundancy: 1e4,
         orbit: ORBIT,
         pad_n_mm3: PAD.stiffness_n_mm3,
+        forces_n: Some([FORCE_N; 2]),
     }
 }
 

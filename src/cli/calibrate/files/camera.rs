@@ -183,6 +183,28 @@ mod tests {
         }
     }
 
+    /// A pose as Zivid's hand-eye calibration writes it: by hand, a quarter turn about Z, which is A 90.
+    #[test]
+    fn a_matrix_is_read() {
+        let read = |rows: &str| {
+            let text = format!("[[poses]]\nimage = \"1.png\"\nbase_from_flange = [{rows}]\n");
+            picture_poses("poses.toml", &text, &|_| true)
+        };
+        let poses = read("[0, -1, 0, 400.5], [1, 0, 0, -2], [0, 0, 1, 600], [0, 0, 0, 1]").expect("a pose");
+        let expected = KukaPose { x_mm: 400.5, y_mm: -2.0, z_mm: 600.0, a_deg: 90.0, b_deg: 0.0, c_deg: 0.0 };
+        let off_mm = poses[0].base_from_flange.distance_at_mm(expected.to_rigid(), Point::at(100.0, 0.0, 0.0));
+        assert!(off_mm < 1e-9, "{off_mm}");
+        for (rows, words) in [
+            ("[0, -1, 0, 400.5], [1, 0, 0, -2], [0, 0, 1, 600]", "four rows of four"),
+            ("[0, 1, 0, 400.5], [1, 0, 0, -2], [0, 0, 1, 600], [0, 0, 0, 1]", "right-handed"),
+            ("[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [400.5, -2, 600, 1]", "transposed"),
+            ("[0, -2, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]", "orthonormal"),
+        ] {
+            let found = problems(read(rows));
+            assert!(found.contains(words), "{rows}: {found}");
+        }
+    }
+
     #[test]
     fn points_name_their_corners_and_radians_are_noticed() {
         let text = "p1_mm = [0, 0, 0]\np1_corner = [0, 0]\np2_mm = [200, 0, 0]\np2_corner = [8, 0]\n\

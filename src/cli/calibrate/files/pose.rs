@@ -2,7 +2,7 @@
 
 use crate::config::{Section, Setting};
 use crate::files::ReportedFlange;
-use crate::geometry::KukaPose;
+use crate::geometry::{Base, Flange, KukaPose, Rigid};
 use toml::de::DeValue;
 
 pub(super) const PLACE_MM: std::ops::RangeInclusive<f64> = -20_000.0..=20_000.0;
@@ -13,18 +13,51 @@ pub(super) const AXIS_DEG: std::ops::RangeInclusive<f64> = -720.0..=720.0;
 
 pub(super) const CORNER: std::ops::RangeInclusive<usize> = 0..=60;
 
-/// A pose as the controller shows it: `{X 400.5, Y 0, Z 600, A 90, B 0, C 180}`, also with its type and what follows it, `{E6POS: …, S 2, T 35}`.
-struct KrlPose(KukaPose);
+/// A pose as the controller shows it, `{X 400.5, Y 0, Z 600, A 90, B 0, C 180}`, also with its type and what follows it, `{E6POS: …, S 2, T 35}`;
+/// or as other programs write it (`Data` of Zivid's YAML): four rows of four numbers, a rotation and a translation in mm.
+struct WrittenPose(KukaPose);
 
-impl Setting for KrlPose {
+/// The columns of a rotation are this near to unit length and to right angles: files state seven digits.
+const ORTHONORMAL: f64 = 1e-3;
+
+fn allowed() -> String {
+    "allowed is a table {x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}, a pose as the controller writes it, \
+     \"{X 400.5, Y 0, Z 600, A 90, B 0, C 180}\", or a matrix of four rows of four numbers with the translation in mm"
+        .to_owned()
+}
+
+/// The pose of a 4 × 4 matrix.
+fn of_matrix(rows: &[toml::Spanned<DeValue<'_>>]) -> Result<KukaPose, String> {
+    let mut matrix = nalgebra::Matrix4::<f64>::zeros();
+    let [_, _, _, _] = rows else { return Err(allowed()) };
+    for (i, row) in rows.iter().enumerate() {
+        let row = row.get_ref().as_array().filter(|row| row.len() == 4).ok_or_else(allowed)?;
+        for (j, number) in row.iter().enumerate() {
+            matrix[(i, j)] = f64::parse(number.get_ref(), &(-20_000.0..=20_000.0))?;
+        }
+    }
+    let rotation: nalgebra::Matrix3<f64> = matrix.fixed_view::<3, 3>(0, 0).into_owned();
+    let off = (rotation.transpose() * rotation - nalgebra::Matrix3::identity()).abs().max();
+    let last = matrix.row(3).into_owned() - nalgebra::RowVector4::new(0.0, 0.0, 0.0, 1.0);
+    if off > ORTHONORMAL || rotation.determinant() < 0.0 || last.abs().max() > 1e-9 {
+        return Err(format!(
+            "the matrix is no pose: its rotation is off a right-handed, orthonormal one by {off:.4} (limit {ORTHONORMAL}), its last row must be \
+             0, 0, 0, 1; is it transposed?"
+        ));
+    }
+    let rotation = nalgebra::Rotation3::from_matrix_eps(&rotation, 1e-12, 100, nalgebra::Rotation3::identity());
+    let place = nalgebra::Translation3::new(matrix[(0, 3)], matrix[(1, 3)], matrix[(2, 3)]);
+    let pose = nalgebra::Isometry3::from_parts(place, nalgebra::UnitQuaternion::from_rotation_matrix(&rotation));
+    Ok(KukaPose::from_rigid(&Rigid::<Base, Flange>::claim(pose)))
+}
+
+impl Setting for WrittenPose {
     type Limits = ();
 
     fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
-        let allowed = || {
-            "allowed is a table {x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}, or a pose as the controller writes it, \
-             \"{X 400.5, Y 0, Z 600, A 90, B 0, C 180}\""
-                .to_owned()
-        };
+        if let Some(rows) = value.as_array() {
+            return of_matrix(rows).map(WrittenPose);
+        }
         let text = value.as_str().ok_or_else(allowed)?.trim();
         let inside = text.strip_prefix('{').and_then(|text| text.strip_suffix('}')).ok_or_else(allowed)?;
         let inside = inside.split_once(':').map_or(inside, |(_, numbers)| numbers);
@@ -47,14 +80,14 @@ impl Setting for KrlPose {
         let [Some(x_mm), Some(y_mm), Some(z_mm), Some(a_deg), Some(b_deg), Some(c_deg)] = numbers else {
             return Err(allowed());
         };
-        Ok(KrlPose(KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }))
+        Ok(WrittenPose(KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }))
     }
 }
 
-/// The pose under this key of a table: six keys, or as the controller writes it.
+/// The pose under this key of a table: six keys, or as the controller or another program writes it.
 pub(super) fn pose_of(section: &Section<'_, '_>, key: &'static str) -> Option<KukaPose> {
     match section.has(key) && !section.is_table(key) {
-        true => section.take::<KrlPose>(key, (), None).map(|pose| pose.0),
+        true => section.take::<WrittenPose>(key, (), None).map(|pose| pose.0),
         false => pose(&section.section(key)),
     }
 }

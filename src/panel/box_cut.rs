@@ -1,0 +1,112 @@
+//! Where the search box cuts the panel: its surface continues beyond a face of the box.
+//!
+//! What lies outside of the box is neither taught nor searched, and the panel's border there is the box's and no edge.
+
+use super::segment::max_step_mm;
+use super::taught::TaughtPanel;
+use crate::geometry::{BESIDE, Pixel, Raster};
+use crate::recipe;
+use crate::verdict::Reason;
+
+/// Fewer pixels of the border that continue beyond one face are a holder or flying points.
+const MIN_BORDER_PX: usize = 12;
+
+/// A face of the search box that cuts the panel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BoxCut {
+    /// The recipe's key of the face.
+    pub key: &'static str,
+    /// X, Y or Z: 0, 1 or 2.
+    pub axis: usize,
+    /// Where the face is, mm.
+    pub face_mm: f64,
+    /// How many pixels of the panel's border continue beyond it.
+    pub border_px: usize,
+    /// One of them.
+    pub at: Pixel,
+}
+
+impl BoxCut {
+    /// The reason for a person who teaches.
+    pub fn reason(&self) -> Reason {
+        let BoxCut { key, axis, face_mm, border_px, at: Pixel { u, v } } = self;
+        let message = format!(
+            "the search box cuts the panel: its surface continues beyond locate.{key}[{axis}] = {face_mm} mm, at {border_px} px of its border, \
+             one at ({u:.0}, {v:.0}) px; enlarge the box there"
+        );
+        Reason::new("box_cuts", message)
+    }
+}
+
+impl TaughtPanel {
+    /// The face of the search box that cuts the panel over most of its border; `None` if none does.
+    pub fn box_cut(&self, locate: &recipe::Locate) -> Option<BoxCut> {
+        let raster = Raster { width: self.scan.width(), height: self.scan.height() };
+        let max_step_mm = max_step_mm(&self.scan, &self.mask.inside);
+        let mut cuts: [Vec<usize>; 6] = Default::default();
+        for (index, point) in self.points() {
+            let outside = |next: usize| {
+                let beyond = self.scan.point_at(next).filter(|beyond| beyond.distance_mm(point) < max_step_mm)?;
+                faces(locate, beyond.mm.coords.as_slice())
+            };
+            let mut neighbours = raster.neighbours(index, &BESIDE).filter(|next| !self.mask.inside[*next]);
+            if let Some(face) = neighbours.find_map(outside) {
+                cuts[face].push(index);
+            }
+        }
+        let (face, pixels) = cuts.iter().enumerate().max_by_key(|(_, pixels)| pixels.len())?;
+        let at = *pixels.get(pixels.len() / 2).filter(|_| pixels.len() >= MIN_BORDER_PX)?;
+        let (key, corner_mm) = match face < 3 {
+            true => ("box_min_mm", locate.box_min_mm()),
+            false => ("box_max_mm", locate.box_max_mm()),
+        };
+        let at = Pixel::at((at % raster.width) as f64, (at / raster.width) as f64);
+        Some(BoxCut { key, axis: face % 3, face_mm: corner_mm[face % 3], border_px: pixels.len(), at })
+    }
+}
+
+/// The face beyond which a point lies, 0 to 2 for the lower ones and 3 to 5 for the upper ones; `None` of a point in the box.
+fn faces(locate: &recipe::Locate, point_mm: &[f64]) -> Option<usize> {
+    let (low, high) = (locate.box_min_mm(), locate.box_max_mm());
+    (0..3)
+        .find(|&axis| point_mm[axis] < low[axis])
+        .or_else(|| (0..3).find(|&axis| point_mm[axis] > high[axis]).map(|axis| axis + 3))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recipe::Recipe;
+    use crate::sim::{Cell, SEARCH_BOX_MM, Scene};
+
+    /// The face that cuts the panel of a cell in a search box that ends at this height, mm, and the height of the panel that was taught.
+    fn cut(cell: &Cell, top_mm: f64) -> (Option<BoxCut>, f64) {
+        let (region, [low, [x, y, _]]) = (cell.region(), SEARCH_BOX_MM);
+        let text = format!(
+            "panel = \"p\"\n[region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n\
+             [locate]\nbox_min_mm = {low:?}\nbox_max_mm = {:?}\n",
+            region.corners_px.map(|px| [px.u, px.v]),
+            region.rows,
+            region.columns,
+            [x, y, top_mm]
+        );
+        let recipe = Recipe::check("simulated.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
+        let panel =
+            TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), cell.calibrated_base_from_camera(), &recipe);
+        let panel = panel.unwrap_or_else(|error| panic!("{error}"));
+        let highest_mm = panel.points().map(|(_, point)| point.mm.z).fold(f64::NEG_INFINITY, f64::max);
+        (panel.box_cut(recipe.locate()), highest_mm)
+    }
+
+    /// The simulated cell's box holds its panel, whose region ends 15 mm below its upper edge; a box that ends 7 mm below the edge cuts it.
+    #[test]
+    fn a_box_that_cuts_the_panel_is_named() {
+        let cell = Cell::new(4, Scene::Good, 4);
+        let (whole, highest_mm) = cut(&cell, SEARCH_BOX_MM[1][2]);
+        assert_eq!(whole, None);
+        let top_mm = (highest_mm - 7.0).round();
+        let found = cut(&cell, top_mm).0.expect("a cut");
+        assert_eq!((found.key, found.axis, found.face_mm), ("box_max_mm", 2, top_mm));
+        assert!(found.reason().message.contains("locate.box_max_mm[2]"), "{found:?}");
+    }
+}
