@@ -58,7 +58,7 @@ pub struct Delivery {
     pub bytes: Vec<u8>,
     /// Where it came: which cell may send there is the broker's business.
     pub subject: String,
-    /// By which the broker is told what came of it.
+    /// Acknowledgement handle.
     pub receipt: Receipt,
 }
 

@@ -63,7 +63,7 @@ impl RemovalCalibration {
     fn take(section: &Section<'_, '_>) -> Option<Self> {
         let date = section.take("date", (), Some(None));
         let provenance = Provenance::take(section, "residuals_percent");
-        // Takes the rest, and tells what nobody takes.
+        // Parses the remaining keys and reports unknown ones.
         let numbers = RemovalNumbers::take(section);
         Some(RemovalCalibration { numbers: numbers?, date: date?, provenance: provenance? })
     }

@@ -33,7 +33,7 @@ impl<'d, 't> Section<'d, 't> {
         self.table.is_some()
     }
 
-    /// A table that is not there switches its subject off. One that is there without its first key is a problem: nobody writes it in vain.
+    /// An absent table disables the feature; a table without its required key is a problem.
     pub fn off_without<T>(&self, key: &str, what: &str) -> Option<Option<T>> {
         if self.is_present() {
             self.problem(key, format!("is missing: {what}; without the whole table it is off"));

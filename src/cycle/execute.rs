@@ -167,7 +167,7 @@ impl Turn {
 
     /// The abort frame is answered: the robot stands, tool and water are off, nothing of the epoch is left.
     fn epoch_ended(&mut self, done: u32) {
-        // What was told is executed, whatever an answer says of it later.
+        // Reported progress is never reduced by a later answer.
         let done = self.state.intent.map_or(done, |intent| done.max(intent.done));
         let (outcome, aborted) = match self.state.at {
             At::Holding(_) => (Outcome::Held, None),

@@ -107,7 +107,7 @@ pub(super) enum Rule {
     PassLimit,
 }
 
-/// The rules in force: all, but in tests.
+/// The rules in force: all of them, except in tests.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rules {
     without: Option<Rule>,

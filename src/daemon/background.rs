@@ -1,5 +1,5 @@
-//! Threads that stand back: page and plant take nothing from the loop and the robot's link, and where the code of a library fails on what a
-//! network sends, the cell goes on.
+//! Low-priority threads for web and plant interfaces: they take no time from the loop and the robot's link. If a library panics on what a
+//! network sends, its thread restarts and the cell continues.
 
 use crate::supervision;
 use std::io;
@@ -10,9 +10,9 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 
-/// What panicked begins anew after this time.
+/// Restart delay after a panic.
 const AGAIN: Duration = Duration::from_secs(1);
-/// It is looked for something new so often.
+/// Polling interval.
 const EVERY: Duration = Duration::from_secs(1);
 /// After a failure it is tried again after one second, then two, four, and so on up to this.
 const LONGEST_PAUSE: Duration = Duration::from_secs(60);
@@ -121,7 +121,7 @@ pub(super) trait Rounds {
     /// After a failure all connections are made anew.
     fn forget(&mut self);
 
-    /// Hears how the last round went; whether a problem is another one than before.
+    /// Reports the result of a round; returns true if the error changed.
     fn told(&self, problem: Option<&str>) -> bool;
 }
 

@@ -58,7 +58,7 @@ enum Executor<'p> {
     /// A thread of its own.
     Thread {
         queue: Sender<Work>,
-        /// Of a film that was left nothing comes but that.
+        /// `None` means that the film was abandoned.
         results: Receiver<Option<Box<Worked>>>,
         under_way: VecDeque<Id>,
         result: Option<Box<Worked>>,
@@ -132,7 +132,7 @@ impl<'p> Computing<'p> {
         }
     }
 
-    /// Nobody waits for what was submitted any more.
+    /// Cancels the submitted work.
     pub(super) fn abandon(&mut self) {
         self.due.store(NONE_DUE, Ordering::Relaxed);
         if let (Executor::Inline { queue, .. }, false) = (&mut self.executor, self.lock_step) {
@@ -145,7 +145,7 @@ impl<'p> Computing<'p> {
         match &mut self.executor {
             Executor::Inline { queue, .. } => queue.front().map(|work| work.id),
             Executor::Thread { results, under_way, result, .. } => {
-                // Of a film that was left nothing more comes to the loop.
+                // Results of an abandoned film do not reach the loop.
                 let due = self.due.load(Ordering::Relaxed);
                 let is_left = |worked: &Worked| !self.lock_step && worked.is_of_film && worked.id.0 != due;
                 result.take_if(|worked| is_left(worked));
@@ -192,10 +192,9 @@ impl<'p> Computing<'p> {
     }
 }
 
-/// What the calling thread computes in parallel it computes by so many threads of its own from now on, itself among them; 0 are as many as
-/// there are processors. They have its priority. Those that all others share have the priority of the one that first needed them: a loop
-/// that waits for them comes late to the robot where other programs keep the processors busy. `None` where the thread has such threads
-/// before, or the system gives none: then those of all compute.
+/// Gives the calling thread a pool of this many threads for parallel computations, itself among them; 0 is one for each processor. They have
+/// its priority. Rayon's global pool inherits the priority of its first caller: a loop that waits for it is late for the robot while other
+/// programs use the processors. `None` if the thread has a pool already or the system gives none: then the global pool computes.
 fn own_threads(count: usize) -> Option<rayon::ThreadPool> {
     let name = |_| "computing".to_owned();
     rayon::ThreadPoolBuilder::new().num_threads(count).use_current_thread().thread_name(name).build().ok()

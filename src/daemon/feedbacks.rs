@@ -57,8 +57,8 @@ fn told(on: bool) -> &'static str {
 fn tells(switch: Switch, wiring: &Wiring, state: &State) -> String {
     let (_, output) = words(switch);
     let Told { outputs, feedback, opposite } = wiring.proof(switch).told_by(state);
-    let told_as_set = if outputs { "told" } else { "not told" };
-    let output_words = format!("the output {} is {told_as_set} as it was set", output.name());
+    let agrees = if outputs { "as commanded" } else { "not as commanded" };
+    let output_words = format!("the output {} is reported {agrees}", output.name());
     let name = output.feedback().name();
     let feedbacks = [(name, feedback), (Feedback::ToolStands.name(), opposite)];
     let words =
@@ -70,9 +70,8 @@ fn tells(switch: Switch, wiring: &Wiring, state: &State) -> String {
 pub(super) fn contrary_reason(switch: Switch, wiring: &Wiring, state: &State) -> Reason {
     let ((was_proven, _), tells) = (words(switch), tells(switch, wiring, state));
     let contrary_s = f64::from(CONTRARY_FOR_MS) / 1_000.0;
-    let message = format!(
-        "it was proven that {was_proven}, and for {contrary_s:.1} s the controller has told otherwise: {tells}"
-    );
+    let message =
+        format!("expected: {was_proven}; for {contrary_s:.1} s the controller reports something else: {tells}");
     Reason::new("feedback", message)
 }
 
@@ -82,8 +81,7 @@ pub(super) fn unproven_reason(switch: Switch, wiring: &Wiring, state: &State) ->
         return None;
     }
     let ((is_asked, _), tells) = (words(switch), tells(switch, wiring, state));
-    let message =
-        format!("it was switched so that {is_asked}, and the controller did not tell so in time: {tells}");
+    let message = format!("commanded: {is_asked}; the controller did not confirm it in time: {tells}");
     Some(Reason::new("feedback", message))
 }
 

@@ -208,7 +208,7 @@ impl Running<'_> {
             self.perception.corners.leave_out(corner, &why);
         }
         match candidates.first() {
-            // The refusal of the first is the one that is told.
+            // Report the refusal of the first candidate.
             Some(&first) if view == 0 => self.perception.corners.choose(view, first),
             Some(_) => self.perception.corners.end_choice(view),
             None => {}

@@ -150,8 +150,8 @@ impl RequestSender {
 }
 
 impl RequestQueue {
-    /// The most urgent request; waits at most this long for one. What nobody waits for any more is not done later: whoever asked was
-    /// told that it failed, and may stand at the panel. A stop and an abort are done all the same.
+    /// The most urgent request; waits at most this long for one. Requests whose client timed out are discarded and never executed late: the
+    /// operator was informed of the failure and may be at the panel. Stop and Abort are executed in any case.
     pub fn next(&self, patience: Duration) -> Option<Request> {
         let until = Instant::now() + patience;
         let mut inside = self.0.lock();

@@ -43,7 +43,7 @@ pub(super) struct Slot<Of> {
     slots: Slots<Of>,
 }
 
-/// Says that the connection in a slot was heard. Clones say it of the same one.
+/// Marks the connection of a slot as active. Clones mark the same connection.
 #[derive(Debug)]
 pub(super) struct Heard<Of> {
     number: u64,

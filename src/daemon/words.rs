@@ -156,8 +156,7 @@ pub(super) fn trouble(trouble: Trouble) -> Reason {
         }
         Trouble::Force => (
             "force",
-            "the compliant tool is not as it should be, so the arm keeps it off the panel; the finding beside it says what, and `panelprep \
-             doctor` looks at it",
+            "compliant tool fault; the arm keeps the tool off the panel. See the finding beside this message, then run `panelprep doctor`",
         ),
         Trouble::Starved => ("starved", "the robot ran out of waypoints"),
         Trouble::Override => {
@@ -283,7 +282,7 @@ fn held(hold: Hold) -> Reason {
         }
         Why::Trouble(what) => {
             let mended = trouble(what);
-            Reason { message: format!("held: {}; mend it, then {next}", mended.message), ..mended }
+            Reason { message: format!("held: {}. Fix it, then {next}", mended.message), ..mended }
         }
     }
 }

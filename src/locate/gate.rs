@@ -62,7 +62,7 @@ pub fn checks(fit: &Fit, recipe: &Recipe) -> Vec<Check> {
     let is_rejected = Judgement::of_checks(&of_panel).verdict == Verdict::Reject;
     let bend = vec![bend(fit, recipe.surface())];
     let of_pose = [bend, camera::watch(fit), pose::knowledge(fit), pose::motion(fit, limits)].concat();
-    // Where something that is not the panel ended up is no reason for anything.
+    // If the object is not the panel, the checks of its pose are informational.
     let of_pose = of_pose.into_iter().map(|check| if is_rejected { check.without_consequence() } else { check });
     of_panel.into_iter().chain(of_pose).collect()
 }
@@ -83,7 +83,7 @@ fn panel(fit: &Fit, limits: &recipe::Locate) -> Vec<Check> {
             .rejects("not_converged", || {
                 let (steps, step_mm) = (fit.iterations, fit.last_step_mm);
                 let [step, allowed] = apart(step_mm, MAX_LAST_STEP_MM, 4);
-                format!("after {steps} steps the fit still moved by {step} mm, allowed are {allowed} mm; scan again")
+                format!("the fit did not converge in {steps} iterations: last step {step} mm, limit {allowed} mm; scan again")
             }),
         Check::new(name::RESIDUAL, "mm", fit.rms_mm)
             .at_most(limits.max_rms_mm(), SetBy::recipe("locate.max_rms_mm"))

@@ -122,7 +122,7 @@ fn wear(found: &Fitted) -> Check {
         "wear_not_told",
         || {
             format!(
-                "the wear, {} ± {} on a square metre, is not told from none; measure coupons by discs nearer to the end of \
+                "the disc's wear, {} ± {} for a square metre, cannot be distinguished from zero; measure coupons with discs nearer to the end of \
                  their life",
                 fixed(per_m2, 2),
                 fixed(known_m2, 2)

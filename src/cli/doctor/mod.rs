@@ -1,7 +1,6 @@
 //! `panelprep doctor`: the cell from the bottom up, one line a thing, and what to do where it is not right.
 //!
-//! It moves nothing and writes nothing. Where something above rests on something below that is not right, it is said to
-//! be not looked at, which counts as not right. `judge` turns facts into words, `machine` finds those of the computer,
+//! It moves nothing and writes nothing. A check whose prerequisite failed is reported as skipped and counts as a failure. `judge` turns facts into words, `machine` finds those of the computer,
 //! `cell` those of the cell's files, `devices`, `tool` and `zivid` those of what is connected, and `plant` those of what lies beyond.
 
 mod borrowed;
@@ -76,7 +75,12 @@ fn outcome(checks: &[Check]) -> Outcome {
     let width = checks.iter().map(|check| check.name.chars().count()).max().unwrap_or(0);
     outcome.words = Vec::new();
     for check in checks {
-        let mark = if check.ok { "ok   " } else { "WRONG" };
+        // What was not looked at is not known to be wrong, and counts as a failure.
+        let mark = match check.ok {
+            true => "ok   ",
+            false if check.found.starts_with("not looked at") => "open ",
+            false => "WRONG",
+        };
         outcome.say(format!("{mark}  {:width$}  {}", check.name, check.found));
         if !check.advice.is_empty() {
             outcome.say(format!("       {:width$}  → {}", "", check.advice));

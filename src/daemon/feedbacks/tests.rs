@@ -70,18 +70,21 @@ fn the_reason_names_output_and_feedback() {
     let wiring = wiring();
     let leaks = contrary_reason(Switch::WaterOff, &wiring, &state(0b1_1100, 0b1110)).message;
     assert!(
-        leaks.starts_with("it was proven that the water is off, and for 0.5 s the controller has told otherwise"),
+        leaks.starts_with("expected: the water is off; for 0.5 s the controller reports something else"),
         "{leaks}"
     );
-    assert!(leaks.ends_with("the output spray is told as it was set; the feedback water_off reads off"), "{leaks}");
+    assert!(
+        leaks.ends_with("the output spray is reported as commanded; the feedback water_off reads off"),
+        "{leaks}"
+    );
     let switched = contrary_reason(Switch::LightOff, &wiring, &state(0b1_1101, 0b1111)).message;
-    assert!(switched.ends_with("the output light is not told as it was set"), "{switched}");
+    assert!(switched.ends_with("the output light is reported not as commanded"), "{switched}");
     let unproven = |inputs| unproven_reason(Switch::ToolOn, &wiring, &state(0b1_1100, inputs));
     let dead = unproven(0b0111).expect("the tool does not turn").message;
+    assert!(dead.starts_with("commanded: the tool runs; the controller did not confirm it in time"), "{dead}");
     assert!(
-        dead.starts_with("it was switched so that the tool runs, and the controller did not tell so in time"),
+        dead.ends_with("the output tool is reported as commanded; the feedback tool_running reads off"),
         "{dead}"
     );
-    assert!(dead.ends_with("the output tool is told as it was set; the feedback tool_running reads off"), "{dead}");
     assert!(unproven(0b1111).is_none(), "it came");
 }

@@ -24,7 +24,7 @@ pub(super) const KEY: &str = "private/private.pem";
 pub(super) const TRUSTED: &str = "trusted";
 /// Clients that were turned away.
 pub(super) const REJECTED: &str = "rejected";
-/// So many certificates that were turned away stay: whoever sends new ones without end fills no disk.
+/// Maximum number of rejected certificates that are kept: a client that sends new ones without end must not fill the disk.
 const MOST_REJECTED: usize = 32;
 /// Ten years: clients are told once to trust it.
 const DAYS: u32 = 3_650;

@@ -17,7 +17,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// So many certificates that were turned away are told one by one.
+/// Maximum number of rejected certificates that are logged individually.
 const MOST_TOLD: usize = 3;
 /// Calibration files are looked at so often.
 const FILES: Duration = Duration::from_secs(30);

@@ -42,7 +42,7 @@ pub enum Note {
     Budget(Budget),
 }
 
-/// A picture that is in the store already; what follows is to name it.
+/// Reference to a stored picture, attached to the next finding.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Kept {
     /// As a camera gave it.

@@ -43,9 +43,9 @@ use region::{EXPOSED_EVERY, LIGHT_EVERY, Region};
 pub use shimmer::{DIFFERENCES, Shimmer};
 use views::Views;
 
-/// Of the film's light this is the most and the least, 1/1024 …
+/// Accepted ratios of a film's brightness, lowest and highest, 1/1024: first pass …
 const WIDE_Q10: [u16; 2] = [512, 1331];
-/// … and then what lies about the first mean.
+/// … and second pass, relative to the mean of the first.
 const ABOUT: [f64; 2] = [0.86, 1.16];
 /// Every nth row is used for the first mean: thousands of pixels remain.
 const MEAN_EVERY: usize = 4;
