@@ -4,33 +4,43 @@
 //! and a spherical wrist. Without the table the arm is a KUKA KR 6 R700-2. Another arm states all of its numbers: one
 //! left out would be the wrong arm's.
 
+use super::arm_presets::{PRESETS, Preset};
 use super::robot_correction::CorrectionNumbers;
-use crate::config::{Choice, Section, settings};
+use crate::config::{Section, Setting, settings};
 use crate::geometry::{Base, Point};
 use crate::words;
+use toml::de::DeValue;
 
 /// A number for each axis, axis 1 first.
 pub type PerAxis = [f64; 6];
 
 /// Which arm.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ArmModel {
-    /// The KUKA KR 6 R700-2, from kroshu/kuka_robot_descriptions.
-    Kr6R700,
+    /// One that has a name.
+    Named(&'static Preset),
     /// Any other: every number is in the file.
     Custom,
 }
 
-impl Choice for ArmModel {
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("kr6-r700-2", ArmModel::Kr6R700), ("custom", ArmModel::Custom)];
+/// The word for an arm whose numbers are all in the file.
+const CUSTOM: &str = "custom";
+
+impl Setting for ArmModel {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        let words = PRESETS.iter().map(|preset| preset.name).chain([CUSTOM]).collect();
+        let word = <&'static str>::parse(value, &words)?;
+        Ok(PRESETS.iter().find(|preset| preset.name == word).map_or(ArmModel::Custom, ArmModel::Named))
+    }
 }
 
 settings! {
     /// `[arm]` as it is written.
     pub struct ArmTable {
         /// Which arm.
-        model: ArmModel, (), default ArmModel::Kr6R700;
+        model: ArmModel, (), default ArmModel::Named(&PRESETS[0]);
         /// From axis 1 forward to axis 2, mm.
         a1_mm: Option<f64>, -5_000.0..=5_000.0, default None;
         /// From axis 3 to the forearm's axis, mm; negative where the forearm runs above axis 3.
@@ -130,28 +140,7 @@ pub struct Arm {
 }
 
 /// An axis reaches its speed in this time where the file does not say, s. Data sheets do not state accelerations.
-const SPEED_UP_S: f64 = 0.3;
-
-const KR6_R700: ArmGeometry = ArmGeometry {
-    a1_mm: 25.0,
-    a2_mm: -25.0,
-    b_mm: 0.0,
-    c1_mm: 400.0,
-    c2_mm: 335.0,
-    c3_mm: 365.0,
-    c4_mm: 90.0,
-    offsets_deg: [0.0, -90.0, 0.0, 0.0, 0.0, 0.0],
-    signs: [-1, 1, 1, -1, 1, -1],
-};
-
-const KR6_R700_SPEEDS_DEG_S: PerAxis = [360.0, 300.0, 360.0, 450.0, 450.0, 540.0];
-
-const KR6_R700_AXES: ArmAxes = ArmAxes {
-    min_deg: [-170.0, -190.0, -120.0, -185.0, -120.0, -350.0],
-    max_deg: [170.0, 45.0, 156.0, 185.0, 120.0, 350.0],
-    max_speed_deg_s: KR6_R700_SPEEDS_DEG_S,
-    max_acceleration_deg_s2: [1_200.0, 1_000.0, 1_200.0, 1_500.0, 1_500.0, 1_800.0],
-};
+pub(super) const SPEED_UP_S: f64 = 0.3;
 
 impl Arm {
     /// The arm's lengths, offsets and signs.
@@ -162,6 +151,12 @@ impl Arm {
     /// Limits of the axes.
     pub fn axes(&self) -> &ArmAxes {
         &self.axes
+    }
+
+    /// The named arm whose lengths are nearest, with the largest difference, mm, if every number is in the file.
+    pub fn nearest_named(&self) -> Option<(&'static Preset, f64)> {
+        let nearest = Preset::nearest(&self.geometry);
+        (self.table.model == ArmModel::Custom).then(|| (nearest, nearest.farthest_mm(&self.geometry)))
     }
 
     /// Margins, as the file has them.
@@ -189,7 +184,7 @@ pub(super) fn take_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>]) 
     let keep_out: Vec<Option<KeepOut>> = keep_out.iter().map(take_keep_out).collect();
     let (table, keep_out) = (table?, keep_out.into_iter().collect::<Option<Vec<_>>>()?);
     let (geometry, axes) = match table.model {
-        ArmModel::Kr6R700 => known(section, &table)?,
+        ArmModel::Named(preset) => known(section, &table, preset)?,
         ArmModel::Custom => custom(section, &table)?,
     };
     for axis in 0..6 {
@@ -204,7 +199,8 @@ pub(super) fn take_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>]) 
 }
 
 /// A known arm's lengths are not in the file; its axes may be narrower there.
-fn known(section: &Section<'_, '_>, table: &ArmTable) -> Option<(ArmGeometry, ArmAxes)> {
+fn known(section: &Section<'_, '_>, table: &ArmTable, preset: &Preset) -> Option<(ArmGeometry, ArmAxes)> {
+    let own = preset.axes();
     let given = [
         ("a1_mm", table.a1_mm.is_some()),
         ("a2_mm", table.a2_mm.is_some()),
@@ -221,23 +217,23 @@ fn known(section: &Section<'_, '_>, table: &ArmTable) -> Option<(ArmGeometry, Ar
         section.problem(key, "is the model's own; set model = \"custom\" to state another arm, whole");
     }
     let axes = ArmAxes {
-        min_deg: table.min_deg.unwrap_or(KR6_R700_AXES.min_deg),
-        max_deg: table.max_deg.unwrap_or(KR6_R700_AXES.max_deg),
-        max_speed_deg_s: table.max_speed_deg_s.unwrap_or(KR6_R700_AXES.max_speed_deg_s),
-        max_acceleration_deg_s2: table.max_acceleration_deg_s2.unwrap_or(KR6_R700_AXES.max_acceleration_deg_s2),
+        min_deg: table.min_deg.unwrap_or(own.min_deg),
+        max_deg: table.max_deg.unwrap_or(own.max_deg),
+        max_speed_deg_s: table.max_speed_deg_s.unwrap_or(own.max_speed_deg_s),
+        max_acceleration_deg_s2: table.max_acceleration_deg_s2.unwrap_or(own.max_acceleration_deg_s2),
     };
     let mut wider = false;
     for (key, beyond) in [
-        ("min_deg", (0..6).find(|i| axes.min_deg[*i] < KR6_R700_AXES.min_deg[*i])),
-        ("max_deg", (0..6).find(|i| axes.max_deg[*i] > KR6_R700_AXES.max_deg[*i])),
-        ("max_speed_deg_s", (0..6).find(|i| axes.max_speed_deg_s[*i] > KR6_R700_AXES.max_speed_deg_s[*i])),
+        ("min_deg", (0..6).find(|i| axes.min_deg[*i] < own.min_deg[*i])),
+        ("max_deg", (0..6).find(|i| axes.max_deg[*i] > own.max_deg[*i])),
+        ("max_speed_deg_s", (0..6).find(|i| axes.max_speed_deg_s[*i] > own.max_speed_deg_s[*i])),
     ] {
         if let Some(axis) = beyond {
             section.problem(key, format!("axis {}: a cell may be stricter than the arm, never laxer", axis + 1));
             wider = true;
         }
     }
-    (wrong.is_empty() && !wider).then_some((KR6_R700, axes))
+    (wrong.is_empty() && !wider).then_some((preset.geometry, axes))
 }
 
 fn custom(section: &Section<'_, '_>, table: &ArmTable) -> Option<(ArmGeometry, ArmAxes)> {
@@ -328,6 +324,16 @@ mod tests {
     }
 
     #[test]
+    fn an_arm_has_a_name_or_is_told_which_are_there() {
+        let cell =
+            Cell::check("f", "[arm]\nmodel = 'kr10-r1100-2'\n").unwrap_or_else(|problems| panic!("{problems}"));
+        assert_eq!((cell.arm().geometry().c2_mm, cell.arm().axes().max_speed_deg_s[1]), (560.0, 225.0));
+        assert_eq!(cell.arm().nearest_named(), None);
+        let wrong = says("[arm]\nmodel = 'kr10-r1100'\n");
+        assert!(wrong[0].contains("kr10-r1100-2") && wrong[0].contains("custom"), "{wrong:?}");
+    }
+
+    #[test]
     fn another_arm_is_stated_whole() {
         let wrong = says("[arm]\nmodel = 'custom'\na1_mm = 150\n");
         assert!(wrong.len() == 11 && wrong.iter().all(|line| line.contains("needs every number")), "{wrong:?}");
@@ -336,6 +342,13 @@ mod tests {
                      min_deg = [-170, -190, -120, -185, -120, -350]\nmax_deg = [170, 45, 156, 185, 120, 350]\n\
                      max_speed_deg_s = [200, 200, 200, 300, 300, 400]\n";
         assert_eq!(says(other), [""; 0]);
+        // By hand: these are the lengths of a KR 10 R1420; with an upper arm of 615 mm they differ by 5 mm.
+        let nearest = |text: &str| {
+            let cell = Cell::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));
+            cell.arm().nearest_named().map(|(preset, off_mm)| (preset.name, off_mm))
+        };
+        assert_eq!(nearest(other), Some(("kr10-r1420", 0.0)));
+        assert_eq!(nearest(&other.replace("c2_mm = 610", "c2_mm = 615")), Some(("kr10-r1420", 5.0)));
         assert_eq!(says(&other.replace("[-1, 1, 1,", "[-1, 0.5, 1,")).len(), 1);
     }
 

@@ -6,6 +6,7 @@
 
 mod address;
 mod arm;
+mod arm_presets;
 mod board_size;
 mod broker;
 mod calibration;
@@ -38,6 +39,7 @@ mod tests;
 
 pub use address::authority;
 pub use arm::{Arm, ArmAxes, ArmGeometry, ArmModel, ArmTable, KeepOut, PerAxis};
+pub use arm_presets::{PRESETS, Preset};
 pub use board_size::BoardSize;
 pub use broker::{Broker, BrokerLogin};
 pub use calibration::{

@@ -1,8 +1,8 @@
 //! What the program understood of a file, in words.
 
 use crate::cell::{
-    Camera, Cell, Gige, Intrinsics, Mount, MountedPose, Output, RemovalCalibration, RobotCorrection, RobotKind,
-    Tool, ZividCamera,
+    Arm, ArmModel, Camera, Cell, Gige, Intrinsics, Mount, MountedPose, Output, RemovalCalibration, RobotCorrection,
+    RobotKind, Tool, ZividCamera,
 };
 use crate::geometry::{Degrees, Frame, Vector, polygon};
 use crate::office::ArchiveSettings;
@@ -91,6 +91,7 @@ pub(super) fn say_cell(cell: &Cell) -> Vec<String> {
             robot.command_port(),
             robot.state_port()
         ),
+        format!("arm: {}", say_arm(cell.arm())),
         format!("tool: {}", say_tool(cell.tool())),
         format!("poses: {}", named(cell.poses().keys().map(String::as_str).collect())),
         format!("outputs: {}", named(cell.io().outputs().keys().map(String::as_str).collect())),
@@ -183,6 +184,24 @@ pub(super) fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
         )
     }));
     says
+}
+
+/// The arm's name and where its numbers come from; of another one the named arm that is nearest.
+fn say_arm(arm: &Arm) -> String {
+    match (arm.margins().model(), arm.nearest_named()) {
+        (ArmModel::Named(preset), _) => format!("{}, by the public model of {}", preset.name, preset.source),
+        (ArmModel::Custom, Some((nearest, off_mm))) if off_mm == 0.0 => {
+            format!("custom; its lengths are those of {}", nearest.name)
+        }
+        (ArmModel::Custom, Some((nearest, off_mm))) => {
+            format!(
+                "custom; the nearest named arm is {}, one of whose lengths differs by {} mm",
+                nearest.name,
+                fixed(off_mm, 1)
+            )
+        }
+        (ArmModel::Custom, None) => "custom".to_owned(),
+    }
 }
 
 pub(super) fn say_correction(correction: &RobotCorrection) -> Vec<String> {

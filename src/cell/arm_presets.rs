@@ -1,0 +1,229 @@
+//! Arms of KUKA that a cell's file may name: lengths, limits and speeds from public models, each with its source.
+//!
+//! All of them have an ortho-parallel basis and a spherical wrist; their axes turn the same way and have the same zero: at A = 0 upper arm
+//! and forearm point forward, level. Accelerations are in no public model.
+
+use super::arm::{ArmAxes, ArmGeometry, PerAxis, SPEED_UP_S};
+
+/// An arm by its name.
+#[derive(Debug, PartialEq)]
+pub struct Preset {
+    /// Its word in the cell's file.
+    pub name: &'static str,
+    /// The public model that its numbers come from: the repository on GitHub and the package.
+    pub source: &'static str,
+    /// Its lengths, offsets and signs.
+    pub geometry: ArmGeometry,
+    /// Lowest angles, degrees.
+    pub min_deg: PerAxis,
+    /// Highest angles, degrees.
+    pub max_deg: PerAxis,
+    /// Highest speeds, degrees a second.
+    pub max_speed_deg_s: PerAxis,
+}
+
+/// The arm's geometry from a₁ and a₂, and from c₁ to c₄, mm.
+const fn lengths([a1_mm, a2_mm]: [f64; 2], [c1_mm, c2_mm, c3_mm, c4_mm]: [f64; 4]) -> ArmGeometry {
+    let (offsets_deg, signs) = ([0.0, -90.0, 0.0, 0.0, 0.0, 0.0], [-1, 1, 1, -1, 1, -1]);
+    ArmGeometry { a1_mm, a2_mm, b_mm: 0.0, c1_mm, c2_mm, c3_mm, c4_mm, offsets_deg, signs }
+}
+
+impl Preset {
+    /// What its axes can do.
+    pub fn axes(&self) -> ArmAxes {
+        let Preset { min_deg, max_deg, max_speed_deg_s, .. } = *self;
+        let max_acceleration_deg_s2 = max_speed_deg_s.map(|speed_deg_s| speed_deg_s / SPEED_UP_S);
+        ArmAxes { min_deg, max_deg, max_speed_deg_s, max_acceleration_deg_s2 }
+    }
+
+    /// The largest difference between its lengths and another arm's, mm.
+    pub fn farthest_mm(&self, other: &ArmGeometry) -> f64 {
+        let lengths =
+            |arm: &ArmGeometry| [arm.a1_mm, arm.a2_mm, arm.b_mm, arm.c1_mm, arm.c2_mm, arm.c3_mm, arm.c4_mm];
+        let pairs = lengths(&self.geometry).into_iter().zip(lengths(other));
+        pairs.map(|(own_mm, other_mm)| (own_mm - other_mm).abs()).fold(0.0, f64::max)
+    }
+
+    /// The preset whose lengths are nearest to an arm's.
+    pub fn nearest(arm: &ArmGeometry) -> &'static Preset {
+        let mut nearest = &PRESETS[0];
+        for preset in &PRESETS[1..] {
+            if preset.farthest_mm(arm) < nearest.farthest_mm(arm) {
+                nearest = preset;
+            }
+        }
+        nearest
+    }
+}
+
+/// Every arm that has a name; the first one is the default.
+pub static PRESETS: [Preset; 21] = [
+    Preset {
+        name: "kr6-r700-2",
+        source: "kroshu/kuka_robot_descriptions, kuka_agilus_support",
+        geometry: lengths([25.0, -25.0], [400.0, 335.0, 365.0, 90.0]),
+        min_deg: [-170.0, -190.0, -120.0, -185.0, -120.0, -350.0],
+        max_deg: [170.0, 45.0, 156.0, 185.0, 120.0, 350.0],
+        max_speed_deg_s: [360.0, 300.0, 360.0, 450.0, 450.0, 540.0],
+    },
+    Preset {
+        name: "kr6-r700-sixx",
+        source: "kroshu/kuka_robot_descriptions, kuka_agilus_support",
+        geometry: lengths([25.0, -35.0], [400.0, 315.0, 365.0, 80.0]),
+        min_deg: [-170.0, -190.0, -120.0, -185.0, -120.0, -350.0],
+        max_deg: [170.0, 45.0, 156.0, 185.0, 120.0, 350.0],
+        max_speed_deg_s: [360.0, 300.0, 360.0, 381.0, 388.0, 615.0],
+    },
+    Preset {
+        name: "kr6-r900-2",
+        source: "kroshu/kuka_robot_descriptions, kuka_agilus_support",
+        geometry: lengths([25.0, -25.0], [400.0, 455.0, 420.0, 90.0]),
+        min_deg: [-170.0, -190.0, -120.0, -185.0, -120.0, -350.0],
+        max_deg: [170.0, 45.0, 156.0, 185.0, 120.0, 350.0],
+        max_speed_deg_s: [360.0, 300.0, 360.0, 450.0, 450.0, 540.0],
+    },
+    Preset {
+        name: "kr6-r900-sixx",
+        source: "kroshu/kuka_robot_descriptions, kuka_agilus_support",
+        geometry: lengths([25.0, -35.0], [400.0, 455.0, 420.0, 80.0]),
+        min_deg: [-170.0, -190.0, -120.0, -185.0, -120.0, -350.0],
+        max_deg: [170.0, 45.0, 156.0, 185.0, 120.0, 350.0],
+        max_speed_deg_s: [360.0, 300.0, 360.0, 381.0, 388.0, 615.0],
+    },
+    Preset {
+        name: "kr8-r1440-2-arc-hw",
+        source: "kroshu/kuka_robot_descriptions, kuka_cybertech_support",
+        geometry: lengths([170.0, -210.0], [425.0, 610.0, 627.0, 80.0]),
+        min_deg: [-170.0, -185.0, -119.0, -165.0, -115.0, -350.0],
+        max_deg: [170.0, 65.0, 181.0, 165.0, 140.0, 350.0],
+        max_speed_deg_s: [220.0, 210.0, 270.0, 430.0, 430.0, 628.6],
+    },
+    Preset {
+        name: "kr8-r2100-2-arc-hw",
+        source: "kroshu/kuka_robot_descriptions, kuka_cybertech_support",
+        geometry: lengths([160.0, -220.0], [520.0, 980.0, 935.0, 80.0]),
+        min_deg: [-185.0, -185.0, -138.0, -165.0, -115.0, -350.0],
+        max_deg: [185.0, 65.0, 175.0, 165.0, 140.0, 350.0],
+        max_speed_deg_s: [200.0, 171.6, 190.0, 430.0, 430.0, 630.0],
+    },
+    Preset {
+        name: "kr10-r900-2",
+        source: "kroshu/kuka_robot_descriptions, kuka_agilus_support",
+        geometry: lengths([25.0, -25.0], [400.0, 455.0, 420.0, 90.0]),
+        min_deg: [-170.0, -190.0, -120.0, -185.0, -120.0, -350.0],
+        max_deg: [170.0, 45.0, 156.0, 185.0, 120.0, 350.0],
+        max_speed_deg_s: [300.0, 225.0, 330.0, 360.0, 360.0, 433.0],
+    },
+    Preset {
+        name: "kr10-r1100-2",
+        source: "kroshu/kuka_robot_descriptions, kuka_agilus_support",
+        geometry: lengths([25.0, -25.0], [400.0, 560.0, 515.0, 90.0]),
+        min_deg: [-170.0, -190.0, -120.0, -185.0, -120.0, -350.0],
+        max_deg: [170.0, 45.0, 156.0, 185.0, 120.0, 350.0],
+        max_speed_deg_s: [300.0, 225.0, 330.0, 360.0, 360.0, 433.0],
+    },
+    Preset {
+        name: "kr10-r1420",
+        source: "ros-industrial/kuka_experimental, kuka_kr10_support",
+        geometry: lengths([150.0, -20.0], [450.0, 610.0, 660.0, 80.0]),
+        min_deg: [-170.0, -185.0, -137.0, -185.0, -120.0, -350.0],
+        max_deg: [170.0, 65.0, 163.0, 185.0, 120.0, 350.0],
+        max_speed_deg_s: [220.0, 210.0, 270.0, 381.0, 311.0, 492.0],
+    },
+    Preset {
+        name: "kr12-r1450-3-hw",
+        source: "kroshu/kuka_robot_descriptions, kuka_cybertech_support",
+        geometry: lengths([165.0, -188.0], [374.0, 560.0, 700.2, 80.0]),
+        min_deg: [-170.0, -185.0, -120.0, -180.0, -140.0, -350.0],
+        max_deg: [170.0, 65.0, 180.0, 180.0, 140.0, 350.0],
+        max_speed_deg_s: [180.0, 170.0, 260.0, 430.0, 450.0, 720.0],
+    },
+    Preset {
+        name: "kr16-r1100-3",
+        source: "kroshu/kuka_robot_descriptions, kuka_agilus_support",
+        geometry: lengths([100.0, -50.0], [500.0, 500.0, 500.0, 90.0]),
+        min_deg: [-170.0, -195.0, -115.0, -200.0, -120.0, -350.0],
+        max_deg: [170.0, 55.0, 165.0, 200.0, 120.0, 350.0],
+        max_speed_deg_s: [290.0, 270.0, 270.0, 430.0, 450.0, 700.0],
+    },
+    Preset {
+        name: "kr16-r1610-2",
+        source: "kroshu/kuka_robot_descriptions, kuka_cybertech_support",
+        geometry: lengths([160.0, -150.0], [520.0, 780.0, 655.0, 153.0]),
+        min_deg: [-185.0, -185.0, -138.0, -350.0, -130.0, -350.0],
+        max_deg: [185.0, 65.0, 175.0, 350.0, 130.0, 350.0],
+        max_speed_deg_s: [200.0, 175.0, 190.0, 430.0, 430.0, 630.0],
+    },
+    Preset {
+        name: "kr16-r2010-2",
+        source: "kroshu/kuka_robot_descriptions, kuka_cybertech_support",
+        geometry: lengths([160.0, -150.0], [520.0, 980.0, 860.0, 153.0]),
+        min_deg: [-185.0, -185.0, -138.0, -350.0, -130.0, -350.0],
+        max_deg: [185.0, 65.0, 175.0, 350.0, 130.0, 350.0],
+        max_speed_deg_s: [200.0, 175.0, 190.0, 430.0, 430.0, 630.0],
+    },
+    Preset {
+        name: "kr20-r1810-2",
+        source: "kroshu/kuka_robot_descriptions, kuka_cybertech_support",
+        geometry: lengths([160.0, -150.0], [520.0, 780.0, 860.0, 153.0]),
+        min_deg: [-185.0, -185.0, -138.0, -350.0, -130.0, -350.0],
+        max_deg: [185.0, 65.0, 175.0, 350.0, 130.0, 350.0],
+        max_speed_deg_s: [200.0, 171.6, 190.0, 430.0, 430.0, 630.0],
+    },
+    Preset {
+        name: "kr20-r3100",
+        source: "kroshu/kuka_robot_descriptions, kuka_iontec_support",
+        geometry: lengths([175.0, -50.0], [575.0, 1_290.0, 1_635.0, 153.0]),
+        min_deg: [-185.0, -175.0, -120.0, -350.0, -130.0, -350.0],
+        max_deg: [185.0, 60.0, 170.0, 350.0, 130.0, 350.0],
+        max_speed_deg_s: [180.0, 165.0, 160.0, 360.0, 360.0, 630.0],
+    },
+    Preset {
+        name: "kr30-r2100",
+        source: "kroshu/kuka_robot_descriptions, kuka_iontec_support",
+        geometry: lengths([175.0, -50.0], [575.0, 890.0, 1_035.0, 185.0]),
+        min_deg: [-185.0, -175.0, -120.0, -180.0, -125.0, -350.0],
+        max_deg: [185.0, 60.0, 165.0, 180.0, 125.0, 350.0],
+        max_speed_deg_s: [180.0, 165.0, 180.0, 250.0, 250.0, 360.0],
+    },
+    Preset {
+        name: "kr50-r2100",
+        source: "kroshu/kuka_robot_descriptions, kuka_iontec_support",
+        geometry: lengths([175.0, -50.0], [575.0, 890.0, 1_035.0, 185.0]),
+        min_deg: [-185.0, -175.0, -120.0, -180.0, -125.0, -350.0],
+        max_deg: [185.0, 60.0, 165.0, 180.0, 125.0, 350.0],
+        max_speed_deg_s: [180.0, 175.0, 175.0, 250.0, 250.0, 360.0],
+    },
+    Preset {
+        name: "kr50-r2500",
+        source: "kroshu/kuka_robot_descriptions, kuka_iontec_support",
+        geometry: lengths([175.0, -50.0], [575.0, 1_290.0, 1_035.0, 185.0]),
+        min_deg: [-185.0, -175.0, -120.0, -180.0, -125.0, -350.0],
+        max_deg: [185.0, 60.0, 170.0, 180.0, 125.0, 350.0],
+        max_speed_deg_s: [175.0, 158.0, 175.0, 250.0, 250.0, 360.0],
+    },
+    Preset {
+        name: "kr70-r2100",
+        source: "kroshu/kuka_robot_descriptions, kuka_iontec_support",
+        geometry: lengths([175.0, -50.0], [575.0, 890.0, 1_035.0, 185.0]),
+        min_deg: [-185.0, -175.0, -120.0, -180.0, -125.0, -350.0],
+        max_deg: [185.0, 60.0, 165.0, 180.0, 125.0, 350.0],
+        max_speed_deg_s: [180.0, 158.0, 160.0, 230.0, 230.0, 320.0],
+    },
+    Preset {
+        name: "kr120-r2700-2",
+        source: "kroshu/kuka_robot_descriptions, kuka_quantec_support",
+        geometry: lengths([330.0, -115.0], [645.0, 1_150.0, 1_220.0, 215.0]),
+        min_deg: [-185.0, -140.0, -120.0, -350.0, -125.0, -350.0],
+        max_deg: [185.0, -5.0, 168.0, 350.0, 125.0, 350.0],
+        max_speed_deg_s: [116.8, 111.5, 119.4, 190.0, 180.0, 260.0],
+    },
+    Preset {
+        name: "kr120-r2500-pro",
+        source: "ros-industrial/kuka_experimental, kuka_kr120_support",
+        geometry: lengths([350.0, 41.0], [675.0, 1_150.0, 1_000.0, 215.0]),
+        min_deg: [-185.0, -155.0, -130.0, -350.0, -130.0, -350.0],
+        max_deg: [185.0, 35.0, 154.0, 350.0, 130.0, 350.0],
+        max_speed_deg_s: [156.0, 156.0, 156.0, 330.0, 330.0, 615.0],
+    },
+];
