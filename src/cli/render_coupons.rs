@@ -23,6 +23,8 @@ const DECAY_PER_MM2: f64 = 0.8e-6;
 /// Coupons differ among themselves by up to this share either way.
 const DIFFER: f64 = 0.05;
 const COUPONS: usize = 12;
+/// The forces on them, N.
+const FORCES_N: [f64; 2] = [20.0, 10.0];
 
 /// Writes `boards/coupons.csv`: thicknesses before and after, by discs new and worn.
 ///
@@ -30,14 +32,15 @@ const COUPONS: usize = 12;
 /// Where the disk refuses.
 pub fn write(seed: u64, rendered: &Rendered) -> Result<(), Fault> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
-    let mut text = "# 20 N, single lines, measured in their middle; worn_mm2 as `panelprep plan` tells it\n\
+    let mut text = "# two forces, single lines, measured in their middle; worn_mm2 as `panelprep plan` tells it\n\
                     coupon,place,force_n,feed_mm_s,passes,worn_mm2,before_um,after_um\n"
         .to_owned();
     for index in 0..COUPONS {
         let (passes, worn_mm2) = ([1.0, 2.0, 4.0][index % 3], 130_000.0 * (index / 3) as f64);
         let (name, lines) = (format!("C{}", index / 3 + 1), Lines::One);
-        let coupon =
-            Coupon { line: 0, name, force_n: 20.0, feed_mm_s: 60.0, passes, lines, worn_mm2, depth_um: 0.0 };
+        // On both sides of the forces that recipes of the simulated cell state.
+        let force_n = FORCES_N[index / 3 % 2];
+        let coupon = Coupon { line: 0, name, force_n, feed_mm_s: 60.0, passes, lines, worn_mm2, depth_um: 0.0 };
         let own = 1.0 + random.random_range(-DIFFER..DIFFER);
         let k = PRESTON_MM2_PER_N * (-DECAY_PER_MM2 * worn_mm2).exp();
         let depth_um = 1_000.0 * k * coupon.exposure_n_mm(&TOOL) * own;
@@ -45,7 +48,8 @@ pub fn write(seed: u64, rendered: &Rendered) -> Result<(), Fault> {
         let place = ["left", "middle", "right"][index % 3];
         let after_um = before_um - depth_um;
         #[expect(clippy::let_underscore_must_use, reason = "writing to a `String` cannot fail")]
-        let _ = writeln!(text, "{},{place},20,60,{passes},{worn_mm2},{before_um:.2},{after_um:.2}", coupon.name);
+        let _ =
+            writeln!(text, "{},{place},{force_n},60,{passes},{worn_mm2},{before_um:.2},{after_um:.2}", coupon.name);
     }
     disk::write(&rendered.file("boards/coupons.csv"), text)
 }
