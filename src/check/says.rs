@@ -190,7 +190,7 @@ pub(super) fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
 fn say_arm(arm: &Arm) -> String {
     match (arm.margins().model(), arm.nearest_named()) {
         (ArmModel::Named(preset), _) => format!("{}, by the public model of {}", preset.name, preset.source),
-        (ArmModel::Custom, Some((nearest, off_mm))) if off_mm == 0.0 => {
+        (ArmModel::Custom, Some((nearest, 0.0))) => {
             format!("custom; its lengths are those of {}", nearest.name)
         }
         (ArmModel::Custom, Some((nearest, off_mm))) => {
