@@ -171,15 +171,12 @@ impl Held {
 
     /// Why a panel that is taught so is not accepted: a cycle would not find it either.
     fn reasons(&self, recipe: &Recipe) -> Vec<Reason> {
-        let judgement = match &self.found {
-            Ok(fit) => gate::judge(fit, recipe),
-            Err(error) => gate::refusal(error),
+        let (judgement, what) = match &self.found {
+            Ok(fit) => (gate::judge(fit, recipe), "the panel is not accepted in its own scan"),
+            Err(error) => (gate::refusal(error), "the panel is not found in its own scan"),
         };
-        let in_its_own_scan = |reason: Reason| {
-            let message = format!("the panel is not found in its own scan: {}", reason.message);
-            Reason { message, ..reason }
-        };
-        judgement.reasons.into_iter().map(in_its_own_scan).collect()
+        let named = |reason: Reason| Reason { message: format!("{what}: {}", reason.message), ..reason };
+        judgement.reasons.into_iter().map(named).collect()
     }
 }
 
