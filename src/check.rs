@@ -376,6 +376,7 @@ mod tests {
                 "scanner: Zivid, the only one found",
                 "flange camera: simulated",
                 "robot: KUKA controller at krc, commands on port 54600, state on port 54601",
+                "arm: kr6-r700-2, by the public model of kroshu/kuka_robot_descriptions, kuka_agilus_support",
                 "tool: a spring; nothing is told to it",
                 "poses: none",
                 "outputs: none",
