@@ -5,7 +5,8 @@
 //! film's look lies the gap g; of it the half nearer to the bare look, 6 σ at most, counts as bare:
 //!     bare    β d − min(g/2, 6 σ) ≤ s ≤ 9/8 d        if the film is darker,                                     (1)
 //!             7/8 β d ≤ s ≤ d + min(g/2, 6 σ)        if it is brighter,
-//! and film is every other look: a surface that is not bare, and was not sanded since its dry picture, has water on it. A place without
+//! and film is every other look on the film's side of the middle of the gap: a surface that is not bare, and was not sanded since its dry picture,
+//! has water on it. Between that middle and (1) it is neither: such a look shows nothing, and a run stays as it is. A place without
 //! a dry look of its own is film while |s − w| ≤ a, and bare beyond, up to the brightest that any bare place of such a film can be; a is half of what
 //! a break would change it by.
 //!
@@ -16,7 +17,8 @@
 //! leaves the mean of its last second by as much as (2). All times are those of the pictures' time stamps.
 //!
 //! A film that moves looks different from time to time. A place whose film was calm so far and which within a moment takes another look that
-//! is neither its film's nor a bare one, and keeps it, has changed in a way that this model does not know: it is marked, and is not passed.
+//! is neither its film's nor a bare one, and keeps it, has changed in a way that this model does not know: it is marked, and is not passed. So is a
+//! place that keeps a look between the middle of the gap and (1) for the time that a bare one must last.
 //!
 //! Most of a panel is film and stays so: a block of pixels of which that is true is left as it is.
 
@@ -129,6 +131,8 @@ pub struct Rule {
 #[derive(Debug, Clone, Copy)]
 struct Bounds {
     bare: [u16; 2],
+    /// The half of the gap that is nearer to the bare looks, with them.
+    half: [u16; 2],
     near: u16,
     gap: u16,
 }
@@ -147,7 +151,11 @@ fn bounds(wet: u16, dry: u16, has_dry: u16, rule: &Rule) -> Bounds {
     let high_end = choose(brighter, dry + reach, dry + dry / 8 + MARGIN);
     let away = high(wet, rule.away_q16).max(ALIKE_SIGMA * rule.noise);
     let near = choose(has_dry, reach.max(ALIKE_SIGMA * rule.noise), away);
-    Bounds { bare: [low, high_end], near, gap }
+    let half = [
+        choose(darker, low.min(least.saturating_sub(gap / 2)), low),
+        choose(brighter, high_end.max(dry + gap / 2), high_end),
+    ];
+    Bounds { bare: [low, high_end], half, near, gap }
 }
 
 /// Adds those of a row's blocks, the first of them `first`, that must be judged: not every pixel of the region is film, looks as its
@@ -213,14 +221,16 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         let has_dry = mask(own & NO_DRY == 0);
         let visible = mask(look[i] & OVEREXPOSED == 0);
         let (w, d) = (lit(wet[i], gain_q12[i]), lit(dry[i], light_q12[i]));
-        let Bounds { bare, near, gap } = bounds(w, d, has_dry, rule);
+        let Bounds { bare, half, near, gap } = bounds(w, d, has_dry, rule);
         let change = s.abs_diff(lit(before[i] & LOOK, rule.brighter_q12));
         let steady = mask(change <= 4 * rule.noise + d / 32) & mask(before[i] & OVEREXPOSED == 0);
         let is_near = mask(s.abs_diff(w) <= near);
         let is_bare = mask(s >= bare[0]) & mask(s <= bare[1]) & visible & has_dry; // (1)
+        // Nearer to bare than to its film, and not bare for sure: a break that is damper than stated, or a film that thins out.
+        let is_between = mask(s >= half[0]) & mask(s <= half[1]) & !is_bare & !is_near & has_dry & visible;
         let is_bright = mask(s > lit(w, rule.bright_q12));
         let looks_bare = choose(has_dry, is_bare, !is_near & !is_bright & visible) & steady; // (2)
-        let looks_wet = choose(has_dry, !is_bare, is_near | is_bright) & visible;
+        let looks_wet = choose(has_dry, !is_bare & !is_between, is_near | is_bright) & visible;
 
         let from = s.wrapping_sub(choose(has_dry, d, w));
         let drift = from.wrapping_sub(off[i]) as i16;
@@ -254,13 +264,14 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         let moved = is_near & has_dry & !idle & mask(rule.ticks - begun > rule.step);
         left[i] = choose(is_near & visible, rule.ticks, begun);
         let is_far = mask(s.abs_diff(w) > w / FAR_PART);
-        let is_away = looks_wet & has_dry & !is_near & is_far & steady & ever_wet;
+        let is_away = (looks_wet | is_between) & has_dry & !is_near & is_far & steady & ever_wet;
         away[i] = (away[i].min(rule.persist) + rule.step) & is_away;
         let reached = is_away & mask(away[i] >= rule.persist);
         let took = rule.ticks.saturating_sub(away[i]).saturating_sub(left[i]);
         let calm = mask(left[i].saturating_sub(anchored[i]) >= CALM_TICKS);
         let quick = mask(took <= QUICK_TICKS.max(2 * rule.step));
-        let stepped = reached & quick & calm & mask(own & MOVED == 0);
+        // A place that keeps a look nearer to bare than to its film is not passed, however it came there.
+        let stepped = reached & (quick & calm & mask(own & MOVED == 0) | is_between);
         let anchors = (reached & !stepped) | first;
         wet[i] = choose(anchors, s, choose(learns & is_near & !is_bare, wet[i].wrapping_add(nearer), wet[i]));
         anchored[i] = choose(anchors, rule.ticks, anchored[i]);
