@@ -374,9 +374,9 @@ mod tests {
             let cell = Cell::check("cell.toml", &format!("[arm]\nmodel = \"{name}\"\n"));
             let arm = Kinematics::new(cell.unwrap_or_else(|problems| panic!("{problems}")).arm());
             let pose = arm.base_from_flange(&Joints::from(angles)).expect("numbers");
-            // The models' own numbers are rounded to 0.01 mm.
+            // The models' own numbers are rounded, to 0.01 mm and some of them to 1e-5 rad.
             assert!((pose.origin().mm.coords - Vector3::from(origin_mm)).norm() < 0.02, "{name}: {pose:?}");
-            assert!((pose.rotation() * Vector3::z() - Vector3::from(z)).norm() < 1e-5, "{name}: {pose:?}");
+            assert!((pose.rotation() * Vector3::z() - Vector3::from(z)).norm() < 3e-5, "{name}: {pose:?}");
         }
     }
 
