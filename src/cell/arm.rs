@@ -4,15 +4,13 @@
 //! and a spherical wrist. Without the table the arm is a KUKA KR 6 R700-2. Another arm states all of its numbers: one
 //! left out would be the wrong arm's.
 
+use super::arm_geometry::{ArmAxes, ArmGeometry, PerAxis, SPEED_UP_S};
 use super::arm_presets::{PRESETS, Preset};
 use super::robot_correction::CorrectionNumbers;
 use crate::config::{Section, Setting, settings};
 use crate::geometry::{Base, Point};
 use crate::words;
 use toml::de::DeValue;
-
-/// A number for each axis, axis 1 first.
-pub type PerAxis = [f64; 6];
 
 /// Which arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -93,42 +91,6 @@ pub struct KeepOut {
     pub max: Point<Base>,
 }
 
-/// The arm's geometry; lengths as in [`ArmTable`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ArmGeometry {
-    /// Axis 1 to axis 2, forward, mm.
-    pub a1_mm: f64,
-    /// Axis 3 to the forearm, mm.
-    pub a2_mm: f64,
-    /// Axis 1 to axis 2, sideways, mm.
-    pub b_mm: f64,
-    /// Height of axis 2, mm.
-    pub c1_mm: f64,
-    /// The upper arm, mm.
-    pub c2_mm: f64,
-    /// The forearm, mm.
-    pub c3_mm: f64,
-    /// Wrist to flange, mm.
-    pub c4_mm: f64,
-    /// Each axis where the model's arm points straight up, degrees.
-    pub offsets_deg: PerAxis,
-    /// 1 or −1 for each axis.
-    pub signs: [i8; 6],
-}
-
-/// What the axes can do.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ArmAxes {
-    /// Lowest angles, degrees.
-    pub min_deg: PerAxis,
-    /// Highest angles, degrees.
-    pub max_deg: PerAxis,
-    /// Highest speeds, degrees a second.
-    pub max_speed_deg_s: PerAxis,
-    /// Highest accelerations, degrees a second squared.
-    pub max_acceleration_deg_s2: PerAxis,
-}
-
 /// A checked arm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arm {
@@ -138,9 +100,6 @@ pub struct Arm {
     keep_out: Vec<KeepOut>,
     correction: Option<CorrectionNumbers>,
 }
-
-/// An axis reaches its speed in this time where the file does not say, s. Data sheets do not state accelerations.
-pub(super) const SPEED_UP_S: f64 = 0.3;
 
 impl Arm {
     /// The arm's lengths, offsets and signs.

@@ -3,7 +3,7 @@
 //! All of them have an ortho-parallel basis and a spherical wrist; their axes turn the same way and have the same zero: at A = 0 upper arm
 //! and forearm point forward, level. Accelerations are in no public model.
 
-use super::arm::{ArmAxes, ArmGeometry, PerAxis, SPEED_UP_S};
+use super::arm_geometry::{ArmAxes, ArmGeometry, PerAxis, SPEED_UP_S};
 
 /// An arm by its name.
 #[derive(Debug, PartialEq)]

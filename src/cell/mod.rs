@@ -6,6 +6,7 @@
 
 mod address;
 mod arm;
+mod arm_geometry;
 mod arm_presets;
 mod board_size;
 mod broker;
@@ -38,7 +39,8 @@ mod zivid_settings;
 mod tests;
 
 pub use address::authority;
-pub use arm::{Arm, ArmAxes, ArmGeometry, ArmModel, ArmTable, KeepOut, PerAxis};
+pub use arm::{Arm, ArmModel, ArmTable, KeepOut};
+pub use arm_geometry::{ArmAxes, ArmGeometry, PerAxis};
 pub use arm_presets::{PRESETS, Preset};
 pub use board_size::BoardSize;
 pub use broker::{Broker, BrokerLogin};
