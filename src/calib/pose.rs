@@ -38,11 +38,13 @@ pub fn board_pose<C: Frame>(
 
 /// The pose that carries the board's points best onto the measured ones.
 fn kabsch<C: Frame>(corners: &[(Point<Board>, Point<C>)]) -> Result<BoardPose<C>, CalibError> {
-    let few = || CalibError::Points(format!("{} points of the board were measured; 4 are needed", corners.len()));
     if corners.len() < 4 {
-        return Err(few());
+        let words = format!("{} points of the board were measured; 4 are needed", corners.len());
+        return Err(CalibError::Points(words));
     }
-    let camera_from_board = nearest_motion(corners).ok_or_else(few)?;
+    let on_a_line =
+        || CalibError::Points("the measured points of the board lie on a line; show more of it".to_owned());
+    let camera_from_board = nearest_motion(corners).ok_or_else(on_a_line)?;
     let square: f64 = corners.iter().map(|(q, p)| (camera_from_board * *q).distance_mm(*p).powi(2)).sum();
     Ok(BoardPose { camera_from_board, rms: (square / corners.len() as f64).sqrt() })
 }

@@ -133,11 +133,13 @@ impl SetupSource for FolderSource {
 
     fn examine(&self) -> Vec<Examined> {
         let checks = doctor::examined(&Doctor { kuka: None, warm_up: false }, &self.common);
-        let told = checks.into_iter().map(|check| {
-            let (name, is_right, found, advice) = (check.name, check.ok, check.found, check.advice);
-            Examined { name, is_right, found, advice }
+        let examined = checks.into_iter().map(|check| Examined {
+            is_right: check.is_right(),
+            name: check.name,
+            found: check.found,
+            advice: check.advice,
         });
-        told.collect()
+        examined.collect()
     }
 
     fn equipment(&self) -> Result<(Verdict, Vec<String>, Vec<Equipment>), String> {

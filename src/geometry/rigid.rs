@@ -173,7 +173,7 @@ impl<To: Frame, From: Frame> Mul<Vector<From>> for Rigid<To, From> {
 /// decomposition U S Vᵀ = Σ (p − p̄)(q − q̄)ᵀ,
 ///     R = U diag(1, 1, det(U Vᵀ)) Vᵀ,   t = p̄ − R q̄,
 /// where the determinant keeps R a rotation if the pairs fit a reflection better (Umeyama, IEEE PAMI 13(4), 1991). `None` of fewer than three
-/// pairs, and of points on a line.
+/// pairs, of points on a line and of numbers that are not finite.
 pub fn nearest_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>)]) -> Option<Rigid<To, From>> {
     let count = pairs.len() as f64;
     let (sum_from, sum_to) = pairs.iter().fold((Vector3::zeros(), Vector3::zeros()), |(from, to), pair| {
@@ -182,6 +182,10 @@ pub fn nearest_motion<From: Frame, To: Frame>(pairs: &[(Point<From>, Point<To>)]
     let (mean_from, mean_to) = (sum_from / count, sum_to / count);
     let spread: Matrix3<f64> =
         pairs.iter().map(|(from, to)| (to.mm.coords - mean_to) * (from.mm.coords - mean_from).transpose()).sum();
+    // The decomposition of what is not finite has no end.
+    if !spread.iter().all(|number| number.is_finite()) {
+        return None;
+    }
     let svd = spread.try_svd(true, true, f64::EPSILON, 0)?;
     // Three pairs span a plane; if the second singular value is zero, the turn about a line is free.
     if pairs.len() < 3 || svd.singular_values[1] <= 1e-9 * svd.singular_values[0] {
@@ -257,6 +261,9 @@ mod tests {
         let on_line = |i: f64| (Point::<Panel>::at(i, 2.0 * i, 0.0), Point::<Base>::at(i, 2.0 * i, 0.0));
         assert!(nearest_motion(&[1.0, 2.0, 3.0, 4.0].map(on_line)).is_none());
         assert!(nearest_motion::<Panel, Base>(&[]).is_none());
+        let not_a_number =
+            [0.0, 1.0, f64::NAN].map(|i| (Point::<Panel>::at(i, i * i, 0.0), Point::<Base>::at(i, i * i, 0.0)));
+        assert!(nearest_motion(&not_a_number).is_none());
     }
 
     proptest! {

@@ -2,6 +2,7 @@
 //!
 //! What lies outside of the box is neither taught nor searched, and the panel's border there is the box's and no edge.
 
+use super::extent::is_held;
 use super::segment::max_step_mm;
 use super::taught::TaughtPanel;
 use crate::geometry::{BESIDE, Pixel, Raster};
@@ -39,17 +40,19 @@ impl BoxCut {
 }
 
 impl TaughtPanel {
-    /// The face of the search box that cuts the panel over most of its border; `None` if none does.
+    /// The face of the search box that cuts most of the panel's border; `None` if none does. What holds the panel may leave the box.
     pub fn box_cut(&self, locate: &recipe::Locate) -> Option<BoxCut> {
         let raster = Raster { width: self.scan.width(), height: self.scan.height() };
         let max_step_mm = max_step_mm(&self.scan, &self.mask.inside);
+        let pixel = |index: usize| Pixel::at((index % raster.width) as f64, (index / raster.width) as f64);
         let mut cuts: [Vec<usize>; 6] = Default::default();
         for (index, point) in self.points() {
             let outside = |next: usize| {
                 let beyond = self.scan.point_at(next).filter(|beyond| beyond.distance_mm(point) < max_step_mm)?;
-                faces(locate, beyond.mm.coords.as_slice())
+                face_beyond(locate, beyond.mm.coords.as_slice())
             };
-            let mut neighbours = raster.neighbours(index, &BESIDE).filter(|next| !self.mask.inside[*next]);
+            let is_free = |next: &usize| !self.mask.inside[*next] && !is_held(&self.held_px, pixel(*next));
+            let mut neighbours = raster.neighbours(index, &BESIDE).filter(is_free);
             if let Some(face) = neighbours.find_map(outside) {
                 cuts[face].push(index);
             }
@@ -60,13 +63,12 @@ impl TaughtPanel {
             true => ("box_min_mm", locate.box_min_mm()),
             false => ("box_max_mm", locate.box_max_mm()),
         };
-        let at = Pixel::at((at % raster.width) as f64, (at / raster.width) as f64);
-        Some(BoxCut { key, axis: face % 3, face_mm: corner_mm[face % 3], border_px: pixels.len(), at })
+        Some(BoxCut { key, axis: face % 3, face_mm: corner_mm[face % 3], border_px: pixels.len(), at: pixel(at) })
     }
 }
 
 /// The face beyond which a point lies, 0 to 2 for the lower ones and 3 to 5 for the upper ones; `None` of a point in the box.
-fn faces(locate: &recipe::Locate, point_mm: &[f64]) -> Option<usize> {
+fn face_beyond(locate: &recipe::Locate, point_mm: &[f64]) -> Option<usize> {
     let (low, high) = (locate.box_min_mm(), locate.box_max_mm());
     (0..3)
         .find(|&axis| point_mm[axis] < low[axis])
@@ -79,11 +81,15 @@ mod tests {
     use crate::recipe::Recipe;
     use crate::sim::{Cell, SEARCH_BOX_MM, Scene};
 
-    /// The face that cuts the panel of a cell in a search box that ends at this height, mm, and the height of the panel that was taught.
-    fn cut(cell: &Cell, top_mm: f64) -> (Option<BoxCut>, f64) {
+    /// The face that cuts the panel of a cell in a search box that ends at this height, mm, and the height of the panel that was taught; above
+    /// this row of the picture something holds it.
+    fn cut(cell: &Cell, top_mm: f64, held_above: f64) -> (Option<BoxCut>, f64) {
         let (region, [low, [x, y, _]]) = (cell.region(), SEARCH_BOX_MM);
+        let width = cell.scanner().width_px as f64 - 1.0;
+        let held = format!(", held_px = [[[0, 0], [{width}, 0], [{width}, {held_above}], [0, {held_above}]]]");
+        let held = if held_above > 0.0 { held } else { String::new() };
         let text = format!(
-            "panel = \"p\"\n[region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n\
+            "panel = {{ name = \"p\"{held} }}\n[region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n\
              [locate]\nbox_min_mm = {low:?}\nbox_max_mm = {:?}\n",
             region.corners_px.map(|px| [px.u, px.v]),
             region.rows,
@@ -102,11 +108,13 @@ mod tests {
     #[test]
     fn a_box_that_cuts_the_panel_is_named() {
         let cell = Cell::new(4, Scene::Good, 4);
-        let (whole, highest_mm) = cut(&cell, SEARCH_BOX_MM[1][2]);
+        let (whole, highest_mm) = cut(&cell, SEARCH_BOX_MM[1][2], 0.0);
         assert_eq!(whole, None);
         let top_mm = (highest_mm - 7.0).round();
-        let found = cut(&cell, top_mm).0.expect("a cut");
+        let found = cut(&cell, top_mm, 0.0).0.expect("a cut");
         assert_eq!((found.key, found.axis, found.face_mm), ("box_max_mm", 2, top_mm));
         assert!(found.reason().message.contains("locate.box_max_mm[2]"), "{found:?}");
+        // The same place is held: it is the holder that goes on beyond the box.
+        assert_eq!(cut(&cell, top_mm, found.at.v + 6.0).0, None);
     }
 }

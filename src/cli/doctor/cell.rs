@@ -176,9 +176,9 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     let Some(folder) = folder else {
         return nothing(match cell.robot().kind() {
             RobotKind::Mock => Check::right(KUKA, "not needed: the mock robot has its own"),
-            RobotKind::Eki => Check::wrong(
+            RobotKind::Eki => Check::open(
                 KUKA,
-                "not looked at",
+                "",
                 "copy CELLCMD.xml, CELLSTAT.xml and all .src and .dat files of Panelprep from the controller into a folder and name it by --kuka",
             ),
         });
@@ -231,7 +231,7 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
         }
     };
     checks.extend(sum.map(|sum| kept_sum(sum, cell.robot().programs_sum())));
-    if checks.iter().all(|check| check.ok) {
+    if checks.iter().all(|check| check.is_right()) {
         checks.insert(0, Check::right(KUKA, "one with the cell's file and with what this program speaks"));
     }
     Programs { checks, sum }

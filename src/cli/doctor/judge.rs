@@ -187,16 +187,19 @@ mod tests {
             let text = format!("Character devices:\n  1 mem\n{lines}\nBlock devices:\n  8 sd\n253 nvidia\n");
             graphics_processor(Some(&text), true)
         };
-        assert!(listed("nvidia nvidia-modeset nvidiactl nvidia-uvm drm").ok);
-        assert!(listed("nvidia-frontend nvidia-uvm").ok);
+        assert!(listed("nvidia nvidia-modeset nvidiactl nvidia-uvm drm").is_right());
+        assert!(listed("nvidia-frontend nvidia-uvm").is_right());
         let unloaded = listed("nvidia nvidiactl drm");
-        assert!(!unloaded.ok && unloaded.advice.contains("modprobe nvidia-uvm"), "{unloaded:?}");
+        assert!(!unloaded.is_right() && unloaded.advice.contains("modprobe nvidia-uvm"), "{unloaded:?}");
         assert!(listed("drm").found.contains("no NVIDIA driver"));
         let none = listed("tty");
-        assert!(!none.ok && none.found.contains("neither nvidia nor drm"), "{none:?}: a block device is none");
-        assert!(!graphics_processor(None, true).ok);
+        assert!(
+            !none.is_right() && none.found.contains("neither nvidia nor drm"),
+            "{none:?}: a block device is none"
+        );
+        assert!(!graphics_processor(None, true).is_right());
         let nodeless = graphics_processor(Some("Character devices:\n195 nvidia\n508 nvidia-uvm\n"), false);
-        assert!(!nodeless.ok && nodeless.advice.contains("nvidia-modprobe -c 0 -u"), "{nodeless:?}");
+        assert!(!nodeless.is_right() && nodeless.advice.contains("nvidia-modprobe -c 0 -u"), "{nodeless:?}");
     }
 
     /// By hand: the samples expose for 10 and 20 ms; 20 ms are 2.4 periods of a lamp on 60 Hz.
@@ -207,38 +210,41 @@ mod tests {
         let settings =
             files.map(|text| ZividSettings::read("f", text).unwrap_or_else(|problems| panic!("{problems}")));
         let told = |flicker, frequency: &str| light(&Light { flicker, frequency: frequency.to_owned() }, &settings);
-        assert!(told(Flicker::None, "").ok);
+        assert!(told(Flicker::None, "").is_right());
         let fits = told(Flicker::Grid50Hz, "100.02");
-        assert!(fits.ok && fits.found.starts_with("flickers as on mains of 50 Hz (100.02 Hz)"), "{fits:?}");
+        assert!(fits.is_right() && fits.found.starts_with("flickers as on mains of 50 Hz (100.02 Hz)"), "{fits:?}");
         let other = told(Flicker::Grid60Hz, "120");
-        assert!(!other.ok && other.advice.contains("settings and settings_2d a multiple of 8333 µs"), "{other:?}");
-        assert!(!told(Flicker::Unknown, "").ok);
+        assert!(
+            !other.is_right() && other.advice.contains("settings and settings_2d a multiple of 8333 µs"),
+            "{other:?}"
+        );
+        assert!(!told(Flicker::Unknown, "").is_right());
         let doubt = warmth(Warmth::NotFollowed { followed_s: 61.0 });
-        assert!(doubt.ok && doubt.found.contains("followed for 1 of 10 min"), "{doubt:?}");
-        assert!(!warmth(Warmth::Changing { rise_c_per_min: 0.8 }).ok);
+        assert!(doubt.is_right() && doubt.found.contains("followed for 1 of 10 min"), "{doubt:?}");
+        assert!(!warmth(Warmth::Changing { rise_c_per_min: 0.8 }).is_right());
     }
 
     #[test]
     fn a_full_disk_and_a_small_buffer_say_what_to_do() {
-        assert!(disk("store", FLOOR_MB).ok && disk("store", 50_000).found.starts_with("50000 MB free"));
+        assert!(disk("store", FLOOR_MB).is_right() && disk("store", 50_000).found.starts_with("50000 MB free"));
         let full = disk("store", FLOOR_MB - 1);
-        assert!(!full.ok && full.advice.contains("1000 MB"));
+        assert!(!full.is_right() && full.advice.contains("1000 MB"));
         let alarm = |free_mb| scarce("store", free_mb).map(|reason| reason.code.into_owned());
         let codes = [FLOOR_MB - 1, FLOOR_MB, SCARCE_MB].map(alarm);
         assert_eq!(codes, [Some("disk_full".to_owned()), Some("disk_scarce".to_owned()), None]);
         let buffer = |largest| receive_buffer(largest, 20_874_880, Some([5_472, 3_648]));
-        assert!(buffer(Some(20_874_880)).ok && buffer(Some(20_874_880)).found.contains("5472×3648"));
+        assert!(buffer(Some(20_874_880)).is_right() && buffer(Some(20_874_880)).found.contains("5472×3648"));
         for small in [Some(8_388_608), None] {
             let check = buffer(small);
-            assert!(!check.ok && check.advice.contains("net.core.rmem_max = 20874880"), "{check:?}");
+            assert!(!check.is_right() && check.advice.contains("net.core.rmem_max = 20874880"), "{check:?}");
         }
     }
 
     /// By hand: written at 10:02, now 10:00 is two minutes ahead, more than the one allowed.
     #[test]
     fn a_clock_that_was_set_back_is_noticed() {
-        assert!(clock_behind(36_060, 36_000).ok && clock_behind(0, 36_000).found.contains("10.0 h ago"));
+        assert!(clock_behind(36_060, 36_000).is_right() && clock_behind(0, 36_000).found.contains("10.0 h ago"));
         let behind = clock_behind(36_120, 36_000);
-        assert!(!behind.ok && behind.found.contains("0.0 h ahead"));
+        assert!(!behind.is_right() && behind.found.contains("0.0 h ahead"));
     }
 }

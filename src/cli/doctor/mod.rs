@@ -19,7 +19,7 @@ use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::verdict::{Judgement, Reason, Verdict};
-use check::Check;
+use check::{Check, Status};
 pub(in crate::cli) use judge::scarce;
 use serde_json::json;
 
@@ -42,8 +42,8 @@ pub(in crate::cli) fn examined(args: &Doctor, common: &Common) -> Vec<Check> {
                 fault.to_string(),
                 "mend what is named; `panelprep check` with this file lists every problem",
             ));
-            let rest = "not looked at: the cell's file says what there is";
-            checks.push(Check::wrong("everything else", rest, "mend the cell's file, then ask again"));
+            let rest = ": the cell's file says what there is";
+            checks.push(Check::open("everything else", rest, "mend the cell's file, then ask again"));
         }
     }
     checks
@@ -68,18 +68,17 @@ fn of_cell(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> {
 }
 
 fn outcome(checks: &[Check]) -> Outcome {
-    let wrong: Vec<&Check> = checks.iter().filter(|check| !check.ok).collect();
+    let wrong: Vec<&Check> = checks.iter().filter(|check| !check.is_right()).collect();
     let reason = |check: &&Check| Reason::new("not_right", format!("{}: {}", check.name, check.found));
     let verdict = if wrong.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let mut outcome = Outcome::of(&Judgement { verdict, reasons: wrong.iter().map(reason).collect() });
     let width = checks.iter().map(|check| check.name.chars().count()).max().unwrap_or(0);
     outcome.words = Vec::new();
     for check in checks {
-        // What was not looked at is not known to be wrong, and counts as a failure.
-        let mark = match check.ok {
-            true => "ok   ",
-            false if check.found.starts_with("not looked at") => "open ",
-            false => "WRONG",
+        let mark = match check.status {
+            Status::Right => "ok   ",
+            Status::Wrong => "WRONG",
+            Status::Open => "open ",
         };
         outcome.say(format!("{mark}  {:width$}  {}", check.name, check.found));
         if !check.advice.is_empty() {
@@ -93,7 +92,7 @@ fn outcome(checks: &[Check]) -> Outcome {
     });
     let of_check = |check: &Check| {
         let advice = Some(&check.advice).filter(|advice| !advice.is_empty());
-        json!({"name": check.name, "ok": check.ok, "found": check.found, "advice": advice})
+        json!({"name": check.name, "ok": check.is_right(), "found": check.found, "advice": advice})
     };
     outcome.put("checks", json!(checks.iter().map(of_check).collect::<Vec<_>>()));
     outcome

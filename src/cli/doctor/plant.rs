@@ -94,7 +94,10 @@ mod tests {
     fn found(folder: &Path, table: &str) -> Vec<(bool, String)> {
         let file = folder.join("cell.toml").display().to_string();
         let cell = Cell::check(&file, table).expect("right");
-        check(&cell).into_iter().map(|check| (check.ok, format!("{}: {}", check.name, check.found))).collect()
+        check(&cell)
+            .into_iter()
+            .map(|check| (check.is_right(), format!("{}: {}", check.name, check.found)))
+            .collect()
     }
 
     #[test]
@@ -122,9 +125,9 @@ mod tests {
     fn a_line_needs_a_recipe() {
         let folder = tempfile::tempdir().expect("a folder");
         let missing = recipe(&folder.path().join("none.toml"));
-        assert!(!missing.ok && missing.found.contains("none.toml: No such file"), "{}", missing.found);
+        assert!(!missing.is_right() && missing.found.contains("none.toml: No such file"), "{}", missing.found);
         let file = folder.path().join("cell.toml");
         std::fs::write(&file, "[scanner]\nkind = \"simulated\"\n").expect("written");
-        assert!(!recipe(&file).ok);
+        assert!(!recipe(&file).is_right());
     }
 }

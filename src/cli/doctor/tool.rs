@@ -88,17 +88,20 @@ mod tests {
         let there = cell(server.address().port());
         let right = check(&there, false).expect("looked at");
         assert!(
-            right.ok && right.found.contains("speaks; reads") && right.found.contains("out of 30.0 mm"),
+            right.is_right() && right.found.contains("speaks; reads") && right.found.contains("out of 30.0 mm"),
             "{right:?}"
         );
-        assert!(check(&there, true).is_some_and(|check| check.ok && check.found.contains("held by the service")));
+        assert!(
+            check(&there, true)
+                .is_some_and(|check| check.is_right() && check.found.contains("held by the service"))
+        );
         server.breaks(Some(ToolFault::Errors(2)));
         let wrong = check(&there, false).expect("looked at");
-        assert!(!wrong.ok && wrong.found.contains("its sensor has an error"), "{wrong:?}");
+        assert!(!wrong.is_right() && wrong.found.contains("its sensor has an error"), "{wrong:?}");
         drop(server);
         let away = check(&there, false).expect("looked at");
         assert!(
-            !away.ok && away.found.contains("it cannot be connected") && away.advice.contains("ping"),
+            !away.is_right() && away.found.contains("it cannot be connected") && away.advice.contains("ping"),
             "{away:?}"
         );
     }

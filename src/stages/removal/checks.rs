@@ -6,7 +6,7 @@ use crate::recipe::{self, Recipe, RemovalMethod};
 use crate::record::name;
 use crate::removal::figures::Figures;
 use crate::removal::model::{FORCE_RANGE, Model, UNKNOWN};
-use crate::verdict::{Check, SetBy, Severity};
+use crate::verdict::{Check, Limit, SetBy, Severity};
 use crate::words::{apart, fixed};
 use serde::{Deserialize, Serialize};
 
@@ -97,7 +97,12 @@ pub(super) fn checks(figures: Option<&Figures>, (asked, bounded): (&recipe::Remo
 pub(super) fn force(force_n: f64, model: &Model) -> Check {
     let holds = model.holds_for_n();
     let is_beyond = holds.is_none_or(|[least_n, most_n]| !(least_n..=most_n).contains(&force_n));
-    let check = Check::new("force of the recipe", "N", force_n);
+    let limit = match holds {
+        Some([least_n, _]) if force_n < least_n => Limit::AtLeast(least_n),
+        Some([_, most_n]) => Limit::AtMost(most_n),
+        None => Limit::Unlimited,
+    };
+    let check = Check::new("force of the recipe", "N", force_n).within(limit, SetBy::Program);
     check.broken(is_beyond, Severity::Review, "force_beyond_coupons", || {
         let force = fixed(force_n, 1);
         match holds {
