@@ -81,13 +81,16 @@ mod tests {
     use crate::recipe::Recipe;
     use crate::sim::{Cell, SEARCH_BOX_MM, Scene};
 
-    /// The face that cuts the panel of a cell in a search box that ends at this height, mm, and the height of the panel that was taught; above
-    /// this row of the picture something holds it.
-    fn cut(cell: &Cell, top_mm: f64, held_above: f64) -> (Option<BoxCut>, f64) {
+    /// The face that cuts the panel of a cell in a search box that ends at this height, mm, and the height of the panel that was taught.
+    /// A holder may cover all that is above the region.
+    fn cut(cell: &Cell, top_mm: f64, has_holder: bool) -> (Option<BoxCut>, f64) {
         let (region, [low, [x, y, _]]) = (cell.region(), SEARCH_BOX_MM);
-        let width = cell.scanner().width_px as f64 - 1.0;
-        let held = format!(", held_px = [[[0, 0], [{width}, 0], [{width}, {held_above}], [0, {held_above}]]]");
-        let held = if held_above > 0.0 { held } else { String::new() };
+        // The line of the region's upper corners, longer by half of its length on each side, and 2 px above it.
+        let [left, right] = [region.corners_px[0], region.corners_px[1]];
+        let (across, down) = ((right.u - left.u) / 2.0, (right.v - left.v) / 2.0);
+        let [left, right] = [[left.u - across, left.v - down - 2.0], [right.u + across, right.v + down - 2.0]];
+        let holder = [left, right, [right[0], 0.0], [left[0], 0.0]];
+        let held = if has_holder { format!(", held_px = [{holder:?}]") } else { String::new() };
         let text = format!(
             "panel = {{ name = \"p\"{held} }}\n[region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n\
              [locate]\nbox_min_mm = {low:?}\nbox_max_mm = {:?}\n",
@@ -108,13 +111,13 @@ mod tests {
     #[test]
     fn a_box_that_cuts_the_panel_is_named() {
         let cell = Cell::new(4, Scene::Good, 4);
-        let (whole, highest_mm) = cut(&cell, SEARCH_BOX_MM[1][2], 0.0);
+        let (whole, highest_mm) = cut(&cell, SEARCH_BOX_MM[1][2], false);
         assert_eq!(whole, None);
         let top_mm = (highest_mm - 7.0).round();
-        let found = cut(&cell, top_mm, 0.0).0.expect("a cut");
+        let found = cut(&cell, top_mm, false).0.expect("a cut");
         assert_eq!((found.key, found.axis, found.face_mm), ("box_max_mm", 2, top_mm));
         assert!(found.reason().message.contains("locate.box_max_mm[2]"), "{found:?}");
         // The same place is held: it is the holder that goes on beyond the box.
-        assert_eq!(cut(&cell, top_mm, found.at.v + 6.0).0, None);
+        assert_eq!(cut(&cell, top_mm, true).0, None);
     }
 }

@@ -13,12 +13,13 @@
 //! Reflections and waves move, and a bare place does not. So bare counts only while
 //!     |s − s'| ≤ 4 σ + d/32,    s' the look in the picture before.                                              (2)
 //! A run counts the time of bare looks against that of film and stays within 0…H (a CUSUM, Page, Biometrika 41, 1954), H the time that a place
-//! must look bare less the step between two pictures: at H the film is open, back at 0 it is closed. Overexposed or unsteady, it stays as it is; until the film is open it begins anew if the look
-//! leaves the mean of its last second by as much as (2). All times are those of the pictures' time stamps.
+//! must look bare less the step between two pictures: at H the film is open, back at 0 it is closed. Overexposed or unsteady, it stays
+//! as it is; until the film is open it begins anew if the look leaves the mean of its last second by as much as (2). All times are those
+//! of the pictures' time stamps.
 //!
 //! A film that moves looks different from time to time. A place whose film was calm so far and which within a moment takes another look that
 //! is neither its film's nor a bare one, and keeps it, has changed in a way that this model does not know: it is marked, and is not passed. So is a
-//! place that keeps a look between the middle of the gap and (1) for the time that a bare one must last.
+//! place that keeps a look between the middle of the gap and (1) for three seconds; such a look never becomes another look of the film.
 //!
 //! Most of a panel is film and stays so: a block of pixels of which that is true is left as it is.
 
@@ -45,6 +46,8 @@ const FAR_PART: u16 = 6;
 const QUICK_TICKS: u16 = 16;
 /// … and the place was calm for this long before it: a second.
 const CALM_TICKS: u16 = 64;
+/// A place that is between film and bare for this long, ticks, is not passed: 3 s, since reflections move on sooner, and a break stays.
+const BETWEEN_TICKS: u16 = 192;
 /// What rounding adds to a bound.
 const MARGIN: u16 = 3 * LEVEL / 2;
 
@@ -265,14 +268,15 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         left[i] = choose(is_near & visible, rule.ticks, begun);
         let is_far = mask(s.abs_diff(w) > w / FAR_PART);
         let is_away = (looks_wet | is_between) & has_dry & !is_near & is_far & steady & ever_wet;
-        away[i] = (away[i].min(rule.persist) + rule.step) & is_away;
+        away[i] = (away[i].min(rule.persist.max(BETWEEN_TICKS)) + rule.step) & is_away;
         let reached = is_away & mask(away[i] >= rule.persist);
         let took = rule.ticks.saturating_sub(away[i]).saturating_sub(left[i]);
         let calm = mask(left[i].saturating_sub(anchored[i]) >= CALM_TICKS);
         let quick = mask(took <= QUICK_TICKS.max(2 * rule.step));
         // A place that keeps a look nearer to bare than to its film is not passed, however it came there.
-        let stepped = reached & (quick & calm & mask(own & MOVED == 0) | is_between);
-        let anchors = (reached & !stepped) | first;
+        let stays_between = is_between & mask(away[i] >= BETWEEN_TICKS);
+        let stepped = reached & quick & calm & mask(own & MOVED == 0) | stays_between;
+        let anchors = (reached & !stepped & !is_between) | first;
         wet[i] = choose(anchors, s, choose(learns & is_near & !is_bare, wet[i].wrapping_add(nearer), wet[i]));
         anchored[i] = choose(anchors, rule.ticks, anchored[i]);
         away[i] &= !anchors;

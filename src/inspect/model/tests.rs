@@ -58,6 +58,23 @@ fn bare_film_and_neither_by_hand() {
     }
 }
 
+/// By hand: 74 levels is beyond the middle of the gap, 80 − 20/4 = 75 less the rounding, and below 77.9, from where a place is bare. A place that
+/// drifts there within 1.5 s is not passed if it stays for more than 3 s.
+#[test]
+fn a_place_that_stays_between_film_and_bare_is_not_seen() {
+    let seen = |stays_s: f64| {
+        let mut model = model(&[], TERMS);
+        let level = |time_s: f64| match time_s - 2.0 {
+            since_s if since_s < 0.0 || since_s > 1.5 + stays_s => 60,
+            since_s => 60 + (14.0 * (since_s / 1.5).min(1.0)).round() as u8,
+        };
+        let times_s = (0..60).map(|picture| 0.2 * f64::from(picture));
+        assert_eq!(show(&mut model, times_s, level), 0, "it is not bare");
+        model.saw(35 * SIDE + 35)
+    };
+    assert!(seen(2.0) && !seen(5.0));
+}
+
 /// By hand: of a film at 60 of 100 levels a break changes the look by (80/60 − 1)/2 = 1/6 at half of its way, which is 10 levels, up or down; brighter than (1/0.6)^1.3 · 9/8 = 2.186
 /// times its film, 131 levels, no bare place can be.
 #[test]
