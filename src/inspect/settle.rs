@@ -3,7 +3,7 @@
 //! Pixels that looked bare at the end, though not long enough, belong to the break that they touch. A break is as bare all over as
 //! anywhere in it, and the film around it differs from that. A glint that does not move has a bell-shaped brightness, and equals a bare place
 //! on a ring alone; the edge of a reflection runs from film to bare and beyond; a film that happens to look bare has no rim. Such
-//! places are not seen, unless they closed again soon and moved on. A small wet place within a break is a bead of water on grease and
+//! places are not seen, unless they closed again soon and moved on; of specks, those of one trail together. A small wet place within a break is a bead of water on grease and
 //! no film; it belongs to the break.
 
 use super::film::NEVER;
@@ -95,17 +95,50 @@ pub fn settled(window: &Window, broke_s: Vec<f32>, sizes: Sizes, seen: &impl Obs
     let is_bead = fill_beads(window, &mut broke_s, sizes.bead_px, seen);
     let pieces = window.raster().pieces(&AROUND, |i| broke_s[i] < NEVER);
     let mut unsure = Vec::new();
+    let trail = specks_of_a_trail(window, &pieces, sizes.glint_px, |specks| {
+        Place { window, broke_s: &broke_s, is_bead: &is_bead, piece: specks }.moved_on(seen)
+    });
     for piece in pieces {
         let place = Place { window, broke_s: &broke_s, is_bead: &is_bead, piece: &piece };
         match place.judged(sizes.glint_px, seen) {
             Verdict::Broke => continue,
             Verdict::Passed => {}
-            Verdict::Unsure => unsure.extend_from_slice(&piece),
+            Verdict::Unsure => unsure.extend(piece.iter().filter(|&&i| !trail[i])),
         }
         piece.iter().for_each(|&i| broke_s[i] = NEVER);
     }
     unsure.sort_unstable();
     Settled { broke_s, unsure }
+}
+
+/// The specks, pieces too small to be judged by themselves, that one reflection left on its way. It stays long enough at a pixel here and there,
+/// which no speck shows by itself; those that lie within the largest glint's diameter of one another are judged together.
+fn specks_of_a_trail(
+    window: &Window,
+    pieces: &[Vec<usize>],
+    glint_px: usize,
+    moved_on: impl Fn(&[usize]) -> bool,
+) -> Vec<bool> {
+    let raster = window.raster();
+    let mut is_speck = vec![false; raster.width * raster.height];
+    pieces.iter().filter(|piece| piece.len() < MIN_PIECE_PX).flatten().for_each(|&i| is_speck[i] = true);
+    let radius_px = (glint_px as f64 / PI).sqrt();
+    let reach = radius_px.floor() as isize;
+    let within = |&(right, down): &(isize, isize)| ((right * right + down * down) as f64) <= radius_px.powi(2);
+    let disc: Vec<(isize, isize)> =
+        (-reach..=reach).flat_map(|down| (-reach..=reach).map(move |right| (right, down))).filter(within).collect();
+    let mut is_near = is_speck.clone();
+    for speck in (0..is_speck.len()).filter(|&i| is_speck[i]) {
+        raster.neighbours(speck, &disc).for_each(|i| is_near[i] = true);
+    }
+    let mut is_of_trail = vec![false; is_speck.len()];
+    for near in raster.pieces(&AROUND, |i| is_near[i]) {
+        let specks: Vec<usize> = near.into_iter().filter(|&i| is_speck[i]).collect();
+        if moved_on(&specks) {
+            specks.iter().for_each(|&i| is_of_trail[i] = true);
+        }
+    }
+    is_of_trail
 }
 
 /// Takes small wet places within what looks bare for beads that belong to it: they close the place when its rim was complete.
