@@ -3,7 +3,7 @@
 //! Pixels that looked bare at the end, though not long enough, belong to the break that they touch. A break is as bare all over as
 //! anywhere in it, and the film around it differs from that. A glint that does not move has a bell-shaped brightness, and equals a bare place
 //! on a ring alone; the edge of a reflection runs from film to bare and beyond; a film that happens to look bare has no rim. Such
-//! places are not seen, unless they closed again soon and moved on; of specks, those of one trail together. A small wet place within a break is a bead of water on grease and
+//! places are not seen, unless they closed again soon and moved on, by themselves or with those beside them. A small wet place within a break is a bead of water on grease and
 //! no film; it belongs to the break.
 
 use super::film::NEVER;
@@ -37,6 +37,8 @@ const MOST_ALIKE: f64 = 0.6;
 /// A place without a dry look broke if it changed by this share of what the faintest break changes; less is not sure.
 const FAINTEST_SHARE: f64 = 0.7;
 const AWAY_PX: usize = 3;
+/// A reflection that moves leaves a place within this time, s.
+const MOVES_ON_S: f32 = 3.0;
 
 /// The sizes of what is not a break.
 #[derive(Debug, Clone, Copy)]
@@ -95,50 +97,47 @@ pub fn settled(window: &Window, broke_s: Vec<f32>, sizes: Sizes, seen: &impl Obs
     let is_bead = fill_beads(window, &mut broke_s, sizes.bead_px, seen);
     let pieces = window.raster().pieces(&AROUND, |i| broke_s[i] < NEVER);
     let mut unsure = Vec::new();
-    let trail = specks_of_a_trail(window, &pieces, sizes.glint_px, |specks| {
-        Place { window, broke_s: &broke_s, is_bead: &is_bead, piece: specks }.moved_on(seen)
-    });
+    let all_s = broke_s.clone();
+    let mut short = Vec::new();
     for piece in pieces {
         let place = Place { window, broke_s: &broke_s, is_bead: &is_bead, piece: &piece };
         match place.judged(sizes.glint_px, seen) {
             Verdict::Broke => continue,
             Verdict::Passed => {}
-            Verdict::Unsure => unsure.extend(piece.iter().filter(|&&i| !trail[i])),
+            Verdict::Unsure if piece.len() <= sizes.glint_px && place.closed_soon(seen) => {
+                short.extend_from_slice(&piece);
+            }
+            Verdict::Unsure => unsure.extend_from_slice(&piece),
         }
         piece.iter().for_each(|&i| broke_s[i] = NEVER);
+    }
+    for piece in trails(window, &short, sizes.glint_px) {
+        let place = Place { window, broke_s: &all_s, is_bead: &is_bead, piece: &piece };
+        if !place.moved_on(seen) {
+            unsure.extend(piece);
+        }
     }
     unsure.sort_unstable();
     Settled { broke_s, unsure }
 }
 
-/// The specks, pieces too small to be judged by themselves, that one reflection left on its way. It stays long enough at a pixel here and there,
-/// which no speck shows by itself; those that lie within the largest glint's diameter of one another are judged together.
-fn specks_of_a_trail(
-    window: &Window,
-    pieces: &[Vec<usize>],
-    glint_px: usize,
-    moved_on: impl Fn(&[usize]) -> bool,
-) -> Vec<bool> {
+/// The places that one reflection may have left on its way: it stays long enough to look bare on a part here and there, and no part shows by
+/// itself that it moves. Those that lie within twice the largest glint's diameter of one another are judged together.
+fn trails(window: &Window, places: &[usize], glint_px: usize) -> Vec<Vec<usize>> {
     let raster = window.raster();
-    let mut is_speck = vec![false; raster.width * raster.height];
-    pieces.iter().filter(|piece| piece.len() < MIN_PIECE_PX).flatten().for_each(|&i| is_speck[i] = true);
-    let radius_px = (glint_px as f64 / PI).sqrt();
-    let reach = radius_px.floor() as isize;
-    let within = |&(right, down): &(isize, isize)| ((right * right + down * down) as f64) <= radius_px.powi(2);
+    let mut is_place = vec![false; raster.width * raster.height];
+    places.iter().for_each(|&i| is_place[i] = true);
+    let reach_px = 2.0 * (glint_px as f64 / PI).sqrt();
+    let reach = reach_px.floor() as isize;
+    let within = |&(right, down): &(isize, isize)| ((right * right + down * down) as f64) <= reach_px.powi(2);
     let disc: Vec<(isize, isize)> =
         (-reach..=reach).flat_map(|down| (-reach..=reach).map(move |right| (right, down))).filter(within).collect();
-    let mut is_near = is_speck.clone();
-    for speck in (0..is_speck.len()).filter(|&i| is_speck[i]) {
-        raster.neighbours(speck, &disc).for_each(|i| is_near[i] = true);
+    let mut is_near = is_place.clone();
+    for &place in places {
+        raster.neighbours(place, &disc).for_each(|i| is_near[i] = true);
     }
-    let mut is_of_trail = vec![false; is_speck.len()];
-    for near in raster.pieces(&AROUND, |i| is_near[i]) {
-        let specks: Vec<usize> = near.into_iter().filter(|&i| is_speck[i]).collect();
-        if moved_on(&specks) {
-            specks.iter().for_each(|&i| is_of_trail[i] = true);
-        }
-    }
-    is_of_trail
+    let own = |near: Vec<usize>| near.into_iter().filter(|&i| is_place[i]).collect();
+    raster.pieces(&AROUND, |i| is_near[i]).into_iter().map(own).collect()
 }
 
 /// Takes small wet places within what looks bare for beads that belong to it: they close the place when its rim was complete.
@@ -205,6 +204,12 @@ impl Place<'_> {
         // may have closed up to a picture later than the run says.
         let closed_s = until_s[until_s.len() / 10] - seen.persist_s() + 2.0 * seen.longest_step_s();
         since_s[since_s.len() - 1 - since_s.len() / 10] > closed_s
+    }
+
+    /// Did each of its pixels become film again within the time in which reflections move on?
+    fn closed_soon(&self, seen: &impl Observed) -> bool {
+        let mut own = self.piece.iter().filter(|&&i| !self.is_bead[i]);
+        own.all(|&i| seen.was_open_s(i).is_some_and(|open_s| open_s <= MOVES_ON_S))
     }
 
     /// Has a place without a dry look of its own become like the film around it? A glint lay on it while its wet look was learnt, or the

@@ -148,23 +148,23 @@ fn a_glint_that_moves_on_is_no_break() {
     assert_eq!(closed.settled(), (113, 0));
 }
 
-/// By hand: a glint of 50 px has a radius of 3.99 px, so that pixels up to 8 px apart may be of one trail. Of specks that open one after another and
-/// close 0.6 s later, the first is film at 1.6 − 0.5 + 0.4 = 1.5 s, before the last opens; farther apart, or all at once, nothing is known of them.
+/// By hand: a glint of 50 px has a diameter of 7.98 px, so that places less than 32 px apart may be of one trail. Of specks that open one after
+/// another and close 0.6 s later, the first is film at 1.6 − 0.5 + 0.4 = 1.5 s, before the last opens at 2.5 s; of those that open at once, or stay
+/// open for 4 s, and of one alone, nothing is known.
 #[test]
-fn specks_of_one_trail_are_judged_together() {
-    let specks = |apart: usize, step_s: f32| {
-        let column = |i: usize| (i / SIDE == 20 && i % SIDE % apart == 2).then_some((i % SIDE / apart) as f32);
+fn places_of_one_trail_are_judged_together() {
+    let specks = |count: usize, step_s: f32, open_s: f32| {
         let mut film = Film::with(|_, _| false);
-        for i in 0..SIDE * SIDE {
-            if let Some(order) = column(i) {
-                (film.broke_s[i], film.open_s[i]) = (1.0 + step_s * order, Some(0.6));
-            }
+        for order in 0..count {
+            let i = 20 * SIDE + 2 + 7 * order;
+            (film.broke_s[i], film.open_s[i]) = (1.0 + step_s * order as f32, Some(open_s));
         }
         film.settled()
     };
-    assert_eq!(specks(7, 0.3), (0, 0), "six specks in 1.5 s");
-    assert_eq!(specks(7, 0.0), (0, 6));
-    assert_eq!(specks(13, 0.3), (0, 3), "each by itself");
+    assert_eq!(specks(6, 0.3, 0.6), (0, 0));
+    assert_eq!(specks(6, 0.0, 0.6), (0, 6));
+    assert_eq!(specks(6, 0.3, 4.0), (0, 6));
+    assert_eq!(specks(1, 0.3, 0.6), (0, 1));
 }
 
 /// At a picture a second a break that opened between 4 s and 6 s and closed again 1 s later shows no part that was film before another
