@@ -19,7 +19,8 @@
 //!
 //! A film that moves looks different from time to time. A place whose film was calm so far and which within a moment takes another look that
 //! is neither its film's nor a bare one, and keeps it, has changed in a way that this model does not know: it is marked, and is not passed. So is a
-//! place that keeps a look between the middle of the gap and (1) for three seconds; such a look never becomes another look of the film.
+//! place that keeps looks on the bare side of the middle of the gap for three seconds and did not break; such a look never becomes another look of
+//! the film.
 //!
 //! Most of a panel is film and stays so: a block of pixels of which that is true is left as it is.
 
@@ -46,7 +47,8 @@ const FAR_PART: u16 = 6;
 const QUICK_TICKS: u16 = 16;
 /// … and the place was calm for this long before it: a second.
 const CALM_TICKS: u16 = 64;
-/// A place that is between film and bare for this long, ticks, is not passed: 3 s, since reflections move on sooner, and a break stays.
+/// A place that looks nearer to bare than to its film for this long, ticks, is not passed: 3 s, since reflections move on sooner, and a break
+/// stays.
 const BETWEEN_TICKS: u16 = 192;
 /// What rounding adds to a bound.
 const MARGIN: u16 = 3 * LEVEL / 2;
@@ -229,8 +231,9 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         let steady = mask(change <= 4 * rule.noise + d / 32) & mask(before[i] & OVEREXPOSED == 0);
         let is_near = mask(s.abs_diff(w) <= near);
         let is_bare = mask(s >= bare[0]) & mask(s <= bare[1]) & visible & has_dry; // (1)
-        // Nearer to bare than to its film, and not bare for sure: a break that is damper than stated, or a film that thins out.
-        let is_between = mask(s >= half[0]) & mask(s <= half[1]) & !is_bare & !is_near & has_dry & visible;
+        // Nearer to bare than to its film; if it is not bare, it is a break that is damper than stated, or a film that thins out.
+        let is_nearer = mask(s >= half[0]) & mask(s <= half[1]) & !is_near & has_dry & visible;
+        let is_between = is_nearer & !is_bare;
         let is_bright = mask(s > lit(w, rule.bright_q12));
         let looks_bare = choose(has_dry, is_bare, !is_near & !is_bright & visible) & steady; // (2)
         let looks_wet = choose(has_dry, !is_bare & !is_between, is_near | is_bright) & visible;
@@ -267,16 +270,16 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         let moved = is_near & has_dry & !idle & mask(rule.ticks - begun > rule.step);
         left[i] = choose(is_near & visible, rule.ticks, begun);
         let is_far = mask(s.abs_diff(w) > w / FAR_PART);
-        let is_away = (looks_wet | is_between) & has_dry & !is_near & is_far & steady & ever_wet;
+        let is_away = (looks_wet | is_nearer) & has_dry & !is_near & is_far & steady & ever_wet;
         away[i] = (away[i].min(rule.persist.max(BETWEEN_TICKS)) + rule.step) & is_away;
         let reached = is_away & mask(away[i] >= rule.persist);
         let took = rule.ticks.saturating_sub(away[i]).saturating_sub(left[i]);
         let calm = mask(left[i].saturating_sub(anchored[i]) >= CALM_TICKS);
         let quick = mask(took <= QUICK_TICKS.max(2 * rule.step));
+        let took_another = reached & quick & calm & mask(own & MOVED == 0) & !is_bare;
         // A place that keeps a look nearer to bare than to its film is not passed, however it came there.
-        let stays_between = is_between & mask(away[i] >= BETWEEN_TICKS);
-        let stepped = reached & quick & calm & mask(own & MOVED == 0) | stays_between;
-        let anchors = (reached & !stepped & !is_between) | first;
+        let stepped = took_another | is_nearer & mask(away[i] >= BETWEEN_TICKS);
+        let anchors = (reached & !stepped & !is_nearer) | first;
         wet[i] = choose(anchors, s, choose(learns & is_near & !is_bare, wet[i].wrapping_add(nearer), wet[i]));
         anchored[i] = choose(anchors, rule.ticks, anchored[i]);
         away[i] &= !anchors;
