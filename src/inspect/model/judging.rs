@@ -277,8 +277,8 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         let calm = mask(left[i].saturating_sub(anchored[i]) >= CALM_TICKS);
         let quick = mask(took <= QUICK_TICKS.max(2 * rule.step));
         let took_another = reached & quick & calm & mask(own & MOVED == 0) & !is_bare;
-        // A place that keeps a look nearer to bare than to its film is not passed, however it came there.
-        let stepped = took_another | is_nearer & mask(away[i] >= BETWEEN_TICKS);
+        // A place that keeps a look nearer to bare than to its film is not passed, however it came there; if it is bare all the time, it breaks.
+        let stepped = took_another | is_between & mask(away[i] >= BETWEEN_TICKS);
         let anchors = (reached & !stepped & !is_nearer) | first;
         wet[i] = choose(anchors, s, choose(learns & is_near & !is_bare, wet[i].wrapping_add(nearer), wet[i]));
         anchored[i] = choose(anchors, rule.ticks, anchored[i]);

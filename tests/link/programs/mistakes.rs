@@ -5,10 +5,6 @@ use super::{load, meaning, texts, walk};
 use panelprep::devices::mock::Programs;
 use rayon::prelude::*;
 
-/// This many of them, at least, are found. Two are found by no scene and no walk below 400 since the state message has the override: that a
-/// start of the submit interpreter believes an old selection, and that an epoch replaces one that moves.
-const FOUND: usize = 39;
-
 /// A mistake: the file, the text that ships, the text in its place, and a walk that finds it; where none is
 /// known the scenes must.
 struct Mistake {
@@ -125,7 +121,7 @@ const MISTAKES: [Mistake; 41] = [
         "a start of the submit interpreter believes that the program of before is still selected", "cell_submit.src",
         "  CELL_READY=FALSE\n  ; What an epoch",
         "  ; What an epoch",
-        Some(64_583),
+        None,
     ),
     mistake(
         "a lost link ends no epoch", "cell_link.src",
@@ -167,7 +163,7 @@ const MISTAKES: [Mistake; 41] = [
         "an epoch replaces one that moves without a stop", "cell_link.src",
         "    IF CELL_OPEN AND CELL_BUSY( ) THEN\n      CELL_STOP(FALSE)\n    ENDIF\n    CELL_OPEN=FALSE\n",
         "",
-        Some(31),
+        None,
     ),
     mistake(
         "a reset forgets to allow commands", "cell_link.src",
@@ -320,5 +316,5 @@ fn mistakes_that_are_planted_are_found() {
         }
     }
     println!("not found: {missed:?}");
-    assert!(MISTAKES.len() - missed.len() >= FOUND, "not found: {missed:?}");
+    assert!(missed.is_empty(), "not found: {missed:?}");
 }

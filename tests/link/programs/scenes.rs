@@ -2,7 +2,7 @@
 
 use super::super::cell::{TOOL_OUTPUT, height_mm};
 use super::raw::{Raw, started};
-use panelprep::devices::mock::{Channel, Fault, Programs};
+use panelprep::devices::mock::{Channel, Fault, Programs, RobotState};
 use panelprep::krl::{Cell, Meaning};
 
 /// Runs of a path that ends in contact, each with another order of the interpreters.
@@ -16,7 +16,7 @@ const ABORTS: u64 = 80;
 type Scene = fn(&Programs) -> bool;
 
 /// Each is right where it says TRUE.
-const SCENES: [(&str, Scene); 22] = [
+const SCENES: [(&str, Scene); 24] = [
     ("thirty commands at once are all executed", |programs| {
         let mut raw = Raw::opened(programs.clone());
         (0..30).for_each(|_| raw.command(6, [1, 0], [0.0, 0.0], [0.0; 6]));
@@ -141,6 +141,31 @@ const SCENES: [(&str, Scene); 22] = [
     ("no path that ends in contact is left there", |programs| {
         (0..ORDERS).all(|seed| !is_left_in_contact(programs, seed))
     }),
+    ("an epoch that replaces one in contact lifts the tool off", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        let begun = is_in_contact(&mut raw);
+        raw.begin();
+        raw.run(2_000);
+        let tool_off = raw.controller.outputs().get(&TOOL_OUTPUT) == Some(&false);
+        begun && tool_off && height_mm(&raw.controller) > RETRACTED_MM
+    }),
+    ("another program that was selected before the controller started is not reset", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        raw.controller.deselect();
+        raw.controller.select_foreign_program();
+        raw.controller.reboot(1_500);
+        raw.controller.advance_ms(5_000);
+        let is_at_work = raw.controller.robot_state() == Some(RobotState::Active);
+        let connected = [Channel::Command, Channel::State].map(|channel| raw.controller.connect(channel));
+        raw.controller.switch_drives(false);
+        raw.run(300);
+        raw.request(11, raw.int("CELL_EP") + 1);
+        raw.run(300);
+        raw.controller.switch_drives(true);
+        raw.run(1_000);
+        let stays = raw.controller.robot_state() == Some(RobotState::Stopped);
+        is_at_work && connected == [true; 2] && stays && raw.controller.foreign_resets() == 0
+    }),
     ("contact at another override is refused", |programs| {
         let mut raw = Raw::opened(programs.clone());
         raw.controller.inject(Fault::Override { percent: 50, for_ms: None });
@@ -153,16 +178,7 @@ const SCENES: [(&str, Scene); 22] = [
     }),
     ("an override that is changed in contact leaves the panel", |programs| {
         let mut raw = Raw::opened(programs.clone());
-        raw.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0, 0.0], [0.0; 6]);
-        raw.line(30, false, [-40.0, 0.0, -10.0]);
-        (0..30).for_each(|point| raw.line(29 - point, true, [3.0 * f64::from(point) - 37.0, 0.0, 0.0]));
-        for _ in 0..200 {
-            raw.run(12);
-            if raw.int("CELL_DONE") >= 10 {
-                break;
-            }
-        }
-        let begun = raw.int("CELL_DONE") >= 10;
+        let begun = is_in_contact(&mut raw);
         raw.controller.inject(Fault::Override { percent: 90, for_ms: None });
         raw.run(100);
         let tool_off = raw.controller.outputs().get(&TOOL_OUTPUT) == Some(&false);
@@ -183,6 +199,17 @@ const SCENES: [(&str, Scene); 22] = [
         raw.int("CELL_ERR") == 12
     }),
 ];
+
+/// Goes on with a path in contact, tool on, until ten commands of it are executed; whether it came so far.
+fn is_in_contact(raw: &mut Raw) -> bool {
+    raw.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0, 0.0], [0.0; 6]);
+    raw.line(30, false, [-40.0, 0.0, -10.0]);
+    (0..30).for_each(|point| raw.line(29 - point, true, [3.0 * f64::from(point) - 37.0, 0.0, 0.0]));
+    (0..200).any(|_| {
+        raw.run(12);
+        raw.int("CELL_DONE") >= 10
+    })
+}
 
 /// With the limits of `cell_config.dat` as it ships, in place of those of any cell.
 fn as_configured(programs: &Programs) -> Programs {
