@@ -276,7 +276,7 @@ pub fn judge(observed: Observed<'_>, known: Known<'_>, rule: &Rule) -> bool {
         let took = rule.ticks.saturating_sub(away[i]).saturating_sub(left[i]);
         let calm = mask(left[i].saturating_sub(anchored[i]) >= CALM_TICKS);
         let quick = mask(took <= QUICK_TICKS.max(2 * rule.step));
-        let took_another = reached & quick & calm & mask(own & MOVED == 0) & !is_bare;
+        let took_another = reached & quick & calm & mask(own & MOVED == 0) & !is_nearer;
         // A place that keeps a look nearer to bare than to its film is not passed, however it came there; if it is bare all the time, it breaks.
         let stepped = took_another | is_between & mask(away[i] >= BETWEEN_TICKS);
         let anchors = (reached & !stepped & !is_nearer) | first;

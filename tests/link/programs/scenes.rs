@@ -150,7 +150,10 @@ const SCENES: [(&str, Scene); 24] = [
         begun && tool_off && height_mm(&raw.controller) > RETRACTED_MM
     }),
     ("another program that was selected before the controller started is not reset", |programs| {
-        let mut raw = Raw::opened(programs.clone());
+        // Its first cycle follows at once; later the watchdog's timer says that it was not at work.
+        let mut programs = programs.clone();
+        programs.busy_submit = true;
+        let mut raw = Raw::opened(programs);
         raw.controller.deselect();
         raw.controller.select_foreign_program();
         raw.controller.reboot(1_500);
