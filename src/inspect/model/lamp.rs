@@ -6,7 +6,8 @@
 //!
 //! What became wet around the panel is darker, too, as if the lamp were: no lamp is taken to be as dark, and of one that [`Flicker`]s as
 //! much it is not known if it or water made the surroundings darker. Water makes nothing brighter: if they are brighter than any lamp
-//! that drifts, or saturate, the camera's exposure or gain has changed.
+//! that drifts, or saturate, the camera's exposure or gain has changed. A shadow darkens one place after the other, and never all: a lamp that changes
+//! does so at most places from one picture to the next, and they agree on it as they did before.
 
 use super::flicker::Flicker;
 use super::sensor::SensorNoise;
@@ -28,12 +29,20 @@ const SATURATED: u8 = 250;
 const NEAR: f64 = 0.08;
 /// So much of what lies around the panel must agree on the light.
 const MIN_AGREE: f64 = 0.5;
+/// On a light that changed by more than [`NEAR`] the places agree to this share of what they did before, or it is a shadow on most of them.
+const STILL_AGREE: f64 = 0.9;
 
 /// What lies around the panel, in the dry picture.
 #[derive(Debug, Clone, Default)]
 pub struct Lamp {
     places: Vec<(usize, [f64; 3])>,
     flicker: Flicker,
+    /// The light that was believed last.
+    believed: Option<Lit>,
+    /// By how much most places became brighter since then.
+    since_believed: f64,
+    /// The ratios of the picture before, the mean of the channels; NaN of a place that is saturated.
+    before: Vec<f64>,
     /// What the square about each place showed last, in the dry picture's light.
     last: Vec<[f64; 3]>,
     sensor: [SensorNoise; 2],
@@ -54,6 +63,16 @@ pub struct Lit {
 
 impl Lit {
     const UNKNOWN: Lit = Lit { gains: [1.0; 3], agree: 0.0, flicker_percent: 0.0, brighter: None };
+
+    fn mean(&self) -> f64 {
+        self.gains.iter().sum::<f64>() / 3.0
+    }
+
+    /// Is it the light of a shadow on most places, if these became so much brighter since the light of before?
+    fn is_shadow_after(&self, before: &Lit, brighter: f64) -> bool {
+        let is_change = is_near(self.mean(), brighter * before.mean()) && self.agree >= STILL_AGREE * before.agree;
+        !is_near(self.mean(), before.mean()) && !is_change
+    }
 
     /// Of each channel, where enough of the places agree.
     pub fn sure(&self) -> Option<[f64; 3]> {
@@ -116,9 +135,17 @@ impl Lamp {
             .map(|(ratios, gain)| ratios.iter().filter(|ratio| is_near(**ratio, gain)).count());
         let agree = near.sum::<usize>() as f64 / (3 * told.len()) as f64;
         self.take_noise(picture, gains);
+        self.take_change(picture);
         let flicker_percent = self.flicker.percent_with(gains);
         if gains.iter().all(|gain| PLAUSIBLE.contains(gain)) {
-            return Lit { gains, agree, flicker_percent: 0.0, brighter: None };
+            let lit = Lit { gains, agree, flicker_percent: 0.0, brighter: None };
+            if self.believed.is_some_and(|before| lit.is_shadow_after(&before, self.since_believed)) {
+                return Lit { gains, ..Lit::UNKNOWN };
+            }
+            if lit.sure().is_some() {
+                (self.believed, self.since_believed) = (Some(lit), 1.0);
+            }
+            return lit;
         }
         if agree < MIN_AGREE {
             return Lit { gains, ..Lit::UNKNOWN };
@@ -137,6 +164,27 @@ impl Lamp {
 
     /// The side of the squares whose noise is measured, px.
     pub const SIDE_PX: usize = 4;
+
+    /// How most places changed since the picture before.
+    fn take_change(&mut self, picture: &ColorPicture) {
+        let mean = |(index, dry): &(usize, [f64; 3])| -> f64 {
+            let rgb = picture.rgb[*index];
+            if rgb.iter().any(|level| *level >= SATURATED) {
+                return f64::NAN;
+            }
+            (0..3).map(|i| (f64::from(rgb[i]) + 0.01) / dry[i]).sum::<f64>() / 3.0
+        };
+        let now: Vec<f64> = self.places.iter().map(mean).collect();
+        let mut changes: Vec<f64> = self
+            .before
+            .iter()
+            .zip(&now)
+            .map(|(before, now)| now / before)
+            .filter(|change| change.is_finite())
+            .collect();
+        self.since_believed *= median(&mut changes).unwrap_or(1.0);
+        self.before = now;
+    }
 
     fn take_noise(&mut self, picture: &ColorPicture, gains: [f64; 3]) {
         let side = Lamp::SIDE_PX;
@@ -233,6 +281,24 @@ mod tests {
         let lit = lamp.at(&now);
         assert!(lit.gains.iter().all(|gain| (gain - 1.0).abs() < 1e-3), "{lit:?}");
         assert!((lit.agree - 0.6).abs() < 1e-9, "{lit:?}");
+    }
+
+    /// By hand: a shadow that takes a fifth of the light from six of ten rows is no lamp, and one that takes it from all of them is; the lamp
+    /// of before is known again as soon as most rows show it.
+    #[test]
+    fn a_shadow_on_most_of_what_lies_around_is_no_lamp() {
+        let window = Window { left: 0, top: 0, width: 160, height: 20 };
+        let mut lamp = Lamp::around(&window, &ColorPicture::filled(160, 120, [100; 3]));
+        let mut shown = |shadowed_rows: usize| {
+            let mut now = ColorPicture::filled(160, 120, [100; 3]);
+            now.rgb[(120 - shadowed_rows) * 160..].fill([80; 3]);
+            lamp.at(&now).sure().map(|gains| (100.0 * gains[1]).round())
+        };
+        assert_eq!([0, 58, 40, 120, 0].map(&mut shown), [Some(100.0), None, Some(100.0), Some(80.0), Some(100.0)]);
+        // A shadow that creeps over the places darkens few of them from one picture to the next.
+        let crept: Vec<Option<f64>> = (0..=20).map(|tenth| shown(58 * tenth / 20)).collect();
+        assert!(crept.iter().all(|gain| gain.is_none_or(|gain| gain == 100.0)), "{crept:?}");
+        assert!(crept[20].is_none() && crept[..14].iter().all(Option::is_some), "{crept:?}");
     }
 
     /// By hand: five pictures that go from 200 to 140 levels and back have three swings.
