@@ -213,7 +213,8 @@ impl Place<'_> {
     }
 
     /// Has a place without a dry look of its own become like the film around it? A glint lay on it while its wet look was learnt, or the
-    /// water reached it later. A break differs from the film around it. Along an edge of what was sanded only one side is alike.
+    /// water reached it later. A break differs from the film around it. Along an edge of what was sanded only one side is alike, and the place
+    /// must not look like a break of the film on the other side.
     fn became_film(&self, seen: &impl Observed) -> bool {
         let of_film = |i: usize| self.broke_s[i] == NEVER && seen.is_inside(i) && seen.is_without_dry(i);
         let around = self.ring(AWAY_PX, of_film);
@@ -221,14 +222,17 @@ impl Place<'_> {
         if !own.iter().all(|&i| seen.is_without_dry(i)) || around.len() < MIN_CORE_PX {
             return false;
         }
-        let films: Vec<f32> = around.iter().map(|&i| seen.levels(i)[1]).collect();
         // Each pixel by itself: the mean of a break over two kinds of film is the look of neither.
         let is_film = |i: usize| {
             let [bare, now] = seen.levels(i);
             // What still has its other look is compared in the last picture: the light of now is that of the film around it.
             let look = if seen.was_open_s(i).is_none() { now } else { bare };
-            let alike = films.iter().filter(|&&film| (look - film).abs() <= seen.alike_share() * film).count();
-            alike as f64 >= ALIKE_AROUND * films.len() as f64
+            let of_films = |holds: &dyn Fn(f32) -> bool| share(&around, |at| holds(seen.levels(at)[1]));
+            let is_break_of = |film: f32| {
+                seen.break_to_film().is_none_or(|[least, most]| (least..=most).contains(&(look / film)))
+            };
+            of_films(&|film| (look - film).abs() <= seen.alike_share() * film) >= ALIKE_AROUND
+                && of_films(&is_break_of) < ALIKE_AROUND
         };
         share(&own, is_film) >= MOST_ALIKE
     }

@@ -203,6 +203,18 @@ fn a_bead_belongs_to_its_break() {
     assert_eq!(with_hole(3).settled().0, 113 - 9);
 }
 
+/// Beside an edge of what was sanded: by hand, 0.62 is the film's look on the right, and 0.62/0.36 = 1.72 times that on the left, as a break of that
+/// film would be. Nothing is known of the place then.
+#[test]
+fn a_place_that_looks_like_one_film_beside_it_and_like_a_break_of_the_other_is_unsure() {
+    let beside = |left: f32| {
+        let mut film = Film { is_sanded: true, bare: vec![0.62; SIDE * SIDE], ..Film::with(disc) };
+        (0..SIDE * SIDE).for_each(|i| film.film[i] = if i % SIDE < 20 { left } else { 0.62 });
+        film.settled()
+    };
+    assert_eq!((beside(0.36), beside(0.6)), ((0, 113), (0, 0)));
+}
+
 /// A sanded place: by hand 0.9/0.6 = 1.5 of its film's look is within 1.2 to 2.0 and broke; 0.62 is within 8 % of the film around it, which it
 /// became after a glint; 0.45, and any look if nothing is known of the film, is neither. A mean of 0.7 that is 0.62 in the last picture became
 /// film, too.
