@@ -117,6 +117,7 @@ impl Watch {
         let sizes = Sizes {
             glint_px: self.footprint.pixels_of(self.settings.glint_mm2()),
             bead_px: self.footprint.pixels_of(self.settings.bead_mm2()),
+            break_px: self.footprint.pixels_of(self.demands.min_break_mm2),
         };
         settled(self.footprint.window(), broke_s, sizes, &OfModel::new(&self.model, inside))
     }

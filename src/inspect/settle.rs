@@ -3,12 +3,12 @@
 //! Pixels that looked bare at the end, though not long enough, belong to the break that they touch. A break is as bare all over as
 //! anywhere in it, and the film around it differs from that. A glint that does not move has a bell-shaped brightness, and equals a bare place
 //! on a ring alone; the edge of a reflection runs from film to bare and beyond; a film that happens to look bare has no rim. Such
-//! places are not seen, unless they closed again soon and moved on, by themselves or with those beside them. A small wet place within a break is a bead of water on grease and
-//! no film; it belongs to the break.
+//! places are not seen, unless they closed again soon and moved on, by themselves or, if each is smaller than a break, with those beside them. A
+//! small wet place within a break is a bead of water on grease and no film; it belongs to the break.
 
 use super::film::NEVER;
 use super::footprint::Window;
-use super::model::{FILM_ASSUMED, FILM_POWER, Model};
+use super::model::{FILM_ASSUMED, FILM_POWER, MOVES_ON_S, Model};
 use crate::geometry::{AROUND, BESIDE};
 use std::collections::{BTreeSet, VecDeque};
 use std::f64::consts::PI;
@@ -30,15 +30,13 @@ const ALONG_REFLECTION: f64 = 0.25;
 /// Of the film around a break this share must be told from a bare place; around it is this far from it, px: beyond the wedge of
 /// water at a rim.
 const TOLD_AROUND: f64 = 0.6;
-/// This share of the film around it looks like a pixel of a place that became film …
+/// This share of the film around it looks like a pixel of a place that became film, and less of it is film of which the pixel would be a break …
 const ALIKE_AROUND: f64 = 0.35;
 /// … and this share of its pixels is alike: the rest is its blurred rim.
 const MOST_ALIKE: f64 = 0.6;
 /// A place without a dry look broke if it changed by this share of what the faintest break changes; less is not sure.
 const FAINTEST_SHARE: f64 = 0.7;
 const AWAY_PX: usize = 3;
-/// A reflection that moves leaves a place within this time, s.
-const MOVES_ON_S: f32 = 3.0;
 
 /// The sizes of what is not a break.
 #[derive(Debug, Clone, Copy)]
@@ -47,6 +45,8 @@ pub struct Sizes {
     pub glint_px: usize,
     /// The largest bead, px.
     pub bead_px: usize,
+    /// The smallest break that a grid fails by, px.
+    pub break_px: usize,
 }
 
 /// What is observed of the window's pixels besides the times at which they broke.
@@ -104,40 +104,22 @@ pub fn settled(window: &Window, broke_s: Vec<f32>, sizes: Sizes, seen: &impl Obs
         match place.judged(sizes.glint_px, seen) {
             Verdict::Broke => continue,
             Verdict::Passed => {}
-            Verdict::Unsure if piece.len() <= sizes.glint_px && place.closed_soon(seen) => {
+            // What is as large as a break has to show by itself that it moves.
+            Verdict::Unsure if piece.len() < sizes.break_px && place.closed_soon(seen) => {
                 short.extend_from_slice(&piece);
             }
             Verdict::Unsure => unsure.extend_from_slice(&piece),
         }
         piece.iter().for_each(|&i| broke_s[i] = NEVER);
     }
-    for piece in trails(window, &short, sizes.glint_px) {
-        let place = Place { window, broke_s: &all_s, is_bead: &is_bead, piece: &piece };
-        if !place.moved_on(seen) {
-            unsure.extend(piece);
+    let short = Place { window, broke_s: &all_s, is_bead: &is_bead, piece: &short };
+    for trail in short.trails(sizes.glint_px) {
+        if !(Place { piece: &trail, ..short }).moved_on(seen) {
+            unsure.extend(trail);
         }
     }
     unsure.sort_unstable();
     Settled { broke_s, unsure }
-}
-
-/// The places that one reflection may have left on its way: it stays long enough to look bare on a part here and there, and no part shows by
-/// itself that it moves. Those that lie within twice the largest glint's diameter of one another are judged together.
-fn trails(window: &Window, places: &[usize], glint_px: usize) -> Vec<Vec<usize>> {
-    let raster = window.raster();
-    let mut is_place = vec![false; raster.width * raster.height];
-    places.iter().for_each(|&i| is_place[i] = true);
-    let reach_px = 2.0 * (glint_px as f64 / PI).sqrt();
-    let reach = reach_px.floor() as isize;
-    let within = |&(right, down): &(isize, isize)| ((right * right + down * down) as f64) <= reach_px.powi(2);
-    let disc: Vec<(isize, isize)> =
-        (-reach..=reach).flat_map(|down| (-reach..=reach).map(move |right| (right, down))).filter(within).collect();
-    let mut is_near = is_place.clone();
-    for &place in places {
-        raster.neighbours(place, &disc).for_each(|i| is_near[i] = true);
-    }
-    let own = |near: Vec<usize>| near.into_iter().filter(|&i| is_place[i]).collect();
-    raster.pieces(&AROUND, |i| is_near[i]).into_iter().map(own).collect()
 }
 
 /// Takes small wet places within what looks bare for beads that belong to it: they close the place when its rim was complete.
@@ -163,7 +145,8 @@ enum Verdict {
     Unsure,
 }
 
-/// A connected place that looks bare.
+/// A place that looks bare: a connected one, or those of one trail.
+#[derive(Clone, Copy)]
 struct Place<'a> {
     window: &'a Window,
     broke_s: &'a [f32],
@@ -206,10 +189,21 @@ impl Place<'_> {
         since_s[since_s.len() - 1 - since_s.len() / 10] > closed_s
     }
 
+    /// Its parts that one reflection may have left on its way: it stays long enough to look bare here and there, and no part shows by itself that
+    /// it moves. Parts within twice the largest glint's diameter of one another are judged together.
+    fn trails(&self, glint_px: usize) -> Vec<Vec<usize>> {
+        let diameter_px = 2.0 * (glint_px as f64 / PI).sqrt();
+        let own: BTreeSet<usize> = self.piece.iter().copied().collect();
+        let mut near = own.clone();
+        near.extend(self.ring(diameter_px as usize, |_| true));
+        let trails = self.window.raster().pieces(&AROUND, |i| near.contains(&i));
+        trails.into_iter().map(|trail| trail.into_iter().filter(|i| own.contains(i)).collect()).collect()
+    }
+
     /// Did each of its pixels become film again within the time in which reflections move on?
     fn closed_soon(&self, seen: &impl Observed) -> bool {
         let mut own = self.piece.iter().filter(|&&i| !self.is_bead[i]);
-        own.all(|&i| seen.was_open_s(i).is_some_and(|open_s| open_s <= MOVES_ON_S))
+        own.all(|&i| seen.was_open_s(i).is_some_and(|open_s| f64::from(open_s) <= MOVES_ON_S))
     }
 
     /// Has a place without a dry look of its own become like the film around it? A glint lay on it while its wet look was learnt, or the
@@ -222,17 +216,20 @@ impl Place<'_> {
         if !own.iter().all(|&i| seen.is_without_dry(i)) || around.len() < MIN_CORE_PX {
             return false;
         }
+        let films: Vec<f32> = around.iter().map(|&i| seen.levels(i)[1]).collect();
+        let share_of = |holds: &dyn Fn(f32) -> bool| {
+            films.iter().filter(|&&film| holds(film)).count() as f64 / films.len() as f64
+        };
         // Each pixel by itself: the mean of a break over two kinds of film is the look of neither.
         let is_film = |i: usize| {
             let [bare, now] = seen.levels(i);
             // What still has its other look is compared in the last picture: the light of now is that of the film around it.
             let look = if seen.was_open_s(i).is_none() { now } else { bare };
-            let of_films = |holds: &dyn Fn(f32) -> bool| share(&around, |at| holds(seen.levels(at)[1]));
             let is_break_of = |film: f32| {
                 seen.break_to_film().is_none_or(|[least, most]| (least..=most).contains(&(look / film)))
             };
-            of_films(&|film| (look - film).abs() <= seen.alike_share() * film) >= ALIKE_AROUND
-                && of_films(&is_break_of) < ALIKE_AROUND
+            share_of(&|film| (look - film).abs() <= seen.alike_share() * film) >= ALIKE_AROUND
+                && share_of(&is_break_of) < ALIKE_AROUND
         };
         share(&own, is_film) >= MOST_ALIKE
     }

@@ -1,14 +1,12 @@
 //! Queries of the model: the state of each pixel of the window.
 
-use super::judging::TICKS_A_SECOND;
+use super::judging::{MOVES_ON_S, TICKS_A_SECOND};
 use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, LOOK, NO_DRY, OPEN, STEPPED};
 use super::{Model, Shimmer};
 use crate::geometry::median;
 
-/// A pixel that showed nothing for a larger share of the film was not seen …
+/// A pixel that showed nothing for a larger share of the film was not seen, nor was one that shows nothing for longer than [`MOVES_ON_S`] at the end.
 const MOST_UNSEEN: f64 = 0.5;
-/// … nor was one that shows nothing for longer than this at the end, s: reflections move on sooner, and a break stays.
-const MOST_UNSEEN_AT_END_S: f64 = 3.0;
 /// A film that changes a place by less than this many times the noise is not told from a break.
 pub const MIN_CONTRAST_TO_NOISE: f64 = 4.0;
 /// Brighter than this against its dry look a place is not bare, in any light that is told.
@@ -124,7 +122,7 @@ impl Model {
             && state & (EVER_WET | BROKE) > 0
             && state & STEPPED == 0
             && unseen_s <= MOST_UNSEEN * last_s
-            && (is_calm || last_s - seen_s <= MOST_UNSEEN_AT_END_S)
+            && (is_calm || last_s - seen_s <= MOVES_ON_S)
     }
 
     /// Whether it was seen wet in a picture.

@@ -34,6 +34,8 @@ use multiversion::multiversion;
 
 /// Times are counted in these parts of a second.
 pub const TICKS_A_SECOND: f64 = 64.0;
+/// Reflections move on within this time, s, and a break stays.
+pub const MOVES_ON_S: f64 = 3.0;
 /// So near to what it may be a look may lie on the bare side, in σ …
 const BARE_SIGMA: u16 = 6;
 /// … and this is no difference at all.
@@ -47,9 +49,8 @@ const FAR_PART: u16 = 6;
 const QUICK_TICKS: u16 = 16;
 /// … and the place was calm for this long before it: a second.
 const CALM_TICKS: u16 = 64;
-/// A place that looks nearer to bare than to its film for this long, ticks, is not passed: 3 s, since reflections move on sooner, and a break
-/// stays.
-const BETWEEN_TICKS: u16 = 192;
+/// A place that looks nearer to bare than to its film for this long, ticks, is not passed.
+const BETWEEN_TICKS: u16 = (MOVES_ON_S * TICKS_A_SECOND) as u16;
 /// What rounding adds to a bound.
 const MARGIN: u16 = 3 * LEVEL / 2;
 

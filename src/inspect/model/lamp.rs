@@ -37,12 +37,10 @@ const STILL_AGREE: f64 = 0.9;
 pub struct Lamp {
     places: Vec<(usize, [f64; 3])>,
     flicker: Flicker,
-    /// The light that was believed last.
-    believed: Option<Lit>,
-    /// By how much most places became brighter since then.
-    since_believed: f64,
-    /// The ratios of the picture before, the mean of the channels; NaN of a place that is saturated.
-    before: Vec<f64>,
+    /// The light that was believed last, and [`Lamp::followed`] then.
+    believed: Option<(Lit, f64)>,
+    /// The light by what most places changed from picture to picture, the mean of the channels.
+    followed: f64,
     /// What the square about each place showed last, in the dry picture's light.
     last: Vec<[f64; 3]>,
     sensor: [SensorNoise; 2],
@@ -64,7 +62,8 @@ pub struct Lit {
 impl Lit {
     const UNKNOWN: Lit = Lit { gains: [1.0; 3], agree: 0.0, flicker_percent: 0.0, brighter: None };
 
-    fn mean(&self) -> f64 {
+    /// The mean of the channels.
+    pub fn mean(&self) -> f64 {
         self.gains.iter().sum::<f64>() / 3.0
     }
 
@@ -135,23 +134,23 @@ impl Lamp {
             .map(|(ratios, gain)| ratios.iter().filter(|ratio| is_near(**ratio, gain)).count());
         let agree = near.sum::<usize>() as f64 / (3 * told.len()) as f64;
         self.take_noise(picture, gains);
-        self.take_change(picture);
         let flicker_percent = self.flicker.percent_with(gains);
         if gains.iter().all(|gain| PLAUSIBLE.contains(gain)) {
             let lit = Lit { gains, agree, flicker_percent: 0.0, brighter: None };
-            if self.believed.is_some_and(|before| lit.is_shadow_after(&before, self.since_believed)) {
+            let is_shadow = |(before, followed): (Lit, f64)| lit.is_shadow_after(&before, self.followed / followed);
+            if self.believed.is_some_and(is_shadow) {
                 return Lit { gains, ..Lit::UNKNOWN };
             }
             if lit.sure().is_some() {
-                (self.believed, self.since_believed) = (Some(lit), 1.0);
+                self.believed = Some((lit, self.followed));
             }
             return lit;
         }
         if agree < MIN_AGREE {
             return Lit { gains, ..Lit::UNKNOWN };
         }
-        let mean = gains.iter().sum::<f64>() / 3.0;
-        Lit { gains, flicker_percent, brighter: (mean >= PLAUSIBLE.end).then_some(mean), ..Lit::UNKNOWN }
+        let lit = Lit { gains, flicker_percent, ..Lit::UNKNOWN };
+        Lit { brighter: Some(lit.mean()).filter(|mean| *mean >= PLAUSIBLE.end), ..lit }
     }
 }
 
@@ -164,27 +163,6 @@ impl Lamp {
 
     /// The side of the squares whose noise is measured, px.
     pub const SIDE_PX: usize = 4;
-
-    /// How most places changed since the picture before.
-    fn take_change(&mut self, picture: &ColorPicture) {
-        let mean = |(index, dry): &(usize, [f64; 3])| -> f64 {
-            let rgb = picture.rgb[*index];
-            if rgb.iter().any(|level| *level >= SATURATED) {
-                return f64::NAN;
-            }
-            (0..3).map(|i| (f64::from(rgb[i]) + 0.01) / dry[i]).sum::<f64>() / 3.0
-        };
-        let now: Vec<f64> = self.places.iter().map(mean).collect();
-        let mut changes: Vec<f64> = self
-            .before
-            .iter()
-            .zip(&now)
-            .map(|(before, now)| now / before)
-            .filter(|change| change.is_finite())
-            .collect();
-        self.since_believed *= median(&mut changes).unwrap_or(1.0);
-        self.before = now;
-    }
 
     fn take_noise(&mut self, picture: &ColorPicture, gains: [f64; 3]) {
         let side = Lamp::SIDE_PX;
@@ -202,6 +180,7 @@ impl Lamp {
             std::array::from_fn(|i| sums[i] / gains[i] / (side * side) as f64)
         };
         let mut now: Vec<[f64; 3]> = self.places.iter().map(now).collect();
+        let mut followed = gains;
         if self.last.len() == now.len() {
             // The squares say better than single pixels what is common to them.
             for i in 0..3 {
@@ -209,6 +188,7 @@ impl Lamp {
                 let mut shares: Vec<f64> = shares.filter(|share| share.is_finite()).collect();
                 let common = median(&mut shares).unwrap_or(1.0);
                 now.iter_mut().for_each(|now| now[i] /= common);
+                followed[i] *= common;
             }
             let mean = |rgb: &[f64; 3]| rgb.iter().sum::<f64>() / 3.0;
             for (before, now) in self.last.iter().zip(&now) {
@@ -216,6 +196,7 @@ impl Lamp {
                 self.sensor[1].take(mean(before), mean(now));
             }
         }
+        self.followed = followed.iter().sum::<f64>() / 3.0;
         self.last = now;
     }
 }

@@ -32,6 +32,7 @@ use super::footprint::Window;
 use crate::geometry::ColorPicture;
 use band::Band;
 use colour::is_of_dry_colour;
+pub use judging::MOVES_ON_S;
 use judging::{Past, Rule, TICKS_A_SECOND};
 use kernel::{Adding, BLOCK_PX, BROKE, Block, EVER_WET, INSIDE, LEVEL, LOOK, NEW, NO_DRY, OPEN, OVEREXPOSED, Sum};
 use lamp::{Lamp, Lit};
@@ -251,7 +252,7 @@ impl Model {
         };
         let is_known = self.lit.sure().is_some();
         let light = self.light.found(&self.sums(), &self.region.inside, is_known);
-        let lamp = self.lit.sure().map(|gains| gains.iter().sum::<f64>() / 3.0);
+        let lamp = self.lit.sure().map(|_| self.lit.mean());
         let measured = PictureMeasurement {
             light: self.lit.brighter.or(lamp).unwrap_or(light.global),
             is_lamp_known: is_known,

@@ -58,8 +58,7 @@ fn bare_film_and_neither_by_hand() {
     }
 }
 
-/// By hand: 74 levels is beyond the middle of the gap, 80 − 20/4 = 75 less the rounding, and below 77.9, from where a place is bare. A place that
-/// drifts there within 1.5 s is not passed if it stays for more than 3 s.
+/// By hand: 74 levels are beyond the middle of the gap, 80 − 20/2 = 70, and below 77.9, from where a place is bare. A place that drifts there within 1.5 s is not passed if it stays for more than 3 s.
 #[test]
 fn a_place_that_stays_between_film_and_bare_is_not_seen() {
     let seen = |stays_s: f64| {

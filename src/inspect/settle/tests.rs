@@ -4,7 +4,7 @@ use super::*;
 
 const SIDE: usize = 40;
 const WINDOW: Window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
-const SIZES: Sizes = Sizes { glint_px: 50, bead_px: 6 };
+const SIZES: Sizes = Sizes { glint_px: 50, bead_px: 6, break_px: 12 };
 
 /// What is observed, by default a film that holds.
 struct Film {
@@ -150,7 +150,7 @@ fn a_glint_that_moves_on_is_no_break() {
 
 /// By hand: a glint of 50 px has a diameter of 7.98 px, so that places less than 32 px apart may be of one trail. Of specks that open one after
 /// another and close 0.6 s later, the first is film at 1.6 − 0.5 + 0.4 = 1.5 s, before the last opens at 2.5 s; of those that open at once, or stay
-/// open for 4 s, and of one alone, nothing is known.
+/// open for 4 s, and of one alone, nothing is known; nor of two of 16 px, each of which is as large as a break.
 #[test]
 fn places_of_one_trail_are_judged_together() {
     let specks = |count: usize, step_s: f32, open_s: f32| {
@@ -165,6 +165,14 @@ fn places_of_one_trail_are_judged_together() {
     assert_eq!(specks(6, 0.0, 0.6), (0, 6));
     assert_eq!(specks(6, 0.3, 4.0), (0, 6));
     assert_eq!(specks(1, 0.3, 0.6), (0, 1));
+    let mut large = Film::with(|_, _| false);
+    for i in 0..SIDE * SIDE {
+        let (column, row) = (i % SIDE, i / SIDE);
+        if [5, 15].iter().any(|left| (*left..left + 8).contains(&column)) && (20..22).contains(&row) {
+            (large.broke_s[i], large.open_s[i]) = (if column < 14 { 1.0 } else { 3.0 }, Some(0.6));
+        }
+    }
+    assert_eq!(large.settled(), (0, 32));
 }
 
 /// At a picture a second a break that opened between 4 s and 6 s and closed again 1 s later shows no part that was film before another
