@@ -2,7 +2,7 @@
 //!
 //! What lies outside of the box is neither taught nor searched, and the panel's border there is the box's and no edge.
 
-use super::extent::is_held;
+use super::extent::{self, is_held};
 use super::segment::max_step_mm;
 use super::taught::TaughtPanel;
 use crate::geometry::{BESIDE, Pixel, Raster};
@@ -44,14 +44,14 @@ impl TaughtPanel {
     pub fn box_cut(&self, locate: &recipe::Locate) -> Option<BoxCut> {
         let raster = Raster { width: self.scan.width(), height: self.scan.height() };
         let max_step_mm = max_step_mm(&self.scan, &self.mask.inside);
-        let pixel = |index: usize| Pixel::at((index % raster.width) as f64, (index / raster.width) as f64);
         let mut cuts: [Vec<usize>; 6] = Default::default();
         for (index, point) in self.points() {
             let outside = |next: usize| {
                 let beyond = self.scan.point_at(next).filter(|beyond| beyond.distance_mm(point) < max_step_mm)?;
                 face_beyond(locate, beyond.mm.coords.as_slice())
             };
-            let is_free = |next: &usize| !self.mask.inside[*next] && !is_held(&self.held_px, pixel(*next));
+            let is_free =
+                |next: &usize| !self.mask.inside[*next] && !is_held(&self.held_px, extent::at(*next, raster.width));
             let mut neighbours = raster.neighbours(index, &BESIDE).filter(is_free);
             if let Some(face) = neighbours.find_map(outside) {
                 cuts[face].push(index);
@@ -63,7 +63,13 @@ impl TaughtPanel {
             true => ("box_min_mm", locate.box_min_mm()),
             false => ("box_max_mm", locate.box_max_mm()),
         };
-        Some(BoxCut { key, axis: face % 3, face_mm: corner_mm[face % 3], border_px: pixels.len(), at: pixel(at) })
+        Some(BoxCut {
+            key,
+            axis: face % 3,
+            face_mm: corner_mm[face % 3],
+            border_px: pixels.len(),
+            at: extent::at(at, raster.width),
+        })
     }
 }
 
@@ -117,7 +123,7 @@ mod tests {
         let found = cut(&cell, top_mm, false).0.expect("a cut");
         assert_eq!((found.key, found.axis, found.face_mm), ("box_max_mm", 2, top_mm));
         assert!(found.reason().message.contains("locate.box_max_mm[2]"), "{found:?}");
-        // The same place is held: it is the holder that goes on beyond the box.
+        // The same place is held: it is the holder that continues beyond the box.
         assert_eq!(cut(&cell, top_mm, true).0, None);
     }
 }

@@ -80,7 +80,8 @@ pub(super) fn is_held(held_px: &[[Pixel; 4]], pixel: Pixel) -> bool {
     held_px.iter().any(|held| polygon::contains(held, pixel))
 }
 
-fn at(index: usize, width: usize) -> Pixel {
+/// The pixel of an index.
+pub(super) fn at(index: usize, width: usize) -> Pixel {
     Pixel::at((index % width) as f64, (index / width) as f64)
 }
 
