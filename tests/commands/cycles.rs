@@ -34,11 +34,17 @@ fn a_whole_cycle_passes_after_an_abrasion() {
     assert!(page.contains("air-run: done, with at most") && !page.contains("The abrasion</h"), "{page}");
 }
 
-/// The demonstration as `make demo` runs it, at full size; ten more seeds in `make bench-seeds`.
+/// The demonstration as `make demo` runs it, at full size, and another seed at half the size; ten more in `make bench-seeds`.
 #[test]
 fn the_demo_of_the_readme_reaches_every_floor() {
+    for command in ["demo --out demo", "demo --seed 2 --reduction 2 --out demo"] {
+        reaches_every_floor(command);
+    }
+}
+
+fn reaches_every_floor(command: &str) {
     let folder = tempfile::tempdir().expect("a folder");
-    let (exit, result) = json(folder.path(), "demo --out demo");
+    let (exit, result) = json(folder.path(), command);
     assert_eq!((exit, result["verdict"].as_str()), (0, Some("pass")), "{result}");
     let number = |pointer: &str| result.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN);
     assert!(number("/locate/error_max_mm") < 0.5 && number("/refine/error_max_mm") < 0.5, "{result}");

@@ -1,4 +1,4 @@
-//! Forty mistakes, planted by hand into the programs one at a time: walks and scenes must find them.
+//! Mistakes, planted by hand into the programs one at a time: walks and scenes must find each.
 
 use super::scenes::first_wrong;
 use super::{load, meaning, texts, walk};

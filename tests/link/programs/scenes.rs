@@ -203,7 +203,7 @@ const SCENES: [(&str, Scene); 24] = [
     }),
 ];
 
-/// Goes on with a path in contact, tool on, until ten commands of it are executed; whether it came so far.
+/// Starts a path in contact, tool on, and runs it until ten commands are executed; true if they are.
 fn is_in_contact(raw: &mut Raw) -> bool {
     raw.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0, 0.0], [0.0; 6]);
     raw.line(30, false, [-40.0, 0.0, -10.0]);
