@@ -249,7 +249,8 @@ impl Oracles {
         }
         if let Some(stop) = last_stop.filter(|stop| stop.contact && cell.controller.is_stopped())
             && low
-            && now_ms > stop.time_ms + LEAVE_MS + more_ms
+            // The override scales the retract, too: the disc is off by then, and leaves the panel once the arm is faster.
+            && now_ms > stop.time_ms.max(self.slowed_until_ms) + LEAVE_MS + more_ms
         {
             self.wrong(now_ms, format!("on the panel {LEAVE_MS} ms after {stop:?}"));
         }

@@ -6,7 +6,7 @@ use crate::world::{Counts, World, parse, print};
 const SEEDS: u64 = 120;
 
 /// Worlds in which something was found once: the seed, the script, and what was found.
-const FOUND_ONCE: [(u64, &str, &str); 14] = [
+const FOUND_ONCE: [(u64, &str, &str); 16] = [
     (
         949326,
         r#"[{"place":"abrade","visit":1,"after_ms":2383,"fault":{"Press":"Hold"}},{"place":"holding","visit":1,"after_ms":0,"fault":{"Controller":"drives/2355ms"}}]"#,
@@ -76,6 +76,16 @@ const FOUND_ONCE: [(u64, &str, &str); 14] = [
         20200704,
         r#"[{"place":"completing","visit":1,"after_ms":2288,"fault":{"Press":"Accept"}}]"#,
         "a cycle that found the arm near the panel, where no path had left it, was taken for one without trouble",
+    ),
+    (
+        30000045,
+        r#"[{"place":"abrade","visit":1,"after_ms":4276,"fault":{"Controller":"override=1/501ms"}}]"#,
+        "a retract at an override of 1 % was expected to leave the panel as fast as at 100 %",
+    ),
+    (
+        30001108,
+        r#"[{"place":"abrade","visit":1,"after_ms":180,"fault":{"Disk":{"writing":7,"harm":"Io","times":30}}}]"#,
+        "an arm whose tip was 100 mm off the panel, and whose tool 39 mm, was expected to go to its park pose without a jog",
     ),
 ];
 
